@@ -5,6 +5,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+export PYTHONDONTWRITEBYTECODE = # hundreds of processes are started by tests: each would compile the package again
 SHIPPED := greybox_id/datasets/shipped
 
 .PHONY: demo test check format clean

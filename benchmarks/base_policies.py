@@ -14,12 +14,13 @@ import json
 import time
 from pathlib import Path
 
-import greybox_id
+from greybox_lab.driving import racing
+from greybox_lab.driving.learn_policy import learn_policy
 from greybox_lab.driving.loop.adapting import FOLLOW
 from greybox_lab.driving.racing.laps import drive
 from greybox_lab.driving.racing.worlds import world
 
-FOLDER = Path(greybox_id.__file__).parent / "racing" / "policies"
+FOLDER = Path(racing.__file__).parent / "policies"
 
 
 def _said(sentence: str) -> None:
@@ -41,9 +42,9 @@ def main() -> None:
     given = arguments.parse_args()
     clock = time.process_time()
     last, how = given.steps // 3, {"seed": given.seed, "say": _silent if given.json else _said}
-    learned = greybox_id.learn_policy(given.vehicle, given.steps - last, **how)
+    learned = learn_policy(given.vehicle, given.steps - last, **how)
     steps = learned.policy.about["steps"]
-    learned = greybox_id.learn_policy(given.vehicle, last, start=learned, follow=FOLLOW, **how)
+    learned = learn_policy(given.vehicle, last, start=learned, follow=FOLLOW, **how)
     seconds, steps = time.process_time() - clock, steps + learned.policy.about["steps"]
     found = {"steps": steps, "cpu_seconds": seconds, "steps_per_cpu_second": steps / seconds}
     for noise in (False, True):

@@ -34,7 +34,9 @@ from greybox_id.base.errors import GreyboxError
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.read import SUFFIXES, read
 from greybox_id.datasets.recording import Recording
-from greybox_id.filters import How, Track, track
+from greybox_id.filters.how import How
+from greybox_id.filters.track import Track
+from greybox_id.filters.verb import track
 from greybox_id.fitting.choices.parameters import wanted_vehicle
 from greybox_id.fitting.choices.wanted import Wanted
 from greybox_id.fitting.scores.estimates import Estimates

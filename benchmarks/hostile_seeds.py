@@ -10,17 +10,17 @@ from pathlib import Path
 import h5py
 import numpy as np
 
+from greybox_id import datasets
 from greybox_id.cli import main
 from greybox_id.datasets.formats import write
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.models import vehicle_file
 
 WRITTEN = ("csv", "parquet", "mat", "h5", "mcap", "mf4")
 KINDS = (*WRITTEN, "csv.gz", "mat73", "db3", "columns", "vehicle", "fit")
 """Recordings by suffix (mat73: a MAT file of version 7.3), a column map, a vehicle, a fit."""
-PACKAGE = Path(vehicle_file.__file__).parent
+PACKAGE = Path(datasets.__file__).parent
 
 
 def sound_files(folder: Path) -> dict[str, Path]:

@@ -20,9 +20,10 @@ from rich.console import Console
 from rich.table import Table
 
 from greybox_id.datasets.recording import join
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.fit import Fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.estimates import Estimates, apply_hybrid
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.virtual.synthetic_simrod import Test, make

@@ -36,11 +36,12 @@ from threadpoolctl import threadpool_limits
 
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import join
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.fit import Fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.training import update_hybrid, window_error
+from greybox_id.fitting.verb import fit
 from greybox_id.models.hybrid_model import HybridModel
 from greybox_id.models.registry import prepared
 from greybox_id.models.vehicle_file import vehicle

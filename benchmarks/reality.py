@@ -1,6 +1,6 @@
 """`greybox gap` on realities that nobody here built, run as a user runs it: one row a case.
 
-    python benchmarks/reality.py --data DIR [--json] [--cases truck roboracer commonroad] [--seed 0]
+    python benchmarks/reality.py --data DIR [--json] [--cases truck roboracer commonroad putnam] [--seed 0]
 
 DIR holds truck/train.parquet and val.parquet, and roboracer/train.csv and valid.csv; cases whose recordings are not
 there are left out and said so. Cases:
@@ -18,6 +18,11 @@ take torque to spin up, so that they drive with less than is commanded (`motor_g
 turns at 0.4 rad/s at most (`steering_rate_limit`). Besides, the car rolls, pitches and yields in its joints: a single
 track with the published tyres errs by 10 to 20 % of yaw rate and lateral acceleration even where neither acts, so that
 the stated stiffness of the tyres is uncertain by a fifth, and something unnamed is always at work.
+
+putnam: an Indy car on a road course (deep-dynamics), from masses and lengths alone, with tyres guessed. v_y follows the
+yaw rate as it does ahead of the centre of gravity (2.1 r, where 1.25 r is due at the rear axle), and the yaw rate
+follows the steering 0.2 to 0.3 s later: an arm of the speed sensor and a steering that acts late, by whichever of its
+names, are to be applied. The last fifth is held out.
 
 Every row: first name, names applied with magnitudes and probabilities, share of the excess that closes on what was held
 out, the error of each channel before and after at 0.5 s and in free run, CPU seconds and memory of the command with all
@@ -56,7 +61,44 @@ from greybox_lab.exam.foreign.ride import driven, recorded
 from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 
-CASES = ("truck", "roboracer", "commonroad")
+CASES = ("truck", "roboracer", "commonroad", "putnam")
+LATE = ("steering_delay", "steering_lag", "steering_bandwidth", "steering_rate_limit")
+"""Names of a steering that acts late."""
+PUTNAM = """
+name = "Indy car"
+steer_max = 0.35
+[parameters]
+m = { value = 787.0, sd = 20.0, source = "published" }
+I_z = { value = 1000.0, sd = 150.0, source = "published, about" }
+l_f = { value = 1.72, sd = 0.02, source = "published" }
+l_r = { value = 1.25, sd = 0.02, source = "published" }
+B_f = { value = 12.0, sd = 4.0, source = "guess: slicks" }
+C_f = { value = 1.4, sd = 0.1, source = "guess: slicks" }
+D_f = { value = 1.6, sd = 0.3, source = "guess: slicks" }
+E_f = { value = 0.0, sd = 0.2, source = "guess: slicks" }
+B_r = { value = 14.0, sd = 4.0, source = "guess: slicks" }
+C_r = { value = 1.4, sd = 0.1, source = "guess: slicks" }
+D_r = { value = 1.6, sd = 0.3, source = "guess: slicks" }
+E_r = { value = 0.0, sd = 0.2, source = "guess: slicks" }
+[effects]
+steering_offset = { sd = 0.005, source = "guess" }
+[noise]
+v_y = { value = 0.03, source = "guess: GPS-INS" }
+yaw_rate = { value = 0.005, source = "guess: GPS-INS" }
+"""
+PUTNAM_COLUMNS = """
+[time]
+column = "time(s)"
+unit = "s"
+[signals]
+x = { column = "x(m)", unit = "m" }
+y = { column = "y(m)", unit = "m" }
+v_x = { column = "vx(m/s)", unit = "m/s" }
+v_y = { column = "vy(m/s)", unit = "m/s" }
+yaw_rate = { column = "omega(rad/s)", unit = "rad/s" }
+steer = { column = "delta(rad)", unit = "rad" }
+"""
+"""Steering is measured, and runs on between rows."""
 NOISE = {"v_x": 0.03, "yaw_rate": 0.006, "a_x": 0.1, "a_y": 0.1}
 """Of the sensors of CommonRoad's cars: a car's, SI units."""
 RESISTANCE = {"c_0": 150.0, "c_1": 0.0, "c_2": 0.4}
@@ -95,6 +137,8 @@ def measured(data: Path, cases: list[str], seed: int, place: Path) -> Iterator[d
         yield truck(data / "truck", place)
     if "roboracer" in cases:
         yield roboracer(data / "roboracer", place)
+    if "putnam" in cases:
+        yield putnam(data / "putnam", place)
     for number in (1, 2, 3) if "commonroad" in cases else ():
         yield commonroad(number, seed, place)
 
@@ -169,6 +213,27 @@ def roboracer(data: Path, place: Path) -> dict[str, Any]:
         return {"case": "roboracer", "error": f"{data} holds no {', '.join(lacking)}.csv"}
     options = ("--vehicle", "roboracer", "--columns", "roboracer", "--held-out", str(data / "valid.csv"))
     return gap("roboracer", place, [data / "train.csv"], *options)
+
+
+def putnam(data: Path, place: Path) -> dict[str, Any]:
+    """An Indy car from masses and lengths."""
+    source = data / "run4_2_first.csv.gz"
+    if not source.is_file():
+        return {"case": "putnam", "error": f"{data} holds no {source.name}"}
+    stated, mapping, linear = place / "indy.toml", place / "putnam.toml", place / "linear.toml"
+    stated.write_text(PUTNAM)
+    mapping.write_text('name = "putnam"\nhold = "linear"\n' + PUTNAM_COLUMNS)
+    linear.write_text(columns(True))
+    whole = read(source, mapping).where("v_x > 8")
+    parts = (whole.rows(0, 4 * len(whole) // 5), whole.rows(4 * len(whole) // 5, len(whole)))
+    files = [place / "putnam_first.csv", place / "putnam_last.csv"]
+    for part, file in zip(parts, files, strict=True):
+        write_recording(part, file)
+    options = ("--vehicle", str(stated), "--model", "lateral", "--columns", str(linear), "--held-out", str(files[1]))
+    row = gap("putnam", place, files[:1], *options)
+    applied = set(row.get("applied", {}))
+    return row | {"true": ["velocity_lever_arm", "late steering"],
+                  "both": "velocity_lever_arm" in applied and bool(applied & {*LATE})}  # fmt: skip
 
 
 def commonroad(number: int, seed: int, place: Path) -> dict[str, Any]:

@@ -25,9 +25,10 @@ from rich.table import Table
 from greybox_id.base.errors import GreyboxError
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.fitting.scores.metrics import score
+from greybox_id.fitting.verb import fit
 from greybox_id.models.model import Model
 from greybox_id.models.registry import build, candidates
 from greybox_id.reports.text.fit import as_dict as summary

@@ -34,9 +34,10 @@ from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.metrics import ahead
 from greybox_id.fitting.scores.motion import score_motion
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, Vehicle
 from greybox_id.models.vehicle_file import vehicle as vehicle_of

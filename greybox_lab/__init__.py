@@ -1,4 +1,4 @@
-"""What proves, drives, or runs many: examinations, papers' tables, virtual cars, fleets, driving.
+"""What proves, drives, shows, or runs many: examinations, papers' tables, virtual cars, fleets, driving, a page.
 
 The library never imports it; its commands come in by entry points. What it offers in Python is imported from its rooms:
 

@@ -15,6 +15,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         "loop": ("greybox_lab.cli.loop", "Let a learned driver adapt to its vehicle, through what gap names."),
         "serve": ("greybox_lab.cli.loop", "Serve vehicles that send rows, and learn policies for them."),
     },
+    "This tool": {"app": ("greybox_lab.app.command", "Look, fit and see why not better, in a page of the browser.")},
     "Papers": {"bench": ("greybox_lab.cli.bench", "Make the tables of published papers again.")},
 }
 """Heading -> command -> module that holds it, and its line of help."""

@@ -6,6 +6,7 @@ from hostile import MEMORY, run
 from hostile_seeds import KINDS
 
 
+@pytest.mark.slow
 def test_damaged_files_break_no_bar():
     found = run(cases=6 * len(KINDS), seed=11)
     assert len(found) == 6 * len(KINDS)
@@ -21,6 +22,7 @@ def test_memory_of_whoever_starts_the_harness_is_not_counted():
     assert own.broken == ""
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_many_damaged_files_break_no_bar():
     found = run(cases=400, seed=12, jobs=2)

@@ -40,7 +40,7 @@ FORMER = {
 
 def texts():
     """What people read: texts of the package that are no docstrings, its documents."""
-    for file in sorted((ROOT / "greybox_id").rglob("*.py")):
+    for file in sorted(file for package in ("greybox_id", "greybox_lab") for file in (ROOT / package).rglob("*.py")):
         tree = ast.parse(file.read_text(encoding="utf-8"))
         silent = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
         for node in ast.walk(tree):

@@ -4,15 +4,15 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
-PACKAGE = Path(__file__).parents[1] / "greybox_id"
+ROOT = Path(__file__).parents[1]
 
 
 def classes():
     found = defaultdict(list)
-    for file in sorted(PACKAGE.rglob("*.py")):
+    for file in sorted(file for package in ("greybox_id", "greybox_lab") for file in (ROOT / package).rglob("*.py")):
         for node in ast.parse(file.read_text(encoding="utf-8")).body:
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                found[node.name].append(file.relative_to(PACKAGE).as_posix())
+                found[node.name].append(file.relative_to(ROOT).as_posix())
     return found
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from ..base.errors import BadInput
 from ..base.statistics import NORMAL
 from ..fitting.fit import FREE_RUN, Fit
-from ..gap import Gap, Ranked
+from ..gap.gap import Gap, Ranked
 from ..models.hybrid_model import HybridModel
 from ..models.memory_model import MemoryModel
 from ..models.model import Model

@@ -11,7 +11,7 @@ from typing import Any
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording
-from ..export.elsewhere import Named, exporter_of, exporter_of_file
+from ..export.elsewhere import ForeignResult, exporter_of, exporter_of_file
 from ..export.subject import Subject
 from ..export.verb import ALONE
 from ..export.verb import export as export_subject
@@ -84,7 +84,7 @@ def export(
         exporter = exporter_of_file(model)
         model = load_fit(model) if exporter is None else exporter.load(model)
     if not isinstance(model, Fit | Model | str):
-        return exporter_of(model).write(model, Named(name or identifier(to)), target, to)
+        return exporter_of(model).write(model, ForeignResult(name or identifier(to)), target, to)
     fit = model if isinstance(model, Fit) else None
     stated = given.vehicle(vehicle)
     own = given.model(model, stated)

@@ -16,7 +16,7 @@ from ..base.numbers import pretty_unit
 from ..base.shorthands import Array
 from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
-from ..gap import Budget
+from ..gap.gap import Budget
 from ..models.kinds import must_be
 from ..models.model import Model
 from ..models.motion_model import MotionModel

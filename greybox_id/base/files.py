@@ -51,11 +51,11 @@ def near_file(path: Path) -> str:
             return ""
         if not path.parent.is_dir():
             return f" There is no folder {path.parent}."
-        beside = {own.stem: own.name for own in path.parent.iterdir()}  # endings are alike anyway
-        found = beside.get(nearest(path.stem, beside) or "")
+        beside = {path.stem: path.name for path in path.parent.iterdir()}  # endings are alike anyway
+        result = beside.get(nearest(path.stem, beside) or "")
     except (OSError, ValueError):  # ValueError: a null byte in the path
         return ""
-    return f" Did you mean {path.parent / found}?" if found is not None else ""
+    return f" Did you mean {path.parent / result}?" if result is not None else ""
 
 
 def small_file(path: str | Path, what: str) -> bytes:
@@ -216,7 +216,7 @@ def _swapped(folder: Path, files: Sequence[tuple[Path, Path]]) -> bool:
     """Replace a folder that holds nothing but the files' targets; False where it holds more, or cannot be."""
     targets = {target.name for _, target in files}
     scratch = {beside.name for beside, _ in files}
-    held = {own.name for own in os.scandir(folder)}
+    held = {item.name for item in os.scandir(folder)}
     if not held - scratch or held - targets - scratch or folder.is_symlink() or folder.absolute() == Path.cwd():
         return False
     beside = scratch_name(folder.parent)
@@ -224,8 +224,8 @@ def _swapped(folder: Path, files: Sequence[tuple[Path, Path]]) -> bool:
     made.mkdir(parents=True)
     try:
         shutil.copystat(folder, made)
-        for own, target in files:
-            os.link(own, made / target.name)
+        for item, target in files:
+            os.link(item, made / target.name)
         _onto_disk(made)
         return _exchanged(made, folder)
     except OSError:  # no hard links here, or no right to the folder above

@@ -88,8 +88,8 @@ def protect(path: str | Path) -> None:
     file = Path(path)
     for spelled in _spellings(file):
         with suppress(OSError, ValueError):
-            told = spelled.stat()
-            guard.read.setdefault((told.st_dev, told.st_ino), file)
+            about = spelled.stat()
+            guard.read.setdefault((about.st_dev, about.st_ino), file)
             if spelled.is_dir():
                 guard.folders.setdefault(spelled.resolve(), file)
     for output, option in guard.claimed.items():
@@ -169,7 +169,7 @@ def option_of(target: Path) -> str:
     if guard is None:
         return "‹out›"
     place = _place(target)
-    return next((guard.claimed[own] for own in (place, *place.parents) if own in guard.claimed), "‹out›")
+    return next((guard.claimed[parent] for parent in (place, *place.parents) if parent in guard.claimed), "‹out›")
 
 
 def content_of(file: Path) -> FileContent:
@@ -212,8 +212,8 @@ def _measurements(file: Path, head: bytes) -> FileContent:
     """A file of measurements; derived where it says at its beginning or end what we wrote to it."""
     with file.open("rb") as opened:
         opened.seek(-min(HEAD, file.stat().st_size), os.SEEK_END)
-        told = _HOLDS.search(head + opened.read())
-    return FileContent(told[1].decode(), derived=True) if told else FileContent(RECORDING)
+        about = _HOLDS.search(head + opened.read())
+    return FileContent(about[1].decode(), derived=True) if about else FileContent(RECORDING)
 
 
 def _table(names: tuple[str, ...]) -> FileContent:
@@ -250,8 +250,8 @@ def _refuse_read(guard: _Guard, target: Path, option: str) -> None:
     advice = f"is read by this command and would be written over; name another place with {option}."
     for spelled in _spellings(target):
         with suppress(OSError, ValueError):
-            told = spelled.stat()
-            if not spelled.is_dir() and (told.st_dev, told.st_ino) in guard.read:
+            about = spelled.stat()
+            if not spelled.is_dir() and (about.st_dev, about.st_ino) in guard.read:
                 raise BadInput(f"{target} {advice}")
         for folder, named in guard.folders.items():
             if folder in spelled.resolve().parents:

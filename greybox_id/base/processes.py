@@ -21,6 +21,8 @@ from multiprocessing import active_children, get_context
 from types import FrameType
 from typing import Any, Generic, TypeVar, cast
 
+from .errors import GreyboxError
+
 Result = TypeVar("Result")
 FORKS = sys.platform.startswith("linux")
 """Whether processes can be forked; elsewhere libraries of the system forbid it."""
@@ -62,7 +64,7 @@ def apart(count: int, jobs: int) -> bool:
 
 
 def side_by_side(
-    work: Callable[[int], Result], count: int, jobs: int, told: Callable[[int, Result], bool] | None = None
+    work: Callable[[int], Result], count: int, jobs: int, report: Callable[[int, Result], bool] | None = None
 ) -> Done[Result]:
     """Do the same work for every number from 0.
 
@@ -73,17 +75,18 @@ def side_by_side(
     work : number -> result, which is sent between processes where they are `apart`; there it is to print nothing.
     count : of numbers.
     jobs : processes at a time; 1 does everything here, in order.
-    told : is handed every result as it comes; False ends it.
+    report : is handed every result as it comes; False ends it.
 
     Raises
     ------
     KeyboardInterrupt : before anything was done.
+    GreyboxError : one of the processes was ended from outside.
     """
     done: Done[Result] = Done()
     if apart(count, jobs):
-        _forked(done, work, count, jobs, told)
+        _forked(done, work, count, jobs, report)
     else:
-        _here(done, work, count, told)
+        _here(done, work, count, report)
     if done.interrupted and not done.found:
         raise KeyboardInterrupt
     return done
@@ -125,11 +128,11 @@ def _hand_in(work: Callable[[], Any], writing: int) -> None:
         for number in (signal.SIGINT, signal.SIGUSR1):
             signal.signal(number, signal.SIG_DFL)
         try:
-            found = pickle.dumps((True, work()))
+            result = pickle.dumps((True, work()))
         except Exception as error:
-            found = pickle.dumps((False, error))
+            result = pickle.dumps((False, error))
         with os.fdopen(writing, "wb") as pipe:
-            pipe.write(found)
+            pipe.write(result)
     finally:
         os._exit(0)
 
@@ -191,19 +194,23 @@ def _of_casadi(frame: FrameType) -> bool:
 
 
 def _here(
-    done: Done[Result], work: Callable[[int], Result], count: int, told: Callable[[int, Result], bool] | None
+    done: Done[Result], work: Callable[[int], Result], count: int, report: Callable[[int, Result], bool] | None
 ) -> None:
     try:
         for number in range(count):
             done.found[number] = work(number)
-            if told is not None and not told(number, done.found[number]):
+            if report is not None and not report(number, done.found[number]):
                 break
     except KeyboardInterrupt:
         done.interrupted = True
 
 
 def _forked(
-    done: Done[Result], work: Callable[[int], Result], count: int, jobs: int, told: Callable[[int, Result], bool] | None
+    done: Done[Result],
+    work: Callable[[int], Result],
+    count: int,
+    jobs: int,
+    report: Callable[[int, Result], bool] | None,
 ) -> None:
     context = get_context("fork")
     with ProcessPoolExecutor(min(jobs, count), mp_context=context, initializer=_begin, initargs=(work,)) as pool:
@@ -212,15 +219,19 @@ def _forked(
             with _waiting():
                 for number in range(count):
                     waiting[pool.submit(_do, number)] = number
-            for own in as_completed(waiting):
-                number = waiting[own]
-                _take(done, number, own)
-                if told is not None and not told(number, done.found[number]):
+            for item in as_completed(waiting):
+                number = waiting[item]
+                _take(done, number, item)
+                if report is not None and not report(number, done.found[number]):
                     _stop(pool)
                     break
         except KeyboardInterrupt:
             done.interrupted = True
             _stop(pool)
+        except BrokenProcessPool as error:
+            raise GreyboxError(
+                "A process at work was ended from outside, as systems do that run out of memory; ask for fewer ‹jobs›."
+            ) from error
         for late, number in waiting.items():
             if number not in done.found and not late.cancelled():
                 try:
@@ -246,8 +257,8 @@ def _waiting() -> Iterator[None]:
             signal.raise_signal(first)
 
 
-def _take(done: Done[Result], number: int, own: Future[tuple[Result, float]]) -> None:
-    result, seconds = own.result()
+def _take(done: Done[Result], number: int, future: Future[tuple[Result, float]]) -> None:
+    result, seconds = future.result()
     done.found[number] = result
     done.cpu_seconds += seconds
 

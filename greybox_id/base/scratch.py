@@ -70,9 +70,9 @@ def _remove(left: Path) -> None:
             left.unlink()
             return
         aside = left / SET_ASIDE
-        for own in list(aside.iterdir()) if aside.is_dir() else ():
-            if not (left.parent / own.name).exists():
-                own.rename(left.parent / own.name)
+        for path in list(aside.iterdir()) if aside.is_dir() else ():
+            if not (left.parent / path.name).exists():
+                path.rename(left.parent / path.name)
         shutil.rmtree(left, ignore_errors=True)
 
 
@@ -101,7 +101,7 @@ def _machine() -> str:
 def _started(process: int) -> str:
     """When a process started, in ticks since the machine did; "0" where the system does not tell."""
     try:
-        told = Path(f"/proc/{process}/stat").read_text("utf-8", "replace")
+        stat = Path(f"/proc/{process}/stat").read_text("utf-8", "replace")
     except OSError:
         return "0"
-    return told.rpartition(")")[2].split()[19]
+    return stat.rpartition(")")[2].split()[19]

@@ -10,7 +10,7 @@ import click
 from ..api.handing_over import identifier, moving
 from ..base.errors import BadInput
 from ..base.numbers import pretty_unit
-from ..export.elsewhere import Exporter, Named, exporter_of_file
+from ..export.elsewhere import Exporter, ForeignResult, exporter_of_file
 from ..export.subject import Subject
 from ..export.verb import ALONE, TARGETS, cautions, origins
 from ..export.verb import export as export_model
@@ -73,7 +73,7 @@ def export(
     if exporter is not None and fit_file is not None:
         if any(asked.values()) or effects or fix or parameters != "free":
             raise click.UsageError(f"A {exporter.what} is exported as it is: omit the options of models.")
-        _elsewhere(exporter, Named(name, fit_file, command), target, out, as_json)
+        _elsewhere(exporter, ForeignResult(name, fit_file, command), target, out, as_json)
         return
     if fit_file is not None:
         if any(asked.values()):
@@ -110,7 +110,7 @@ def export(
     end_by(verdict)
 
 
-def _elsewhere(exporter: Exporter, named: Named, target: str, out: str, as_json: bool) -> None:
+def _elsewhere(exporter: Exporter, named: ForeignResult, target: str, out: str, as_json: bool) -> None:
     """Write a result that is no model."""
     with working(f"writing {out}"):
         written = exporter.write(exporter.load(named.source), named, target, out)

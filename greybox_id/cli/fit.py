@@ -14,7 +14,7 @@ from .output import console, end_by, print_json, progress, show
 
 if TYPE_CHECKING:
     from ..engine.motion.shooting import Starts
-    from ..fitting import Solver
+    from ..fitting.how import Solver
     from ..fitting.pretraining import Span
 
 
@@ -132,8 +132,8 @@ def fit(
     from ..api.fitting import planned, pretraining  # not for --help: these load every model and the solvers
     from ..base.files import ensure_writable
     from ..base.guard import claim
-    from ..fitting import How
     from ..fitting.choices.parameters import noise_of
+    from ..fitting.how import How
     from ..reports.text.fit import as_dict, parts
 
     if early_stopping and strength is not None:

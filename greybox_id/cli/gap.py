@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
@@ -30,18 +29,19 @@ from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed
-from ..fitting import Say
 from ..fitting.choices.parameters import wanted_vehicle
 from ..fitting.choices.wanted import must_be_recorded
-from ..gap import Gap
+from ..fitting.how import Say
 from ..gap.changes.verb import Changed, diagnose_change
 from ..gap.design.arena import arena as arena_of
 from ..gap.diagnosis import diagnose
+from ..gap.gap import Gap
 from ..models.effects import EFFECTS
 from ..models.registry import MODELS, build, model_of
 from ..models.vehicle import Vehicle
 from ..models.vehicle_file import write_vehicle
-from ..reports.gap.saved import Made, as_text
+from ..reports.gap.plain_data import as_plain_data
+from ..reports.gap.saved import KIND, Made, as_text
 from ..reports.gap.words import budget, magnitude_words
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led
@@ -130,10 +130,12 @@ def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | 
 
 
 def as_json_text(gap: Gap, made: Made, written: Sequence[Path], changed: Changed | None = None) -> str:
-    """The diagnosis and what it was made with as one JSON object; what is not a finite number becomes null."""
-    told = gap.to_json() if changed is None else changed.to_json()
-    body = plain({**told, **asdict(made), "written": [str(target) for target in written]})
-    return json.dumps(finite(body), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    """The diagnosis and what it was made with as one JSON object, which `greybox report` reads as it does gap.json.
+
+    What is not a finite number becomes null.
+    """
+    told = as_plain_data(gap) if changed is None else changed.to_json() | as_plain_data(gap)
+    return KIND.text(finite(plain({**told, **asdict(made), "written": [str(target) for target in written]})))
 
 
 def show(out: Console, gap: Gap) -> None:

@@ -19,7 +19,7 @@ from ..reports.text.screen import WIDTH, Screen, as_text
 from .terminal import clean_json, tell
 
 if TYPE_CHECKING:
-    from ..fitting import Say
+    from ..fitting.how import Say
 
 
 def console() -> Console:

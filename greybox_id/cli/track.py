@@ -17,9 +17,9 @@ from ..base.guard import claim
 from ..base.version import __version__
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table
-from ..filters import How
-from ..filters import track as track_recording
+from ..filters.how import How
 from ..filters.track import tracked_vehicle
+from ..filters.verb import track as track_recording
 from ..fitting.choices.parameters import named, number
 from ..fitting.choices.wanted import Wanted
 from ..models.effects import EFFECTS

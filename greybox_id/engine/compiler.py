@@ -167,7 +167,7 @@ def _found(folder: Path, name: str) -> Path | None:
     """A library of this user whose content is what its name says; damaged ones are removed."""
     for path in folder.glob(f"{name}-*.so"):
         with suppress(OSError):
-            if not _ours(path.lstat()):
+            if not (stat.S_ISREG(path.lstat().st_mode) and _ours(path.lstat())):
                 continue
             if path.stem.removeprefix(f"{name}-") == _checksum(path):
                 return path
@@ -188,6 +188,14 @@ def _ours(told: os.stat_result) -> bool:
     return alone and told.st_uid == os.geteuid() and not stat.S_ISLNK(told.st_mode)
 
 
+def _stays(about: os.stat_result) -> bool:
+    """Whether nobody else can put another folder in the place of one that is in this one."""
+    if not hasattr(os, "geteuid"):
+        return True
+    alone = bool(about.st_mode & stat.S_ISVTX) or not about.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return alone and about.st_uid in (0, os.geteuid())
+
+
 def _kernels() -> Path | None:
     """The folder of libraries, which is made; None where it may not be used, which is said, or cannot be."""
     try:
@@ -195,10 +203,10 @@ def _kernels() -> Path | None:
         folder.parent.mkdir(parents=True, exist_ok=True)
         with suppress(FileExistsError):
             folder.mkdir(mode=0o700)
-        if not _ours(folder.lstat()):
+        if not (_ours(folder.lstat()) and _stays(folder.parent.stat())):
             _told_once(
-                f"{folder} is not used: it belongs to another user, or others can write to it, and what lies there "
-                "would be executed. Remove it, or name another cache in GREYBOX_CACHE."
+                f"{folder} is not used: it belongs to another user, or others can write to it or to the folder it is "
+                "in, and what lies there would be executed. Remove it, or name another cache in GREYBOX_CACHE."
             )
             return None
         with tempfile.TemporaryFile(dir=folder):

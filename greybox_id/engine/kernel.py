@@ -24,8 +24,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.shorthands import Array
+from .against import Against, led, square
 from .compiler import CannotCompile, library, tell_slow
-from .vectors import FEW, WIDE, narrow_source, source
+from .vectors import FEW, WIDE, narrow_source, scratch_size, source
 from .virtual import VirtualMachine
 
 PAYS = 20_000
@@ -36,6 +37,11 @@ what the cache holds: a first run and a later one give the same digits."""
 
 LINEARISED = 5
 """What a segment's derivatives cost, in segments."""
+
+
+MOST_FUSED = 128
+"""Unknowns up to which what readings add to J'J is added at once: it takes a megabyte, what a second-level cache holds.
+Beyond, J is laid out, and multiplied as a whole."""
 
 
 class Kernel:
@@ -132,8 +138,8 @@ class Kernel:
         z = np.empty((len(numbers) + 1, self._model.states))
         everything = np.ones(len(z), dtype=bool)
         arrays = (start, numbers, parameters, nothing, everything, z, y)  # C knows where they are: they must stay there
-        at_start, at_numbers, *others = _places(*arrays)
-        size = numbers.strides[0]
+        at_start, _, *others = _places(*arrays)
+        at_numbers, size = numbers.ctypes.data, numbers.strides[0]
 
         def simulated(z0: Array, first: int, last: int) -> Array:
             library = self._library
@@ -167,20 +173,96 @@ class Kernel:
         """
         given = self._checked(z0, s, p, reads)
         lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
-        chosen = np.asarray(columns, dtype=np.intp)
-        moving = np.full(self._model.parameters, -1, dtype=np.intp)
-        moving[chosen] = np.arange(len(chosen))
-        if np.count_nonzero(moving >= 0) != len(chosen):
-            raise ValueError("A parameter moves once: columns holds one twice.")
+        states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
+        moved = states + len(chosen)
+        moving = self._placed(chosen, states + np.arange(len(chosen)))
         self._load(LINEARISED * lanes * segments)
         if self._library is None:
             return self._model.virtual.linearise(*given, chosen)
-        states, outputs, moved = self._model.states, self._model.outputs, self._model.states + len(chosen)
         z, Z = np.empty((lanes, states)), np.empty((lanes, states, moved))
         y, Y = np.empty((lanes, readings, outputs)), np.empty((lanes, readings, outputs, moved))
-        apart = given[1].strides[0] // given[1].itemsize
-        self._library.linearise(lanes, segments, readings, len(chosen), apart, *_places(moving, *given, z, Z, y, Y))
+        seed = np.tile(np.eye(states, moved), (lanes, 1, 1))
+        self._call(given, moving, seed, z, Z, y, Y)
         return z, Z, y, Y
+
+    def normal_equations(
+        self,
+        z0: ArrayLike,
+        s: ArrayLike,
+        p: ArrayLike,
+        reads: ArrayLike,
+        columns: ArrayLike,
+        seed: Array,
+        places: ArrayLike,
+        against: Against,
+        residuals: Array | None = None,
+    ) -> tuple[Array, Array, Array]:
+        """J'J and J'r of every lane, with r what readings are away from targets and J its derivative.
+
+        J is never laid out: what a reading adds is added while it is in the processor's cache.
+
+        Parameters
+        ----------
+        z0, s, p, reads, columns : as for `linearise`.
+        seed : (L, nz, c) derivative of the initial states by c unknowns.
+        places : (q,) which of the unknowns the parameters that move are.
+        against : what readings are held against.
+        residuals : (L, R, ny) taken for r, weighted; J'J is left out then. None: those at hand.
+
+        Returns
+        -------
+        Z : (L, nz, c) derivative of the states at the end.
+        H : (L, c, c) J'J; (L, 0, 0) where residuals are given.
+        g : (L, c) J'r.
+        """
+        given = self._checked(z0, s, p, reads)
+        lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
+        states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
+        count, placed = seed.shape[2], np.asarray(places, dtype=np.intp)
+        moving, wide = self._placed(chosen, placed), (lanes, readings, outputs)
+        shapes = [own.shape for own in (against.target, against.weight, *(() if residuals is None else (residuals,)))]
+        if {*shapes} != {wide} or seed.shape[:2] != (lanes, states) or np.max(placed, initial=-1) >= count:
+            raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not go with {wide}.")
+        self._load(LINEARISED * lanes * segments)
+        if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
+            _, Z_free, y, Y_free = self.linearise(*given, chosen)
+            Z, Y = (led(own, seed, placed) for own in (Z_free, Y_free))
+            return Z, *against.accumulated(y, Y, residuals)
+        whole = np.ascontiguousarray
+        z, Z, packed = np.empty((lanes, states)), np.empty((lanes, states, count)), count * (count + 1) // 2
+        H = np.empty((lanes, packed + count))
+        held = [whole(own, dtype=float) for own in (seed, against.target, against.weight)]
+        r = None if residuals is None else whole(residuals, dtype=float)
+        scratch = np.empty(scratch_size(count, outputs))
+        self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H, scratch)
+        return Z, square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
+
+    def _placed(self, chosen: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Of each parameter, which column is its derivative's; -1 where it does not move."""
+        moving = np.full(self._model.parameters, -1, dtype=np.intp)
+        moving[chosen] = places
+        if np.count_nonzero(moving >= 0) != len(chosen):
+            raise ValueError("A parameter moves once: columns holds one twice.")
+        return moving
+
+    def _call(
+        self,
+        given: tuple[Array, Array, Array, NDArray[np.bool_]],
+        moving: NDArray[np.intp],
+        seed: Array,
+        z: Array,
+        Z: Array,
+        y: Array | None,
+        Y: Array | None,
+        robust: float | None = None,
+        *others: Array | None,
+    ) -> None:
+        """The compiled function that linearises: readings' derivatives are laid out, or added up."""
+        z0, s, p, reads = given
+        counts = *s.shape[:2], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
+        arrays = moving, z0, s, p, reads, seed, z, Z, y, Y, *(others or [None] * 5)
+        assert self._library is not None
+        self._library.linearise(*counts, np.inf if robust is None else robust, *_places(*arrays))
 
     def _checked(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike
@@ -267,13 +349,13 @@ def _writers() -> str:
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     """A library that has been told what its functions take: counts, then arrays."""
     made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 7
-    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
+    made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 15
     made.simulate.restype = made.linearise.restype = None
     if hasattr(made, "simulate_few"):
         made.simulate_few.argtypes, made.simulate_few.restype = made.simulate.argtypes, None
     return made
 
 
-def _places(*arrays: NDArray[np.generic]) -> list[int]:
+def _places(*arrays: NDArray[np.generic] | None) -> list[int | None]:
     """Where arrays begin in memory."""
-    return [array.ctypes.data for array in arrays]
+    return [None if array is None else array.ctypes.data for array in arrays]

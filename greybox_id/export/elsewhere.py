@@ -32,12 +32,12 @@ class Exporter(Protocol):
     def takes(self, result: object) -> bool:
         """Whether a value is such a result."""
 
-    def write(self, result: Any, named: Named, target: str, to: str | Path) -> list[Path]:
+    def write(self, result: Any, named: ForeignResult, target: str, to: str | Path) -> list[Path]:
         """Write it for a target into a folder; the files."""
 
 
 @dataclass(frozen=True)
-class Named:
+class ForeignResult:
     """What files and functions are called after, where the result comes from, and the command, for the manifest."""
 
     name: str

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TextIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
 from ..datasets.column_map import ColumnMap
+from ..datasets.read import LARGEST
 from ..datasets.recording import Recording
 from ..engine.motion.runs import MotionRun
 from ..engine.motion.schedule import longest_segment
@@ -29,6 +31,10 @@ LEAST_JUMP = 0.02
 """... if the jump is more than this share of the range it has been through."""
 FADES = 2.0
 """Steps are remembered for about so many seconds."""
+UNKNOWN = 1000.0
+"""A state whose standard deviation is so many times that at the beginning is unknown."""
+LONGEST_LINE = 1 << 20
+"""Characters of a line at most: ten thousand columns."""
 
 
 class LiveFilter:
@@ -54,7 +60,10 @@ class LiveFilter:
         self._p = np.ascontiguousarray(np.vstack([p, *(p + move for move in moves)]))
         self._seen = filtering.space.seen(self.names)
         self._guard = _LiveGuard(trace.model.inputs)
+        self._believed = np.full(len(trace.model.inputs), np.nan)
         self._last: tuple[float, Array] | None = None
+        self._met: float | None = None
+        self._began = np.empty(0)
         self._x = self._P = np.empty(0)
 
     def push(self, time: float, inputs: Array, readings: Array) -> tuple[Array, Array, tuple[str, ...]]:
@@ -65,9 +74,15 @@ class LiveFilter:
         time : s.
         inputs : (inputs,) of the model; NaN keeps the value before.
         readings : (outputs,), NaN where nothing is read.
+
+        What is `LARGEST` or more is nothing, as in a file. Should a state become what is no number all the same, the
+        row is left out and the filter begins anew with the next one. It also does where all readings are off.
         """
         space = self._filtering.space
-        if self._last is None and not np.all(np.isfinite(inputs)):
+        inputs, readings = (np.where(np.abs(row) < LARGEST, row, np.nan) for row in (inputs, readings))
+        if self._last is None:
+            inputs = np.where(np.isfinite(inputs), inputs, self._believed)
+        if not np.all(np.isfinite(inputs)) and self._last is None:
             lacking = [n for n, v in zip(space.model.inputs, inputs, strict=True) if not np.isfinite(v)]
             raise BadInput(f"The first row lacks {', '.join(lacking)}; begin with one that has every input.")
         step = np.inf if self._last is None else time - self._last[0]
@@ -81,9 +96,27 @@ class LiveFilter:
             self._go(row, u, step)
         segments, y = np.ascontiguousarray(row[None]), np.ascontiguousarray(readings[None], dtype=float)
         filtering = self._filtering
-        filtering.filter.run(self._x, self._P, segments, y, self._p, filtering.gate, "nothing")
-        self._last = (time, u)
+        _, history = filtering.filter.run(self._x, self._P, segments, y, self._p, filtering.gate, "filtered")
+        assert history is not None
+        if self._lost(time, history.off[0] ** 2 > filtering.gate**2 * history.spread[0], np.isfinite(readings)):
+            self._x = self._P = np.empty(0)
+            self._start(row, readings)
+        if not (np.all(np.isfinite(self._x)) and np.all(np.isfinite(self._P))):
+            self._last, self._x, self._P, self._guard = None, np.empty(0), np.empty(0), _LiveGuard(space.model.inputs)
+            nothing = np.full(len(self.names), np.nan)
+            return nothing, nothing, space.model.inputs
+        self._last, self._believed = (time, u), u
         return *self._told(row), glitches
+
+    def _lost(self, time: float, off: NDArray[np.bool_], read: NDArray[np.bool_]) -> bool:
+        """Whether all that was read for `LONGEST_GAP` was off, or a state is unknown, as after what was no reading."""
+        if self._met is None or np.any(read & ~off):
+            self._met = time
+        is_off = bool(np.any(read)) and time - self._met > LONGEST_GAP
+        is_unknown = bool(np.any(np.diagonal(self._P[0]) > UNKNOWN**2 * self._began))
+        if is_off or is_unknown:
+            self._met = time
+        return is_off or is_unknown
 
     def _start(self, row: Array, readings: Array) -> None:
         inputs = row[1 : 1 + len(self._filtering.space.model.inputs)]
@@ -93,6 +126,7 @@ class LiveFilter:
         )
         before = (self._x, self._P)
         self._x, self._P = self._filtering.begin(own, self._p, before if before[0].size else None)
+        self._began = np.maximum(np.diagonal(self._P[0]), self._began if self._began.size else 0.0)
 
     def _go(self, row: Array, u: Array, step: float) -> None:
         """From the row before to this one."""
@@ -181,8 +215,8 @@ def follow(
     ------
     BadInput : a column is missing, a line cannot be read, or the noise of a reading is not stated.
     """
-    rows = csv.reader(lines, delimiter=columns.separator)
-    header = next(rows, None)
+    rows = _rows(lines, columns.separator)
+    _, header = next(rows, (1, None))
     if header is None:
         raise BadInput("Standard input is empty: send a line with the names of the columns first.")
     place = {name.strip(): k for k, name in enumerate(header)}
@@ -196,9 +230,7 @@ def follow(
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(["time", *(f"{name}{end}" for name in live.names for end in ("", "_sd")), "held_back"])
     aliases = tracker.space.model.aliases
-    for number, row in enumerate(rows, 2):
-        if not row:
-            continue
+    for number, row in rows:
         time = float(columns.time.convert(np.array([_number(row, place[columns.time.column], number)]))[0])
         if not np.isfinite(time):
             raise BadInput(f"Line {number} of standard input has no time; every row needs one.")
@@ -215,6 +247,26 @@ def follow(
         told = [f"{number:.9g}" for pair in zip(values, sds, strict=True) for number in pair]
         writer.writerow([f"{time:.9g}", *told, " ".join(held)])
         out.flush()
+
+
+def _rows(lines: TextIO, separator: str) -> Iterator[tuple[int, list[str]]]:
+    """Numbers of lines, and their cells. Raises `BadInput` where there is no such line."""
+    number = 0
+    try:
+        while line := lines.readline(LONGEST_LINE):
+            number += 1
+            if len(line) == LONGEST_LINE:
+                raise BadInput(
+                    f"Line {number} of standard input has {LONGEST_LINE >> 20} MB or more; send rows of a CSV."
+                )
+            if cells := next(csv.reader([line], delimiter=separator), []):
+                yield number, cells
+    except csv.Error as error:
+        raise BadInput(
+            f"Line {number} of standard input cannot be read ({error}); send numbers between {separator!r}."
+        ) from error
+    except UnicodeDecodeError as error:
+        raise BadInput(f"Standard input after line {number} is no text ({error.reason}); send UTF-8.") from error
 
 
 def _live(tracker: Tracker, hold: str) -> LiveFilter:

@@ -29,6 +29,7 @@ from .estimation.free_runs import freed_tolerances, misfit, of_subsets, plain, r
 from .estimation.hypothesis import Hypothesis
 from .estimation.noise import white_noise
 from .estimation.observer import PULLED
+from .estimation.preparing import excerpt
 from .estimation.search import Search
 from .estimation.strip import strip
 from .estimation.variance import fresh
@@ -137,7 +138,15 @@ def answer(found: Examined, held_out: Sequence[Recording], tell: Callable[..., N
         absorbed=absorbed,
         advice=advice(sets, list(weak), found.effects, unread(found)),
         closed=closed,
-        strip=strip(found.bench, selection.base.e * counted, best.e * counted, found.sd, found.seen, excess),
+        strip=strip(
+            found.bench,
+            selection.base.e * counted,
+            best.e * counted,
+            found.sd,
+            found.seen,
+            excess,
+            excerpt(found.recordings),
+        ),
         noise_stated=found.told,
         limits=limits(found),
         budget=shared,

@@ -30,6 +30,8 @@ def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
         found[channel] = np.where(bench.counted[:, c], y[:, c], read)
     for k, name in enumerate(bench.model.inputs):
         found[name] = bench.inputs[:, k]
+    if "a_y" not in found and {"v_x", "yaw_rate"} <= found.keys():  # how hard it turns is known all the same
+        found["a_y"] = found["v_x"] * found["yaw_rate"]
     return {name: _smooth(values, bench) for name, values in found.items()}
 
 

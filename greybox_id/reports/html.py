@@ -11,7 +11,7 @@ from ..base.guard import MARK
 from .document import Document, Drawing, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
 from .equations.typesetting import in_mathml
 from .figures.style import DARK, LIGHT
-from .words import Span, is_symbol_index, named, spans
+from .words import Span, clean, is_symbol_index, named, spans
 
 STYLE = "page.css"
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; img-src data:"
@@ -24,14 +24,14 @@ def write_html(document: Document, out: str | Path) -> Path:
 
 
 def page(document: Document) -> str:
-    """The page."""
+    """The page; nothing in names orders a terminal that shows its text."""
     look = resources.files(__package__).joinpath(STYLE).read_text("utf-8")
     light, dark = (
         f":root{{{''.join(f'--{name}:{own};' for name, own in colours.items())}}}" for colours in (LIGHT, DARK)
     )
     colours = f"{light}@media(prefers-color-scheme:dark){{{dark}}}"
     body = "\n".join(_part(part) for part in document.parts)
-    return (
+    return clean(
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
         f'<meta name="generator" content="{MARK}">\n'

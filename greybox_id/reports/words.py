@@ -14,6 +14,14 @@ _HEAD = "|".join(("[A-Za-z]", *GREEK))
 _ALONE = re.compile(r"([A-Za-z])(?= \[)")
 _SYMBOL = re.compile(rf"(?<![\w.])({_HEAD})((?:_[0-9A-Za-z]+)+)(?![\w.]*\w)")
 
+ORDERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+"""Characters that move a cursor, change colours or turn the direction of letters; ends of lines and tabs are none."""
+
+
+def clean(text: str) -> str:
+    """A text as it may be shown: an escape character is shown as its picture, other orders as a question mark."""
+    return ORDERS.sub(lambda found: "␛" if found[0] == "\x1b" else "\ufffd", text)
+
 
 @dataclass(frozen=True)
 class Span:

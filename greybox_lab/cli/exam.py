@@ -16,12 +16,20 @@ from greybox_id.cli.terminal import tell
 
 DIAGNOSER = f"{__name__}:diagnose_case"
 """What sits the examination, unless another function is named."""
-FOREIGN = (200, 70, 25, 30)
-"""Foreign cases: nulls, singles, pairs, outside the vocabulary."""
+COUNTS = {
+    "foreign": {"nulls": 200, "singles": 70, "pairs": 25, "outside": 30, "many": 0},
+    "many": {"nulls": 0, "singles": 0, "pairs": 0, "outside": 0, "many": 60},
+    "rough": {"nulls": 20, "singles": 14, "pairs": 6, "outside": 0, "many": 0},
+}
+"""Tier on foreign simulators -> how many cases of each kind, unless others are asked for."""
+INJECTED = 70
+"""Altered real recordings, unless others are asked for."""
 ASKED = {
     "clean": ("cases", "nulls"),
     "workshop": ("cases", "nulls"),
-    "foreign": ("nulls", "singles", "pairs", "outside", "family"),
+    "foreign": ("nulls", "singles", "pairs", "outside", "many", "family"),
+    "many": ("nulls", "many", "family"),
+    "rough": ("nulls", "singles", "pairs", "many", "family"),
     "injected": ("singles", "data", "family"),
     "changed": ("data", "family"),
 }
@@ -54,20 +62,23 @@ def exam() -> None:
     default="clean",
     show_default=True,
     help="Exact vehicle files, nominal forms and white noise; tolerances, other forms, coloured noise, outliers; "
-    "vehicles of foreign simulators; real recordings, altered; or a real car that was changed (DART).",
+    "vehicles of foreign simulators; three to six effects at once on either; cars on springs with rough files; real "
+    "recordings, altered; or a real car that was changed (DART).",
 )
-@click.option("--cases", type=click.IntRange(min=0), help="With an effect withheld; default: 60. Not for foreign.")
+@click.option("--cases", type=click.IntRange(min=0), help="Clean, workshop: with effects withheld; default: 60.")
 @click.option("--nulls", type=click.IntRange(min=0), help="With none; default: a sixth of the others, foreign: 200.")
-@click.option("--singles", type=click.IntRange(min=0), help="Foreign, injected: with one effect; default: 70.")
+@click.option("--singles", type=click.IntRange(min=0), help="With one effect; default: 70, rough: 14.")
 @click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected, changed: real recordings.")
-@click.option("--pairs", type=click.IntRange(min=0), help="Foreign: with two; default: 25.")
-@click.option("--outside", type=click.IntRange(min=0), help="Foreign: with one outside the vocabulary; default: 30.")
+@click.option("--pairs", type=click.IntRange(min=0), help="With two; default: 25, rough: 6.")
+@click.option("--outside", type=click.IntRange(min=0), help="With one outside the vocabulary; default: 30.")
+@click.option("--many", type=click.IntRange(min=0), help="With three to six effects at once; default: 60 of many.")
 @click.option(
     "--family",
     "families",
     multiple=True,
     metavar="NAME",
-    help="Foreign: simulators, injected: sources, changed: cases, or a set of them (development, examination).",
+    help="Simulators (workshop is the virtual vehicle), injected: sources, changed: cases, or a set of them "
+    "(development, examination).",
 )
 @click.option("--real", metavar="FOLDER", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
@@ -82,6 +93,7 @@ def make_command(
     data: Path | None,
     pairs: int | None,
     outside: int | None,
+    many: int | None,
     families: tuple[str, ...],
     real: Path | None,
     jobs: int,
@@ -102,6 +114,7 @@ def make_command(
         "data": data,
         "pairs": pairs,
         "outside": outside,
+        "many": many,
     }
     asked["family"] = families or None
     if strangers := [f"--{name}" for name, own in asked.items() if own is not None and name not in ASKED[tier]]:
@@ -112,13 +125,13 @@ def make_command(
             from ..exam.real import make_real
 
             made = make_real(out, real, say)
-        elif tier == "foreign":
+        elif tier in COUNTS:
             from ..exam.make import make_foreign
             from ..exam.plan import Counts
 
-            wanted = zip((nulls, singles, pairs, outside), FOREIGN, strict=True)
-            how_many = Counts(*(most if own is None else own for own, most in wanted))
-            made = make_foreign(out, seed, how_many, families, jobs, say)
+            named = {name: own for name in COUNTS[tier] if (own := asked[name]) is not None}
+            how_many = Counts(**COUNTS[tier] | named)
+            made = make_foreign(out, seed, tier, how_many, families or ("rough",) * (tier == "rough"), jobs, say)
         elif tier in ("injected", "changed"):
             from ..exam.changed import make_changed
             from ..exam.injected import make_injected
@@ -128,7 +141,7 @@ def make_command(
             if tier == "changed":
                 made = make_changed(out, data, seed, families, jobs, say)
             else:
-                made = make_injected(out, data, seed, FOREIGN[1] if singles is None else singles, families, jobs, say)
+                made = make_injected(out, data, seed, INJECTED if singles is None else singles, families, jobs, say)
         else:
             from ..exam.make import make
 
@@ -155,19 +168,24 @@ def make_command(
     help="A case that takes longer counts as wrong.",
 )
 @click.option("--diagnoser", default=DIAGNOSER, metavar="MODULE:FUNCTION", help="In place of greybox gap.")
+@click.option("--sample", type=click.IntRange(min=1), help="No more than so many cases, drawn by --seed.")
+@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the sample.")
 @json_option
-def run_command(cases: Path, jobs: int, timeout: float, diagnoser: str, as_json: bool) -> None:
+def run_command(
+    cases: Path, jobs: int, timeout: float, diagnoser: str, sample: int | None, seed: int, as_json: bool
+) -> None:
     """Diagnose each of CASES as greybox gap does, where the answers cannot be seen; carries on where it was stopped.
 
-    Each case is left diagnosis.json and closed.toml.
+    Each case is left diagnosis.json and closed.toml. Several runs may share the cases; each process takes one core.
 
     \b
     greybox exam run exam_clean/cases --jobs 2
+    greybox exam run exam_many/cases --sample 12 --seed 3
     """
     from ..exam.run import run
 
     with progress() as say:
-        sat = run(cases, diagnoser, jobs, timeout, say)
+        sat = run(cases, diagnoser, jobs, timeout, say, sample, seed)
     if as_json:
         print_json(asdict(sat))
         return
@@ -181,9 +199,10 @@ def run_command(cases: Path, jobs: int, timeout: float, diagnoser: str, as_json:
 @click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
 @click.option("--detail", is_flag=True, help="Also what was taken for what, and every case that was wrong.")
 @click.option("--seal", "noted", default="", metavar="SUM", help="The seal's sum as noted when the cases were made.")
+@click.option("--partial", is_flag=True, help="Of what is diagnosed so far, as of a sample; that is not kept.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
-def score_command(folder: Path, detail: bool, noted: str, jobs: int, as_json: bool) -> None:
+def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: int, as_json: bool) -> None:
     """Open the answers in FOLDER and say what was right; that is done once, and kept in FOLDER/score.json.
 
     \b
@@ -192,7 +211,7 @@ def score_command(folder: Path, detail: bool, noted: str, jobs: int, as_json: bo
     from ..exam.score import score, tables
 
     with progress() as say:
-        body, again = score(folder, say, jobs=jobs, noted=noted)
+        body, again = score(folder, say, jobs=jobs, noted=noted, partial=partial)
     if again:
         tell(f"these answers were opened already, {body['opened']}; this is the score of then")
     if as_json:

@@ -115,9 +115,14 @@ def serve(token_file: str | None, host: str, port: int, out: Path, as_json: bool
     greybox serve --token-file token.txt --port 0
     """  # fmt: skip
     from ..driving.loop.protocol import MADE, read_token
-    from ..driving.loop.server import Server
     from ..driving.loop.store import ServerStore
 
+    try:
+        from ..driving.loop.server import Server
+    except ModuleNotFoundError as error:
+        if error.name not in ("starlette", "uvicorn", "h11", "anyio"):
+            raise
+        raise BadInput("greybox serve needs Starlette and uvicorn; pip install 'greybox-id[serve]'.") from error
     if token_file is None:
         raise BadInput(f"Nobody is served without a token; name its file with --token-file, made with: {MADE}.")
     server = Server(ServerStore(out), read_token(token_file), host, port)

@@ -15,13 +15,14 @@ from greybox_id.base.json_data import read_json, without_nan
 
 from .aliases import always_alike
 
-Kind = Literal["null", "single", "double", "outside", "changed", "real"]
-"""No gap; one or two effects of the vocabulary; one outside it; a real change whose name is known, and whose size is
-read off otherwise, NaN where it cannot be; a real vehicle, of which nobody knows the answer."""
+Kind = Literal["null", "single", "double", "many", "outside", "changed", "real"]
+"""No gap; one, two, or three to six effects of the vocabulary; one outside it; a real change whose name is known, and
+whose size is read off otherwise, NaN where it cannot be; a real vehicle, of which nobody knows the answer."""
 
-Tier = Literal["clean", "workshop", "foreign", "injected", "changed", "real"]
+Tier = Literal["clean", "workshop", "foreign", "many", "rough", "injected", "changed", "real"]
 """Exact vehicle file, nominal forms, white noise; tolerances, other forms, coloured noise, outliers; vehicles of
-foreign simulators, identified as single tracks; real recordings, altered; a real vehicle that was changed; or real
+foreign simulators, identified as single tracks; vehicles of either that lack many things at once; cars on springs whose
+file is off by more than it states; real recordings, altered; a real vehicle that was changed; or real
 recordings as they are."""
 
 ABOVE = 4.0
@@ -51,6 +52,8 @@ class Answer:
     seed : of everything random in it.
     car : the true vehicle as plain data.
     about : rate, duration and so on, for people.
+    nature : further effects that the vehicle has by its nature, or that its file's errors amount to: to name them is
+        neither right nor wrong.
     """
 
     case: str
@@ -65,6 +68,7 @@ class Answer:
     seed: int = 0
     car: Mapping[str, Any] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
+    nature: tuple[str, ...] = ()
 
     @property
     def largest(self) -> float:
@@ -113,7 +117,8 @@ def read_answer(file: Path) -> Answer:
     try:
         effects = {name: nan if own is None else own for name, own in body["effects"].items()}
         aliases = {name: tuple(own) for name, own in body["aliases"].items()}
-        answer = Answer(**{**body, "effects": effects, "aliases": aliases})
+        nature = tuple(body.get("nature", ()))
+        answer = Answer(**{**body, "effects": effects, "aliases": aliases, "nature": nature})
     except (TypeError, KeyError, AttributeError) as error:
         raise BadInput(f"{file} is no answer of an examination; restore it, or make the examination again.") from error
     if answer.kind not in get_args(Kind):

@@ -18,12 +18,19 @@ from ..virtual.virtual_vehicle import Tolerances, VirtualCar, vehicle_file_text
 from ..virtual.virtual_vehicle.effects import Entry
 from .aliases import Cause, indistinguishable
 from .answers import Answer, exceeds
-from .plan import Planned
+from .plan import MANY, Planned
 from .replays import Replays
 
 VISIBLE = 1.5
 """What tolerances leave of an effect over what they leave of the error of form, in some channel, from which on it can
 be asked for."""
+OVER_BACKGROUND = (1.15, 3.0)
+"""Of a case with many effects: error that each makes beside the others and the tolerances, over that without it, in the
+channel that shows it best, least and most. The background is noise, and the error of form where there is one."""
+RESIZED = 4
+"""Steps by which magnitudes come to lie there: what one effect makes depends on the others."""
+AIMED = (1.3, 2.7)
+"""What is aimed at: driven anew, the vehicle moves a little differently."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +69,7 @@ class Draw(ABC):
     again : drives it again.
     known : entries of the vocabulary that the vehicle may have.
     outside : entries outside the vocabulary.
+    nature : see `answers.Answer`.
     """
 
     planned: Planned
@@ -73,6 +81,7 @@ class Draw(ABC):
     again: Replays
     known: Mapping[str, Entry]
     outside: Mapping[str, Entry]
+    nature: tuple[str, ...] = ()
 
     def __init__(self, planned: Planned, attempt: int) -> None:
         self.planned = planned
@@ -83,9 +92,49 @@ class Draw(ABC):
         """Whether it can be asked for: what is withheld shows, and what is unknown looks like nothing that is known."""
         return self.shows and not (self.planned.kind == "outside" and any(self.aliases.values()))
 
+    def resize(self) -> None:
+        """Change magnitudes of many effects until each shows beside the others, and none drowns them; what does not
+        show however large it is, as the others stand for it, is left out.
+        """
+        least, most = np.log(AIMED)
+        aims = dict(zip(self.drawn, np.exp(self.rng.uniform(least, most, len(self.drawn))), strict=True))
+        size, kind, drawn = self.sized.size, self.sized.kind, dict(self.drawn)
+        for step in range(RESIZED + len(drawn)):
+            over = self.over_background
+            if all(AIMED[0] <= own <= AIMED[1] for own in over.values()):
+                return
+            weakest = min(over, key=lambda name: over[name])
+            if step >= RESIZED // 2 and over[weakest] < AIMED[0] and len(drawn) > MANY[0]:
+                del drawn[weakest]
+            else:
+                for name, own in over.items():
+                    if not AIMED[0] <= own <= AIMED[1]:
+                        factor = np.sqrt((aims[name] ** 2 - 1.0) / max(own**2 - 1.0, 1e-4))
+                        drawn[name] = self.known[name].scaled(drawn[name], float(np.clip(factor, 0.2, 5.0)), size, kind)
+            rest = {name: own for name, own in self.effects.items() if name not in self.drawn}
+            self.drawn, self.effects = dict(drawn), {**rest, **drawn}
+
+    @property
+    def over_background(self) -> dict[str, float]:
+        """Effect -> error with it over that without, see `OVER_BACKGROUND`."""
+        again = self.again
+        full = again.readings(self.effects)
+        parts = {name: full - again.readings({k: v for k, v in self.effects.items() if k != name})
+                 for name in self.drawn}  # fmt: skip
+        nothing = dict.fromkeys(again.noise, 0.0)
+        hidden = nothing if again.form is None else again.beside_tolerances(again.form)
+        found = {}
+        for name, part in parts.items():
+            left = again.beside_tolerances(part, [own for other, own in parts.items() if other != name])
+            found[name] = max(float(np.hypot(1.0, left[c] / np.hypot(1.0, hidden[c]))) for c in left)
+        return found
+
     @cached_property
     def shows(self) -> bool:
         """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
+        if self.planned.kind == "many":
+            least, most = OVER_BACKGROUND
+            return all(least <= own <= most for own in self.over_background.values())
         rests = [{other: own for other, own in self.effects.items() if other != name} for name in self.drawn]
         if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
             return False  # before every tolerance is driven, which takes far longer
@@ -132,6 +181,7 @@ class Draw(ABC):
             aliases=self.aliases if self.shows else {},
             size=self.again.size(self.effects, {}),
             left=self.again.left(self.effects, {}),
+            nature=self.nature,
             seed=self.planned.seed,
             car=car,
             about={**about, "rows": len(self.recording), "held_out_rows": len(held_out), "drawn": self.effects, **more},

@@ -22,7 +22,7 @@ import numpy as np
 from greybox_id.base.errors import BadInput, near
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from .altering import INJECTIONS, altered
 from .answers import Answer

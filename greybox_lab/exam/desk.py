@@ -16,6 +16,8 @@ from threading import Event
 from time import perf_counter
 from typing import Any
 
+from threadpoolctl import threadpool_limits
+
 from greybox_id.base.contained.inside import found
 from greybox_id.base.contained.process import TIME, Broken, Contained, Failed, Lost
 from greybox_id.base.errors import BadInput, GreyboxError
@@ -89,6 +91,7 @@ class ExamCandidate:
 
     def __init__(self, diagnoser: str, exam: str) -> None:
         os.chdir("/")  # the working directory may lie in the examination
+        threadpool_limits(1)  # a core each
         self._confinement = Confinement(Path(exam))
         self._diagnose: Diagnose = found(diagnoser)
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import permutations
 from math import inf, isfinite, nan
 from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import maximum_bipartite_matching
 
 from greybox_id.base.errors import BadInput
 
@@ -16,6 +19,10 @@ UNKNOWN = 0.5
 """A diagnosis whose unknown probability is above this says that the cause is unknown."""
 NAMED = 0.5
 """A probability from which on an effect is named."""
+IN_A_CLASS = 0.05
+"""Probability from which on a member of a class of causes, stated as what is applied, counts as named with it."""
+LIBRARY = ("single", "double", "many")
+"""Kinds of cases whose effects are all of the vocabulary."""
 NEEDED = ("gap_detected", "unknown_probability", "ranking", "applied", "gap")
 
 
@@ -55,10 +62,14 @@ class ExamFinding:
     applied : names that were applied.
     beside : of these, the ones that are not there, up to what cannot be distinguished; of a case outside the
         vocabulary, also any that was given a probability of one half.
+    applied_right : how many of the effects that are there were applied, each by a name of its own.
+    classes : probability of every class of causes that was stated, and whether it holds one that is there.
     misplaced : share of the excess error that the budget gives to names that are not there; NaN without a budget.
     told : probability of every effect that was ranked, and whether it is there.
     claimed, verified : how far the gap closes, by its own account and on the recording that was held out; NaN where
         nothing was applied.
+    of_truth : how far it closes on that recording over how far the effects that are there close it, at their true
+        magnitudes; zero where nothing was applied, NaN where it is not known.
     cpu : CPU seconds; NaN where they are not known.
     """
 
@@ -74,16 +85,19 @@ class ExamFinding:
     sizes: tuple[Size, ...]
     applied: tuple[str, ...]
     beside: tuple[str, ...]
+    applied_right: int
+    classes: tuple[tuple[float, bool], ...]
     misplaced: float
     told: tuple[tuple[float, bool], ...]
     claimed: float
     verified: float
+    of_truth: float
     cpu: float
 
     @property
     def right(self) -> bool:
         """Whether what is there was applied and nothing else, up to what cannot be distinguished."""
-        return bool(self.applied) and not self.beside and _named(self.answer, self.applied)
+        return bool(self.applied) and not self.beside and self.applied_right == len(self.answer.effects)
 
     @property
     def wrong(self) -> str:
@@ -101,11 +115,18 @@ class ExamFinding:
             return "" if self.unknown else "not called unknown"
         if kind == "double":
             return "" if self.among_three else "not both among the first three"
+        if kind == "many":
+            return "" if self.right else f"{self.applied_right} of {len(self.answer.effects)} applied"
         return "" if self.first else ("second or third" if self.among_three else "not among the first three")
 
 
-def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan) -> ExamFinding:
+def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan, by_truth: float = nan) -> ExamFinding:
     """Join an answer and a diagnosis.
+
+    Parameters
+    ----------
+    answer, diagnosis : of one case.
+    verified, by_truth : how far the gap closes on what was held out, with what was applied and with what is there.
 
     Raises
     ------
@@ -113,7 +134,7 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
     """
     cpu = (diagnosis.get("cost") or {}).get("cpu_s")
     cpu = nan if cpu is None else float(cpu)
-    library = answer.kind in ("single", "double")
+    library = answer.kind in LIBRARY
     if "error" in diagnosis:
         null = answer.kind == "null"
         return ExamFinding(
@@ -129,10 +150,13 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
             (),
             (),
             (),
+            0,
+            (),
             nan,
             (),
             nan,
             nan,
+            0.0 if library and not np.isnan(by_truth) else nan,
             cpu,
         )
     if lacking := [key for key in NEEDED if key not in diagnosis]:
@@ -140,6 +164,8 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
     ranking = [own for own in diagnosis["ranking"] if isinstance(own, Mapping)]
     detected = bool(diagnosis["gap_detected"])
     names = [str(own["effect"]) for own in ranking] if detected else []
+    applied = tuple(str(name) for name in diagnosis["applied"])
+    stands_for = _stands_for(diagnosis)
     first = names[0] if names else ""
     return ExamFinding(
         answer=answer,
@@ -150,7 +176,7 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
         choices={name: float(own["probability"]) for name, own in zip(names, ranking, strict=False)},
         first=any(first in answer.alike(name) for name in answer.effects),
         first_strictly=first in answer.effects,
-        among_three=_named(answer, names[:3]),
+        among_three=_matched(answer, names[:3], {}) == len(answer.effects),
         sizes=tuple(
             _size(answer, own, diagnosis.get("scatter") or {})
             for own in ranking[: len(answer.effects)]
@@ -158,24 +184,43 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan)
         )
         if detected and (library or answer.kind == "changed")
         else (),
-        applied=tuple(str(name) for name in diagnosis["applied"]),
+        applied=applied,
         beside=_beside(answer, diagnosis, ranking if detected else []),
+        applied_right=_matched(answer, applied, stands_for),
+        classes=tuple(
+            (float(own["probability"]), bool(_right(answer) & {*own["members"]}))
+            for own in diagnosis.get("classes") or ()
+        ),
         misplaced=_misplaced(answer, diagnosis.get("budget") or ()),
-        told=tuple((float(own["probability"]), own["effect"] in answer.effects) for own in ranking),
+        told=tuple(
+            (float(own["probability"]), own["effect"] in answer.effects)
+            for own in ranking
+            if own["effect"] not in answer.nature
+        ),
         claimed=_closed(diagnosis["gap"]) if diagnosis["applied"] else nan,
         verified=verified if diagnosis["applied"] else nan,
+        of_truth=(max(verified, 0.0) if diagnosis["applied"] else 0.0) / by_truth if by_truth > 0 else nan,
         cpu=cpu,
     )
 
 
-def _named(answer: Answer, names: Sequence[str]) -> bool:
-    """Whether every effect is named, each by a name of its own."""
-    if len(names) < len(answer.effects):
-        return False
-    return any(
-        all(name in answer.alike(effect) for effect, name in zip(answer.effects, chosen, strict=True))
-        for chosen in permutations(names, len(answer.effects))
-    )
+def _stands_for(diagnosis: Mapping[str, Any]) -> dict[str, set[str]]:
+    """Applied name -> itself, and the likely members of the class of causes of which it is the one applied."""
+    found = {str(name): {str(name)} for name in diagnosis["applied"]}
+    for own in diagnosis.get("classes") or ():
+        if own.get("applied") in found:
+            each = own.get("each") or {}
+            found[own["applied"]] |= {name for name in own["members"] if (each.get(name) or 0.0) >= IN_A_CLASS}
+    return found
+
+
+def _matched(answer: Answer, names: Sequence[str], stands_for: Mapping[str, set[str]]) -> int:
+    """How many effects are named, each by a name of its own, up to what cannot be distinguished."""
+    if not names or not answer.effects:
+        return 0
+    fits = [[bool(answer.alike(effect) & (stands_for.get(name) or {name})) for name in names]
+            for effect in answer.effects]  # fmt: skip
+    return int(np.sum(maximum_bipartite_matching(csr_array(np.array(fits, dtype=int)), perm_type="column") >= 0))
 
 
 def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
@@ -183,8 +228,8 @@ def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapp
     given = [str(name) for name in diagnosis["applied"]]
     if answer.kind == "outside":
         given += [str(own["effect"]) for own in ranking if float(own["probability"]) >= NAMED]
-    right = _right(answer)
-    return tuple(name for name in dict.fromkeys(given) if name not in right)
+    right, stands_for = _right(answer), _stands_for(diagnosis)
+    return tuple(name for name in dict.fromkeys(given) if not right & (stands_for.get(name) or {name}))
 
 
 def _misplaced(answer: Answer, budget: Sequence[Mapping[str, Any]]) -> float:
@@ -195,8 +240,8 @@ def _misplaced(answer: Answer, budget: Sequence[Mapping[str, Any]]) -> float:
 
 
 def _right(answer: Answer) -> set[str]:
-    """Names that are right for something that is there."""
-    return {name for effect in answer.effects for name in answer.alike(effect)}
+    """Names that are right for something that is there, by what was done to the vehicle or by its nature."""
+    return {name for effect in (*answer.effects, *answer.nature) for name in answer.alike(effect)}
 
 
 def _size(answer: Answer, ranked: Mapping[str, Any], scatter: Mapping[str, Any]) -> Size:

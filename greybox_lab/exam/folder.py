@@ -25,6 +25,8 @@ how the recording is to be read, and where it is asked what changed, a second re
 before."""
 UNFINISHED = "unfinished.json"
 """What was asked for, beside the answers until all cases are made; not under the seal."""
+TAKEN = "taken"
+"""Folder of locks, one for each case that a run is at."""
 DIAGNOSIS, CLOSED = "diagnosis.json", "closed.toml"
 
 

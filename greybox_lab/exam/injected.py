@@ -16,7 +16,7 @@ import numpy as np
 from greybox_id.base.errors import BadInput, near
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 from greybox_id.models.registry import build, motion_model_of
 from greybox_id.models.vehicle_file import vehicle
 

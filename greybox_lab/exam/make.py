@@ -20,7 +20,7 @@ from greybox_id.base.processes import side_by_side
 from greybox_id.base.signals import SIGNALS
 from greybox_id.base.version import __version__
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from ..virtual.virtual_vehicle import EFFECTS, OUTSIDE
 from .answers import Answer, Tier, read_answer, write_answer
@@ -72,18 +72,21 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
     )
 
 
-def make_foreign(folder: Path, seed: int, counts: Counts, wanted: Sequence[str], jobs: int, say: Say) -> Exam:
+def make_foreign(
+    folder: Path, seed: int, tier: Tier, counts: Counts, wanted: Sequence[str], jobs: int, say: Say
+) -> Exam:
     """Make an examination on vehicles of foreign simulators; parameters and errors as of `make`.
 
     Parameters
     ----------
+    tier : "foreign", "many" or "rough".
     counts : how many cases of each kind.
     wanted : families, or sets of them; none are those of the set "examination".
     """
     from .foreign.families import dealt_out
 
-    planned = dealt_out(counts, seed, wanted)
-    asked = {"tier": "foreign", "seed": seed, **vars(counts), "families": list(wanted)}
+    planned = dealt_out(counts, tier, seed, wanted)
+    asked = {"tier": tier, "seed": seed, **vars(counts), "families": list(wanted)}
     return make_cases(folder, asked, _written(planned, folder), jobs, say)
 
 
@@ -163,7 +166,7 @@ def _written(planned: Sequence[Planned], folder: Path) -> dict[str, Callable[[],
 
 def _write(planned: Planned, folder: Path) -> Answer:
     given, kept = folder / CASES / planned.case, folder / SEALED / planned.case
-    if planned.tier == "foreign":
+    if planned.family:
         from .foreign.case import made as made_foreign
 
         case = made_foreign(planned)

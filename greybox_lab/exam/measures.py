@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from .answers import Tier
-from .findings import ExamFinding, Size
+from .findings import LIBRARY, ExamFinding, Size
 
 BINS = 10
 
@@ -57,6 +57,11 @@ _NAMES = {
     "first_strictly": "single effect: first choice right by name",
     "among_three": "single effect: among the first three",
     "doubles": "two effects: both among the first three",
+    "causes": "effects that are there: applied, up to what cannot be distinguished",
+    "everything": "everything that is there applied and nothing else: share of cases",
+    "extra": "names applied that are not there, a case",
+    "of_truth": "gap closed, held out, over what the true effects close: median",
+    "classes": "calibration error of classes of causes",
     "unknown": "outside the vocabulary: called unknown",
     "beside": "names applied that are not there: share of cases",
     "null_names": "nulls with a name applied",
@@ -91,6 +96,11 @@ _BARS: Mapping[str, Mapping[str, Bar]] = {
         "false_alarms": (0.0, 0.05), "first": (0.90, 1.0), "beside": (0.0, 0.08), "outside_named": (0.0, 0.15),
         "calibration": (0.0, 0.04),
     },
+    "many": {
+        "causes": (0.80, 1.0), "everything": (0.50, 1.0), "extra": (0.0, 0.15), "of_truth": (0.90, inf),
+        "coverage": (0.92, 0.98), "calibration": (0.0, 0.03), "classes": (0.0, 0.03), "cpu": (0.0, 10.0),
+    },
+    "rough": {"causes": (0.60, 1.0), "beside": (0.0, 0.05), "null_names": (0.0, 0.05)},
     "injected": {"first": (0.85, 1.0), "null_names": (0.0, 0.05), "beside": (0.0, 0.05)},
     "changed": {
         "changed_first": (1.0, 1.0), "changed_off": (0.0, 0.12), "null_names": (0.0, 0.0), "right": (0.45, 1.0),
@@ -100,7 +110,8 @@ _BARS: Mapping[str, Mapping[str, Bar]] = {
 """By tier; `beside` counts singles and pairs; first choices are of effects above the scatter between recordings, where
 that is known."""
 _CHANGES = ("right", "silent", "above", "changed_first", "changed_off")
-"""Measured where the question is what changed."""
+"""Measured where the question is what changed, and not where it is of one recording."""
+_ALONE = ("clean", "workshop", "foreign", "many", "rough")
 
 _ROUNDING = 1e-9
 STRETCH = 2.0
@@ -138,14 +149,17 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
     """Every line of the score of one tier."""
     kinds = {
         kind: [own for own in found if own.answer.kind == kind]
-        for kind in ("null", "single", "double", "outside", "changed")
+        for kind in ("null", "single", "double", "many", "outside", "changed")
     }
     above = [own for own in kinds["single"] if own.answer.above]
     off = [size.off for own in kinds["changed"] for size in own.sizes if isfinite(size.off)]
-    library = kinds["single"] + kinds["double"]
+    library = kinds["single"] + kinds["double"] + kinds["many"]
     sizes = [size for own in library for size in own.sizes]
     applied = [own for own in library + kinds["outside"] if isfinite(own.claimed) and not isnan(own.verified)]
     told = [pair for own in found for pair in own.told]
+    classes = [pair for own in found for pair in own.classes]
+    truly = [own.of_truth for own in library if not isnan(own.of_truth)]
+    causes = [k < own.applied_right for own in library for k in range(len(own.answer.effects))]
     cpu = [own.cpu for own in found if isfinite(own.cpu)]
     values = {
         "false_alarms": _share(own.detected for own in kinds["null"]),
@@ -156,6 +170,10 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
         "first_strictly": _share(own.first_strictly for own in above),
         "among_three": _share(own.among_three for own in above),
         "doubles": _share(own.among_three for own in kinds["double"]),
+        "causes": _share(causes),
+        "everything": _share(own.right for own in library),
+        "extra": _mean([float(len(own.beside)) for own in library]),
+        "of_truth": _median(truly),
         "unknown": _share(own.unknown for own in kinds["outside"]),
         "beside": _share(bool(own.beside) for own in library),
         "null_names": _share(bool(own.beside) for own in kinds["null"]),
@@ -167,14 +185,14 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
         "wrongly_unknown": _share(own.unknown for own in library),
         "magnitude": _median([size.error for size in sizes]),
         "coverage": _share(size.covered for size in sizes),
-        "closed": _median([own.verified for own in applied if own.answer.kind in ("single", "double")]),
+        "closed": _median([own.verified for own in applied if own.answer.kind in LIBRARY]),
         "claim": _median([abs(own.claimed - own.verified) for own in applied]),
         "calibration": _plain(calibration_error(told), told),
+        "classes": _plain(calibration_error(classes), classes),
         "cpu": _mean(cpu),
     }
     bars = _BARS.get(tier, {})
-    since = tier in ("injected", "changed")
-    asked = [key for key in values if (values[key][2] or key in bars if since else key not in _CHANGES)]
+    asked = [key for key in values if key in bars or (values[key][2] and not (key in _CHANGES and tier in _ALONE))]
     return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in asked)
 
 

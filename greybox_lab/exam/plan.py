@@ -16,6 +16,10 @@ SINGLE, OUTSIDE = 0.57, 0.18
 """Shares of the cases that are no nulls; the rest are doubles."""
 SAME_GROUP = 0.15
 """Share of doubles whose effects may act on the same thing."""
+MANY = (3, 6)
+"""Least and most effects of a case with many."""
+OF_A_GROUP = 2
+"""Most of these that act on the same thing."""
 
 
 @dataclass(frozen=True)
@@ -65,12 +69,13 @@ def plan(
 
 @dataclass(frozen=True)
 class Counts:
-    """How many cases with nothing, with one and with two effects of the vocabulary, and with one outside it."""
+    """How many cases with nothing, with one, two and many effects of the vocabulary, and with one outside it."""
 
     nulls: int
     singles: int
     pairs: int
     outside: int
+    many: int = 0
 
 
 def dealt(
@@ -85,6 +90,7 @@ def dealt(
     drawn += [("single", (next(known),), k) for k in range(counts.singles)]
     drawn += [("outside", (next(unknown),), k) for k in range(counts.outside)]
     drawn += [("double", _pair(known, rng), k) for k in range(counts.pairs)]
+    drawn += [("many", _several(known, rng), k) for k in range(counts.many)]
     drawn += [("null", (), k) for k in range(counts.nulls)]
     order, digits = rng.permutation(len(drawn)), max(3, len(str(len(drawn))))
     seeds = rng.integers(1, 2**31 - 1, len(drawn))
@@ -99,6 +105,18 @@ def _dealt(names: Sequence[str], rng: np.random.Generator) -> Iterator[str]:
     while True:
         for k in rng.permutation(len(names)):
             yield names[k]
+
+
+def _several(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, ...]:
+    """Three effects or more, a few of a group, none always like another."""
+    chosen: list[str] = []
+    count = int(rng.integers(MANY[0], MANY[1] + 1))
+    while len(chosen) < count:
+        name = next(deck)
+        mates = [own for own in chosen if group_of(own) == group_of(name)]
+        if name not in chosen and len(mates) < OF_A_GROUP and not set(always_alike(name)) & set(chosen):
+            chosen.append(name)
+    return tuple(chosen)
 
 
 def _pair(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, str]:

@@ -14,7 +14,8 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import Say, fit
+from greybox_id.fitting.how import Say
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import ChosenModel
 from greybox_id.models.vehicle_file import vehicle, write_vehicle

@@ -81,13 +81,26 @@ class Replays:
         """The same of what tolerances leave of that difference, as far as they are likely to lie."""
         return self.beside_tolerances(self.readings(effects) - self.readings(rest))
 
-    def beside_tolerances(self, difference: Array) -> dict[str, float]:
-        """Channel -> root mean square of what tolerances leave of a difference of readings."""
-        if self.tolerances is None or not np.any(difference):
+    def beside_tolerances(self, difference: Array, others: Sequence[Array] = ()) -> dict[str, float]:
+        """Channel -> root mean square of what tolerances leave of a difference of readings.
+
+        Parameters
+        ----------
+        others : differences that other causes make: as much of them as explains most is taken off as well.
+        """
+        left = difference.ravel()
+        if not np.any(left):
             return self._by_channel(difference)
-        shifts = self._shifts(False)
-        taken = _likely(shifts @ shifts.T, shifts @ difference.ravel()) @ shifts
-        return self._by_channel(difference - taken.reshape(difference.shape))
+        basis, _ = np.linalg.qr(np.stack([own.ravel() for own in others], axis=1)) if others else (None, None)
+
+        def beside(rows: Array) -> Array:
+            return rows if basis is None else rows - (rows @ basis) @ basis.T
+
+        left = beside(left)
+        if self.tolerances is not None:
+            shifts = beside(self._shifts(False))
+            left = left - _likely(shifts @ shifts.T, shifts @ left) @ shifts
+        return self._by_channel(left.reshape(difference.shape))
 
     def _by_channel(self, difference: Array) -> dict[str, float]:
         sizes = np.sqrt(np.mean(difference**2, axis=1))

@@ -5,19 +5,22 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from concurrent.futures import FIRST_EXCEPTION, ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from queue import Empty, SimpleQueue
 from threading import Event, Lock
 from typing import Any
 
+import numpy as np
+
 from greybox_id.base.errors import BadInput
-from greybox_id.base.files import write_atomically
+from greybox_id.base.files import ensure_writable, held, write_atomically
 from greybox_id.base.json_data import without_nan
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from .desk import PEEKED, Desk
-from .folder import DIAGNOSIS, case_folders, exam_of
+from .folder import DIAGNOSIS, TAKEN, case_folders, exam_of
 
 
 @dataclass(frozen=True)
@@ -38,8 +41,10 @@ class Sat:
     cpu: float
 
 
-def run(cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say) -> Sat:
-    """Diagnose every case that is not yet, and write what was found beside it.
+def run(
+    cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say, sample: int | None = None, seed: int = 0
+) -> Sat:
+    """Diagnose every case that is not yet, and write what was found beside it; several runs may share the cases.
 
     Parameters
     ----------
@@ -48,6 +53,7 @@ def run(cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say) -> Sat
     jobs : processes at a time.
     timeout : s for a case; what takes longer counts as wrong.
     say : is told of every case.
+    sample, seed : no more than so many cases, drawn by a seed; None for all.
 
     Raises
     ------
@@ -55,6 +61,9 @@ def run(cases: Path, diagnoser: str, jobs: int, timeout: float, say: Say) -> Sat
     """
     exam = exam_of(cases)
     folders = case_folders(exam)
+    if sample is not None and sample < len(folders):
+        drawn = np.random.default_rng((seed, 88007)).choice(len(folders), sample, replace=False)
+        folders = [folders[k] for k in sorted(drawn)]
     todo = [folder for folder in folders if not (folder / DIAGNOSIS).is_file()]
     say(f"{len(todo)} of {len(folders)} cases to diagnose")
     stop = Event()
@@ -98,18 +107,31 @@ class _Room:
                     case = self._waiting.get_nowait()
                 except Empty:
                     return
-                try:
-                    kind, body = desk.diagnose(case, timeout)
-                except BadInput:
-                    if stop.is_set():  # which ended its candidate
+                lock = case.parents[1] / TAKEN / case.name
+                ensure_writable(lock)
+                with ExitStack() as taken:
+                    try:
+                        taken.enter_context(held(lock))
+                    except BadInput:
+                        continue  # another run is at it
+                    if not (case / DIAGNOSIS).is_file() and not self._diagnosed(case, desk, timeout, stop):
                         return
-                    raise
-                if kind == PEEKED:
-                    raise BadInput(f"{body} The run has ended; {case.name} is not diagnosed.")
-                if not stop.is_set():
-                    self._keep(case, body)
         finally:
             desk.leave()
+
+    def _diagnosed(self, case: Path, desk: Desk, timeout: float, stop: Event) -> bool:
+        """Diagnose a case and keep what was found; whether to go on."""
+        try:
+            kind, body = desk.diagnose(case, timeout)
+        except BadInput:
+            if stop.is_set():  # which ended its candidate
+                return False
+            raise
+        if kind == PEEKED:
+            raise BadInput(f"{body} The run has ended; {case.name} is not diagnosed.")
+        if not stop.is_set():
+            self._keep(case, body)
+        return True
 
     def _keep(self, case: Path, body: dict[str, Any]) -> None:
         write_atomically(case / DIAGNOSIS, json.dumps(without_nan(body), indent=1) + "\n")

@@ -17,19 +17,19 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import read_json, without_nan
 from greybox_id.base.processes import side_by_side
-from greybox_id.fitting import Say
+from greybox_id.fitting.how import Say
 
 from .answers import Answer, read_answer
 from .findings import ExamFinding, finding
 from .folder import CASES, DIAGNOSIS, SEALED, exam_of, unbroken
 from .measures import STRETCH, confusions, measures, median, sizes_by_effect
-from .verification import Verify, held_out_closure
+from .verification import Verify, held_out_closure, true_closure
 
 SCORE = "score.json"
 
 
 def score(
-    folder: Path, say: Say, *, verify: Verify = held_out_closure, jobs: int = 1, noted: str = ""
+    folder: Path, say: Say, *, verify: Verify = held_out_closure, jobs: int = 1, noted: str = "", partial: bool = False
 ) -> tuple[dict[str, Any], bool]:
     """The score of an examination; answers and diagnoses are joined the first time only.
 
@@ -40,6 +40,7 @@ def score(
     verify : how far a closed model closes the gap on the recording held out.
     jobs : processes that verify; with one, this process does.
     noted : the seal's sum as noted when the examination was made.
+    partial : score what is diagnosed so far, as of a sample; that is not kept.
 
     Returns
     -------
@@ -57,17 +58,19 @@ def score(
     about = read_json(exam / SEALED / "exam.json")
     answers = [read_answer(file) for file in sorted((exam / SEALED).glob("*/answer.json"))]
     lacking = [own.case for own in answers if not (exam / CASES / own.case / DIAGNOSIS).is_file()]
-    if lacking:
+    answers = [own for own in answers if own.case not in lacking] if partial else answers
+    if lacking and not (partial and answers):
         raise BadInput(
             f"{len(lacking)} of {len(answers)} cases have no diagnosis, {lacking[0]} first. A score is taken once: "
-            f"run greybox exam run {exam / CASES} before."
+            f"run greybox exam run {exam / CASES} before, or score what is diagnosed with --partial."
         )
     diagnoses = {own.case: _diagnosis(exam / CASES / own.case / DIAGNOSIS) for own in answers}
     verified = _verified(exam, answers, diagnoses, verify, jobs, say)
-    found = [finding(own, diagnoses[own.case], verified.get(own.case, nan)) for own in answers]
+    found = [finding(own, diagnoses[own.case], *verified.get(own.case, (nan, nan))) for own in answers]
     body = {"tier": about["tier"], "version": about["version"], "seal": seal, **summary(found, about["tier"])}
     body["opened"] = datetime.now(UTC).isoformat(timespec="seconds")
-    write_atomically(exam / SCORE, json.dumps(without_nan(body), indent=1) + "\n")
+    if not partial:
+        write_atomically(exam / SCORE, json.dumps(without_nan(body), indent=1) + "\n")
     return body, False
 
 
@@ -112,23 +115,26 @@ def _verified(
     verify: Verify,
     jobs: int,
     say: Say,
-) -> dict[str, float]:
-    """Share of the gap that closes on the recording held out, for cases in which something was applied."""
+) -> dict[str, tuple[float, float]]:
+    """Share of the gap that closes on the recording held out, by what was applied and, of many, by what is there."""
     wanted = [
-        own.case
+        own
         for own in answers
-        if diagnoses[own.case].get("applied") and (exam / SEALED / own.case / "held_out.csv").is_file()
+        if (diagnoses[own.case].get("applied") or own.kind == "many")
+        and (exam / SEALED / own.case / "held_out.csv").is_file()
     ]
 
-    def one(number: int) -> float:
-        case = wanted[number]
-        return verify(exam / CASES / case, exam / SEALED / case / "held_out.csv", diagnoses[case])
+    def one(number: int) -> tuple[float, float]:
+        own = wanted[number]
+        given, held_out, said = exam / CASES / own.case, exam / SEALED / own.case / "held_out.csv", diagnoses[own.case]
+        by_truth = true_closure(given, held_out, own) if own.kind == "many" else nan
+        return verify(given, held_out, said) if said.get("applied") else nan, by_truth
 
     done = side_by_side(one, len(wanted), jobs)
     if done.interrupted:
         raise KeyboardInterrupt
     say(f"{len(wanted)} closed models verified on what was held out")
-    return dict(zip(wanted, done.results, strict=True))
+    return {own.case: both for own, both in zip(wanted, done.results, strict=True)}
 
 
 SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
@@ -143,6 +149,9 @@ PERCENT = (
     "outside_named",
     "misplaced",
     "wrongly_unknown",
+    "causes",
+    "everything",
+    "of_truth",
     "magnitude",
     "coverage",
 )

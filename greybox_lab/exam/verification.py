@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from math import inf
+from math import inf, nan
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,10 @@ from greybox_id.models.effects import EFFECTS
 from greybox_id.models.kinds import must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import build, motion_model_of
+from greybox_id.models.vehicle import Stated
 from greybox_id.models.vehicle_file import vehicle
 
+from .answers import Answer
 from .folder import CLOSED, COLUMNS
 
 Verify = Callable[[Path, Path, Mapping[str, Any]], float]
@@ -51,14 +53,30 @@ def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -
     held_out : recording of the same true vehicle.
     diagnosis : its "closed_model" is what `plain_model` makes of the closed model; without it closed.toml counts.
     """
-    stated = vehicle(case / "vehicle.toml")
     plain = diagnosis.get("closed_model")
     try:
-        before = motion_model_of(stated)
         after = model_from(plain) if plain else motion_model_of(vehicle(case / CLOSED))
-        mapping = case / COLUMNS
-        recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
-        found = closure(before, after, [recording], stated, EFFECTS, horizons=False)
+        return _closed(case, held_out, after)
     except GreyboxError:
         return -inf
+
+
+def true_closure(case: Path, held_out: Path, answer: Answer) -> float:
+    """The same of the effects that are really there at their true magnitudes; NaN where they cannot be simulated."""
+    stated = vehicle(case / "vehicle.toml")
+    there = {name: Stated(value) for name, value in answer.effects.items() if name in EFFECTS}
+    second = {name: value for name, value in answer.about.get("drawn", {}).items() if name not in answer.effects}
+    try:
+        after = motion_model_of(replace(stated, effects={**stated.effects, **there}))
+        after = after.with_parameters(*(after[name].with_value(own) for name, own in second.items() if name in after))
+        return _closed(case, held_out, after)
+    except GreyboxError:
+        return nan
+
+
+def _closed(case: Path, held_out: Path, after: MotionModel) -> float:
+    """How far a model closes the gap on a recording held out."""
+    stated, mapping = vehicle(case / "vehicle.toml"), case / COLUMNS
+    recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
+    found = closure(motion_model_of(stated), after, [recording], stated, EFFECTS, horizons=False)
     return float(found.closed)

@@ -51,7 +51,7 @@ class _VirtualCase(Draw):
         drawn = random_vehicle(int(rng.integers(2**31)), kinds[planned.number % len(kinds)])
         named = replace(drawn, name=drawn.kind)  # its own name tells the seed
         self.stated = with_lateral_velocity(named, planned.effects)
-        workshop = planned.tier == "workshop"
+        workshop = planned.tier != "clean"
         self.tolerances = tolerances(self.stated) if workshop else None
         self.car = toleranced(self.stated, rng) if workshop else self.stated
         self.drawn = {name: self.stated.magnitude(name, rng) for name in planned.effects}
@@ -60,11 +60,16 @@ class _VirtualCase(Draw):
         if workshop:
             self.spoilt = {"colour": float(rng.uniform(*COLOUR)), "outliers": float(rng.uniform(*OUTLIERS))}
         seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
-        forms = "other" if workshop else "nominal"
-        self.recording, self.truth = self._driven(DURATION, self.drawn, forms, seed)
+        self.effects, self.seed = self.drawn, seed
+        self._drive("other" if workshop else "nominal")
+        if planned.kind == "many":
+            self.resize()
+            self._drive(self.truth.forms)
+
+    def _drive(self, forms: str | Forms) -> None:
+        self.recording, self.truth = self._driven(DURATION, self.effects, forms, self.seed)
         wind = {name: own for name, own in self.truth.effects.items() if name == "wind_direction"}
         self.effects = {**self.drawn, **wind}
-        self.seed = seed
         period = self.recording.sample_time
         self.again = Replays(self._driven_again, self.car.noise, len(self.recording), period, self.tolerances)
 

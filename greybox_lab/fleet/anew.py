@@ -54,24 +54,26 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     """What is asked of every recording now and was not before, in words."""
     if not before:
         return []
-    found = [_said(name, before.get(name), now[name]) for name in ("version", "steps") if before.get(name) != now[name]]
+    result = [
+        _said(name, before.get(name), now[name]) for name in ("version", "steps") if before.get(name) != now[name]
+    ]
     for step in now["steps"]:
-        old, new = (_options(own, step) for own in (before, now))
+        old, new = (_options(item, step) for item in (before, now))
         names = [name for name in sorted({*old, *new}) if old.get(name) != new.get(name)]
-        found += [_said(f"[{step}] {name}", old.get(name), new.get(name)) for name in names]
+        result += [_said(f"[{step}] {name}", old.get(name), new.get(name)) for name in names]
     if before.get("columns") != now["columns"]:
-        found.append(_said("columns", before.get("columns"), now["columns"]))
+        result.append(_said("columns", before.get("columns"), now["columns"]))
     elif before.get("map", now["map"]) != now["map"]:
-        found.append(f"the column map {now['columns']} is not what it was")
-    return found
+        result.append(f"the column map {now['columns']} is not what it was")
+    return result
 
 
 def _options(origin: Mapping[str, Any], step: str) -> Mapping[str, Any]:
     options = origin.get("options")
-    own = options.get(step) if isinstance(options, dict) else None
-    return own if isinstance(own, dict) else {}
+    chosen = options.get(step) if isinstance(options, dict) else None
+    return chosen if isinstance(chosen, dict) else {}
 
 
 def _said(name: str, old: Any, new: Any) -> str:
-    was, now = (NOT_GIVEN if own is None else json.dumps(own, ensure_ascii=False, default=str) for own in (old, new))
+    was, now = (NOT_GIVEN if item is None else json.dumps(item, ensure_ascii=False, default=str) for item in (old, new))
     return f"{name} was {was} and is {now}"

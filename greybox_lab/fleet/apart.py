@@ -50,13 +50,13 @@ class FleetDistances:
 
     def apart(self) -> Flags:
         """Which are set apart."""
-        found: Flags = self.p * len(self.p) < FALSE
-        return found
+        result: Flags = self.p * len(self.p) < FALSE
+        return result
 
     def weights(self, size: int) -> Array:
         """By Student's t in so many dimensions, at most one."""
-        found: Array = np.minimum((TAILS + size) / (TAILS + self.square), 1.0)
-        return found
+        result: Array = np.minimum((TAILS + size) / (TAILS + self.square), 1.0)
+        return result
 
 
 def distances(
@@ -98,17 +98,17 @@ def strangers(seen: Informed) -> Flags:
     informs = np.diagonal(seen.information, axis1=1, axis2=2) > 0
     count = seen.sums(np.ones(len(estimate)))[seen.vehicle]
     looked_at = max(int(informs.sum()), 1)
-    found = np.zeros(len(estimate), dtype=bool)
+    result = np.zeros(len(estimate), dtype=bool)
     for k in range(estimate.shape[1]):
         here = informs[:, k]
         if not here.any():
             continue
         usual = float(np.median(sd[here, k]))
         weight = np.where(here, 1.0 / np.maximum(sd[:, k], usual), 0.0)
-        own = _medians(estimate[:, k], weight, seen.vehicle, seen.vehicles)
-        of_all = _medians(own[np.isfinite(own)], np.ones(int(np.isfinite(own).sum())), None, 1)[0]
+        medians = _medians(estimate[:, k], weight, seen.vehicle, seen.vehicles)
+        of_all = _medians(medians[np.isfinite(medians)], np.ones(int(np.isfinite(medians).sum())), None, 1)[0]
         few = count < OWN
-        centre = np.where(few, of_all, own[seen.vehicle])
+        centre = np.where(few, of_all, medians[seen.vehicle])
         off = np.abs(estimate[:, k] - centre)
         good = here & (sd[:, k] <= usual)
         scatter = np.zeros(len(off))
@@ -117,8 +117,8 @@ def strangers(seen: Informed) -> Flags:
             scatter[group] = robust_sd(off[some]) if some.any() else 0.0
         freedom = np.where(np.isfinite(seen.freedom), np.maximum(seen.freedom, LEAST_DOF), 1e6)
         p = 2.0 * stdtr(freedom, -off / np.hypot(sd[:, k], scatter))
-        found |= here & (p * looked_at < FALSE)
-    return spared(seen, found)
+        result |= here & (p * looked_at < FALSE)
+    return spared(seen, result)
 
 
 def spared(seen: Informed, apart: Flags) -> Flags:
@@ -138,7 +138,7 @@ def _medians(
     total = np.bincount(of, weight, groups)
     before = np.cumsum(weight) - np.concatenate([[0.0], np.cumsum(total)])[of]
     middle = (before >= 0.5 * total[of]) & (weight > 0)
-    found = np.full(groups, np.nan)
+    result = np.full(groups, np.nan)
     where = np.flatnonzero(middle)[::-1]
-    found[of[where]] = value[where]
-    return found
+    result[of[where]] = value[where]
+    return result

@@ -78,15 +78,15 @@ class VehicleChange:
         """The share of each of its unknowns that recordings have: (recordings, unknowns)."""
         if self.kind == WALK:
             return _walk(x)
-        own = x if self.kind == SLOPE else (np.arange(len(x)) >= self.at).astype(float)
-        return own[:, None]
+        entry = x if self.kind == SLOPE else (np.arange(len(x)) >= self.at).astype(float)
+        return entry[:, None]
 
 
 def changes_of(
     vehicle: int,
     information: Array,
     vector: Array,
-    found: Population,
+    population: Population,
     x: Array,
     taken: Sequence[VehicleChange],
     dof: float,
@@ -96,9 +96,9 @@ def changes_of(
     steps = np.tril(np.ones((count, count)))[:, 1:count].copy()  # column c: recordings from c + 1 on
     designs = np.concatenate([x[:, None], steps], axis=1)
     free = [k for k in range(size) if all(change.parameter != k for change in taken)]
-    own, side = _unknowns(information, vector, found, x, taken)
-    unit = 1.0 / np.sqrt(np.diag(own))  # unknowns differ in size by many orders
-    inverse = la.inv(own * np.outer(unit, unit)) * np.outer(unit, unit)
+    matrix, side = _unknowns(information, vector, population, x, taken)
+    unit = 1.0 / np.sqrt(np.diag(matrix))  # unknowns differ in size by many orders
+    inverse = la.inv(matrix * np.outer(unit, unit)) * np.outer(unit, unit)
     # how every recording's own shift of a parameter is tied to the unknowns: (parameters, unknowns, recordings)
     cross = np.zeros((len(free), len(side), count))
     cross[:, :size] = information[:, free].transpose(1, 2, 0)
@@ -207,25 +207,25 @@ def _wandering(grown: Array, pulled: Array, dof: float) -> Array:
     for row in np.flatnonzero(p < DOUBTFUL):
         p[row] = _tail(np.linalg.eigvalsh(grown[row]), float(total[row]))
     # the size of the scatter is known with so many degrees of freedom, as for slopes and steps
-    found: Array = np.where(p < 1.0, 2.0 * stdtr(dof, ndtri(np.maximum(p, 1e-300) / 2.0)), 1.0)
-    return found
+    result: Array = np.where(p < 1.0, 2.0 * stdtr(dof, ndtri(np.maximum(p, 1e-300) / 2.0)), 1.0)
+    return result
 
 
 def _tail(weights: Array, value: float) -> float:
     """How often a sum of squares of normal numbers with these weights exceeds a value above its mean."""
-    own, value = weights[weights > 1e-12 * weights[-1]] / weights[-1], value / weights[-1]  # of any unit
-    if len(own) == 1:
+    shares, value = weights[weights > 1e-12 * weights[-1]] / weights[-1], value / weights[-1]  # of any unit
+    if len(shares) == 1:
         return float(chdtrc(1.0, value))
     most = 0.5
 
     def slope(s: float) -> float:
-        return float(np.sum(own / (1.0 - 2.0 * s * own))) - value
+        return float(np.sum(shares / (1.0 - 2.0 * s * shares))) - value
 
     if slope(0.0) > -1e-6 * value:  # at the mean the approximation below is zero over zero
         return 1.0
     s = brentq(slope, 0.0, most * (1.0 - 1e-12))
-    bend = 2.0 * float(np.sum(np.square(own / (1.0 - 2.0 * s * own))))
-    w = math.sqrt(max(2.0 * (s * value + 0.5 * float(np.sum(np.log1p(-2.0 * s * own)))), 1e-12))
+    bend = 2.0 * float(np.sum(np.square(shares / (1.0 - 2.0 * s * shares))))
+    w = math.sqrt(max(2.0 * (s * value + 0.5 * float(np.sum(np.log1p(-2.0 * s * shares)))), 1e-12))
     v = s * math.sqrt(bend)
     return float(np.exp(log_ndtr(-(w + math.log(v / w) / w))))
 
@@ -245,19 +245,20 @@ def _walked(grown: Array, pulled: Array, size: float) -> tuple[float, float]:
     return _averaged(np.array(gain)), float(tried[int(np.argmax(gain))])
 
 
-def _as_walk(own: VehicleChange, grown: Array, pulled: Array, wander: float, walk: Array) -> VehicleChange:
+def _as_walk(vehicle_change: VehicleChange, grown: Array, pulled: Array, wander: float, walk: Array) -> VehicleChange:
     covariance = la.inv(grown + np.eye(len(grown)) / wander)
     increments = covariance @ pulled
     end = walk[-1]
     return replace(
-        own, kind=WALK, change=float(end @ increments), variance=float(end @ covariance @ end), at=-1, earliest=-1,
+        vehicle_change, kind=WALK, change=float(end @ increments), variance=float(end @ covariance @ end), at=-1,
+        earliest=-1,
         latest=-1, moved=walk @ increments, wander=wander,
     )  # fmt: skip
 
 
-def dismissed(own: VehicleChange) -> VehicleChange:
+def dismissed(vehicle_change: VehicleChange) -> VehicleChange:
     """The same as one that was not found."""
-    return replace(own, p=1.0, probability=_probability(1.0))
+    return replace(vehicle_change, p=1.0, probability=_probability(1.0))
 
 
 def shows(change: VehicleChange, estimate: Array, covariance: Array) -> bool:
@@ -270,32 +271,32 @@ def shows(change: VehicleChange, estimate: Array, covariance: Array) -> bool:
     weight = 1.0 / np.maximum(covariance[:, k, k], 1e-300)
     z = change.moved - np.sum(weight * change.moved) / np.sum(weight)
     size = float(np.sum(weight * z * z))
-    found = float(np.sum(weight * z * estimate[:, k])) / max(size, 1e-300)
-    return found * math.sqrt(max(size, 0.0)) > Z
+    result = float(np.sum(weight * z * estimate[:, k])) / max(size, 1e-300)
+    return result * math.sqrt(max(size, 0.0)) > Z
 
 
 def _unknowns(
-    information: Array, vector: Array, found: Population, x: Array, taken: Sequence[VehicleChange]
+    information: Array, vector: Array, population: Population, x: Array, taken: Sequence[VehicleChange]
 ) -> tuple[Array, Array]:
     """Precision of a vehicle's unknowns, where it begins and its changes, and that times their estimate."""
-    size = len(found.mean)
+    size = len(population.mean)
     shares = [change.designs(x) for change in taken]
     starts = np.cumsum([size, *(share.shape[1] for share in shares)])
-    prior = np.diag(1.0 / found.spread)
-    own, side = np.zeros((starts[-1],) * 2), np.zeros(starts[-1])
-    own[:size, :size] = information.sum(axis=0) + prior
-    side[:size] = vector.sum(axis=0) + prior @ found.mean
+    prior = np.diag(1.0 / population.spread)
+    matrix, side = np.zeros((starts[-1],) * 2), np.zeros(starts[-1])
+    matrix[:size, :size] = information.sum(axis=0) + prior
+    side[:size] = vector.sum(axis=0) + prior @ population.mean
     for change, share, start in zip(taken, shares, starts, strict=False):
         here = slice(start, start + share.shape[1])
-        own[here, :size] = share.T @ information[:, :, change.parameter]
-        own[:size, here] = own[here, :size].T
+        matrix[here, :size] = share.T @ information[:, :, change.parameter]
+        matrix[:size, here] = matrix[here, :size].T
         side[here] = share.T @ vector[:, change.parameter]
         for other, its, begin in zip(taken, shares, starts, strict=False):
             tied = information[:, change.parameter, other.parameter]
-            own[here, begin : begin + its.shape[1]] = share.T @ (its * tied[:, None])
+            matrix[here, begin : begin + its.shape[1]] = share.T @ (its * tied[:, None])
         if change.kind == WALK:
-            own[here, here] += np.eye(share.shape[1]) / change.wander
-    return own, side
+            matrix[here, here] += np.eye(share.shape[1]) / change.wander
+    return matrix, side
 
 
 @dataclass(frozen=True)
@@ -308,14 +309,14 @@ class VehicleSeries:
 
 
 def together(
-    information: Array, vector: Array, found: Population, x: Array, taken: Sequence[VehicleChange]
+    information: Array, vector: Array, population: Population, x: Array, taken: Sequence[VehicleChange]
 ) -> VehicleSeries:  # fmt: skip
     """A vehicle at each of its recordings, and its changes, all estimated together.
 
     Parameters
     ----------
     information, vector : of the vehicle's recordings, their scatter included, in order.
-    found : the population.
+    population : the population.
     x : from 0 to 1 along them.
     taken : its changes.
 
@@ -324,13 +325,13 @@ def together(
     VehicleSeries
         What is not known of the population's mean included.
     """
-    size, count = len(found.mean), len(x)
-    own, side = _unknowns(information, vector, found, x, taken)
-    unit = 1.0 / np.sqrt(np.diag(own))
-    covariance = la.inv(own * np.outer(unit, unit)) * np.outer(unit, unit)
+    size, count = len(population.mean), len(x)
+    matrix, side = _unknowns(information, vector, population, x, taken)
+    unit = 1.0 / np.sqrt(np.diag(matrix))
+    covariance = la.inv(matrix * np.outer(unit, unit)) * np.outer(unit, unit)
     estimate = covariance @ side
-    pull = covariance[:, :size] / found.spread
-    covariance = covariance + pull @ found.mean_covariance @ pull.T
+    pull = covariance[:, :size] / population.spread
+    covariance = covariance + pull @ population.mean_covariance @ pull.T
     to = np.zeros((count, size, len(side)))
     to[:, :, :size] = np.eye(size)
     changes, start = [], size

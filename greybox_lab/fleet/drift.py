@@ -63,34 +63,36 @@ def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | N
     doubts = np.zeros(count, dtype=bool) if doubted is None else doubted
     apart, weight, softly = strangers(seen), np.ones(count), np.ones(count)
     taken: dict[int, list[VehicleChange]] = {}
-    found: Population | None = None
+    result: Population | None = None
     kept: frozenset[tuple[int, int, str, int]] = frozenset()
     for turn in range(ROUNDS):
         part = weight * ~apart
-        found = population(_without(seen, taken, order).weighted(part), found)
-        both = scattered(seen, found.scatter)
-        far = _far(seen, both, found, order, x, taken, (part, softly))
+        result = population(_without(seen, taken, order).weighted(part), result)
+        both = scattered(seen, result.scatter)
+        far = _far(seen, both, result, order, x, taken, (part, softly))
         softly = np.where(apart | doubts, far.weights(size), 1.0)
-        changes = _all(softly, both, found, order, x)
-        taken = _refined(changes, softly, both, found, order, x)
-        far = _far(seen, both, found, order, x, taken, (part, softly))
-        now = frozenset((own.vehicle, own.parameter, own.kind, own.at) for own in changes if own.drifts)
+        changes = _all(softly, both, result, order, x)
+        taken = _refined(changes, softly, both, result, order, x)
+        far = _far(seen, both, result, order, x, taken, (part, softly))
+        now = frozenset(
+            (change.vehicle, change.parameter, change.kind, change.at) for change in changes if change.drifts
+        )
         was, apart = apart, spared(seen, far.apart())
         weight = np.where(doubts, far.weights(size), 1.0)
         if now == kept and np.array_equal(was, apart) and (turn or not (now or doubts.any())):
             break
         kept = now
-    assert found is not None
+    assert result is not None
     part = np.where(apart, softly, weight)  # for vehicles that changed: what shows a change is not left out
     information, vector = both[0] * part[:, None, None], both[1] * part[:, None]
-    today, covariance = found.vehicle.copy(), found.covariance.copy()
-    told = {(own.vehicle, own.parameter): own for own in changes}
+    today, covariance = result.vehicle.copy(), result.covariance.copy()
+    known = {(change.vehicle, change.parameter): change for change in changes}
     for vehicle, of in taken.items():
         rows = order[vehicle]
-        end = together(information[rows], vector[rows], found, x[vehicle], of)
-        today[vehicle], covariance[vehicle] = end.mean[-1], end.covariance[-1] + found.unsure[vehicle]
-        told |= {(vehicle, own.parameter): own for own in end.changes}
-    return Drifted(found, tuple(told.values()), today, covariance, apart, far)
+        end = together(information[rows], vector[rows], result, x[vehicle], of)
+        today[vehicle], covariance[vehicle] = end.mean[-1], end.covariance[-1] + result.unsure[vehicle]
+        known |= {(vehicle, change.parameter): change for change in end.changes}
+    return Drifted(result, tuple(known.values()), today, covariance, apart, far)
 
 
 def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order) -> Informed:
@@ -102,19 +104,19 @@ def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order
     information, vector = seen.information.copy(), seen.vector.copy()
     for vehicle, changes in taken.items():
         rows = order[vehicle]
-        for own in changes:
-            tied = information[rows][:, :, own.parameter]
-            if own.kind == WALK:
-                share = own.wander / (1.0 + own.wander * tied[:, own.parameter])
-                vector[rows] -= tied * (share * vector[rows, own.parameter])[:, None]
+        for change in changes:
+            tied = information[rows][:, :, change.parameter]
+            if change.kind == WALK:
+                share = change.wander / (1.0 + change.wander * tied[:, change.parameter])
+                vector[rows] -= tied * (share * vector[rows, change.parameter])[:, None]
                 information[rows] -= share[:, None, None] * tied[:, :, None] * tied[:, None, :]
             else:
-                vector[rows] -= tied * own.moved[:, None]
+                vector[rows] -= tied * change.moved[:, None]
     return replace(seen, information=information, vector=vector)
 
 
 def _far(
-    seen: Informed, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array],
+    seen: Informed, both: tuple[Array, Array], population: Population, order: Order, x: Sequence[Array],
     taken: dict[int, list[VehicleChange]], weights: tuple[Array, Array],
 ) -> FleetDistances:  # fmt: skip
     """How far recordings lie from where their vehicles are by then.
@@ -123,63 +125,65 @@ def _far(
     a vehicle was may be what shows that it changed.
     """
     weight = weights[0].copy()
-    at, covariance = found.vehicle[seen.vehicle], found.covariance[seen.vehicle]
+    at, covariance = population.vehicle[seen.vehicle], population.covariance[seen.vehicle]
     for vehicle, changes in taken.items():
         rows = order[vehicle]
         weight[rows] = part = weights[1][rows]
-        own = together(both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], found, x[vehicle], changes)
-        at[rows], covariance[rows] = own.mean, own.covariance
+        entry = together(
+            both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], population, x[vehicle], changes
+        )
+        at[rows], covariance[rows] = entry.mean, entry.covariance
     return distances(seen, both, at, covariance, weight)
 
 
 def _refined(
-    changes: Sequence[VehicleChange], weight: Array, both: tuple[Array, Array], found: Population, order: Order,
+    changes: Sequence[VehicleChange], weight: Array, both: tuple[Array, Array], population: Population, order: Order,
     x: Sequence[Array],
 ) -> dict[int, list[VehicleChange]]:  # fmt: skip
     """The changes that were found, by vehicle, those of one vehicle estimated together."""
     taken: dict[int, list[VehicleChange]] = {}
-    for own in changes:
-        if own.drifts:
-            taken.setdefault(own.vehicle, []).append(own)
+    for change in changes:
+        if change.drifts:
+            taken.setdefault(change.vehicle, []).append(change)
     for vehicle, of in taken.items():
         rows = order[vehicle]
         part = weight[rows]
         taken[vehicle] = together(
-            both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], found, x[vehicle], of
+            both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], population, x[vehicle], of
         ).changes
     return taken
 
 
 def _all(
-    weight: Array, both: tuple[Array, Array], found: Population, order: Order, x: Sequence[Array]
+    weight: Array, both: tuple[Array, Array], population: Population, order: Order, x: Sequence[Array]
 ) -> list[VehicleChange]:  # fmt: skip
     """The changes of all vehicles; those found at the rate are taken out before the vehicle's others are looked for."""
     information, vector = both[0] * weight[:, None, None], both[1] * weight[:, None]
-    size = len(found.mean)
+    size = len(population.mean)
     dof = float(max(1, len(vector) - len(order)))  # with which the scatter of recordings is known
-    series = [own for own in range(len(order)) if len(order[own]) >= LEAST]
+    series = [item for item in range(len(order)) if len(order[item]) >= LEAST]
     alone = marginal(Informed(information, vector, np.zeros(len(vector), dtype=np.int64), 1))
-    taken: dict[int, list[VehicleChange]] = {own: [] for own in series}
+    taken: dict[int, list[VehicleChange]] = {item: [] for item in series}
     best: dict[int, list[VehicleChange]] = {}
     active = list(series)
     for _ in range(size):
-        for own in active:
-            rows = order[own]
-            best[own] = [
+        for item in active:
+            rows = order[item]
+            best[item] = [
                 each if shows(each, alone[0][rows], alone[1][rows]) else dismissed(each)
-                for each in changes_of(own, information[rows], vector[rows], found, x[own], taken[own], dof)
+                for each in changes_of(item, information[rows], vector[rows], population, x[item], taken[item], dof)
             ]
-        firsts = {own: min(best[own], key=lambda each: each.p) for own in active if best[own]}
-        hits = _discovered([own.p for own in firsts.values()])
-        active = [own for own, hit in zip(firsts, hits, strict=True) if hit]
-        for own in active:
-            taken[own].append(replace(firsts[own], drifts=True))
+        firsts = {item: min(best[item], key=lambda each: each.p) for item in active if best[item]}
+        hits = _discovered([first.p for first in firsts.values()])
+        active = [first for first, hit in zip(firsts, hits, strict=True) if hit]
+        for item in active:
+            taken[item].append(replace(firsts[item], drifts=True))
         if not active:
             break
     changes: list[VehicleChange] = []
-    for own in series:
-        done = {each.parameter for each in taken[own]}
-        changes += [*taken[own], *(each for each in best.get(own, ()) if each.parameter not in done)]
+    for item in series:
+        done = {each.parameter for each in taken[item]}
+        changes += [*taken[item], *(each for each in best.get(item, ()) if each.parameter not in done)]
     return changes
 
 
@@ -189,7 +193,7 @@ def _discovered(p: Sequence[float]) -> list[bool]:
         return []
     order = np.argsort(p)
     passed = np.flatnonzero(np.sort(p) <= RATE * np.arange(1, len(p) + 1) / len(p))
-    found = np.zeros(len(p), dtype=bool)
+    result = np.zeros(len(p), dtype=bool)
     if len(passed):
-        found[order[: passed[-1] + 1]] = True
-    return [bool(own) for own in found]
+        result[order[: passed[-1] + 1]] = True
+    return [bool(item) for item in result]

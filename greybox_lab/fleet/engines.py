@@ -65,18 +65,18 @@ def done(job: str) -> str:
     """
     body = json.loads(job)
     ended = _nursery().unit(WORK, body, body["seconds"], body["memory"])
-    found: dict[str, Any] = {}
-    for told in ended.told:
-        found |= told
-    if ended.how != "done" or "status" not in found:
-        found |= _not_done(ended.how, body, found)
-    found |= {"key": body["key"], "cpu_s": ended.cpu_seconds, "peak_mb": ended.peak_mb, "version": MADE_BY}
-    return json.dumps(found)
+    result: dict[str, Any] = {}
+    for item in ended.told:
+        result |= item
+    if ended.how != "done" or "status" not in result:
+        result |= _not_done(ended.how, body, result)
+    result |= {"key": body["key"], "cpu_s": ended.cpu_seconds, "peak_mb": ended.peak_mb, "version": MADE_BY}
+    return json.dumps(result)
 
 
-def _not_done(how: str, job: Mapping[str, Any], found: Mapping[str, Any]) -> dict[str, str]:
+def _not_done(how: str, job: Mapping[str, Any], result: Mapping[str, Any]) -> dict[str, str]:
     """Status and sentence of a recording that was not done."""
-    at = _step(job["steps"], found)
+    at = _step(job["steps"], result)
     if how == "time":
         allowed = f"{job['seconds']:g} s of the processor's time"
         return {"status": TIMEOUT, "sentence": f"{at} took more than {allowed}; raise limits.seconds, or crop it."}
@@ -93,12 +93,12 @@ def _not_done(how: str, job: Mapping[str, Any], found: Mapping[str, Any]) -> dic
     return {"status": FAILED, "sentence": f"{at} ended without a result ({how:.200})."}
 
 
-def _step(steps: Sequence[str], found: Mapping[str, Any]) -> str:
+def _step(steps: Sequence[str], result: Mapping[str, Any]) -> str:
     """What was at work, told from what was found before."""
-    told = {"check": "findings", "fit": "parameters", "gap": "gaps"}
-    if "rows" not in found:
+    results = {"check": "findings", "fit": "parameters", "gap": "gaps"}
+    if "rows" not in result:
         return "Reading"
-    return next((f"The step {step}" for step in steps if told[step] not in found), "The last step")
+    return next((f"The step {step}" for step in steps if results[step] not in result), "The last step")
 
 
 def _nursery() -> Nursery:
@@ -106,8 +106,8 @@ def _nursery() -> Nursery:
     if not hasattr(_held, "nursery"):
         _held.nursery = Nursery(_compiled())
         atexit.register(_held.nursery.close)
-    found: Nursery = _held.nursery
-    return found
+    result: Nursery = _held.nursery
+    return result
 
 
 @lru_cache
@@ -144,8 +144,8 @@ class Local:
                 _submit(pool, jobs, waiting)
             while waiting:
                 ready, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for own in ready:
-                    yield json.loads(own.result())
+                for item in ready:
+                    yield json.loads(item.result())
                     _submit(pool, jobs, waiting)
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -181,16 +181,16 @@ class Distributed:
                 waiting.add(self._handed_out(job))
 
         hand_out()
-        for own in waiting:
-            yield self._taken(own)
-            own.release()
+        for item in waiting:
+            yield self._taken(item)
+            item.release()
             hand_out()
 
     def _at_a_time(self) -> int:
         """How many units its workers do at a time; they come and go, so it is asked now and then."""
         if time.monotonic() - self._asked > ASKED:
             with suppress(OSError, TimeoutError):  # a scheduler that is gone cancels what was handed out, which is told
-                self._workers = max(1, sum(int(own) for own in self._client.nthreads().values()))
+                self._workers = max(1, sum(int(nthread) for nthread in self._client.nthreads().values()))
             self._asked = time.monotonic()
         return self._workers
 
@@ -198,18 +198,18 @@ class Distributed:
         key = json.loads(job)["key"]
         return self._client.submit(done, job, key=f"greybox-{key}", retries=RETRIES, pure=False)
 
-    def _taken(self, own: Any) -> dict[str, Any]:
+    def _taken(self, future: Any) -> dict[str, Any]:
         from distributed import CancelledError
         from distributed.scheduler import KilledWorker
 
         try:  # where its worker died before it was fetched, it is computed again and waited for
-            found: dict[str, Any] = json.loads(own.result())
-            return found
+            result: dict[str, Any] = json.loads(future.result())
+            return result
         except CancelledError as error:
             raise _gone(self._scheduler) from error
         except KilledWorker:
             return {
-                "key": str(own.key).removeprefix("greybox-"), "status": FAILED, "version": MADE_BY, "cpu_s": None,
+                "key": str(future.key).removeprefix("greybox-"), "status": FAILED, "version": MADE_BY, "cpu_s": None,
                 "sentence": f"{RETRIES + 1} workers died at it; read their logs.", "peak_mb": None,
             }  # fmt: skip
 
@@ -290,8 +290,8 @@ def _client(kind: Any, scheduler: str) -> Iterator[Any]:
 
 def _must_be_alike(client: Any, scheduler: str) -> None:
     """Refuse workers that would compute something else."""
-    told = client.run(_version)
-    others = {version for version in told.values() if version != MADE_BY}
+    versions = client.run(_version)
+    others = {version for version in versions.values() if version != MADE_BY}
     if others:
         raise BadInput(
             f"Workers of {scheduler} run greybox-id {', '.join(sorted(others))}, not {MADE_BY}; install the same."

@@ -93,12 +93,12 @@ class FleetEstimate:
             )
             lines.append(f"mean     {row['name']} {_ranged(row['mean'], row['low'], row['high'], row['unit'])}{spread}")
         lines += [f"{'apart' if k == 0 else '':9}{words}" for k, words in enumerate(self.apart["sentence"])]
-        said = self.sentences()
-        lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(said)]
-        if not said:
+        stated = self.sentences()
+        lines += [f"{'changed' if k == 0 else '':9}{words}" for k, words in enumerate(stated)]
+        if not stated:
             tested = self.drift["vehicle"].nunique()
-            found = f"nothing found in {counted(tested, 'vehicle')} with enough recordings"
-            lines.append(f"changed  {found if tested else 'no vehicle has enough recordings to say'}")
+            result = f"nothing found in {counted(tested, 'vehicle')} with enough recordings"
+            lines.append(f"changed  {result if tested else 'no vehicle has enough recordings to say'}")
         lines.append(f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}")
         return "\n".join([*lines, f"         every vehicle on one page: greybox fleet report {self.folder}"])
 
@@ -131,22 +131,22 @@ def estimate(folder: str | Path) -> FleetEstimate:
     store = Store.existing(folder)
     recordings = store.current()
     joined, left_out = joined_fits(store, recordings)
-    found: Drifted | None = None
+    result: Drifted | None = None
     if joined is None:
         tables: dict[str, list[dict[str, Any]]] = {name: [] for name in ESTIMATED}
         over: dict[str, str] = {}
     else:
-        found = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
+        result = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
         tables = {
-            "population": _population_rows(joined, found),
-            "vehicles": _vehicle_rows(joined, found),
-            "drift": _drift_rows(joined, found),
-            "apart": _apart_rows(joined, found),
+            "population": _population_rows(joined, result),
+            "vehicles": _vehicle_rows(joined, result),
+            "drift": _drift_rows(joined, result),
+            "apart": _apart_rows(joined, result),
         }
         over = dict(zip(joined.vehicles, joined.over, strict=True))
     for name, rows in tables.items():
         store.replace(name, rows)
-    write_prior(store.folder, tables["population"], joined, found)
+    write_prior(store.folder, tables["population"], joined, result)
     return FleetEstimate(
         population=store.read("population"),
         vehicles=store.read("vehicles"),
@@ -160,13 +160,17 @@ def estimate(folder: str | Path) -> FleetEstimate:
     )
 
 
-def _population_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
-    own, rows = found.population, []
+def _population_rows(joined: JoinedFits, drifted: Drifted) -> list[dict[str, Any]]:
+    population, rows = drifted.population, []
     several = len(joined.vehicles) > 1
     for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
-        mu, sd, tau = float(own.mean[k]), float(np.sqrt(own.mean_covariance[k, k])), float(np.sqrt(own.spread[k]))
+        mu, sd, tau = (
+            float(population.mean[k]),
+            float(np.sqrt(population.mean_covariance[k, k])),
+            float(np.sqrt(population.spread[k])),
+        )
         size = natural(mu, log) if log else 1.0
-        dof, far = float(own.spread_dof[k]), float(reach(own.mean_dof[k]))
+        dof, far = float(population.spread_dof[k]), float(reach(population.mean_dof[k]))
         ends = [tau * math.sqrt(dof / chdtri(dof, tail)) for tail in ((1 - LEVEL) / 2, (1 + LEVEL) / 2)]
         rows.append(
             {
@@ -176,31 +180,33 @@ def _population_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]
                 "spread_low": ends[0] * size if several else math.nan,
                 "spread_high": ends[1] * size if several else math.nan,
                 "vehicles": len(joined.vehicles),
-                "recordings": int(np.sum(joined.seen.information[~found.apart, k, k] > 0)),
+                "recordings": int(np.sum(joined.seen.information[~drifted.apart, k, k] > 0)),
                 "mu": mu, "mu_sd": sd, "tau": tau if several else math.nan,
             }
         )  # fmt: skip
     return rows
 
 
-def _vehicle_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
-    own = found.population
+def _vehicle_rows(joined: JoinedFits, drifted: Drifted) -> list[dict[str, Any]]:
+    population = drifted.population
     rows: list[dict[str, Any]] = []
     several = len(joined.vehicles) > 2
     time_of = joined.rows["time"].to_numpy(dtype=float)
-    wander = {(change.vehicle, change.parameter): change.wander for change in found.changes if change.drifts}
+    wander = {(change.vehicle, change.parameter): change.wander for change in drifted.changes if change.drifts}
     for v, vehicle in enumerate(joined.vehicles):
-        mean, covariance = found.today[v], found.covariance[v]
-        mine = joined.order[v][~found.apart[joined.order[v]]]
+        mean, covariance = drifted.today[v], drifted.covariance[v]
+        mine = joined.order[v][~drifted.apart[joined.order[v]]]
         times = time_of[joined.order[v]]
         for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
             sd = math.sqrt(float(covariance[k, k]))
             walked = wander.get((v, k), 0.0) / max(len(joined.order[v]) - 1, 1)  # until the next recording
-            further = math.sqrt(float(covariance[k, k] + own.scatter[k]) + walked)
-            shrunken = float(own.spread[k]) - min(float(own.spread[k]), float(own.covariance[v, k, k]))
-            apart = float(own.vehicle[v, k] - own.mean[k])
+            further = math.sqrt(float(covariance[k, k] + population.scatter[k]) + walked)
+            shrunken = float(population.spread[k]) - min(
+                float(population.spread[k]), float(population.covariance[v, k, k])
+            )
+            apart = float(population.vehicle[v, k] - population.mean[k])
             outlier = apart / math.sqrt(shrunken) if several and shrunken > 0 else math.nan
-            value, far = float(mean[k]), float(reach(own.dof[v, k]))
+            value, far = float(mean[k]), float(reach(population.dof[v, k]))
             rows.append(
                 {
                     "vehicle": vehicle, "name": name, "unit": unit,
@@ -212,14 +218,14 @@ def _vehicle_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
                     "sentence": None,
                 }
             )  # fmt: skip
-    _tell_outliers(rows, joined, found)
+    _tell_outliers(rows, joined, drifted)
     return rows
 
 
-def _tell_outliers(rows: list[dict[str, Any]], joined: JoinedFits, found: Drifted) -> None:
+def _tell_outliers(rows: list[dict[str, Any]], joined: JoinedFits, drifted: Drifted) -> None:
     """A sentence for each vehicle that lies apart from the others, at a rate of false ones (Bonferroni)."""
     tested = [row for row in rows if math.isfinite(row["outlier"])]
-    means = dict(zip(joined.names, zip(found.population.mean, joined.logs, strict=True), strict=True))
+    means = dict(zip(joined.names, zip(drifted.population.mean, joined.logs, strict=True), strict=True))
     for row in tested:
         if 2 * ndtr(-abs(row["outlier"])) * len(tested) > FAR:
             continue
@@ -231,52 +237,56 @@ def _tell_outliers(rows: list[dict[str, Any]], joined: JoinedFits, found: Drifte
         )
 
 
-def _drift_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
+def _drift_rows(joined: JoinedFits, drifted: Drifted) -> list[dict[str, Any]]:
     rows = []
-    told = {name: joined.rows[name].to_numpy() for name in ("odometer", "time", "key", "path")}
-    for own in found.changes:
-        vehicle, name = joined.vehicles[own.vehicle], joined.names[own.parameter]
-        unit, log = joined.units[own.parameter], joined.logs[own.parameter]
-        now = float(found.today[own.vehicle, own.parameter])
-        begin = own.begin if own.drifts else now
-        size, sd = own.change, math.sqrt(own.variance)
+    by_column = {name: joined.rows[name].to_numpy() for name in ("odometer", "time", "key", "path")}
+    for change in drifted.changes:
+        vehicle, name = joined.vehicles[change.vehicle], joined.names[change.parameter]
+        unit, log = joined.units[change.parameter], joined.logs[change.parameter]
+        now = float(drifted.today[change.vehicle, change.parameter])
+        begin = change.begin if change.drifts else now
+        size, sd = change.change, math.sqrt(change.variance)
         if log:  # of a positive parameter, as a difference from where it began, which is not known exactly either
-            size = natural(begin + own.change, log) - natural(begin, log)
-            along = natural(begin + own.change, log)
-            sd = math.sqrt(along**2 * own.variance + size**2 * own.begin_variance + 2 * along * size * own.begin_shared)
+            size = natural(begin + change.change, log) - natural(begin, log)
+            along = natural(begin + change.change, log)
+            sd = math.sqrt(
+                along**2 * change.variance + size**2 * change.begin_variance + 2 * along * size * change.begin_shared
+            )
         sizes = (size, size - Z * sd, size + Z * sd)
-        order, by = joined.order[own.vehicle], joined.over[own.vehicle]
-        stepped = own.kind == STEP
-        of = [int(order[k if stepped else 0]) for k in (own.at, own.earliest, own.latest)]
+        order, by = joined.order[change.vehicle], joined.over[change.vehicle]
+        stepped = change.kind == STEP
+        of = [int(order[k if stepped else 0]) for k in (change.at, change.earliest, change.latest)]
         places = [
-            float(told[by][at]) if by in ORDERS[:2] else float(max(k, 0))
-            for at, k in zip(of, (own.at, own.earliest, own.latest), strict=True)
+            float(by_column[by][at]) if by in ORDERS[:2] else float(max(k, 0))
+            for at, k in zip(of, (change.at, change.earliest, change.latest), strict=True)
         ]
-        times = [float(told["time"][at]) for at in of]
-        dates = [_date(time, str(told["path"][at])) for time, at in zip(times, of, strict=True)]
+        times = [float(by_column["time"][at]) for at in of]
+        dates = [_date(time, str(by_column["path"][at])) for time, at in zip(times, of, strict=True)]
         early, late = (places[1:], times[1:]) if stepped else ([math.nan] * 2, [math.nan] * 2)
         rows.append(
             {
-                "vehicle": vehicle, "name": name, "unit": unit, "model": own.kind if own.drifts else CONSTANT,
-                "over": by, "probability": own.probability, "p": own.p, "drifts": own.drifts, "change": sizes[0],
+                "vehicle": vehicle, "name": name, "unit": unit, "model": change.kind if change.drifts else CONSTANT,
+                "over": by, "probability": change.probability, "p": change.p, "drifts": change.drifts,
+                "change": sizes[0],
                 "low": sizes[1], "high": sizes[2], "at": places[0], "at_low": early[0], "at_high": early[1],
-                "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1], "at_key": str(told["key"][of[0]]),
+                "at_time": times[0], "at_time_low": late[0], "at_time_high": late[1],
+                "at_key": str(by_column["key"][of[0]]),
                 "recordings": len(order),
-                "sentence": _told(own, vehicle, name, unit, log, sizes, dates) if own.drifts else None,
+                "sentence": _told(change, vehicle, name, unit, log, sizes, dates) if change.drifts else None,
             }
         )  # fmt: skip
     return rows
 
 
-def _apart_rows(joined: JoinedFits, found: Drifted) -> list[dict[str, Any]]:
+def _apart_rows(joined: JoinedFits, drifted: Drifted) -> list[dict[str, Any]]:
     """Recordings that are set apart, by the parameter in which their fits lie furthest off."""
     rows: list[dict[str, Any]] = []
-    far, scatter = found.distances, found.population.scatter
-    for j in np.flatnonzero(found.apart):
+    far, scatter = drifted.distances, drifted.population.scatter
+    for j in np.flatnonzero(drifted.apart):
         at = plain_rows(joined.rows.iloc[[int(j)]])[0]
-        own = list(at["names"])
-        of_fit = np.sqrt(np.diag(unpacked(np.asarray(at["lower"], dtype=float), len(own))))
-        places = [(k, own.index(name)) for k, name in enumerate(joined.names) if name in own]
+        names = list(at["names"])
+        of_fit = np.sqrt(np.diag(unpacked(np.asarray(at["lower"], dtype=float), len(names))))
+        places = [(k, names.index(name)) for k, name in enumerate(joined.names) if name in names]
         centres = [float(at["centre"][of]) for _, of in places]
         widths = [math.sqrt(far.sd[j, k] ** 2 + scatter[k] + of_fit[of] ** 2) for k, of in places]
         off = [abs(c - far.at[j, k]) / w for c, w, (k, _) in zip(centres, widths, places, strict=True)]
@@ -305,23 +315,25 @@ def _why_apart(
             f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
         )
     else:
-        own = f"{number(value, 3)} {pretty_unit(unit)}".strip()
+        size = f"{number(value, 3)} {pretty_unit(unit)}".strip()
         where = (
-            f"its {name} {own} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+            f"its {name} {size} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
         )
     return f"{path} is set apart: {where}; its fit ended in another optimum, or it is of another car."
 
 
 def _told(
-    own: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: tuple[float, float, float],
+    vehicle_change: VehicleChange, vehicle: str, name: str, unit: str, log: bool, sizes: tuple[float, float, float],
     dates: Sequence[str],
 ) -> str:  # fmt: skip
-    percent = f"{100 * math.expm1(own.change):+.0f}".replace("-", "−")
+    percent = f"{100 * math.expm1(vehicle_change.change):+.0f}".replace("-", "−")
     share = f" ({percent} %)" if log else ""
     size = f"{'+' if sizes[0] > 0 else ''}{_ranged(*sizes, unit)}{share}"
-    likely = "probability > 0.99" if own.probability >= SURE else f"probability {own.probability:.2f}"
-    if own.kind != STEP:
-        verb = "drifted" if own.kind == SLOPE else "wandered"
+    likely = (
+        "probability > 0.99" if vehicle_change.probability >= SURE else f"probability {vehicle_change.probability:.2f}"
+    )
+    if vehicle_change.kind != STEP:
+        verb = "drifted" if vehicle_change.kind == SLOPE else "wandered"
         return f"{vehicle}: {name} {verb} by {size} over its recordings, {likely}"
     since, early, late = dates
     between = f" [{early}, {late}]" if early != late else ""
@@ -341,6 +353,6 @@ def _date(time: float, path: str) -> str:
 def _records(table: pd.DataFrame) -> list[dict[str, Any]]:
     """Rows as plain data; what is not there is None."""
     return [
-        {name: None if isinstance(own, float) and math.isnan(own) else own for name, own in row.items()}
+        {name: None if isinstance(item, float) and math.isnan(item) else item for name, item in row.items()}
         for row in plain_rows(table)
     ]

@@ -75,8 +75,8 @@ class Informed:
 
     def sums(self, values: Array) -> Array:
         """Sums over the recordings of each vehicle: (recordings, ...) to (vehicles, ...)."""
-        found: Array = (self._membership @ values.reshape(len(values), -1)).reshape(self.vehicles, *values.shape[1:])
-        return found
+        result: Array = (self._membership @ values.reshape(len(values), -1)).reshape(self.vehicles, *values.shape[1:])
+        return result
 
     @cached_property
     def _membership(self) -> csr_matrix:
@@ -136,8 +136,8 @@ def informed(covariance: Array, centre: Array, prior_mean: Array, prior_sd: Arra
     share, axes = np.linalg.eigh(back * prior @ back.T)
     noise = PRIOR_NOISE * np.sqrt(2.0 / np.min(freedom))
     kept = 1.0 - share > np.maximum(share * noise, NOT_INFORMED)
-    told = root @ axes[:, kept]
-    return (told * (1.0 - share[kept])) @ told.T, told @ (axes[:, kept].T @ (back @ vector))
+    base = root @ axes[:, kept]
+    return (base * (1.0 - share[kept])) @ base.T, base @ (axes[:, kept].T @ (back @ vector))
 
 
 def scattered(seen: Informed, scatter: Array) -> tuple[Array, Array]:
@@ -177,16 +177,16 @@ def _step(slope: Array, curvature: Array, at: Array, least: Array) -> Array:
     move, free = np.zeros(len(at)), (at > least) | (slope > 0)
     unit = np.sqrt(np.maximum(np.diag(curvature), 1e-300))
     free &= np.diag(curvature) > 0
-    own = np.ix_(free, free)
+    block = np.ix_(free, free)
     if free.any():
-        move[free] = la.lstsq(curvature[own] / np.outer(unit, unit)[own], slope[free] / unit[free])[0] / unit[free]
+        move[free] = la.lstsq(curvature[block] / np.outer(unit, unit)[block], slope[free] / unit[free])[0] / unit[free]
     return move
 
 
 def _noise(seen: Informed) -> Array:
     """The variance of each parameter that fits which inform it usually have, the others known."""
-    own = np.diagonal(seen.information, axis1=1, axis2=2)
-    return np.array([1.0 / np.median(of[of > 0]) if np.any(of > 0) else 1.0 for of in own.T])
+    diagonals = np.diagonal(seen.information, axis1=1, axis2=2)
+    return np.array([1.0 / np.median(of[of > 0]) if np.any(of > 0) else 1.0 for of in diagonals.T])
 
 
 def marginal(seen: Informed) -> tuple[Array, Array]:
@@ -196,10 +196,12 @@ def marginal(seen: Informed) -> tuple[Array, Array]:
     -------
     (recordings, parameters) and (recordings, parameters, parameters).
     """
-    own = np.diagonal(seen.information, axis1=1, axis2=2)
-    unit = 1.0 / np.sqrt(np.where(own > 0, own, 1.0 / _noise(seen)))
+    diagonals = np.diagonal(seen.information, axis1=1, axis2=2)
+    unit = 1.0 / np.sqrt(np.where(diagonals > 0, diagonals, 1.0 / _noise(seen)))
     both = unit[:, :, None] * unit[:, None, :]
-    inverse = np.asarray(np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(own.shape[1])), dtype=np.float64)
+    inverse = np.asarray(
+        np.linalg.inv(seen.information * both + NOT_INFORMED * np.eye(diagonals.shape[1])), dtype=np.float64
+    )
     covariance = _symmetric(inverse) * both
     return (covariance @ seen.vector[:, :, None])[:, :, 0], covariance
 
@@ -211,8 +213,8 @@ def _first(seen: Informed) -> tuple[Array, Array]:
     estimates, _ = marginal(seen)
     noise = _noise(seen)
     for k in range(size):
-        own = seen.information[:, k, k]
-        best = own >= np.median(own[own > 0]) if np.any(own > 0) else own > 0
+        precision = seen.information[:, k, k]
+        best = precision >= np.median(precision[precision > 0]) if np.any(precision > 0) else precision > 0
         first[k] = max(float(np.var(estimates[best, k])) if best.any() else 0.0, 0.01 * noise[k])
         typical[k] = 0.1 * max(first[k], noise[k])
     return first, typical
@@ -252,13 +254,13 @@ def _given(seen: Informed, at: Array) -> _Given:
     return _Given(information, vector, of_vehicle, given, vehicle, mean, mean_covariance)
 
 
-def _covariance(found: _Given, spread: Array) -> Array:
+def _covariance(given_at: _Given, spread: Array) -> Array:
     """Of vehicles, what is not known of the mean included."""
-    pull = found.given / spread
-    return _symmetric(found.given + pull @ found.mean_covariance @ pull.transpose(0, 2, 1))
+    pull = given_at.given / spread
+    return _symmetric(given_at.given + pull @ given_at.mean_covariance @ pull.transpose(0, 2, 1))
 
 
-def _scored(seen: Informed, found: _Given, at: Array) -> tuple[Array, Array]:
+def _scored(seen: Informed, given_at: _Given, at: Array) -> tuple[Array, Array]:
     """Slope of the restricted likelihood along T and W, and its expected curvature.
 
     With P the projected precision of all estimates, the slope along a variance is half the difference of a square and
@@ -267,18 +269,18 @@ def _scored(seen: Informed, found: _Given, at: Array) -> tuple[Array, Array]:
     """
     size = len(at) // 2
     spread = at[:size]
-    a, own = found.information, found.vehicle
-    away = (own - found.mean) / spread
-    of_mean = found.given / spread  # how vehicles follow the mean
-    between = _about(found, spread)
-    shared = between @ found.mean_covariance @ between
+    a, centre = given_at.information, given_at.vehicle
+    away = (centre - given_at.mean) / spread
+    of_mean = given_at.given / spread  # how vehicles follow the mean
+    between = _about(given_at, spread)
+    shared = between @ given_at.mean_covariance @ between
     slope_t = 0.5 * np.sum(np.square(away) - np.diagonal(between - shared, axis1=1, axis2=2), axis=0)
-    u = found.vector - (a @ own[seen.vehicle][:, :, None])[:, :, 0]
-    f = a @ found.given[seen.vehicle]
+    u = given_at.vector - (a @ centre[seen.vehicle][:, :, None])[:, :, 0]
+    f = a @ given_at.given[seen.vehicle]
     aga = f @ a
     # diagonal of A Cov A: the part through the mean has rank one per vehicle, and needs the vehicles' sums alone
     led = a @ of_mean[seen.vehicle]
-    through = np.einsum("jkm,jkm->jk", led @ found.mean_covariance, led)
+    through = np.einsum("jkm,jkm->jk", led @ given_at.mean_covariance, led)
     p_own = np.diagonal(a - aga, axis1=1, axis2=2) - through
     slope_w = 0.5 * np.sum(np.square(u) - p_own, axis=0)
     count = seen.vehicles
@@ -295,12 +297,12 @@ def _scored(seen: Informed, found: _Given, at: Array) -> tuple[Array, Array]:
     return np.concatenate([slope_t, slope_w]), curvature
 
 
-def _about(found: _Given, spread: Array) -> Array:
+def _about(given_at: _Given, spread: Array) -> Array:
     """What vehicles say of the mean: (T + 1 / their information)^-1."""
-    return np.diag(1.0 / spread) - found.given / np.outer(spread, spread)
+    return np.diag(1.0 / spread) - given_at.given / np.outer(spread, spread)
 
 
-def _told(seen: Informed, found: _Given, at: Array) -> Population:
+def _told(seen: Informed, given_at: _Given, at: Array) -> Population:
     """The population with intervals that know that T and W were estimated, which tells where vehicles are few.
 
     Covariances grow by what a vehicle's estimate moves with T and W, and have degrees of freedom by how they move
@@ -309,33 +311,34 @@ def _told(seen: Informed, found: _Given, at: Array) -> Population:
     """
     size, vehicles = len(at) // 2, seen.vehicles
     spread = at[:size]
-    _, curvature = _scored(seen, found, at)
+    _, curvature = _scored(seen, given_at, at)
     unsure = _inverse(curvature)
-    f = found.information @ found.given[seen.vehicle]
-    u = found.vector - (found.information @ found.vehicle[seen.vehicle][:, :, None])[:, :, 0]
-    pull = found.given / spread
+    f = given_at.information @ given_at.given[seen.vehicle]
+    u = given_at.vector - (given_at.information @ given_at.vehicle[seen.vehicle][:, :, None])[:, :, 0]
+    pull = given_at.given / spread
     # how estimates and their variances move: (vehicles, variances, parameters)
-    away = (found.vehicle - found.mean) / spread
+    away = (given_at.vehicle - given_at.mean) / spread
     moved = np.concatenate([pull.transpose(0, 2, 1) * away[:, :, None], -seen.sums(f * u[:, :, None])], axis=1)
-    between = _about(found, spread)
+    between = _about(given_at, spread)
     of_mean = np.concatenate(
         [np.einsum("ikm,ikn->kmn", between, between), np.einsum("jkm,jkn->kmn", f / spread, f / spread)]
     )
-    of_mean = found.mean_covariance @ of_mean @ found.mean_covariance
+    of_mean = given_at.mean_covariance @ of_mean @ given_at.mean_covariance
     wider = np.concatenate([np.square(pull.transpose(0, 2, 1)), seen.sums(np.square(f))], axis=1)
     wider += np.einsum("ipm,kmn,ipn->ikp", pull, of_mean, pull)
-    covariance = _covariance(found, spread)
+    covariance = _covariance(given_at, spread)
     variance = np.diagonal(covariance, axis1=1, axis2=2)
     dof = _freedom(variance, np.einsum("ikp,kl,ilp->ip", wider, unsure, wider), vehicles)
     grown = np.einsum("ikp,kl,ilq->ipq", moved, unsure, moved)
     of_mean_own = np.diagonal(of_mean, axis1=1, axis2=2)
     mean_dof = _freedom(
-        np.diag(found.mean_covariance), np.einsum("kp,kl,lp->p", of_mean_own, unsure, of_mean_own), vehicles
+        np.diag(given_at.mean_covariance), np.einsum("kp,kl,lp->p", of_mean_own, unsure, of_mean_own), vehicles
     )
-    reliable = 1.0 - np.clip(np.diagonal(found.given, axis1=1, axis2=2) / spread, 0.0, 1.0)
+    reliable = 1.0 - np.clip(np.diagonal(given_at.given, axis1=1, axis2=2) / spread, 0.0, 1.0)
     spread_dof = np.maximum(np.sum(np.square(reliable), axis=0) * (vehicles - 1) / vehicles, 1.0)
     return Population(
-        found.mean, found.mean_covariance, mean_dof, spread, spread_dof, at[size:], found.vehicle, covariance + grown,
+        given_at.mean, given_at.mean_covariance, mean_dof, spread, spread_dof, at[size:], given_at.vehicle,
+        covariance + grown,
         grown, dof,
     )  # fmt: skip
 
@@ -343,11 +346,11 @@ def _told(seen: Informed, found: _Given, at: Array) -> Population:
 def _inverse(curvature: Array) -> Array:
     """Covariance of T and W; what nothing is known of, as T of a single vehicle, moves nothing and counts nothing."""
     known = np.diag(curvature) > 0
-    found = np.zeros_like(curvature)
-    own = np.ix_(known, known)
+    result = np.zeros_like(curvature)
+    block = np.ix_(known, known)
     unit = np.sqrt(np.diag(curvature)[known])
-    found[own] = la.pinvh(curvature[own] / np.outer(unit, unit)) / np.outer(unit, unit)
-    return found
+    result[block] = la.pinvh(curvature[block] / np.outer(unit, unit)) / np.outer(unit, unit)
+    return result
 
 
 def _freedom(variance: Array, of_variance: Array, vehicles: int) -> Array:

@@ -60,22 +60,22 @@ def joined_fits(
         left_out["no fit, or its optimum is not confirmed"] = missing
     kept = kept[kept["verdict"] != "not usable"].sort_values(["vehicle", "path"]).reset_index(drop=True)
     names, units, logs = _names(kept)
-    said = [_of_row(row, names, logs) for row in plain_rows(kept)]
-    fine = [own is not None for own in said]
+    parsed = [_of_row(row, names, logs) for row in plain_rows(kept)]
+    fine = [item is not None for item in parsed]
     if not all(fine):
         left_out["its fit informs nothing"] = len(fine) - sum(fine)
     kept = kept[fine].reset_index(drop=True)
-    both = [own for own in said if own is not None]
+    both = [item for item in parsed if item is not None]
     if not both:
         return None, dict(left_out)
-    information, vector = np.array([own for own, _, _ in both]), np.array([own for _, own, _ in both])
-    freedom = np.array([own for _, _, own in both])
+    information, vector = np.array([item for item, _, _ in both]), np.array([item for _, item, _ in both])
+    freedom = np.array([item for _, _, item in both])
     here = np.flatnonzero(np.diagonal(information, axis1=1, axis2=2).sum(axis=0) > 0)
     information, vector = information[:, here][:, :, here], vector[:, here]
     names, units, logs = [names[k] for k in here], [units[k] for k in here], [logs[k] for k in here]
     vehicles = sorted(set(kept["vehicle"]))
     numbers = {name: k for k, name in enumerate(vehicles)}
-    of = np.array([numbers[own] for own in kept["vehicle"]], dtype=np.int64)
+    of = np.array([numbers[item] for item in kept["vehicle"]], dtype=np.int64)
     order, x, over = [], [], []
     along_of = kept[list(ORDERS[:2])]
     for k in range(len(vehicles)):
@@ -87,7 +87,7 @@ def joined_fits(
         x.append(along / along[-1] if along[-1] > 0 else along)
         over.append(by)
     seen = Informed(information, vector, of, len(vehicles), freedom, _shared_prior(kept, names, logs))
-    keys = [str(own) for own in kept["key"]]
+    keys = [str(item) for item in kept["key"]]
     return JoinedFits(names, units, logs, seen, keys, vehicles, order, x, over, kept, again), dict(left_out)
 
 
@@ -101,8 +101,8 @@ def _with_refits(
     verdicts = dict(zip(second["refit_of"], second["verdict"], strict=True))
     kept = covariances[~covariances["key"].isin(set(verdicts))]
     kept = kept.assign(key=kept["key"].replace(first))
-    told = recordings["key"].map(verdicts)
-    return recordings.assign(verdict=told.where(told.notna(), recordings["verdict"])), kept, len(first)
+    verdict = recordings["key"].map(verdicts)
+    return recordings.assign(verdict=verdict.where(verdict.notna(), recordings["verdict"])), kept, len(first)
 
 
 def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
@@ -119,12 +119,12 @@ def _names(kept: pd.DataFrame) -> tuple[list[str], list[str], list[bool]]:
 
 def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array, float] | None:
     """Information, vector and degrees of freedom of a recording over all parameters; None where it says nothing."""
-    own = [str(name) for name in row["names"]]
-    covariance = unpacked(np.asarray(row["lower"], dtype=float), len(own))
+    parameters = [str(name) for name in row["names"]]
+    covariance = unpacked(np.asarray(row["lower"], dtype=float), len(parameters))
     size = np.diag(covariance)
     sound = np.isfinite(size) & (size > 0) & ~np.asarray(row["at_bound"], dtype=bool)
     taken = [
-        k for k, (name, log) in enumerate(zip(own, row["logarithm"], strict=True))
+        k for k, (name, log) in enumerate(zip(parameters, row["logarithm"], strict=True))
         if sound[k] and name in names and logs[names.index(name)] == bool(log)
     ]  # fmt: skip
     if not taken:
@@ -136,7 +136,7 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
         return None
     if not (np.all(np.isfinite(data)) and np.all(np.isfinite(vector)) and np.any(np.diag(data) > 0)):
         return None
-    places = [names.index(own[k]) for k in taken]
+    places = [names.index(parameters[k]) for k in taken]
     whole, of = np.zeros((len(names), len(names))), np.zeros(len(names))
     whole[np.ix_(places, places)], of[places] = data, vector
     return whole, of, float(np.nanmin(np.append(parts[-1], np.inf)))
@@ -144,9 +144,9 @@ def _of_row(row: Mapping[str, Any], names: Sequence[str], logs: Sequence[bool]) 
 
 def _shared_prior(kept: pd.DataFrame, names: Sequence[str], logs: Sequence[bool]) -> tuple[Array, Array]:
     """Information and vector of the prior that fits share: of each parameter, what is usual among them."""
-    name, log, mean, sd = (np.concatenate(kept[own]) for own in ("names", "logarithm", "prior_mean", "prior_sd"))
-    own = [(name == called) & (log.astype(bool) == is_log) for called, is_log in zip(names, logs, strict=True)]
-    mean, sd = (np.array([np.median(values[here]) for here in own]) for values in (mean, sd))
+    name, log, mean, sd = (np.concatenate(kept[item]) for item in ("names", "logarithm", "prior_mean", "prior_sd"))
+    columns = [(name == called) & (log.astype(bool) == is_log) for called, is_log in zip(names, logs, strict=True)]
+    mean, sd = (np.array([np.median(values[here]) for here in columns]) for values in (mean, sd))
     return 1.0 / np.square(sd), mean / np.square(sd)
 
 

@@ -79,8 +79,8 @@ def entries(plan: FleetPlan, known: Mapping[str, tuple[int, int, str]] | None = 
     if not listed:
         raise BadInput(f"{plan.file}: there are no recordings called like {', '.join(plan.recordings)}.")
     vehicles: dict[str, tuple[str, str]] = {}
-    found = [_keyed(plan, entry, known or {}, vehicles) for entry in _without_contradictions(listed)]
-    return _once(found)
+    result = [_keyed(plan, entry, known or {}, vehicles) for entry in _without_contradictions(listed)]
+    return _once(result)
 
 
 def _listed(plan: FleetPlan) -> Iterator[FleetEntry]:
@@ -149,14 +149,14 @@ def _measured(entry: FleetEntry, time: Any, odometer: Any, where: str) -> FleetE
 
 def _matching(plan: FleetPlan, pattern: str) -> Iterator[FleetEntry]:
     """Files of a pattern, in which {vehicle}, {time} and {odometer} stand for parts of names."""
-    told = PLACE.search(pattern)
+    place = PLACE.search(pattern)
     plain = PLACE.sub("*", pattern)
-    shape = re.compile(_expression(pattern)) if told else None
+    shape = re.compile(_expression(pattern)) if place else None
     if has_magic(plain):
         base = Path(plain).anchor
         folder = Path(base) if base else plan.folder
         files = sorted(folder.glob(plain[len(base) :] if base else plain))
-        files = [own for own in files if told or own.name.lower().endswith(tuple(SUFFIXES)) or not own.is_dir()]
+        files = [file for file in files if place or file.name.lower().endswith(tuple(SUFFIXES)) or not file.is_dir()]
     else:
         files = [plan.folder / plain]
     for file in files:
@@ -172,19 +172,19 @@ def _matching(plan: FleetPlan, pattern: str) -> Iterator[FleetEntry]:
 
 def _expression(pattern: str) -> str:
     """The regular expression of a pattern with places: they and * stand for anything but a slash, ** for anything."""
-    found, seen = "", set[str]()
+    result, seen = "", set[str]()
     for part in re.split(r"(\{(?:vehicle|time|odometer)\}|\*\*/|\*\*|\*|\?|\[[^\]]*\])", pattern):
         if PLACE.fullmatch(part):
             name = part[1:-1]
-            found += f"(?P={name})" if name in seen else f"(?P<{name}>[^/]+)"
+            result += f"(?P={name})" if name in seen else f"(?P<{name}>[^/]+)"
             seen.add(name)
         elif part.startswith("**"):
-            found += "(?:.*/)?" if part.endswith("/") else ".*"
+            result += "(?:.*/)?" if part.endswith("/") else ".*"
         elif part in ("*", "?"):
-            found += "[^/]" + (part if part == "*" else "")
+            result += "[^/]" + (part if part == "*" else "")
         else:
-            found += part if part.startswith("[") and part.endswith("]") else re.escape(part)
-    return found
+            result += part if part.startswith("[") and part.endswith("]") else re.escape(part)
+    return result
 
 
 def _instant(value: Any, where: str) -> float:
@@ -193,9 +193,9 @@ def _instant(value: Any, where: str) -> float:
         return math.nan
     text = str(value).strip()
     try:
-        found = float(text)
-        if math.isfinite(found):
-            return found
+        result = float(text)
+        if math.isfinite(result):
+            return result
     except ValueError:
         pass
     try:
@@ -208,10 +208,10 @@ def _instant(value: Any, where: str) -> float:
 def _distance(value: Any, where: str) -> float:
     if value is None or str(value).strip() in ("", "nan", "<NA>", "None"):
         return math.nan
-    found = number(str(value), "m", f"{where}: odometer")
-    if not math.isfinite(found) or found < 0:
+    result = number(str(value), "m", f"{where}: odometer")
+    if not math.isfinite(result) or result < 0:
         raise BadInput(f"{where}: odometer {str(value)!r:.40} is no distance; write metres, or 12000 km.")
-    return found
+    return result
 
 
 def _text(value: Any) -> str:
@@ -223,22 +223,22 @@ def _without_contradictions(listed: Sequence[FleetEntry]) -> Iterator[FleetEntry
     of: dict[str, set[str]] = {}
     for entry in listed:
         of.setdefault(str(entry.file), set()).add(entry.vehicle)
-    told = set[str]()
+    known = set[str]()
     for entry in listed:
         names = of[str(entry.file)]
         if len(names) == 1:
             yield entry
-        elif str(entry.file) not in told:
-            told.add(str(entry.file))
-            words = " and ".join(sorted(own or "no vehicle" for own in names))
+        elif str(entry.file) not in known:
+            known.add(str(entry.file))
+            words = " and ".join(sorted(name or "no vehicle" for name in names))
             yield replace(entry, problem=f"{entry.path} is listed for {words}; a recording is of one vehicle.")
 
 
-def _once(found: Sequence[FleetEntry]) -> list[FleetEntry]:
+def _once(fleet_entries: Sequence[FleetEntry]) -> list[FleetEntry]:
     """Entries without repetition: the same bytes of the same vehicle are one recording."""
     kept: dict[str, FleetEntry] = {}
     by_bytes: dict[str, FleetEntry] = {}
-    for entry in found:
+    for entry in fleet_entries:
         first = by_bytes.setdefault(entry.sha256, entry) if entry.sha256 and not entry.problem else entry
         if first is not entry and first.vehicle != entry.vehicle:
             words = f"{entry.path} holds the same bytes as {first.path}, which is of {first.vehicle}"
@@ -303,15 +303,15 @@ def _stated(plan: FleetPlan, named: str) -> tuple[str, str]:
 
 def _hashed(entry: FleetEntry, known: Mapping[str, tuple[int, int, str]]) -> FleetEntry:
     try:
-        told = entry.file.stat()
+        value = entry.file.stat()
         if entry.file.is_dir():
             return replace(entry, sha256=hash_of(entry.file))
-        if not stat.S_ISREG(told.st_mode):
+        if not stat.S_ISREG(value.st_mode):
             raise BadInput(f"{entry.path} is no file that can be read twice; copy it into one.")
         before = known.get(entry.path)
-        same = before is not None and before[:2] == (told.st_size, told.st_mtime_ns)
+        same = before is not None and before[:2] == (value.st_size, value.st_mtime_ns)
         digest = before[2] if before is not None and same else hash_of(entry.file)
-        return replace(entry, sha256=digest, size=told.st_size, changed=told.st_mtime_ns)
+        return replace(entry, sha256=digest, size=value.st_size, changed=value.st_mtime_ns)
     except OSError as error:
         near = near_file(entry.file)
         raise BadInput(f"{entry.path} cannot be read: {error.strerror or error}.{near}") from error

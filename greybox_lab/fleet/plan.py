@@ -104,19 +104,19 @@ def plan_of(path: str | Path) -> FleetPlan:
 
 def _patterns(file: Path, value: Any) -> tuple[str, ...]:
     several = [value] if isinstance(value, str) else value
-    if not isinstance(several, list) or not several or not all(isinstance(own, str) and own for own in several):
+    if not isinstance(several, list) or not several or not all(isinstance(item, str) and item for item in several):
         raise BadInput(f"{file}: recordings is a pattern, a list of patterns, or a manifest's file, not {value!r:.60}.")
     return tuple(several)
 
 
 def _vehicles(file: Path, value: Any) -> dict[str, str]:
     table = {"*": value} if isinstance(value, str) else value
-    if not isinstance(table, Mapping) or not all(isinstance(own, str) and own for own in table.values()):
+    if not isinstance(table, Mapping) or not all(isinstance(item, str) and item for item in table.values()):
         raise BadInput(
             f'{file}: vehicle is a vehicle file, or a table of them, as in vehicle = {{"V1*" = "v1.toml"}}, not '
             f"{value!r:.60}."
         )
-    return {str(name): own for name, own in table.items()}
+    return {str(name): item for name, item in table.items()}
 
 
 def _columns(file: Path, value: Any) -> str:
@@ -133,20 +133,20 @@ def _columns(file: Path, value: Any) -> str:
 def _steps(file: Path, value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or not value:
         raise BadInput(f'{file}: steps is a list of {", ".join(STEPS)}, as in steps = ["check", "fit"].')
-    for own in value:
-        if own not in STEPS:
-            raise BadInput(f"{file}: there is no step {own!r}.{near_or_all(str(own), STEPS)}")
-    return tuple(own for own in STEPS if own in value)
+    for item in value:
+        if item not in STEPS:
+            raise BadInput(f"{file}: there is no step {item!r}.{near_or_all(str(item), STEPS)}")
+    return tuple(item for item in STEPS if item in value)
 
 
 def _options(file: Path, body: Mapping[str, Any], steps: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
     from .unit import OPTIONS, wanted
 
     for step in STEPS:
-        own = body.get(step, {})
-        if not isinstance(own, Mapping):
-            raise BadInput(f"{file}: [{step}] is a table of options, not {own!r:.60}.")
-        for name in own:
+        entry = body.get(step, {})
+        if not isinstance(entry, Mapping):
+            raise BadInput(f"{file}: [{step}] is a table of options, not {entry!r:.60}.")
+        for name in entry:
             if name not in OPTIONS[step]:
                 raise BadInput(f"{file}: [{step}] has no option {name!r}.{near_or_all(name, OPTIONS[step])}")
     model = body.get(FIT, {}).get("model")
@@ -174,12 +174,12 @@ def _bytes(file: Path, value: Any) -> float:
     number = text.rstrip("abcdefghijklmnopqrstuvwxyz ")
     factor = UNITS.get(text[len(number) :].strip()) if isinstance(value, str) else 1.0
     try:
-        found = float(number) * (factor or float("nan"))
+        result = float(number) * (factor or float("nan"))
     except ValueError:
-        found = float("nan")
-    if not LEAST_MEMORY <= found < 1e15:
+        result = float("nan")
+    if not LEAST_MEMORY <= result < 1e15:
         raise BadInput(f'{file}: limits.memory is a size from 50 MB on, as in "1GB", not {value!r:.40}.')
-    return found
+    return result
 
 
 def vehicle_named(plan: FleetPlan, named: str) -> str:

@@ -35,9 +35,9 @@ class SecondPass:
     keys: frozenset[str]
     priors: tuple[str, ...]
 
-    def beside(self, own: Any) -> list[str]:
+    def beside(self, entry: Any) -> list[str]:
         """The priors of a plan that these do not replace."""
-        texts = [f"{name}={value}" for name, value in own.items()] if isinstance(own, Mapping) else own
+        texts = [f"{name}={value}" for name, value in entry.items()] if isinstance(entry, Mapping) else entry
         taken = {text.partition("=")[0].strip() for text in self.priors}
         several = [texts] if isinstance(texts, str) else texts
         return [text for text in several if text.partition("=")[0].strip() not in taken]
@@ -49,26 +49,26 @@ def second_pass(store: Store) -> SecondPass:
     joined, _ = joined_fits(store, recordings, refits=False)
     if joined is None:
         return SecondPass(frozenset(), ())
-    found = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
-    width = widths(joined, found)
+    result = drifted(joined.seen, joined.order, joined.x, doubted(store, joined))
+    width = widths(joined, result)
     _, covariance = marginal(joined.seen)
     free = np.diagonal(joined.seen.information, axis1=1, axis2=2) > 0
     sd = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    poor = found.apart | np.any(free & (sd > width), axis=1)
-    good = {key for key, own in zip(joined.keys, poor, strict=True) if not own}
+    poor = result.apart | np.any(free & (sd > width), axis=1)
+    good = {key for key, item in zip(joined.keys, poor, strict=True) if not item}
     fitted = recordings[recordings["status"] == OK]["key"]
     texts = []
     for k, (name, unit, log) in enumerate(zip(joined.names, joined.units, joined.logs, strict=True)):
-        mean = natural(float(found.population.mean[k]), log)
+        mean = natural(float(result.population.mean[k]), log)
         texts.append(prior_text(name, mean, float(width[k]) * (mean if log else 1.0), unit))
     return SecondPass(frozenset(str(key) for key in fitted if key not in good), tuple(texts))
 
 
-def widths(joined: JoinedFits, found: Drifted) -> Array:
+def widths(joined: JoinedFits, drifted: Drifted) -> Array:
     """Standard deviation of what a recording of a vehicle that is not known has, in the coordinates of estimates."""
-    own = found.population
-    spread = own.spread if len(joined.vehicles) > 1 else 0.0
-    width: Array = np.sqrt(spread + own.scatter + np.diag(own.mean_covariance))
+    population = drifted.population
+    spread = population.spread if len(joined.vehicles) > 1 else 0.0
+    width: Array = np.sqrt(spread + population.scatter + np.diag(population.mean_covariance))
     return width
 
 
@@ -78,7 +78,7 @@ def prior_text(name: str, mean: float, width: float, unit: str) -> str:
 
 
 def write_prior(
-    folder: Path, rows: Sequence[Mapping[str, Any]], joined: JoinedFits | None, found: Drifted | None
+    folder: Path, rows: Sequence[Mapping[str, Any]], joined: JoinedFits | None, drifted: Drifted | None
 ) -> None:  # fmt: skip
     """What the next vehicle of the class is expected to have, as defaults of `greybox fit`."""
     lines = [
@@ -87,7 +87,7 @@ def write_prior(
         "prior = [",
     ]
     for k, row in enumerate(rows):
-        if joined is not None and found is not None and math.isfinite(row["spread"]):
-            width = float(widths(joined, found)[k]) * (row["mean"] if row["logarithm"] else 1.0)
+        if joined is not None and drifted is not None and math.isfinite(row["spread"]):
+            width = float(widths(joined, drifted)[k]) * (row["mean"] if row["logarithm"] else 1.0)
             lines.append(f'    "{prior_text(row["name"], row["mean"], width, row["unit"])}",')
     write_atomically(folder / PRIOR, "\n".join([*lines, "]", ""]), continued=True)

@@ -90,7 +90,7 @@ def live(progress: FleetProgress) -> RenderableType:
     table.add_column("vehicle", header_style="dim")
     for name in STATUSES:
         table.add_column(name, header_style="dim", justify="right")
-    worst = sorted(progress.vehicles.items(), key=lambda own: (own[1][OK] - sum(own[1].values()), own[0]))
+    worst = sorted(progress.vehicles.items(), key=lambda item: (item[1][OK] - sum(item[1].values()), item[0]))
     for name, counts in worst[:SHOWN]:
         table.add_row(Text(name), *(str(counts[status] or "") for status in STATUSES))
     if len(worst) > SHOWN:

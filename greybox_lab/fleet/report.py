@@ -62,34 +62,40 @@ def report(folder: str | Path, out: str | Path | None = None, *, vehicle: str | 
     target = claim(Path(out) if out is not None else Path(folder) / (f"report_{vehicle}.html" if vehicle else FILE))
     if target.suffix.lower() not in (".html", ".htm"):
         raise BadInput(f"{target}: a report of a fleet is an HTML page; name a file that ends in .html with ‹out›.")
-    how_far, found = status(folder), estimate(folder)
+    how_far, result = status(folder), estimate(folder)
     store = Store.existing(folder)
     if vehicle is not None and vehicle not in how_far.vehicles:
         raise BadInput(f"‹vehicle›: the fleet has no {vehicle!r}.{near_or_all(vehicle, how_far.vehicles)}")
-    return write_html(_document(store, how_far, found, vehicle), target)
+    return write_html(_document(store, how_far, result, vehicle), target)
 
 
-def _document(store: Store, how_far: FleetStatus, found: FleetEstimate, vehicle: str | None) -> Document:
+def _document(store: Store, how_far: FleetStatus, fleet_estimate: FleetEstimate, vehicle: str | None) -> Document:
     names = [vehicle] if vehicle is not None else list(how_far.vehicles)
-    parts: list[Part] = [VerdictBox(tuple(_answer(how_far, found, names)))]
-    said = [words for words in found.sentences() if any(words.startswith(f"{name}: ") for name in names)]
-    parts += titled("What changed, and who lies apart", Points(tuple(said)), *_changes(store, found, names))
+    parts: list[Part] = [VerdictBox(tuple(_answer(how_far, fleet_estimate, names)))]
+    stated = [words for words in fleet_estimate.sentences() if any(words.startswith(f"{name}: ") for name in names)]
+    parts += titled("What changed, and who lies apart", Points(tuple(stated)), *_changes(store, fleet_estimate, names))
     if vehicle is None:
-        parts += titled("Population", _population(found), *_ranks(found))
-    parts += titled("Vehicles", _vehicles(found, names), *_more(found.vehicles[found.vehicles["vehicle"].isin(names)]))
-    parts += titled("Recordings set apart", _apart(found, names))
+        parts += titled("Population", _population(fleet_estimate), *_ranks(fleet_estimate))
+    parts += titled(
+        "Vehicles",
+        _vehicles(fleet_estimate, names),
+        *_more(fleet_estimate.vehicles[fleet_estimate.vehicles["vehicle"].isin(names)]),
+    )
+    parts += titled("Recordings set apart", _apart(fleet_estimate, names))
     parts += titled("Gaps", _gaps(store, names))
     parts += titled("Recordings", *_states(how_far, names), *_broken(store, names))
-    parts += titled("How it was made", _made(store, found))
+    parts += titled("How it was made", _made(store, fleet_estimate))
     about = f"{how_far.recordings} recordings of {counted(len(how_far.vehicles), 'vehicle')}"
     title = f"Vehicle {vehicle}" if vehicle is not None else "Fleet"
     return Document(title, about, "a fleet", f"greybox-id {MADE_BY}", tuple(parts))
 
 
-def _answer(how_far: FleetStatus, found: FleetEstimate, names: list[str]) -> Iterator[tuple[str, str]]:
-    changed = found.drift[found.drift["drifts"] & found.drift["vehicle"].isin(names)]
-    apart = found.vehicles[found.vehicles["sentence"].notna() & found.vehicles["vehicle"].isin(names)]
-    tested = found.drift[found.drift["vehicle"].isin(names)]["vehicle"].nunique()
+def _answer(how_far: FleetStatus, fleet_estimate: FleetEstimate, names: list[str]) -> Iterator[tuple[str, str]]:
+    changed = fleet_estimate.drift[fleet_estimate.drift["drifts"] & fleet_estimate.drift["vehicle"].isin(names)]
+    apart = fleet_estimate.vehicles[
+        fleet_estimate.vehicles["sentence"].notna() & fleet_estimate.vehicles["vehicle"].isin(names)
+    ]
+    tested = fleet_estimate.drift[fleet_estimate.drift["vehicle"].isin(names)]["vehicle"].nunique()
     if tested:
         yield (
             "changed",
@@ -98,16 +104,18 @@ def _answer(how_far: FleetStatus, found: FleetEstimate, names: list[str]) -> Ite
         )
     else:
         yield "changed", "No vehicle has enough recordings to say."
-    listed = counted(found.vehicles[found.vehicles["vehicle"].isin(names)]["vehicle"].nunique(), "vehicle")
+    listed = counted(
+        fleet_estimate.vehicles[fleet_estimate.vehicles["vehicle"].isin(names)]["vehicle"].nunique(), "vehicle"
+    )
     yield "apart", f"{apart['vehicle'].nunique()} of {listed}, further from the mean than the fleet's spread explains."
-    set_apart = int(found.apart["vehicle"].isin(names).sum())
+    set_apart = int(fleet_estimate.apart["vehicle"].isin(names).sum())
     if set_apart:
         yield "set apart", f"{counted(set_apart, 'recording')}, whose fit ended in another optimum, or of another car."
     counts = [how_far.vehicles[name] for name in names]
-    broken = sum(sum(own.get(state, 0) for state in BROKEN) for own in counts)
-    distrusted = sum(own.get(NOT_TRUSTED, 0) for own in counts)
-    waiting = sum(own.get(WAITING, 0) for own in counts)
-    all_of = sum(sum(own.values()) for own in counts)
+    broken = sum(sum(count.get(state, 0) for state in BROKEN) for count in counts)
+    distrusted = sum(count.get(NOT_TRUSTED, 0) for count in counts)
+    waiting = sum(count.get(WAITING, 0) for count in counts)
+    all_of = sum(sum(count.values()) for count in counts)
     yield (
         "recordings",
         f"{all_of}: {broken} without a result, {distrusted} not to be trusted"
@@ -115,30 +123,30 @@ def _answer(how_far: FleetStatus, found: FleetEstimate, names: list[str]) -> Ite
     )
 
 
-def _population(found: FleetEstimate) -> Table:
+def _population(fleet_estimate: FleetEstimate) -> Table:
     rows = []
-    for own in found.population.to_dict("records"):
-        spread = "" if math.isnan(own["spread"]) else number(own["spread"], 2)
-        ends = "" if not spread else f"[{number(own['spread_low'], 2)}, {number(own['spread_high'], 2)}]"
-        mean, interval = _with_ends(own["mean"], own["low"], own["high"])
-        rows.append((own["name"], mean, interval, pretty_unit(own["unit"]), spread, ends, str(own["recordings"])))
+    for item in fleet_estimate.population.to_dict("records"):
+        spread = "" if math.isnan(item["spread"]) else number(item["spread"], 2)
+        ends = "" if not spread else f"[{number(item['spread_low'], 2)}, {number(item['spread_high'], 2)}]"
+        mean, interval = _with_ends(item["mean"], item["low"], item["high"])
+        rows.append((item["name"], mean, interval, pretty_unit(item["unit"]), spread, ends, str(item["recordings"])))
     head = ("parameter", "mean", "95 % interval", "unit", "spread", "95 % interval", "recordings")
     return Table(head, tuple(rows), "lrllrlr")
 
 
-def _vehicles(found: FleetEstimate, names: list[str]) -> Table:
+def _vehicles(fleet_estimate: FleetEstimate, names: list[str]) -> Table:
     """Values today, the vehicles that lie furthest apart first."""
-    table = found.vehicles[found.vehicles["vehicle"].isin(names)]
+    table = fleet_estimate.vehicles[fleet_estimate.vehicles["vehicle"].isin(names)]
     far = table["outlier"].abs().groupby(table["vehicle"]).max().fillna(0.0).sort_values(ascending=False, kind="stable")
     rows = []
     for name in list(far.index)[:MOST_ROWS]:
-        for own in table[table["vehicle"] == name].to_dict("records"):
-            today, interval = _with_ends(own["value"], own["low"], own["high"])
-            _, following = _with_ends(own["value"], own["next_low"], own["next_high"])
+        for item in table[table["vehicle"] == name].to_dict("records"):
+            today, interval = _with_ends(item["value"], item["low"], item["high"])
+            _, following = _with_ends(item["value"], item["next_low"], item["next_high"])
             rows.append(
                 (
-                    str(name), own["name"], today, interval, following, pretty_unit(own["unit"]),
-                    "" if math.isnan(own["outlier"]) else f"{own['outlier']:+.1f}", str(own["recordings"]),
+                    str(name), item["name"], today, interval, following, pretty_unit(item["unit"]),
+                    "" if math.isnan(item["outlier"]) else f"{item['outlier']:+.1f}", str(item["recordings"]),
                 )
             )  # fmt: skip
     head = ("vehicle", "parameter", "today", "95 % interval", "next recording", "unit", "sd off", "n")
@@ -158,10 +166,10 @@ def _more(table: pd.DataFrame) -> Iterator[Text]:
         yield Text(f"And {counted(left, 'vehicle')} nearer to the mean, in the dataset vehicles.")
 
 
-def _apart(found: FleetEstimate, names: list[str]) -> Points:
+def _apart(fleet_estimate: FleetEstimate, names: list[str]) -> Points:
     """Which recordings do not count, and why."""
-    own = found.apart[found.apart["vehicle"].isin(names)]
-    return Points(tuple(own["sentence"].head(MOST_BROKEN)))
+    entry = fleet_estimate.apart[fleet_estimate.apart["vehicle"].isin(names)]
+    return Points(tuple(entry["sentence"].head(MOST_BROKEN)))
 
 
 def _gaps(store: Store, names: list[str]) -> Table:
@@ -169,18 +177,18 @@ def _gaps(store: Store, names: list[str]) -> Table:
     gaps = gaps[gaps["vehicle"].isin(names) & gaps["detected"].fillna(False).astype(bool)]
     rows = []
     likely = gaps[gaps["probability"] > PROBABLE]
-    for effect, own in likely.groupby("effect"):
-        unit = pretty_unit(str(own["unit"].iloc[0]))
+    for effect, item in likely.groupby("effect"):
+        unit = pretty_unit(str(item["unit"].iloc[0]))
         rows.append(
             (
                 str(effect),
-                str(own["key"].nunique()),
-                str(own["vehicle"].nunique()),
-                number(own["magnitude"].median(), 3),
+                str(item["key"].nunique()),
+                str(item["vehicle"].nunique()),
+                number(item["magnitude"].median(), 3),
                 unit,
             )
         )
-    rows.sort(key=lambda own: -int(own[1]))
+    rows.sort(key=lambda item: -int(item[1]))
     return Table(("effect", "recordings", "vehicles", "median magnitude", "unit"), tuple(rows), "lrrrl")
 
 
@@ -210,72 +218,75 @@ def _broken(store: Store, names: list[str]) -> Iterator[Part]:
             yield Text(f"And {len(rows) - MOST_BROKEN} more, in the dataset recordings.")
 
 
-def _made(store: Store, found: FleetEstimate) -> Pairs:
+def _made(store: Store, fleet_estimate: FleetEstimate) -> Pairs:
     rows = store.current()
     pairs = [
         ("results", str(store.folder)),
         ("greybox-id", ", ".join(sorted(set(rows["version"].dropna())))),
-        ("joined", f"{counted(found.used, 'recording')}, whose fits are confirmed"),
-        *([("second fits", f"{found.refitted}, with the fleet as prior")] if found.refitted else []),
-        *(("omitted", f"{count}: {words}") for words, count in found.left_out.items()),
+        ("joined", f"{counted(fleet_estimate.used, 'recording')}, whose fits are confirmed"),
+        *([("second fits", f"{fleet_estimate.refitted}, with the fleet as prior")] if fleet_estimate.refitted else []),
+        *(("omitted", f"{count}: {words}") for words, count in fleet_estimate.left_out.items()),
         ("processor", f"{rows['cpu_s'].sum() / 3600:.3g} h, {rows['cpu_s'].mean():.2f} s a recording"),
     ]
     return Pairs(tuple(pairs), ())
 
 
-def _changes(store: Store, found: FleetEstimate, names: list[str]) -> Iterator[Part]:
+def _changes(store: Store, fleet_estimate: FleetEstimate, names: list[str]) -> Iterator[Part]:
     """A panel for each change that was found; for one vehicle, all its parameters."""
-    rows = found.drift[found.drift["vehicle"].isin(names)]
+    rows = fleet_estimate.drift[fleet_estimate.drift["vehicle"].isin(names)]
     rows = (rows if len(names) == 1 else rows[rows["drifts"]]).sort_values("probability", ascending=False)
     recordings, parameters = store.current(), store.read("parameters")
     for row in rows.head(MOST_DRAWN).to_dict("records"):
-        own = {str(name): value for name, value in row.items()}
-        figure = _change(own, found, recordings, parameters)
+        entry = {str(name): value for name, value in row.items()}
+        figure = _change(entry, fleet_estimate, recordings, parameters)
         if figure is not None:
             yield Drawing(
-                f"drift_{own['vehicle']}_{own['name']}",
+                f"drift_{entry['vehicle']}_{entry['name']}",
                 figure,
-                f"{own['sentence'] or own['vehicle'] + ': ' + own['name'] + ', no change found'}. Dots are fits of "
+                f"{entry['sentence'] or entry['vehicle'] + ': ' + entry['name'] + ', no change found'}. "
+                "Dots are fits of "
                 "single recordings with their standard errors, but for those set apart; the line is what was found of "
                 "the vehicle, the band holds the date of a step with a probability of 95 %.",
-                f"{own['name']} of {own['vehicle']} along its recordings.",
+                f"{entry['name']} of {entry['vehicle']} along its recordings.",
             )
 
 
 def _change(
-    own: dict[str, Any], found: FleetEstimate, recordings: pd.DataFrame, parameters: pd.DataFrame
+    entry: dict[str, Any], fleet_estimate: FleetEstimate, recordings: pd.DataFrame, parameters: pd.DataFrame
 ) -> Sheet | None:
-    mine = recordings[recordings["vehicle"] == own["vehicle"]]
-    points = parameters[parameters["name"] == own["name"]].merge(mine[["key", "path", "odometer"]], on="key")
-    points = points[np.isfinite(points["sd"]) & ~points["key"].isin(set(found.apart["key"]))].sort_values(
+    mine = recordings[recordings["vehicle"] == entry["vehicle"]]
+    points = parameters[parameters["name"] == entry["name"]].merge(mine[["key", "path", "odometer"]], on="key")
+    points = points[np.isfinite(points["sd"]) & ~points["key"].isin(set(fleet_estimate.apart["key"]))].sort_values(
         "path", kind="stable"
     )
     if points.empty:
         return None
-    over = own["over"]
+    over = entry["over"]
     x = points[over].to_numpy(float) if over in ("time", "odometer") else np.arange(len(points), dtype=float)
     begin = float(x.min())
     x, words = _axis(x, over, begin)
     value, sd = points["value"].to_numpy(float), points["sd"].to_numpy(float)
-    today = found.vehicles[(found.vehicles["vehicle"] == own["vehicle"]) & (found.vehicles["name"] == own["name"])]
+    today = fleet_estimate.vehicles[
+        (fleet_estimate.vehicles["vehicle"] == entry["vehicle"]) & (fleet_estimate.vehicles["name"] == entry["name"])
+    ]
     now = float(today["value"].iloc[0])
     ends = np.array([x.min(), x.max()])
     level = look(ORANGE, 1.4, "vehicle")
     sheet = Sheet((PANEL,))
     ax = sheet.first()
     _dots(ax, x, value, np.minimum(sd, 10 * np.median(sd)), "single fits")
-    if not own["drifts"]:
+    if not entry["drifts"]:
         ax.plot(ends, [now, now], **level)
-    elif own["model"] == STEP:
-        at = float(_axis(np.array([own["at"]]), over, begin)[0][0])
-        before = now - own["change"]
+    elif entry["model"] == STEP:
+        at = float(_axis(np.array([entry["at"]]), over, begin)[0][0])
+        before = now - entry["change"]
         ax.plot([ends[0], at, at, ends[1]], [before, before, now, now], **level)
-        early, late = (float(_axis(np.array([own[end]]), over, begin)[0][0]) for end in ("at_low", "at_high"))
+        early, late = (float(_axis(np.array([entry[end]]), over, begin)[0][0]) for end in ("at_low", "at_high"))
         ax.axvspan(early, late, color=PALE, linewidth=0.0, zorder=0)
         ax.axvline(at, **look(INK, 0.6, dashes=DASHED))
     else:
-        ax.plot(ends, [now - own["change"], now], **level)
-    ax.set(xlabel=words, ylabel=label(own["name"], own["unit"]), title=str(own["vehicle"]))
+        ax.plot(ends, [now - entry["change"], now], **level)
+    ax.set(xlabel=words, ylabel=label(entry["name"], entry["unit"]), title=str(entry["vehicle"]))
     return sheet
 
 
@@ -295,34 +306,34 @@ def _axis(x: Array, over: str, begin: float) -> tuple[Array, str]:
     return x, "recording [number]"
 
 
-def _ranks(found: FleetEstimate) -> Iterator[Part]:
+def _ranks(fleet_estimate: FleetEstimate) -> Iterator[Part]:
     """The vehicles of every parameter side by side, lowest first, over the population's spread."""
-    for own in found.population.to_dict("records"):
-        table = found.vehicles[found.vehicles["name"] == own["name"]].sort_values("value")
+    for item in fleet_estimate.population.to_dict("records"):
+        table = fleet_estimate.vehicles[fleet_estimate.vehicles["name"] == item["name"]].sort_values("value")
         whose = "every vehicle"
         if len(table) > MOST_ROWS:
             half = MOST_ROWS // 2
             table = table.iloc[[*range(half), *range(len(table) - half, len(table))]]
             whose = f"the {half} vehicles with the lowest and the {half} with the highest value"
-        if len(table) < 3 or math.isnan(own["tau"]):
+        if len(table) < 3 or math.isnan(item["tau"]):
             continue
         x, value = np.arange(len(table), dtype=float), table["value"].to_numpy(float)
-        reach = [own["mu"] - own["tau"], own["mu"] + own["tau"]]
-        low, high = (math.exp(end) if own["logarithm"] else end for end in reach)
+        reach = [item["mu"] - item["tau"], item["mu"] + item["tau"]]
+        low, high = (math.exp(end) if item["logarithm"] else end for end in reach)
         whiskers = (table["high"].to_numpy(float) - table["low"].to_numpy(float)) / 4.0
         edge = np.array([-0.5, len(table) - 0.5])
         sheet = Sheet((PANEL,))
         ax = sheet.first()
         band(ax, edge, np.full(2, low), np.full(2, high), PALE, "one sd of the fleet")
-        ax.axhline(own["mean"], **look(INK, 0.6, dashes=DASHED))
+        ax.axhline(item["mean"], **look(INK, 0.6, dashes=DASHED))
         _dots(ax, x, value, whiskers, "vehicles")
-        ax.set(xlim=(-0.6, len(table) - 0.4), ylabel=label(own["name"], own["unit"]))
+        ax.set(xlim=(-0.6, len(table) - 0.4), ylabel=label(item["name"], item["unit"]))
         ax.set_xticks(x, [str(name) for name in table["vehicle"]], rotation=90.0)
         ax.grid(visible=False, axis="x")
         yield Drawing(
-            f"vehicles_{own['name']}",
+            f"vehicles_{item['name']}",
             sheet,
-            f"{own['name']} of {whose} with its standard error, drawn together where it is not well known; the "
+            f"{item['name']} of {whose} with its standard error, drawn together where it is not well known; the "
             "band is one standard deviation of the fleet about its mean.",
-            f"{own['name']} of all vehicles.",
+            f"{item['name']} of all vehicles.",
         )

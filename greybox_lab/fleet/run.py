@@ -139,28 +139,28 @@ def run(
         raise BadInput("‹scheduler› is of the engine dask; add ‹engine› dask.")
     if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
         raise BadInput(f"‹jobs›: a whole number from 1 on is needed, not {jobs!r:.40}.")
-    asked = plan if isinstance(plan, FleetPlan) else plan_of(plan)
-    protect(asked.file)
+    requested = plan if isinstance(plan, FleetPlan) else plan_of(plan)
+    protect(requested.file)
     began = time.monotonic()
     watch = progress or _unseen
     with Store(out).opened() as store:
-        fleet = entries(asked, _known(store) if only == "changed" else None)
-        earlier, origin = _earlier(store), _origin(asked)
+        fleet = entries(requested, _known(store) if only == "changed" else None)
+        earlier, origin = _earlier(store), _origin(requested)
         why = differences(origin_of(store.folder / ORIGIN), origin)
         store.replace("manifest", [_listed(entry) for entry in fleet])
         write_atomically(store.folder / ORIGIN, json.dumps(origin, indent=1) + "\n", continued=True)
         done = store.done()
-        wanted = {entry.key for entry in fleet}
-        wanted |= {_again(key) for key in wanted}
-        again = {key for key, status in done.items() if retry_failed and status in BROKEN and key in wanted}
+        target = {entry.key for entry in fleet}
+        target |= {_again(key) for key in target}
+        again = {key for key, status in done.items() if retry_failed and status in BROKEN and key in target}
         if again or compact:
-            store.keep({key for key in done if key not in again and (key in wanted or not compact)})
+            store.keep({key for key in done if key not in again and (key in target or not compact)})
             done = {key: status for key, status in done.items() if key not in again}
         todo = [entry for entry in fleet if entry.key not in done]
         shown = FleetProgress(todo=len(todo), skipped=len(fleet) - len(todo), anew=anew(todo, earlier, done, why))
         if todo:
-            _work(asked, store, todo, (engine, jobs, scheduler), shown, watch)
-        second = _refitted(asked, store, fleet, (engine, jobs, scheduler), watch) if refit else FleetProgress()
+            _work(requested, store, todo, (engine, jobs, scheduler), shown, watch)
+        second = _refitted(requested, store, fleet, (engine, jobs, scheduler), watch) if refit else FleetProgress()
         done = store.done()
         statuses = Counter(done[entry.key] for entry in fleet)
     return FleetRun(
@@ -222,15 +222,15 @@ def _refitted(
     """
     if FIT not in plan.steps:
         raise BadInput(f"{plan.file}: a second pass repeats the step fit, which steps does not have.")
-    found, done = second_pass(store), store.done()
-    todo = [replace(entry, key=_again(entry.key)) for entry in fleet if entry.key in found.keys]
+    result, done = second_pass(store), store.done()
+    todo = [replace(entry, key=_again(entry.key)) for entry in fleet if entry.key in result.keys]
     todo = [entry for entry in todo if entry.key not in done]
-    shown = FleetProgress(todo=len(todo), skipped=len(found.keys) - len(todo))
+    shown = FleetProgress(todo=len(todo), skipped=len(result.keys) - len(todo))
     if todo:
-        own = plan.options.get(FIT, {})
-        fit = {**own, "prior": [*found.beside(own.get("prior", ())), *found.priors]}
+        value = plan.options.get(FIT, {})
+        fit = {**value, "prior": [*result.beside(value.get("prior", ())), *result.priors]}
         second = replace(plan, steps=(FIT,), options={**plan.options, FIT: fit})
-        _work(second, store, todo, on, shown, watch, {_again(key): key for key in found.keys})
+        _work(second, store, todo, on, shown, watch, {_again(key): key for key in result.keys})
     return shown
 
 
@@ -252,23 +252,23 @@ def _jobs(plan: FleetPlan, todo: list[FleetEntry]) -> Iterator[str]:
     """Jobs as `engines.done` takes them."""
     common = {"columns": plan.columns, "steps": list(plan.steps), "seconds": plan.seconds, "memory": plan.memory}
     for entry in todo:
-        own = {
+        value = {
             "key": entry.key, "path": str(entry.file.resolve()), "shown": entry.path, "sha256": entry.sha256,
             "vehicle": entry.vehicle_file or None,
         }  # fmt: skip
-        yield json.dumps({**common, **own, **plan.options})
+        yield json.dumps({**common, **value, **plan.options})
 
 
 def rows_of(
     entry: FleetEntry, result: Mapping[str, Any], refit_of: str | None = None
 ) -> dict[str, list[dict[str, Any]]]:  # fmt: skip
     """The rows of all datasets that a result is; `refit_of` is the key of the first fit where it is the second."""
-    own = {"key": entry.key, "vehicle": entry.vehicle, "time": entry.time}
+    outcome = {"key": entry.key, "vehicle": entry.vehicle, "time": entry.time}
     named = {"path": entry.path, "odometer": entry.odometer, "tags": entry.tags, "refit_of": refit_of}
-    told = {name: value for name, value in result.items() if name not in OF_RESULTS}
-    rows: dict[str, list[dict[str, Any]]] = {"recordings": [{**told, **own, **named}]}
+    known = {name: value for name, value in result.items() if name not in OF_RESULTS}
+    rows: dict[str, list[dict[str, Any]]] = {"recordings": [{**known, **outcome, **named}]}
     for name in OF_RESULTS[1:]:
-        rows[name] = [{**row, **own} for row in result.get(name, ())]
+        rows[name] = [{**row, **outcome} for row in result.get(name, ())]
     return rows
 
 

@@ -49,9 +49,9 @@ class FleetStatus:
         lines = [
             f"fleet    {counted(self.recordings, 'recording')} of {counted(len(self.vehicles), 'vehicle')}: {states}"
         ]
-        for own in self.broken[:MOST_SHOWN]:
-            named = own["path"] in own["sentence"]
-            lines.append(f"         {'' if named else own['path'] + ': '}{own['sentence']}")
+        for item in self.broken[:MOST_SHOWN]:
+            named = item["path"] in item["sentence"]
+            lines.append(f"         {'' if named else item['path'] + ': '}{item['sentence']}")
         if len(self.broken) > MOST_SHOWN:
             lines.append(f"         and {len(self.broken) - MOST_SHOWN} more without a result")
         return "\n".join(lines)

@@ -105,7 +105,7 @@ class Store:
         with writable(self.folder):
             if self.folder.exists() and not self.folder.is_dir():
                 raise BadInput(f"{self.folder} is a file; name a folder with ‹out›.")
-            strangers = [own.name for own in self._inside() if own.name not in (*COLUMNS, JOURNAL, "fleet.json")]
+            strangers = [item.name for item in self._inside() if item.name not in (*COLUMNS, JOURNAL, "fleet.json")]
             if strangers and not (self.folder / "manifest").is_dir():
                 raise BadInput(
                     f"{self.folder} holds {strangers[0]}, and no results of a fleet; name another with ‹out›."
@@ -122,7 +122,7 @@ class Store:
     def _inside(self) -> list[Path]:
         if not self.folder.is_dir():
             return []
-        return [own for own in self.folder.iterdir() if not own.name.startswith((".", "report", "prior"))]
+        return [path for path in self.folder.iterdir() if not path.name.startswith((".", "report", "prior"))]
 
     def done(self) -> dict[str, str]:
         """Key -> status of what is done."""
@@ -137,8 +137,8 @@ class Store:
         if not tables:
             made = schema(name).empty_table()
             tables = [made.select(columns) if columns else made]
-        found: pd.DataFrame = pa.concat_tables(tables).to_pandas()
-        return found
+        result: pd.DataFrame = pa.concat_tables(tables).to_pandas()
+        return result
 
     def current(self) -> pd.DataFrame:
         """Rows of recordings that the fleet has now; those of files that changed or are gone are left out."""
@@ -181,8 +181,8 @@ class Store:
 
     def waiting(self) -> dict[str, str]:
         """Key -> status of what is done and is no part yet."""
-        ended = [own["recordings"][0] for file in self._journals() for own in _results(file)]
-        return {own["key"]: own["status"] for own in ended}
+        ended = [result["recordings"][0] for file in self._journals() for result in _results(file)]
+        return {item["key"]: item["status"] for item in ended}
 
     def _journals(self) -> list[Path]:
         return sorted((self.folder / JOURNAL).glob("*.jsonl"))
@@ -253,8 +253,8 @@ def schema(name: str) -> pa.Schema:
         TEXT: pa.string(), NUMBER: pa.float64(), COUNT: pa.int64(), YES: pa.bool_(), "texts": pa.list_(pa.string()),
         "numbers": pa.list_(pa.float64()), "flags": pa.list_(pa.bool_()),
     }  # fmt: skip
-    told = {MARK: name, f"{MARK}_schema": SCHEMA}
-    return pa.schema([(column, kinds[kind]) for column, kind in COLUMNS[name].items()], metadata=told)
+    known = {MARK: name, f"{MARK}_schema": SCHEMA}
+    return pa.schema([(column, kinds[kind]) for column, kind in COLUMNS[name].items()], metadata=known)
 
 
 def table_of(name: str, rows: Iterable[Mapping[str, Any]]) -> pa.Table:
@@ -281,14 +281,14 @@ def _read(file: Path, columns: list[str] | None) -> pa.Table:
     import pyarrow.parquet as pq
 
     try:
-        found = pq.ParquetFile(file).read(columns)
+        result = pq.ParquetFile(file).read(columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = next(iter(str(error).splitlines()), "")
         raise BadInput(
             f"{file} is damaged ({reason:.100}); restore it, or remove it and run the fleet again."
         ) from error
-    told = (found.schema.metadata or {}).get(f"{MARK}_schema".encode(), b"").decode()
-    if told != SCHEMA:
-        was = f"columns of version {told}" if told else "no results of a fleet"
+    known = (result.schema.metadata or {}).get(f"{MARK}_schema".encode(), b"").decode()
+    if known != SCHEMA:
+        was = f"columns of version {known}" if known else "no results of a fleet"
         raise BadInput(f"{file} holds {was}; this greybox-id reads version {SCHEMA}. Run the fleet into a new folder.")
-    return found
+    return result

@@ -81,45 +81,45 @@ def wanted(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[Wanted,
     """
     written = _words(options.get("with", ()), "with")
     model = options.get("model")
-    for own in (*written, *([model] if model is not None else [])):
-        if not isinstance(own, str):
-            raise BadInput(f"[fit] model and with are names, not {own!r:.40}.")
-        if is_place(own):
-            raise BadInput(f"[fit] {own}: a file of a fleet names no code to run; name a shipped or installed one.")
+    for item in (*written, *([model] if model is not None else [])):
+        if not isinstance(item, str):
+            raise BadInput(f"[fit] model and with are names, not {item!r:.40}.")
+        if is_place(item):
+            raise BadInput(f"[fit] {item}: a file of a fleet names no code to run; name a shipped or installed one.")
     install()
     settings = options.get("set", {})
     if not isinstance(settings, Mapping):
         raise BadInput(f'[fit] set is a table, as in set = {{tyre = "linear"}}, not {settings!r:.40}.')
     choices = Choices(**{name: _pairs(options.get(name, ()), name) for name in OF_PARAMETERS})
-    asked = (
+    requested = (
         given.wanted(model, vehicle, settings, written, choices)
         if model is not None
         else Wanted(None, vehicle, dict(settings), magnitudes(written), choices)
     )
     how = FitOptions(**{name: options[name] for name in OF_FIT if name in options})
     if "noise" in options:
-        how = replace(how, noise=noise_of(_pairs(options["noise"], "noise"), asked.model()))
-    return asked, how
+        how = replace(how, noise=noise_of(_pairs(options["noise"], "noise"), requested.model()))
+    return requested, how
 
 
 def _trusted(recording: Recording, options: Mapping[str, Any], tell: Tell) -> bool:
     findings = check(recording, options.get("wheelbase"))
-    body: dict[str, Any] = {"findings": [_finding(own) for own in findings]}
+    body: dict[str, Any] = {"findings": [_finding(finding) for finding in findings]}
     if distrusted(findings):
         body |= {"status": NOT_TRUSTED, "sentence": findings[0].sentence}
     tell(body)
     return not distrusted(findings)
 
 
-def _finding(own: Finding) -> str:
-    return f"{own.severity.value}: {own.where.channel}: {own.sentence}"
+def _finding(finding: Finding) -> str:
+    return f"{finding.severity.value}: {finding.where.channel}: {finding.sentence}"
 
 
 def _fitted(recording: Recording, vehicle: Vehicle | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    asked, how = wanted(options, vehicle)
-    nominal = asked.model()
+    requested, how = wanted(options, vehicle)
+    nominal = requested.model()
     how.must_suit(nominal)
-    fit = planned(asked, nominal, [recording], None, how).run(quiet)
+    fit = planned(requested, nominal, [recording], None, how).run(quiet)
     verdict = fit.verdict
     return {
         "verdict": None if verdict is None else verdict.usability,
@@ -133,19 +133,26 @@ def parameters_of(fit: Fit) -> list[dict[str, Any]]:
     """Single numbers of a fit that were estimated, and their identifiable combinations."""
     rows, notes = [], fit.notes()
     open_ = left_open(fit)
-    weak = {own.name for own in open_.undetermined} if open_ is not None else set()
+    weak = {item.name for item in open_.undetermined} if open_ is not None else set()
     for p in _estimated(fit.model):
         sd = float(np.asarray(fit.sd.get(p.name, np.nan)))
         low, high = (float(end) for end in fit.interval(p.name))
         dof = float(np.min(fit.dof.get(p.name, np.asarray(np.inf))))
-        told = fit.confirmed and bool(np.isfinite(sd)) and p.name not in weak and "bound" not in notes.get(p.name, "")
+        known = fit.confirmed and bool(np.isfinite(sd)) and p.name not in weak and "bound" not in notes.get(p.name, "")
         row = {"name": p.name, "unit": p.unit, "value": float(p.array), "sd": sd, "low": low, "high": high, "dof": dof}
-        rows.append(row | {"told": told})
-    for own in fit.combined():
-        if own.name in fit.model or own.sd == 0:  # what is estimated itself, or follows from what is held
+        rows.append(row | {"told": known})
+    for item in fit.combined():
+        if item.name in fit.model or item.sd == 0:  # what is estimated itself, or follows from what is held
             continue
-        row = {"name": own.name, "unit": own.unit, "value": own.value, "sd": own.sd, "low": own.low, "high": own.high}
-        rows.append(row | {"dof": None, "told": fit.confirmed and bool(np.isfinite(own.sd))})
+        row = {
+            "name": item.name,
+            "unit": item.unit,
+            "value": item.value,
+            "sd": item.sd,
+            "low": item.low,
+            "high": item.high,
+        }
+        rows.append(row | {"dof": None, "told": fit.confirmed and bool(np.isfinite(item.sd))})
     return rows
 
 
@@ -155,28 +162,28 @@ def covariances_of(fit: Fit) -> list[dict[str, Any]]:
     A fit holds what its priors say as well as what the recording says; who joins many fits counts a prior once, and so
     has to know it. Nothing is returned where the optimum was not confirmed or no covariance was kept.
     """
-    own = list(_estimated(fit.model))
-    if fit.covariance is None or not fit.confirmed or not own:
+    entry = list(_estimated(fit.model))
+    if fit.covariance is None or not fit.confirmed or not entry:
         return []
     start, places = 0, {}
     for p in fit.model.parameters:
         places[p.name] = start
         start += p.size
-    at = [places[p.name] for p in own]
-    logs = [in_logarithm(p, fit.model) for p in own]
-    scale = np.array([1.0 / float(p.array) if log else 1.0 for p, log in zip(own, logs, strict=True)])
+    at = [places[p.name] for p in entry]
+    logs = [in_logarithm(p, fit.model) for p in entry]
+    scale = np.array([1.0 / float(p.array) if log else 1.0 for p, log in zip(entry, logs, strict=True)])
     matrix = fit.covariance[np.ix_(at, at)] * np.outer(scale, scale)
-    centre = [float(np.log(p.array)) if log else float(p.array) for p, log in zip(own, logs, strict=True)]
-    bounded = [not p.bounds[0] < float(p.array) < p.bounds[1] for p in own]
-    prior = [_prior(p, log) for p, log in zip(own, logs, strict=True)]
-    dof = [float(np.min(fit.dof.get(p.name, np.asarray(np.inf)))) for p in own]
+    centre = [float(np.log(p.array)) if log else float(p.array) for p, log in zip(entry, logs, strict=True)]
+    bounded = [not p.bounds[0] < float(p.array) < p.bounds[1] for p in entry]
+    prior = [_prior(p, log) for p, log in zip(entry, logs, strict=True)]
+    dof = [float(np.min(fit.dof.get(p.name, np.asarray(np.inf)))) for p in entry]
     return [
         {
-            "names": [p.name for p in own],
-            "units": [p.unit for p in own],
+            "names": [p.name for p in entry],
+            "units": [p.unit for p in entry],
             "logarithm": logs,
             "centre": centre,
-            "lower": [float(own) for own in packed(matrix)],
+            "lower": [float(item) for item in packed(matrix)],
             "dof": dof,
             "at_bound": bounded,
             "prior_mean": [mean for mean, _ in prior],
@@ -231,26 +238,26 @@ def _gap(
     from greybox_id.api.diagnosing import diagnose  # a third of the memory of all modules, for one step
 
     named = options.get("model", fit.get("model") if vehicle.model is None else None)
-    found = (
+    result = (
         diagnose(vehicle, [recording], seed=int(options.get("seed", 0)))
         if named is None
         else diagnose(named, [recording], vehicle=vehicle, seed=int(options.get("seed", 0)))
     )
-    common = {"p": found.p_value, "detected": found.gap_detected, "unknown": found.unknown_probability}
+    common = {"p": result.p_value, "detected": result.gap_detected, "unknown": result.unknown_probability}
     rows: list[dict[str, Any]] = [
         {
-            "effect": own.effect, "probability": own.probability, "magnitude": own.magnitude, "unit": own.unit,
-            "low": own.interval[0], "high": own.interval[1], "aliases": list(own.indistinguishable_from),
-            "applied": own.effect in found.applied,
+            "effect": item.effect, "probability": item.probability, "magnitude": item.magnitude, "unit": item.unit,
+            "low": item.interval[0], "high": item.interval[1], "aliases": list(item.indistinguishable_from),
+            "applied": item.effect in result.applied,
         }
-        for own in found.ranking
+        for item in result.ranking
     ]  # fmt: skip
     return {"gaps": [{**common, **row} for row in rows] or [common]}
 
 
 def _words(value: Any, option: str) -> list[str]:
     several = [value] if isinstance(value, str) else value
-    if not isinstance(several, list | tuple) or not all(isinstance(own, str) for own in several):
+    if not isinstance(several, list | tuple) or not all(isinstance(item, str) for item in several):
         raise BadInput(f"[fit] {option} is a text or a list of texts, not {value!r:.40}.")
     return list(several)
 
@@ -258,5 +265,5 @@ def _words(value: Any, option: str) -> list[str]:
 def _pairs(value: Any, option: str) -> list[str]:
     """Choices as the command line writes them, of a list of texts or of a table."""
     if isinstance(value, Mapping):
-        return [f"{name}={own}" for name, own in value.items()]
+        return [f"{name}={item}" for name, item in value.items()]
     return _words(value, option)

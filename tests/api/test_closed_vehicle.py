@@ -13,10 +13,11 @@ from toys import tiny
 
 from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.prediction import simulate
-from greybox_id.gap import Ranked
+from greybox_id.fitting.verb import fit
 from greybox_id.gap.diagnosis import diagnose
+from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.models.vehicle import ChosenModel, Stated

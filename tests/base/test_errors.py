@@ -8,7 +8,7 @@ from calling import greybox
 
 from greybox_id.base.errors import BadInput
 
-PACKAGE = Path(__file__).parents[1] / "greybox_id"
+PACKAGE = Path(__file__).parents[2] / "greybox_id"
 FLAG = re.compile(r"(?<![\w-])--[a-z]")
 PARSED = ("synthetic_simrod/__main__.py", "synthetic_racer/__main__.py", "synthetic_simrod/__init__.py",
           "synthetic_racer/__init__.py", "c/build.py", "exam/calibrate.py")  # fmt: skip

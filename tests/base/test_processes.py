@@ -16,11 +16,13 @@ import numpy as np
 import pytest
 
 from greybox_id.base import processes
+from greybox_id.base.errors import GreyboxError
 from greybox_id.base.processes import FORKS, apart, elsewhere, interrupt, interrupts_return, side_by_side
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.compiler import CannotCompile
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 from greybox_id.models.vehicle_file import vehicle
 
@@ -42,6 +44,12 @@ def test_results_come_back_in_the_order_of_their_numbers(jobs):
 def test_what_goes_wrong_is_raised_here(jobs):
     with pytest.raises(ZeroDivisionError):
         side_by_side(lambda k: 1 // (k - 1), 3, jobs)
+
+
+@pytest.mark.skipif(not FORKS, reason="all is done here")
+def test_a_worker_that_is_killed_is_a_sentence():
+    with pytest.raises(GreyboxError, match="fewer jobs"):
+        side_by_side(lambda k: os.kill(os.getpid(), signal.SIGKILL) if k == 1 else k, 4, 2)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])

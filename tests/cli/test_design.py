@@ -26,6 +26,7 @@ def folder(tmp_path_factory):
 QUICK = ("--duration", "6", "--rate", "25", "--effort", "0.03", "--speed-max", "18")
 
 
+@pytest.mark.slow
 def test_a_plan_is_written_driven_and_written_again(folder):
     call = (
         "design",

@@ -14,8 +14,8 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.export.verb import TARGETS
-from greybox_id.fitting import How
-from greybox_id.fitting import fit as fit_model
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit as fit_model
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 
@@ -125,6 +125,7 @@ def test_every_key_of_a_parameter_file_is_told(tmp_path):
     assert manifest["keys"] == told["keys"]
 
 
+@pytest.mark.slow
 def test_a_unit_may_be_named_by_itself(tmp_path):
     call = ("export", "--vehicle", "full_size_car", "--target", "fmu", "--out", tmp_path / "my car.fmu", "--json")
     assert greybox(*call).told["written"] == [str(tmp_path / "my car.fmu")]

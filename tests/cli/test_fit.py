@@ -56,6 +56,7 @@ def test_json_holds_what_the_contract_names(full):
     assert told["mode"] == "given"
 
 
+@pytest.mark.slow
 def test_a_fit_predicts_and_validates(full, short, tmp_path):
     fit, told = full
     done = run("validate", fit, short, "--columns", "roboracer", "--json")

@@ -13,7 +13,8 @@ from rich.console import Console
 
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.gap import diagnosed, show
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
 from greybox_id.models.vehicle_file import vehicle as read_vehicle

@@ -11,8 +11,9 @@ from toys import drive, tiny
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.gap import diagnosed
 from greybox_id.datasets.recording import join
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.memory import predictions
+from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 
 

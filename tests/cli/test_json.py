@@ -71,6 +71,7 @@ FORMS = {
 """Section of the page -> calls that between them show every key that may not be missing."""
 FLEET = {f"fleet {name}" for name in ("run", "status", "estimate", "report")}  # held by tests/fleet
 ELSEWHERE = {
+    "app",
     "bench loop",
     "bench msnn",
     "bench truck",
@@ -109,6 +110,7 @@ def _there(folder, monkeypatch):
     monkeypatch.setattr("greybox_id.cli.gap.diagnose", lambda *_, **__: clear())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("section", [name for name in FORMS if name != "track"])
 def test_keys_are_those_of_the_page(section, folder):
     tree = PAGE[section]
@@ -145,7 +147,7 @@ def test_keys_of_a_fetch_are_those_of_the_page(monkeypatch):
 def test_keys_of_an_examination_are_those_of_the_page(tmp_path):
     exam = tmp_path / "exam"
     agree(greybox("exam", "make", "--out", exam, "--cases", 0, "--nulls", 1, "--json").told, PAGE["exam make"])
-    silent = ("--diagnoser", "exam.candidates:silent")
+    silent = ("--diagnoser", "exam_candidates:silent")
     agree(greybox("exam", "run", exam / "cases", *silent, "--json").told, PAGE["exam run"])
     agree(greybox("exam", "score", exam, "--json").told, PAGE["exam score"])
 
@@ -159,6 +161,7 @@ def test_the_page_has_every_command():
     assert set(PAGE) == {*FORMS, *ELSEWHERE}
 
 
+@pytest.mark.slow
 def test_keys_of_a_bench_are_those_of_the_page(tmp_path, monkeypatch):
     import greybox_lab.papers.msnn as bench
 

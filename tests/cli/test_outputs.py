@@ -229,6 +229,7 @@ SLOW = (
 """Commands that take long to come to their end, ask the net, or take other files than those here."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in CALLS if name not in (*SLOW, "export", "datasets make")])
 def test_what_is_of_another_kind_is_replaced_only_when_told_to(name, files, tmp_path):
     fixed = {"fit": "fit.json"}
@@ -257,6 +258,7 @@ def test_a_gap_replaces_no_file_of_another_kind(kept, files, tmp_path):
     assert "is there already" in refused(*words("gap", files), "--out", tmp_path)
 
 
+@pytest.mark.slow
 def test_a_figure_of_another_hand_is_kept(files, tmp_path):
     call = [*words("report", files), "--out", tmp_path / "report.html", "--figures", tmp_path]
     assert greybox(*call).code == 0

@@ -51,6 +51,7 @@ def test_data_that_it_was_fitted_to_are_not_held_out(laps, tmp_path):
     assert part.told["verdict"] == "usable with care"
 
 
+@pytest.mark.slow
 def test_what_is_not_usable_is_written_and_ends_with_3(nonsense, tmp_path):
     called = greybox("fit", nonsense, *FIT, "--out", tmp_path, "--json")
     assert called.code == 3

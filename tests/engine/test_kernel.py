@@ -15,6 +15,7 @@ import pytest
 
 from greybox_id.base import scratch
 from greybox_id.engine import compiler, emit, kernel
+from greybox_id.engine.against import Against
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
 from greybox_id.engine.kernel import Kernel
@@ -211,6 +212,49 @@ def test_sensitivities_are_those_of_finite_differences(compiled):
 
 
 @both_ways
+@pytest.mark.parametrize("robust", [None, 0.7])
+@pytest.mark.parametrize("lanes", [1, 8, 11])
+def test_normal_equations_are_those_of_the_jacobian(lanes, robust, compiled):
+    z0, s, p, reads = driven(lanes, 40)
+    made, columns, random = Kernel(*single_track(), compiled=compiled), [0, 3, 8, 5], np.random.default_rng(3)
+    _, _, y, Y = made.linearise(z0, s, p, reads, columns)
+    weight = random.uniform(0.5, 2.0, y.shape) * (random.random(y.shape) < 0.8)
+    against = Against(y + random.standard_normal(y.shape), weight, robust)
+    seed, places = random.standard_normal((lanes, z0.shape[1], 6)), [5, 0, 3, 1]
+    J = Y[..., : z0.shape[1]] @ seed[:, None]
+    J[..., places] += Y[..., z0.shape[1] :]
+    r = np.where(weight > 0, y - against.target, 0.0) * weight
+    tail = np.ones_like(r) if robust is None else np.sqrt(np.minimum(1.0, robust / np.maximum(np.abs(r), 1e-300)))
+    J, r = (J * (weight * tail)[..., None]).reshape(lanes, -1, 6), (r * tail).reshape(lanes, -1)
+    Z, H, g = made.normal_equations(z0, s, p, reads, columns, seed, places, against)
+    assert_same((H, g), (np.einsum("lrc,lrd->lcd", J, J), np.einsum("lrc,lr->lc", J, r)))
+    others = random.standard_normal(y.shape)
+    Z_again, nothing, g = made.normal_equations(z0, s, p, reads, columns, seed, places, against, others)
+    assert_same((Z_again, g), (Z, np.einsum("lrc,lr->lc", J, others.reshape(lanes, -1))))
+    assert nothing.size == 0
+    assert against.misfit(y) == pytest.approx(huber(np.where(weight > 0, y - against.target, 0.0) * weight, robust))
+
+
+def huber(r, robust):
+    size = np.abs(r)
+    return (
+        np.sum(r**2) / 2 if robust is None else np.sum(np.where(size <= robust, r**2 / 2, robust * (size - robust / 2)))
+    )
+
+
+def test_normal_equations_of_more_unknowns_than_are_added_up_at_once_are_the_same(monkeypatch):
+    z0, s, p, reads = driven(3, 20)
+    made, seed = Kernel(*single_track(), compiled=True), np.tile(np.eye(3, 5), (3, 1, 1))
+    against = Against(np.zeros((3, int(np.sum(reads)), 3)), np.ones((3, int(np.sum(reads)), 3)))
+    given = z0, s, p, reads, [1, 4], seed, [3, 4], against
+    fused = made.normal_equations(*given)
+    monkeypatch.setattr(kernel, "MOST_FUSED", 3)
+    assert_same(fused, made.normal_equations(*given))
+    with pytest.raises(ValueError, match="do not go with"):
+        made.normal_equations(*given[:-1], Against(against.target[:, 1:], against.weight[:, 1:]))
+
+
+@both_ways
 def test_lanes_know_nothing_of_each_other(compiled):
     made = Kernel(*single_track(), compiled=compiled)
     z0, s, p, reads = driven(9, 12)
@@ -369,6 +413,26 @@ def test_a_folder_that_others_can_write_to_is_not_used_and_that_is_said_once(mod
         assert worked(compiled=True)[0].compiled
     assert kernels(empty_cache) == []
     assert [own.getMessage().count("others can write to it") for own in caplog.records] == [1]
+
+
+@needs_compiler
+def test_a_folder_in_one_that_others_can_write_to_is_not_used(empty_cache, caplog):
+    compiler._told_once.cache_clear()
+    empty_cache.mkdir(parents=True, exist_ok=True)
+    empty_cache.chmod(0o777)
+    assert worked(compiled=True)[0].compiled
+    assert kernels(empty_cache) == []
+    assert ["others can write to it" in own.getMessage() for own in caplog.records] == [True]
+
+
+@needs_compiler
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
+def test_a_pipe_in_place_of_a_library_is_passed_over(empty_cache):
+    worked(compiled=True)
+    (path,) = kernels(empty_cache)
+    path.unlink()
+    os.mkfifo(path)
+    assert worked(compiled=True)[0].compiled
 
 
 @needs_compiler

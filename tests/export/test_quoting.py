@@ -59,6 +59,7 @@ def meant(file):
     return None if file.suffix == ".md" else text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("target", TARGETS)
 def test_no_name_of_a_vehicle_or_file_changes_what_is_exported(target, tmp_path):
     harmless = exported(target, "car.toml", tmp_path / "harmless")

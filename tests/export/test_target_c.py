@@ -211,6 +211,7 @@ def test_cppcheck_finds_nothing(tmp_path):
         run(needed("cppcheck"), *flags, *files)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("compiler", COMPILERS)
 def test_both_compilers_take_it_without_a_warning(tmp_path, compiler):
     folder = write(build("single_track", effects=DELAYED), "c", tmp_path / "car")

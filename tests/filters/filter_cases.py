@@ -12,8 +12,7 @@ from scipy.linalg import expm
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine import compiler
 from greybox_id.engine.compiler import CannotCompile
-from greybox_id.filters import SigmaPoints
-from greybox_id.filters.kernel import CompiledFilter
+from greybox_id.filters.kernel import CompiledFilter, SigmaPoints
 from greybox_id.filters.plain import PlainFilter
 from greybox_id.filters.state_space import StateSpace, Tracked
 from greybox_id.filters.walking import walking

@@ -9,8 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from greybox_id.filters import SigmaPoints
-from greybox_id.filters.kernel import CompiledFilter
+from greybox_id.filters.kernel import CompiledFilter, SigmaPoints
 
 pytestmark = needs_compiler
 

@@ -10,8 +10,9 @@ from filter_cases import C_F, C_R, changed, needs_compiler, shaken, simrod, swer
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
 from greybox_id.datasets.recording import Recording
-from greybox_id.filters import How, track
+from greybox_id.filters.how import How
 from greybox_id.filters.live import follow
+from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = needs_compiler
@@ -103,12 +104,12 @@ def test_each_line_is_answered_before_the_next_is_read():
     recording, _ = shaken(1.0)
     out, told = io.StringIO(), []
 
-    def arriving():
-        for line in lines(recording).splitlines(keepends=True):
+    class Arriving(io.StringIO):
+        def readline(self, size=-1):
             told.append(out.getvalue().count("\n"))
-            yield line
+            return super().readline(size)
 
-    follow(wrong(), TWO, (), EFFECTS, How(noise=NOISE), column_map("canonical"), arriving(), out)
+    follow(wrong(), TWO, (), EFFECTS, How(noise=NOISE), column_map("canonical"), Arriving(lines(recording)), out)
     assert told[:5] == [0, 1, 2, 3, 4]
     assert out.getvalue().count("\n") == len(recording) + 1
 
@@ -126,10 +127,35 @@ ROW = "0,0.01,14,0.1,1.0\n"
         (HEADER + "0,,14,0.1,1\n", "The first row lacks steer"),
         (HEADER + ROW + ROW, "rows must come in order"),
         ("time,steer,v_x\n0,0.01,14\n", "none of v_x, yaw_rate, a_y"),
+        (HEADER + ROW + "0.02,0.01,14,0.1," + "1" * 131_073 + "\n", "Line 3 of standard input cannot be read"),
+        (HEADER + ROW + "0.02,0.01,14,0.1," + "1" * (1 << 20) + "\n", "Line 3 of standard input has 1 MB or more"),
     ],
 )
 def test_bad_lines_are_sentences(text, said):
     assert said in refused(text)
+
+
+@pytest.mark.parametrize("reading", [1e29, 1e155])
+@pytest.mark.parametrize("column", ["steer", "v_x", "a_y"])
+def test_what_is_no_reading_does_not_stay(reading, column):
+    """Within a second the estimates are those without it."""
+    recording, _ = shaken(3.0)
+    row = len(recording) // 2
+    odd = recording[column].copy()
+    odd[row] = reading
+    clean, found = followed(lines(recording)), followed(lines(changed(recording, **{column: odd})))
+    later = slice(row + 50, None)
+    assert np.all(np.abs(found["sideslip"] - clean["sideslip"])[later] < clean["sideslip_sd"][later])
+
+
+@pytest.mark.parametrize("column", ["steer", "v_x", "yaw_rate"])
+def test_a_first_row_that_is_no_reading_does_not_stay(column):
+    recording, _ = shaken(3.0)
+    odd = recording[column].copy()
+    odd[0] = 1e29
+    clean, found = followed(lines(recording)), followed(lines(changed(recording, **{column: odd})))
+    later = slice(100, None)
+    assert np.all(np.abs(found["sideslip"] - clean["sideslip"])[later] < clean["sideslip_sd"][later])
 
 
 @pytest.mark.parametrize("row", [",0.01,14,0.1,1\n", "nan,0.01,14,0.1,1\n", "inf,0.01,14,0.1,1\n"])

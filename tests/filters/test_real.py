@@ -7,7 +7,8 @@ import pytest
 from filter_cases import needs_compiler
 
 from greybox_id.datasets.read import read
-from greybox_id.filters import How, track
+from greybox_id.filters.how import How
+from greybox_id.filters.verb import track
 from greybox_id.fitting.choices.parameters import wanted_vehicle
 from greybox_id.fitting.choices.wanted import Wanted
 from greybox_id.models.effects import EFFECTS

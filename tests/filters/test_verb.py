@@ -23,7 +23,8 @@ from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording, join
-from greybox_id.filters import How, track
+from greybox_id.filters.how import How
+from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build

@@ -12,8 +12,9 @@ from toys import DT, drive, joined, linear_toy, obeying_toy
 from greybox_id.base.errors import GreyboxError
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.crossvalidation import blocks, choose_strengths, choose_structure
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
 
 many = given(

@@ -10,9 +10,10 @@ from verdicts import racing
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.solvers.gauss_newton import Status
-from greybox_id.fitting import How, fit
 from greybox_id.fitting import attempt as attempts
 from greybox_id.fitting import motion as motion_fits
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.virtual.virtual_vehicle import steered, vehicle_file_text
@@ -102,6 +103,7 @@ def test_an_inertia_of_next_to_none_is_left_for_the_optimum(poorly_excited, tmp_
     assert found.stages[0].fallbacks[0].startswith("the start, without predictions ahead: objective ")
 
 
+@pytest.mark.slow
 def test_where_nothing_better_is_found_it_is_no_optimum(poorly_excited, tmp_path, monkeypatch):
     base, truth, recording = poorly_excited
     monkeypatch.setattr(motion_fits, "_fallbacks", lambda *_: iter(()))

@@ -9,13 +9,13 @@ from linear_bicycle import NOISE, VEHICLE, manoeuvres, recorded, sine, steps
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Source, join
 from greybox_id.engine.hybrid.stretches import stretches
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import quiet
+from greybox_id.fitting.how import How, quiet
 from greybox_id.fitting.provenance import data_record
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.training import mirrored, update_hybrid, window_error
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 
 SMALL = {"hidden": [6, 4], "window": 50, "warm_up": 15}

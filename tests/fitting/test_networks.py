@@ -132,6 +132,7 @@ def test_the_gap_of_a_network_that_nobody_trained_is_refused(laps, tmp_path):
         assert "name equations of motion" in said
 
 
+@pytest.mark.slow
 def test_commands_pretrain_save_predict_and_export(laps, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     lap = written(laps, tmp_path / "laps.csv")

@@ -12,11 +12,11 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
 from greybox_id.base.errors import BadInput
-from greybox_id.gap import CHANNELS, REGIMES, Ranked, diagnosis
+from greybox_id.gap import diagnosis
 from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.model_error import believed
-from greybox_id.gap.gap import Unnamed
+from greybox_id.gap.gap import CHANNELS, REGIMES, Ranked, Unnamed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle
@@ -91,6 +91,7 @@ def test_what_would_show_of_effects_is_told_the_least_visible_first(clean, delay
     assert "steering_delay" not in delayed.limits
 
 
+@pytest.mark.slow
 def test_an_effect_shows_well_above_its_limit_and_hides_well_below(clean):
     limit = clean.limits["yaw_rate_bias"].size
     assert diagnosed(lap({"yaw_rate_bias": 5 * limit}, 20.0)).applied == ("yaw_rate_bias",)

@@ -7,7 +7,8 @@ Published figures: Mungiello et al., Tables 1 and 2.
 import pytest
 
 from greybox_id.datasets.read import read
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
 
 
@@ -44,6 +45,7 @@ def test_the_closed_loop_costs_the_yaw_rate_less_than_three_percent(recordings):
     assert errors["published"]["a_x"]["rmse"] <= 0.55
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_additions_beyond_the_paper_help_where_they_should(recordings):
     train, valid = recordings

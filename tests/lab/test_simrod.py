@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import join
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.estimates import apply_hybrid
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.virtual.synthetic_simrod import make
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["hybrid_stiffness", "hybrid_force"])
 def test_forces_and_stiffnesses_of_held_out_manoeuvres_are_within_the_bars(name):

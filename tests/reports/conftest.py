@@ -9,7 +9,8 @@ from driven import driven, without
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.fitting import How, fit
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle

@@ -14,10 +14,11 @@ from greybox_id.base.errors import BadInput
 from greybox_id.cli.report import recordings_of, report
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.fit import load
+from greybox_id.fitting.how import How
 from greybox_id.fitting.posterior.verb import SampleOptions, sample
 from greybox_id.fitting.provenance import data_record
+from greybox_id.fitting.verb import fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
 from greybox_id.reports.gap.saved import Made, as_text

@@ -88,6 +88,7 @@ def tried(fit, seed, count):
     return [(path, odd, ends_well(forged(fit, path, odd))) for path, odd in drawn(fit, seed, count)]
 
 
+@pytest.mark.slow
 def test_forged_fits_end_in_a_report_or_in_a_sentence(fit):
     assert ends_well(fit)
     found = tried(fit, 1, 10)

@@ -12,7 +12,7 @@ from report_parts import below
 
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.provenance import DataRecord
-from greybox_id.gap import Ranked, Where
+from greybox_id.gap.gap import Ranked, Where
 from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst
@@ -24,6 +24,7 @@ from greybox_id.reports.gap.page import (
     aliases,
     bars,
     drawings,
+    ranking,
     regimes,
     relative,
     spectra,
@@ -172,6 +173,7 @@ def test_the_report_holds_what_the_diagnosis_says(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ["gap.pdf"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", [*CASES, *_odd()])
 def test_two_reports_are_the_same_bytes(case, tmp_path):
     gap = CASES[case]() if case in CASES else _odd()[case]
@@ -200,3 +202,27 @@ def test_the_equations_an_effect_changes_are_shown():
     lines = [in_typst(line) for part in parts if isinstance(part, Formulas) for line in part.equations]
     assert any("steering delay" in line for line in lines)
     assert not any("F_zf" in line.split("=")[0] for line in lines)  # loads are what they were
+
+
+def test_what_cannot_be_distinguished_is_not_joined_across_what_can():
+    apart = replace(LAG, effect="steering_offset", indistinguishable_from=())
+    first = replace(DELAY, indistinguishable_from=("steering_lag",))
+    second = replace(LAG, indistinguishable_from=("steering_delay",))
+    ax = ranking(clear(ranking=(first, apart, second))).axes[0]
+    (line,) = [own for own in ax.lines if len(set(own.get_xdata())) == 1]
+    assert np.isnan(line.get_ydata()[1])
+    assert line.get_ydata()[[0, 2]].tolist() == [0.0, 2.0]
+
+
+def test_a_report_is_titled_by_car_and_recording():
+    document = gap_report(clear(), MADE)
+    assert document.title.startswith("full-size car: lap7")
+
+
+def test_long_magnitudes_leave_the_other_columns_alone():
+    others = {"wind_direction": 1.0, "tyre_temperature_E_0": 123456.0, "roll_frequency": 1.5}
+    row = ranked(
+        clear(ranking=(replace(DELAY, others=others, since=41.0, within="a_recording_with_a_long_name, run 12"),))
+    )
+    flexible = [head for head, letter in zip(row.head, row.letters, strict=True) if letter.isupper()]
+    assert {"effect", "magnitude ± sd", "95 % interval"} <= set(flexible)

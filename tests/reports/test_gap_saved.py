@@ -9,6 +9,7 @@ import pytest
 from made_gaps import CASES, LAG, clear
 
 from greybox_id.base.errors import BadInput
+from greybox_id.cli.gap import as_json_text
 from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap.estimation.wandering import Wander
 from greybox_id.reports.gap.report import gap_report
@@ -83,3 +84,15 @@ def test_hostile_content_with_a_right_checksum_is_a_sentence_or_read(name, value
     file.write_text(json.dumps(body), encoding="utf-8")
     with suppress(BadInput):
         load_gap(file)
+
+
+def test_what_gap_prints_as_json_can_be_reported(tmp_path):
+    unsure = replace(LAG, interval=(0.01, float("inf")), gain=float("nan"))
+    gap = clear(ranking=(unsure,))
+    file = tmp_path / "printed.json"
+    file.write_text(as_json_text(gap, MADE, [tmp_path / "gap.pdf"]), encoding="utf-8")
+    assert "NaN" not in file.read_text("utf-8")
+    found, made = load_gap(file)
+    assert made == MADE
+    assert found.ranking[0].interval == (0.01, float("inf"))
+    assert rendered(gap_report(found, made)) == rendered(gap_report(gap, MADE))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from made_gaps import CASES, clear, none, strip
 
-from greybox_id.gap import Limit
+from greybox_id.gap.gap import Limit
 from greybox_id.reports.document import Formulas, Section, Together
 from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.gap.page import TIME_OPACITY, drawings, driven, limits

@@ -8,7 +8,7 @@ from made_gaps import CASES, DELAY, aliased, clear, none, unknown
 from report_parts import below, flat, tables
 
 from greybox_id.fitting.provenance import DataRecord
-from greybox_id.gap import Closure, Moved, Ranked
+from greybox_id.gap.gap import Closure, Moved, Ranked
 from greybox_id.reports.document import Drawing
 from greybox_id.reports.gap.report import evidence, gap_report
 from greybox_id.reports.gap.saved import Made

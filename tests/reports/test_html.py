@@ -117,6 +117,13 @@ def test_words_from_files_are_no_markup():
     assert "".join(seen.words).count(evil) >= 8
 
 
+def test_names_order_no_terminal():
+    from greybox_id.reports.document import Document, Text
+
+    text = page(Document("\x1b[2J", "car \x1b]0;x\x07", "a fit", "\u202egnp", (Text("\x9b2J", lead="\r"),)))
+    assert not set("\x1b\x07\x9b\r\u202e") & set(text)
+
+
 def test_the_file_s_name_says_what_it_is(small_fit, both, tmp_path):
     from greybox_id.base.errors import BadInput
 

@@ -13,7 +13,7 @@ from linear_bicycle import VEHICLE, recorded
 from greybox_id.base.errors import BadInput
 from greybox_id.base.json_data import checksum
 from greybox_id.datasets.recording import join
-from greybox_id.filters import track
+from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 from calling import greybox
 
-DOCS = Path(__file__).parents[1] / "docs"
+DOCS = Path(__file__).parents[2] / "docs"
 NUMBER = re.compile(r"[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 FILE = re.compile(r"(?:#|//) (\S+\.(?:toml|c))\n")
 

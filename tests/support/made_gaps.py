@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from greybox_id.gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from greybox_id.fitting.scores.horizons import Errors
+from greybox_id.gap.estimation.strip import Strip
+from greybox_id.gap.gap import Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 UNITS = {"v_x": "m/s", "v_y": "m/s", "yaw_rate": "rad/s", "a_x": "m/s^2", "a_y": "m/s^2"}
 NOISE = {"v_x": 0.02, "v_y": 0.03, "yaw_rate": 0.012, "a_x": 0.15, "a_y": 0.15}

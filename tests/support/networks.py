@@ -10,7 +10,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.scores.memory import predictions
 from greybox_lab.nnodely import import_network
 
-FOLDER = Path(__file__).parent / "exchange" / "nnodely"
+FOLDER = Path(__file__).parents[1] / "lab" / "nnodely" / "nnodely"
 NAMES = ("lat", "lat_small", "lat_without_a_x", "renamed", "long", "long_by_axle", "full", "full_closed")
 FOREIGN = ("v_x=omega_rear", "steer=handwheel", "a_x=imu_long")
 """Which signals the inputs of `renamed` are."""

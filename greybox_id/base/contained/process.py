@@ -112,14 +112,14 @@ class Contained:
         Failed : the object could not be made, or its method raised something.
         Lost : the process ended, or was ended, before it answered.
         """
-        asked, answers = self._process.stdin, self._process.stdout
-        assert asked is not None
+        questions, answers = self._process.stdin, self._process.stdout
+        assert questions is not None
         assert answers is not None
         watch = Timer(patience, self._process.kill)
         watch.daemon = True
         watch.start()
         try:
-            wire.send(asked, {"ask": question, "of": of})
+            wire.send(questions, {"ask": question, "of": of})
             while "told" in (message := wire.receive(answers, most))[0]:
                 if told is not None:
                     told(message[0]["told"])
@@ -131,10 +131,10 @@ class Contained:
             raise
         finally:
             watch.cancel()
-        said, array = message
-        if "failed" in said:
-            raise Failed(*said["failed"])
-        return said.get("answer"), array
+        reply, array = message
+        if "failed" in reply:
+            raise Failed(*reply["failed"])
+        return reply.get("answer"), array
 
     def _end(self, silent: bool, patience: float) -> str:
         """How a process came to its end that answered nothing, or nonsense."""

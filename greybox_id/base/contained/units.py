@@ -77,7 +77,7 @@ class Nursery:
 
     def unit(
         self, work: str, job: Mapping[str, Any], seconds: float, memory: float,
-        told: Callable[[dict[str, Any]], None] = lambda _: None,
+        listen: Callable[[dict[str, Any]], None] = lambda _: None,
     ) -> Ended:  # fmt: skip
         """Do a unit of work.
 
@@ -87,7 +87,7 @@ class Nursery:
         job : plain data.
         seconds : of the processor's time; twice as many by the clock.
         memory : bytes, beyond what the modules take.
-        told : is handed what it tells as it does.
+        listen : is handed what it tells as it does.
 
         Raises
         ------
@@ -97,7 +97,7 @@ class Nursery:
         for _ in range(TRIES):
             if self._over:
                 break
-            ended = self._tried((work, dict(job), seconds, memory), told)
+            ended = self._tried((work, dict(job), seconds, memory), listen)
             if ended.how in ENDS:
                 break
         return ended
@@ -112,12 +112,12 @@ class Nursery:
         if held is not None:
             held.close()
 
-    def _tried(self, unit: tuple[str, dict[str, Any], float, float], told: Callable[[dict[str, Any]], None]) -> Ended:
+    def _tried(self, unit: tuple[str, dict[str, Any], float, float], listen: Callable[[dict[str, Any]], None]) -> Ended:
         heard: list[dict[str, Any]] = []
 
         def hear(body: dict[str, Any]) -> None:
             heard.append(body)
-            told(body)
+            listen(body)
 
         try:
             held = self._held
@@ -147,11 +147,11 @@ class Units:
 
 def _here(work: Work, job: dict[str, Any], seconds: float, memory: float) -> Generator[Any, None, Any]:
     """The unit in this very process, which ends after it."""
-    told: list[dict[str, Any]] = []
+    messages: list[dict[str, Any]] = []
     began = time.process_time()
     limit(seconds, int(RESERVED * memory))
-    how = _outcome(work, job, told.append)
-    yield from told
+    how = _outcome(work, job, messages.append)
+    yield from messages
     return {"how": how, "cpu_seconds": time.process_time() - began}
 
 
@@ -208,8 +208,8 @@ def _child(work: Work, job: dict[str, Any], limits: tuple[float, int], writing: 
         _write(out, {"how": how, "modules": sorted(set(sys.modules) - before)})
 
 
-def _write(out: IO[bytes], said: dict[str, Any]) -> None:
-    data = memoryview(json.dumps(said).encode() + b"\n")
+def _write(out: IO[bytes], message: dict[str, Any]) -> None:
+    data = memoryview(json.dumps(message).encode() + b"\n")
     while data:
         data = data[out.write(data) or 0 :]
 
@@ -225,11 +225,11 @@ def _followed(child: int, reading: int, patience: float, memory: float) -> Gener
             heard = os.read(reading, 1 << 20) if reading in ready else b""
             if heard:
                 *lines, rest = (rest + heard).split(b"\n")
-                for said in map(json.loads, lines):
-                    if "told" in said:
-                        yield said["told"]
+                for line in map(json.loads, lines):
+                    if "told" in line:
+                        yield line["told"]
                     else:
-                        end = said
+                        end = line
             elif ending in ready:
                 return end
             elif 0 in ready:  # nobody asks any more

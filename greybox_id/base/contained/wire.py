@@ -70,9 +70,9 @@ def receive(stream: IO[bytes], most: float) -> tuple[dict[str, Any], NDArray[Any
 
 
 def _exactly(stream: IO[bytes], length: int) -> bytes:
-    found = bytearray(length)
-    _fill(stream, memoryview(found))
-    return bytes(found)
+    data = bytearray(length)
+    _fill(stream, memoryview(data))
+    return bytes(data)
 
 
 def _fill(stream: IO[bytes], room: memoryview) -> None:

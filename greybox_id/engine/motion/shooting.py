@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -22,6 +23,7 @@ import scipy.sparse as sp
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
+from ..against import Against
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
 from .lanes import Chain, Interval, Lanes, chained, lay
 from .runs import MotionRun, motion_runs
@@ -46,13 +48,20 @@ class SimulatedRuns:
     lanes : their layout, at the shifts' values.
     cut : the same cut for linearising.
     starts : (lanes of cut, nz) states where they begin.
-    y : (N, outputs) predicted readings of all rows of all intervals; NaN where none was taken.
+    along : those of the two that were simulated.
+    read : (L, R, outputs) what these read.
     """
 
     lanes: Lanes
     cut: Lanes
     starts: Array
-    y: Array
+    along: Lanes
+    read: Array
+
+    @cached_property
+    def y(self) -> Array:
+        """(N, outputs) predicted readings of all rows of all intervals; NaN where none was taken."""
+        return self.along.gathered(self.read)
 
     @property
     def taken(self) -> Mask:
@@ -109,13 +118,14 @@ class MotionProblem:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
         self.copies = len(self.intervals)
+        self._run = np.array([interval.run for interval in self.intervals])
         self._lay_out(starts == "free", strengths)
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         self._valid = where_valid(self.model, self.runs)
         states = [self.model.outputs.index(own.name) for own in self.model.states if own.name in self.model.outputs]
-        for own in self.intervals:  # readings that starts deviate from hold them: nothing else may
-            self._valid[own.run][own.start, states] = 1.0
+        for k, valid in enumerate(self._valid):  # readings that starts deviate from hold them: nothing else may
+            valid[np.ix_([own.start for own in self.intervals if own.run == k], states)] = 1.0
         self.targets = self._targets(robust, keep)
         about = self.model.values if about is None else about
         self.longest = longest_segment(self.trace, self.runs, about)
@@ -125,6 +135,7 @@ class MotionProblem:
         self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = None
         self._chain: Chain | None = None
         self._tiled: tuple[Lanes, Array] | None = None
+        self._laid: list[tuple[Lanes, Targets, Against]] = []
 
     def weighing(self, keep: Sequence[Array] | None) -> MotionProblem:
         """The same problem with other weights of rows or readings; all that was laid out is shared."""
@@ -176,7 +187,7 @@ class MotionProblem:
 
     def of_intervals(self, x: Array) -> Array:
         """(intervals, parameters) the parameters of each interval."""
-        return self.per_run(x)[[interval.run for interval in self.intervals]]
+        return np.asarray(self.per_run(x)[self._run])
 
     def simulated_nodes(self, x: Array) -> SimulatedRuns:
         """A simulation of every interval: of all lanes at once where the last linearisation foretells their states."""
@@ -188,12 +199,14 @@ class MotionProblem:
                 found = self._chain.matched(
                     self._chain.foretold(x, z0, cut),
                     cut,
-                    lambda starts: kernel.simulate(starts, cut.segments, p[cut.interval], cut.reads),
+                    lambda starts: kernel.simulate(starts, cut.segments, p[cut.interval], cut.reads, cut.ends),
                 )
                 if found is not None:
-                    return SimulatedRuns(lanes, cut, found[0], cut.gathered(found[1]))
-            z, y = kernel.simulate(z0, lanes.segments, p, lanes.reads)
-        return SimulatedRuns(lanes, cut, z[cut.interval, cut.offset], lanes.gathered(y))
+                    return SimulatedRuns(lanes, cut, found[0], cut, found[1])
+            keeps = np.zeros(lanes.segments.shape[1] + 1, dtype=bool)
+            keeps[cut.offset] = True
+            z, y = kernel.simulate(z0, lanes.segments, p, lanes.reads, keeps)
+        return SimulatedRuns(lanes, cut, z[cut.interval, (np.cumsum(keeps) - 1)[cut.offset]], lanes, y)
 
     def predicted_readings(self, x: Array) -> Array:
         """Predicted readings at many points at once: (points, unknowns) -> (points, N, outputs).
@@ -217,7 +230,7 @@ class MotionProblem:
             z0 = self._interval_starts.of_many(per_run)
             if len(self.loose):
                 z0[:, :, self.loose] += own[:, self.parameters.size :].reshape(len(own), count, -1)
-            p = per_run[:, [interval.run for interval in self.intervals]]
+            p = per_run[:, self._run]
             if self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(own) * count:
                 self._tiled = (lanes, np.tile(lanes.segments, (len(own), 1, 1)))
             with np.errstate(over="ignore", invalid="ignore"):
@@ -236,7 +249,7 @@ class MotionProblem:
     def misfit(self, x: Array, nodes: SimulatedRuns) -> float:
         """Half the sum of squared residuals of the data alone."""
         del x
-        return self.targets.misfit(nodes.y, nodes.taken)
+        return self.against(nodes.along).misfit(nodes.read)
 
     def errors(self, nodes: SimulatedRuns) -> Array:
         """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
@@ -245,20 +258,19 @@ class MotionProblem:
     def normal_equations(self, x: Array, nodes: SimulatedRuns) -> NormalEquations:
         """Linearise everything about a simulated point."""
         H, g = self.believed.copy(), self.pull_of_priors(x)
-        order, pieces = nodes.cut.by_owner[0], self._pieces(nodes)
+        cut, index = nodes.cut, self._moving_index[nodes.cut.interval]
         with np.errstate(over="ignore", invalid="ignore"):  # far off, derivatives leave the range of numbers first
-            e, J = self._linearised(x, nodes)
-            flat, r = J.reshape(-1, J.shape[-1]), e.ravel()
-            flat, r = (flat, r) if order is None else (flat[order], r[order])
-            for rows, index in pieces:
-                H[np.ix_(index, index)] += flat[rows].T @ flat[rows]
-                g[index] += flat[rows].T @ r[rows]
+            T, inner, pull = self._accumulated(x, nodes)
+            if T is not None:
+                inner, pull = T.swapaxes(1, 2) @ inner @ T, (pull[:, None] @ T)[:, 0]
+        _add(H, g, index, inner, pull)
 
-        def pulled(x: Array, nodes: SimulatedRuns) -> Array:
-            e, _ = self.targets.weighted(nodes.y, nodes.taken)
-            found, r = self.pull_of_priors(x), e.ravel() if order is None else e.ravel()[order]
-            for rows, index in pieces:
-                found[index] += flat[rows].T @ r[rows]
+        def pulled(x_there: Array, there: SimulatedRuns) -> Array:
+            e, _ = self.against(there.along).weighted(there.read)
+            e = e if there.along is cut else cut.scattered(there.along.gathered(e, 0.0))
+            _, _, pull = self._accumulated(x, nodes, e)
+            found = self.pull_of_priors(x_there)
+            _add(None, found, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
             return found
 
         return NormalEquations(H, g, pulled)
@@ -320,12 +332,9 @@ class MotionProblem:
         own = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
         self.loose: Index = np.array(own if free_starts else [], dtype=np.intp)
         places = size + np.arange(len(self.intervals) * len(self.loose)).reshape(len(self.intervals), -1)
-        index = tuple(
-            np.concatenate((self.parameters.index[i.run], place)).astype(np.intp)
-            for i, place in zip(self.intervals, places, strict=True)
-        )
+        index = np.concatenate((np.asarray(self.parameters.index)[self._run], places), axis=1).astype(np.intp)
         more = places.size
-        self.layout = Layout(index, size + more)
+        self.layout = Layout(tuple(index), size + more)
         (low, high), free = limits(model, self.parameters)
         self.bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
         self.free: Mask = np.append(free, np.ones(more, dtype=bool))
@@ -333,9 +342,10 @@ class MotionProblem:
         R = sp.hstack([R, sp.csr_matrix((R.shape[0], more))], format="csr")
         guessed = [  # deviations that no reading tells
             (place[j], 1.0 / model.states[state].scale)
-            for place, interval in zip(places, self.intervals, strict=True)
             for j, state in enumerate(self.loose)
-            if model.states[state].name not in read[interval.run]
+            for run, names in enumerate(read)
+            if model.states[state].name not in names
+            for place in places[self._run == run]
         ]
         if guessed:
             at, weights = np.array([a for a, _ in guessed]), np.array([b for _, b in guessed])
@@ -364,18 +374,50 @@ class MotionProblem:
         stops = [*starts[1:].tolist(), len(run)]
         return [Interval(k, int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
 
+    @cached_property
     def _moving_index(self) -> Index:
         """(intervals, q) where the moving parameters and free starts of each interval stand."""
         chosen = np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
-        return np.array([index[chosen] for index in self.layout.index])
+        return np.asarray(self.layout.index)[:, chosen]
 
-    def _pieces(self, nodes: SimulatedRuns) -> list[tuple[slice, Index]]:
-        """Readings that share their unknowns, and where these stand: everything at once where all intervals do."""
-        index, (_, edges) = self._moving_index(), nodes.cut.by_owner
-        if np.all(index == index[0]):
-            return [(slice(0, nodes.y.size), index[0])]
-        slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-        return list(zip(slices, index, strict=True))
+    def against(self, lanes: Lanes) -> Against:
+        """What the readings of lanes are held against, laid out like them; the last two layouts are kept."""
+        for known, of, found in self._laid:
+            if known is lanes and of is self.targets:
+                return found
+        weight, target = lanes.scattered(self.targets.weight), lanes.scattered(self.targets.reading)
+        found = Against(target, weight, self.targets.robust)
+        self._laid = [*self._laid[-1:], (lanes, self.targets, found)]
+        return found
+
+    def _accumulated(
+        self, x: Array, nodes: SimulatedRuns, residuals: Array | None = None
+    ) -> tuple[Array | None, Array, Array]:
+        """J'J and J'r of every lane, and the derivative of what they are by its interval's unknowns; None: these.
+
+        Intervals that are cut are linearised by where their lanes begin, which follow from piece to piece; of others
+        that is known before.
+        """
+        cut, moving, loose = nodes.cut, self.moving, self.loose
+        _, starts_by_p = self.starts(x)
+        size, count, places = self.trace.size, len(self.moving), np.arange(len(self.moving))
+        whole = cut is nodes.lanes
+        if whole:
+            seed = np.concatenate((starts_by_p[:, :, moving], np.zeros((len(cut.interval), size, len(loose)))), axis=2)
+            seed[:, loose, count + np.arange(len(loose))] = 1.0
+        else:
+            seed, places = np.tile(np.eye(size, size + count), (len(cut.interval), 1, 1)), size + places
+        Z, H, g = self.simulator.kernel.normal_equations(
+            nodes.starts, cut.segments, self.of_intervals(x)[cut.interval], cut.reads, moving, seed, places,
+            self.against(cut), residuals,
+        )  # fmt: skip
+        if whole:
+            return None, H, g
+        G = chained(cut, Z, starts_by_p[:, :, moving], loose)
+        if residuals is None:
+            self._chain = Chain(x.copy(), self._moving_index, nodes.starts, G, Z[:, :, :size])
+        of_parameters = np.broadcast_to(np.eye(count, G.shape[2]), (len(G), count, G.shape[2]))
+        return np.concatenate((G, of_parameters), axis=1), H, g
 
     def _linearised(self, x: Array, nodes: SimulatedRuns) -> tuple[Array, Array]:
         """Weighted residuals (N, outputs), and their derivative by the moving parameters and the free starts."""
@@ -385,11 +427,24 @@ class MotionProblem:
             nodes.starts, cut.segments, p[cut.interval], cut.reads, self.moving
         )
         G = chained(cut, Z_end, starts_by_p[:, :, self.moving], self.loose)
-        self._chain = Chain(x.copy(), self._moving_index(), nodes.starts, G, Z_end[:, :, :size])
+        self._chain = Chain(x.copy(), self._moving_index, nodes.starts, G, Z_end[:, :, :size])
         lanes, reads, outputs, _ = Y.shape
         J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
         J[:, :, : len(self.moving)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
         J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
-        e, weight = self.targets.weighted(nodes.y, nodes.taken)
+        against = self.against(nodes.along)
+        e, weight = (nodes.along.gathered(own, 0.0) for own in against.weighted(nodes.read))
         J *= weight[:, :, None]
         return e, J
+
+
+def _add(H: Array | None, g: Array, index: Index, inner: Array | None, pull: Array) -> None:
+    """Add what lanes say of their unknowns, which are of all at their index; H and g are changed."""
+    if np.all(index == index[0]):
+        g[index[0]] += np.sum(pull, axis=0)
+        if H is not None and inner is not None:
+            H[np.ix_(index[0], index[0])] += np.sum(inner, axis=0)
+        return
+    np.add.at(g, index, pull)
+    if H is not None and inner is not None:
+        np.add.at(H, (index[:, :, None], index[:, None, :]), inner)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from functools import cached_property
 
 import casadi as cs
 import numpy as np
@@ -76,6 +77,12 @@ class Simulator:
             pattern = function.jac_sparsity(0, 2) if function.numel_in(2) else cs.Sparsity(function.numel_out(0), 0)
             self._touched[measured] = np.array(sorted(set(pattern.get_col())), dtype=np.intp)
         return self._touched[measured]
+
+    @cached_property
+    def actuators_touched(self) -> Index:
+        """Parameters that actuators depend on."""
+        pattern = self.trace.actuation.jac_sparsity(0, 2)
+        return np.array(sorted({*pattern.get_triplet()[1]}), dtype=np.intp)
 
     def _actuators(self) -> Kernel:
         """A kernel of the actuators alone, which reads their states."""

@@ -48,9 +48,12 @@ class IntervalStarts:
         for names in dict.fromkeys(read):
             which = np.array([k for k, i in enumerate(intervals) if read[i.run] == names], dtype=np.intp)
             channels = [model.outputs.index(name) for name in names]
-            readings = np.array([runs[intervals[k].run].measured[intervals[k].start, channels] for k in which])
-            inputs = np.array([runs[intervals[k].run].inputs[intervals[k].start] for k in which])
             if len(which):
+                starts = [
+                    (run, [intervals[k].start for k in which if intervals[k].run == j]) for j, run in enumerate(runs)
+                ]
+                readings = np.concatenate([run.measured[np.ix_(rows, channels)] for run, rows in starts if rows])
+                inputs = np.concatenate([run.inputs[rows] for run, rows in starts if rows])
                 self._groups.append(_Alike(names, which, readings.reshape(len(which), -1), inputs))
         self._touched = np.unique(np.concatenate([simulator.start_touched(own.names) for own in self._groups]))
         self._last: tuple[Array, Array, Array] | None = None
@@ -147,9 +150,13 @@ class IntervalStarts:
         whole = lay(plans, [Interval(k, 0, len(run)) for k, run in enumerate(self._runs)])
         commands = [model.inputs.index(actuator.signal) for actuator in model.actuators]
         first = np.array([run.inputs[0, commands] for run in self._runs])
-        every = np.arange(model.size)
-        _, _, states, by = self._simulator.actuators.linearise(first, whole.segments, p, whole.reads, every)
-        rank = np.cumsum(whole.reads) - 1
         runs = [i.run for i in self._intervals]
-        at: Index = np.array([rank[plans[i.run].row_segment[i.start]] for i in self._intervals])
-        return states[runs, at], by[runs, at][:, :, first.shape[1] :]
+        segments = np.array([plans[i.run].row_segment[i.start] for i in self._intervals])
+        reads = np.zeros(whole.segments.shape[1], dtype=bool)
+        reads[segments] = True
+        acting = self._simulator.actuators_touched
+        _, _, states, by = self._simulator.actuators.linearise(first, whole.segments, p, reads, acting)
+        at: Index = (np.cumsum(reads) - 1)[segments]
+        by_p = np.zeros((len(runs), first.shape[1], model.size))
+        by_p[:, :, acting] = by[runs, at][:, :, first.shape[1] :]
+        return states[runs, at], by_p

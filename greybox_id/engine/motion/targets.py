@@ -35,26 +35,6 @@ class Targets:
         """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
         return np.where((self.weight > 0) & taken, y - self.reading, np.nan)
 
-    def residuals(self, y: Array, taken: Mask) -> Array:
-        """(N, outputs) in noise standard deviations; zero where there is no reading."""
-        return np.where((self.weight > 0) & taken, y - self.reading, 0.0) * self.weight
-
-    def weighted(self, y: Array, taken: Mask) -> tuple[Array, Array]:
-        """Weighted residuals and their weights; those in the tails of a robust loss weigh less."""
-        e, weight = self.residuals(y, taken), np.where(taken, self.weight, 0.0)
-        if self.robust is None:
-            return e, weight
-        tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(e), 1e-12)))
-        return e * tail, weight * tail
-
-    def misfit(self, y: Array, taken: Mask) -> float:
-        """Half the sum of squared residuals, those in the tails linear."""
-        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
-            e = np.abs(self.residuals(y, taken))
-            if self.robust is None:
-                return 0.5 * float(np.sum(e**2))
-            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
-
 
 def targets(
     runs: Sequence[MotionRun],

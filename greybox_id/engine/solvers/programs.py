@@ -328,8 +328,8 @@ def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> LiftedMotion:
     begin = np.empty((len(cut.interval), size))
     begin[cut.first], begin[~cut.first] = starts, inner
     z_end, Z_end, y, Y = problem.simulator.kernel.linearise(begin, cut.segments, p[cut.interval], cut.reads, moving)
-    nodes = SimulatedRuns(lanes, cut, begin, cut.gathered(y))
-    e, weight = (cut.scattered(own) for own in problem.targets.weighted(nodes.y, nodes.taken))
+    nodes = SimulatedRuns(lanes, cut, begin, cut, y)
+    e, weight = problem.against(cut).weighted(y)
     total = len(x) + inner.size
     H, g, gaps_by = np.zeros((total, total)), np.zeros(total), np.zeros((inner.size, total))
     H[: len(x), : len(x)], g[: len(x)] = problem.believed, problem.pull_of_priors(x)

@@ -17,7 +17,6 @@ from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
-from scipy.special import ndtri
 
 from ...base.declared import must_be
 from ...base.errors import BadInput
@@ -44,35 +43,26 @@ def r_hat(chains: Array) -> float:
     Returns
     -------
     1 where chains have met; NaN where they are shorter than four draws or do not move.
+
+    Notes
+    -----
+    ArviZ computes it: Vehtari et al., Rank-Normalization, Folding, and Localization, Bayesian Analysis 16(2), 2021.
     """
-    if chains.size == 0 or chains.shape[1] < FEWEST or np.ptp(chains) == 0:
-        return float("nan")
-    folded = np.abs(chains - np.median(chains))
-    return float(max(_plain_r_hat(_normal_scores(_split(own))) for own in (chains, folded)))
+    return _diagnosed("rhat", chains)
 
 
 def effective_sample_size(chains: Array) -> float:
-    """How many independent draws tell as much of a parameter's middle (bulk), from (chains, draws).
+    """How many independent draws tell as much of a parameter's middle (bulk), from (chains, draws); NaN as `r_hat`."""
+    return _diagnosed("ess", chains)
 
-    NaN where chains are shorter than four draws or do not move; never above the number of draws times its logarithm.
-    """
+
+def _diagnosed(name: str, chains: Array) -> float:
     if chains.size == 0 or chains.shape[1] < FEWEST or np.ptp(chains) == 0:
         return float("nan")
-    z = _normal_scores(_split(chains))
-    count, length = z.shape
-    centred = z - np.mean(z, axis=1, keepdims=True)
-    size = 1 << int(np.ceil(np.log2(2 * length)))
-    spectrum = np.abs(np.fft.rfft(centred, size, axis=1)) ** 2
-    covariance = np.fft.irfft(spectrum, size, axis=1)[:, :length] / length
-    within = float(np.mean(covariance[:, 0])) * length / (length - 1)
-    between = float(np.var(np.mean(z, axis=1), ddof=1)) if count > 1 else 0.0
-    total = within * (length - 1) / length + between
-    rho = 1.0 - (within - np.mean(covariance, axis=0) * length / (length - 1)) / total
-    pairs = rho[: length - length % 2].reshape(-1, 2).sum(axis=1)
-    positive = int(np.argmax(pairs < 0)) if np.any(pairs < 0) else len(pairs)
-    pairs = np.minimum.accumulate(pairs[: max(positive, 1)])
-    tau = max(-1.0 + 2.0 * float(np.sum(pairs)), 1.0 / np.log10(max(z.size, 10)))
-    return float(z.size / tau)
+    from arviz_stats.base.array import array_stats  # which takes long to load
+
+    with np.errstate(invalid="ignore", divide="ignore"):  # chains of which each stays where it is
+        return float(getattr(array_stats, name)(chains, chain_axis=0, draw_axis=1))
 
 
 def weighted_quantile(values: Array, weight: Array, share: float) -> float:
@@ -82,24 +72,6 @@ def weighted_quantile(values: Array, weight: Array, share: float) -> float:
     order = np.argsort(values, kind="stable")
     own = weight[order] / np.sum(weight)
     return float(np.interp(share, np.cumsum(own) - 0.5 * own, values[order]))
-
-
-def _split(chains: Array) -> Array:
-    half = chains.shape[1] // 2
-    return np.concatenate([chains[:, :half], chains[:, -half:]])
-
-
-def _normal_scores(chains: Array) -> Array:
-    from scipy.stats import rankdata  # which takes long to load
-
-    ranks = rankdata(chains, method="average").reshape(chains.shape)
-    return np.asarray(ndtri((ranks - 0.375) / (chains.size + 0.25)))
-
-
-def _plain_r_hat(z: Array) -> float:
-    length = z.shape[1]
-    within, between = np.mean(np.var(z, axis=1, ddof=1)), np.var(np.mean(z, axis=1), ddof=1)
-    return float(np.sqrt((length - 1) / length + between / within)) if within > 0 else float("nan")
 
 
 Method = Literal["laplace", "mcmc", "abc-smc"]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ...base.shorthands import Array
 from ...base.statistics import welch
+from ...datasets.recording import Recording
 from ...engine.simulation import FreeRuns
 from .calibration import CAL
 from .noise import blocks
@@ -22,7 +23,7 @@ class Strip:
     ----------
     time : (n,) s, blocks' middles; where clocks begin anew, runs are laid one behind the other.
     before, after : (n,) mean square of the errors over the noise's.
-    x, y : (n,) m, the path, integrated from speed and yaw rate; empty where these are not recorded.
+    x, y : (n,) m, the path as it is recorded, else as it is integrated from speed and yaw rate; empty where neither is.
     frequency : (k,) Hz.
     spectrum_before, spectrum_after : channel -> (k,) spectral density of the errors over that of the noise.
     map : "v_x" and "a_y": (cells + 1,) edges; "gap", "time": (v_x cells, a_y cells) shares of the gap and of the time,
@@ -40,7 +41,15 @@ class Strip:
     map: Mapping[str, Array]
 
 
-def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping[str, Array], excess: Array) -> Strip:
+def strip(
+    bench: FreeRuns,
+    before: Array,
+    after: Array,
+    sd: Array,
+    seen: Mapping[str, Array],
+    excess: Array,
+    recordings: Sequence[Recording] = (),
+) -> Strip:
     """The picture's data.
 
     Parameters
@@ -50,12 +59,13 @@ def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping
     sd : (channels,) of noise.
     seen : signals per row.
     excess : (N,) what the map is of: squares of errors over noise that count as the gap.
+    recordings : whose rows these are, for the path.
     """
     channels = np.maximum(np.sum(bench.counted, axis=1), 1)
     first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
     parts = [slice(*ends) for ends in blocks(bench, CAL.strip_block)]
     time = running(bench.time)
-    x, y = _path(bench, seen)
+    x, y = _recorded(bench, recordings) or _path(bench, seen)
     frequency, spectra = np.empty(0), ({}, {})  # type: tuple[Array, tuple[dict[str, Array], dict[str, Array]]]
     longest = max(bench.rows, key=lambda rows: rows.stop - rows.start)
     window = min(256, longest.stop - longest.start)
@@ -69,13 +79,32 @@ def strip(bench: FreeRuns, before: Array, after: Array, sd: Array, seen: Mapping
         time=np.array([float(np.mean(time[own])) for own in parts]),
         before=np.array([float(np.mean(first[own])) for own in parts]),
         after=np.array([float(np.mean(then[own])) for own in parts]),
-        x=np.array([float(np.mean(x[own])) for own in parts]) if len(x) else x,
-        y=np.array([float(np.mean(y[own])) for own in parts]) if len(y) else y,
+        x=_middles(x, parts),
+        y=_middles(y, parts),
         frequency=frequency,
         spectrum_before=spectra[0],
         spectrum_after=spectra[1],
         map=_map(excess, seen),
     )
+
+
+def _middles(values: Array, parts: Sequence[slice]) -> Array:
+    """Means of blocks; NaN of one without readings, nothing of nothing."""
+    if not len(values):
+        return values
+    own = [values[part][np.isfinite(values[part])] for part in parts]
+    return np.array([float(np.mean(one)) if len(one) else np.nan for one in own])
+
+
+def _recorded(bench: FreeRuns, recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
+    """The path where every row's recording holds it."""
+    if not recordings or not all({"x", "y"} <= own.signals.keys() for own in recordings):
+        return None
+    time = np.concatenate([own.time for own in recordings])
+    if len(time) != len(bench.measured) or not np.allclose(time, bench.time):
+        return None
+    x, y = (np.concatenate([own[name] for own in recordings]) for name in ("x", "y"))
+    return (x, y) if np.any(np.isfinite(x) & np.isfinite(y)) else None
 
 
 def _path(bench: FreeRuns, seen: Mapping[str, Array]) -> tuple[Array, Array]:

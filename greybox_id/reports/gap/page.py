@@ -16,8 +16,9 @@ from matplotlib.colors import to_rgba_array
 from ...base.numbers import listed, number
 from ...base.shorthands import Array
 from ...base.version import __version__
-from ...gap import Closure, Errors, Gap, Limit, Ranked, Strip
-from ...gap.estimation.strip import running
+from ...fitting.scores.horizons import Errors
+from ...gap.estimation.strip import Strip, running
+from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ..document import Document, Drawing, VerdictBox
 from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades
@@ -96,7 +97,7 @@ SHARE_OPACITY = (0.04, 1.0)
 def regimes(ax: Axes, strip: Strip) -> None:
     """Draw a map of the share of the gap over v_x and a_y; grey where nothing was driven."""
     if not {"v_x", "a_y", "gap"} <= strip.map.keys():
-        notice(ax, "speed and lateral acceleration are not recorded")
+        notice(ax, "the recordings do not tell speed and lateral acceleration of every row")
         return
     share = np.asarray(strip.map["gap"], dtype=float)
     if not np.any(np.isfinite(share)) or not np.nanmax(share) > 0:
@@ -230,7 +231,8 @@ def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
     sets = aliases(shown)
     for k, members in enumerate(sets):
         line = look(PURPLE, 1.4, "cannot be distinguished" if k == 0 else None, dots=2.2)
-        ax.plot(np.full(len(members), 1.08 + 0.12 * k), members, **line)
+        joined = [float(row) if row in members else np.nan for row in range(members[0], members[-1] + 1)]
+        ax.plot(np.full(len(joined), 1.08 + 0.12 * k), joined, **line)  # no line crosses a row that is not meant
     ax.set(xlabel="probability [1]", xlim=(0.0, 1.04 + 0.12 * len(sets)), ylim=_rows(shown))
     ax.set_xticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
     ax.set_yticks(range(len(shown)), [own.effect.replace("_", " ") for own in shown])

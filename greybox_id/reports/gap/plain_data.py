@@ -4,14 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from math import nan
+from math import inf, nan
 from typing import Any
 
 import numpy as np
 
 from ...base.json_data import plain
-from ...gap import Budget, Closure, Errors, Gap, Limit, Moved, Ranked, Share, Strip, Unnamed, Where
+from ...fitting.scores.horizons import Errors
+from ...gap.estimation.strip import Strip
 from ...gap.estimation.wandering import Wander
+from ...gap.gap import Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
@@ -33,8 +35,8 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         recordings=_words(body["recordings"]),
         doubts=_words(body["doubts"]),
         gap_detected=bool(body["gap_detected"]),
-        p_value=float(body["p_value"]),
-        unknown_probability=float(body["unknown_probability"]),
+        p_value=_number(body["p_value"]),
+        unknown_probability=_number(body["unknown_probability"]),
         unknown=str(body["unknown"]),
         where=Where(
             channel=str(where["channel"]),
@@ -64,17 +66,17 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
 
 
 def _moved(body: Mapping[str, Any]) -> Moved:
-    stated, sd, value = (float(body[name]) for name in ("stated", "sd", "value"))
+    stated, sd, value = (_number(body[name]) for name in ("stated", "sd", "value"))
     return Moved(str(body["name"]), str(body["unit"]), stated, sd, value)
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:
     since, until = (None if body.get(end) is None else float(body[end]) for end in ("since", "until"))
     return Ranked(
-        str(body["effect"]), float(body["probability"]), float(body["magnitude"]), str(body["unit"]),
-        _pair(body["interval"]), _words(body["indistinguishable_from"]), float(body["gain"]),
+        str(body["effect"]), float(body["probability"]), _number(body["magnitude"], inf), str(body["unit"]),
+        _pair(body["interval"]), _words(body["indistinguishable_from"]), _number(body["gain"]),
         str(body.get("reason", "")), since, until, str(body.get("within", "")),
-        {str(name): float(value) for name, value in body.get("others", {}).items()},
+        _numbers(body.get("others", {})),
     )  # fmt: skip
 
 
@@ -95,28 +97,28 @@ def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
         return None
     y, x = body["F_y"], body["F_x"]
     return Unnamed(
-        float(y["share"]), float(x["share"]), float(y["amplitude"]), float(x["amplitude"]),
-        float(y["correlation_time"]), float(x["correlation_time"]), float(body["tolerances"]),
-        (str(body["worst"]["name"]), float(body["worst"]["sd"])), _numbers(body["noise"]),
-        float(body.get("expected") or nan),
+        _number(y["share"]), _number(x["share"]), _number(y["amplitude"]), _number(x["amplitude"]),
+        _number(y["correlation_time"]), _number(x["correlation_time"]), _number(body["tolerances"]),
+        (str(body["worst"]["name"]), _number(body["worst"]["sd"])),
+        _numbers(body["noise"]), _number(body.get("expected") or None),
     )  # fmt: skip
 
 
 def _wander(body: Mapping[str, Any]) -> Wander:
-    sd, correlation_time, gain = (float(body[name]) for name in ("sd", "correlation_time", "gain"))
+    sd, correlation_time, gain = (_number(body[name]) for name in ("sd", "correlation_time", "gain"))
     return Wander(str(body["effect"]), str(body["unit"]), sd, correlation_time, gain)
 
 
 def _limit(body: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: str(value) if name == "unit" else float(value) for name, value in body.items()}
+    return {name: str(value) if name == "unit" else _number(value, inf) for name, value in body.items()}
 
 
 def _closure(body: Mapping[str, Any]) -> Closure:
     return Closure(
-        before=float(body["before"]),
-        after=float(body["after"]),
-        floor=float(body["floor"]),
-        closed=float(body["closed"]),
+        before=_number(body["before"], inf),
+        after=_number(body["after"], inf),
+        floor=_number(body["floor"]),
+        closed=_number(body["closed"]),
         closed_interval=_pair(body["closed_interval"]),
         recordings=_words(body["recordings"]),
         errors=tuple(_errors(own) for own in body["errors"]),
@@ -127,7 +129,7 @@ def _errors(body: Mapping[str, Any]) -> Errors:
     horizon = body["horizon"]
     return Errors(
         str(body["channel"]), str(body["unit"]), None if horizon is None else float(horizon),
-        *(float(body[name]) for name in ("before", "after", "floor")),
+        *(_number(body[name], inf) for name in ("before", "after", "floor")),
     )  # fmt: skip
 
 
@@ -155,10 +157,15 @@ def _words(body: Any) -> tuple[str, ...]:
     return tuple(str(own) for own in body)
 
 
+def _number(value: Any, unknown: float = nan) -> float:
+    """A number; where it was printed for readers who know none that are not finite, what null stands for."""
+    return unknown if value is None else float(value)
+
+
 def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
-    return {str(name): float(value) for name, value in body.items()}
+    return {str(name): _number(value) for name, value in body.items()}
 
 
 def _pair(body: Any) -> tuple[float, float]:
     low, high = body
-    return float(low), float(high)
+    return _number(low, -inf), _number(high, inf)

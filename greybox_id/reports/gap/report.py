@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from ...base.numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
-from ...gap import Closure, Errors, Gap, Limit, Ranked
+from ...fitting.scores.horizons import Errors
+from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ...models.motion_model import MotionModel
 from ...models.registry import build
@@ -137,7 +138,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
         *titled("How to make it again", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
     )  # fmt: skip
     about = f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why"
-    return Document(gap.model, about, "a gap", f"greybox-id {made.version}", parts)
+    return Document(f"{made.vehicle}: {listed([*gap.recordings])}", about, "a gap", f"greybox-id {made.version}", parts)
 
 
 def _data(gap: Gap) -> tuple[Part, ...]:
@@ -161,7 +162,7 @@ def ranked(gap: Gap) -> Table:
         )
         for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
     )  # fmt: skip
-    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLllrrl")
+    return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLLLrrl")
 
 
 def _which(gap: Gap, ranking: Table) -> tuple[Part, ...]:

@@ -9,7 +9,7 @@ from typing import Any
 
 from ...base.saved import Kind
 from ...fitting.provenance import DataRecord
-from ...gap import Gap
+from ...gap.gap import Gap
 from ...models.effects import EFFECTS
 from ...models.model import Model
 from ...models.vehicle import Vehicle

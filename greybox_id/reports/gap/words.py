@@ -7,8 +7,8 @@ from math import fsum, inf, isfinite, sqrt
 
 from ...base.numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
 from ...base.statistics import NORMAL
-from ...gap import Closure, Gap, Ranked
 from ...gap.estimation.calibration import CAL
+from ...gap.gap import Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 
 LOPSIDED = 1.3

@@ -8,7 +8,8 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 
 from ...base.numbers import listed, number, pretty_unit, rmse
-from ...gap import Budget, Closure, Errors, Gap
+from ...fitting.scores.horizons import Errors
+from ...gap.gap import Budget, Closure, Gap
 from ..gap.words import (
     as_it_stands,
     carried_over,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Collection, Iterable, Iterator
 from io import StringIO
 
@@ -10,17 +9,10 @@ from rich.console import Console, ConsoleOptions, JustifyMethod, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 
+from ..words import clean
+
 WIDTH = 160
 """Columns of tables that go to a file or a pipe."""
-
-
-ORDERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
-"""Characters that move a cursor, change colours or turn the direction of letters; ends of lines and tabs are none."""
-
-
-def clean(text: str) -> str:
-    """A text as it may be shown: an escape character is shown as its picture, other orders as a question mark."""
-    return ORDERS.sub(lambda found: "␛" if found[0] == "\x1b" else "\ufffd", text)
 
 
 class Screen(Console):

@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from ...base.numbers import alike, counted, pretty_unit
 from ...base.numbers import number as decimal
 from ...base.signals import unit_of
-from ...filters import Track
+from ...filters.track import Track
 from ..track.digest import Digest
 from .screen import plain_table
 

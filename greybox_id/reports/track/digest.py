@@ -14,8 +14,8 @@ from ...base.saved import Kind
 from ...base.shorthands import Array
 from ...base.statistics import correlation
 from ...datasets.recording import Recording
-from ...filters import Track
 from ...filters.findings import WINDOW, Consistency, bounds, windowed
+from ...filters.track import Track
 from ...fitting.provenance import DataRecord, data_record
 
 

@@ -89,21 +89,21 @@ def adapted(
     BadInput : there is no such arm, or rows do not hold what it needs.
     """
     began = time.process_time()
-    say(f"making a model of {sum(len(own) for own in recordings)} rows")
-    found = twin(arm, vehicle, recordings, seed)
+    say(f"making a model of {sum(len(recording) for recording in recordings)} rows")
+    result = twin(arm, vehicle, recordings, seed)
     modelled = time.process_time() - began
-    say(f"learning with {', '.join(found.applied) or arm}")
-    learned = learned_on(found, vehicle, start, units, steps=steps, cap=cap, seed=seed, say=say, stopped=stopped)
-    return Adapted(learned, found, {"diagnosis": modelled, "learning": time.process_time() - began - modelled})
+    say(f"learning with {', '.join(result.applied) or arm}")
+    learned = learned_on(result, vehicle, start, units, steps=steps, cap=cap, seed=seed, say=say, stopped=stopped)
+    return Adapted(learned, result, {"diagnosis": modelled, "learning": time.process_time() - began - modelled})
 
 
 def learned_on(
-    found: Twin, vehicle: Vehicle, start: Learned, units: World, *, steps: int, cap: float, seed: int = 0,
+    twin: Twin, vehicle: Vehicle, start: Learned, units: World, *, steps: int, cap: float, seed: int = 0,
     usage: tuple[float, float] | None = None, say: Say = lambda sentence: None,
     stopped: Callable[[], bool] = lambda: False,
 ) -> Learned:  # fmt: skip
     """Go on learning in a twin; parameters as of `adapted`, and shares of the grip that are asked for, see `Rules`."""
-    world = world_of(found.model, vehicle, LANES, cap, like=units, draws=found.draws, usage=usage)
+    world = world_of(twin.model, vehicle, LANES, cap, like=units, draws=twin.draws, usage=usage)
     return learn(world, steps, start=start, seed=seed, settings=FINE_TUNING, say=say, stopped=stopped)
 
 
@@ -116,11 +116,11 @@ def used_to(model: MotionModel, vehicle: Vehicle, steps: int, cap: float, seed: 
 def last_rows(recordings: list[Recording], rows: int) -> list[Recording]:
     """The last rows of recordings, so many at most."""
     kept, left = list[Recording](), rows
-    for own in reversed(recordings):
+    for recording in reversed(recordings):
         if left <= 1:
             break
-        kept.append(own if len(own) <= left else own.rows(len(own) - left, len(own)))
-        left -= len(own)
+        kept.append(recording if len(recording) <= left else recording.rows(len(recording) - left, len(recording)))
+        left -= len(recording)
     return kept[::-1]
 
 
@@ -155,15 +155,15 @@ def foretold(
     off = np.full((int(TWIN_SECONDS / world.rules.period), TWIN_LANES), np.nan)
     for k in range(len(off)):
         _, ended, cut = world.step(act(world.observe()), still=~going)
-        told = world.told()
+        progress = world.told()
         crashed |= ended
-        over = going & ~ended & (told["s"] - begun >= TWIN_LAPS * world.track.length)
+        over = going & ~ended & (progress["s"] - begun >= TWIN_LAPS * world.track.length)
         times[over] = (k + 1) * world.rules.period
         going &= ~(ended | cut | over)
         if not np.any(going):
             break
         if k * world.rules.period >= SETTLED:
-            off[k, going] = told["e_y"][going]
+            off[k, going] = progress["e_y"][going]
     laps = times[np.isfinite(times)]
     crashes = int(np.sum(crashed | ~np.isfinite(times)))
     return Foretold(_rms(off), _worst(off, world.rules.period), crashes, float(np.mean(laps)) if len(laps) else np.nan)
@@ -177,8 +177,8 @@ def _rms(off: Array) -> float:
 def _worst(off: Array, period: float) -> float:
     """The largest root mean square over a window, of any vehicle."""
     window, largest = int(WINDOW / period), float("nan")
-    for own in off.T:
-        kept = own[np.isfinite(own)]
+    for lane in off.T:
+        kept = lane[np.isfinite(lane)]
         if len(kept) > window:
             sums = np.concatenate([[0.0], np.cumsum(kept**2)])
             largest = float(np.fmax(largest, np.sqrt(np.max(sums[window:] - sums[:-window]) / window)))

@@ -105,22 +105,22 @@ class AgentOutcome:
         return {
             "scene": dict(self.asked),
             "withheld": dict(self.withheld),
-            "drives": [dict(own) for own in self.drives],
-            "trainings": [dict(own) for own in self.trainings],
+            "drives": [dict(drive) for drive in self.drives],
+            "trainings": [dict(training) for training in self.trainings],
             "folder": str(self.folder),
         }
 
     def summary(self) -> str:
         """For people."""
         lines = ["drive  rows  cap   path error  crashes  policy"]
-        for k, own in enumerate(self.drives, 1):
-            error = f"{1e3 * own['path_error_rms']:7.1f} mm"
+        for k, drive in enumerate(self.drives, 1):
+            error = f"{1e3 * drive['path_error_rms']:7.1f} mm"
             lines.append(
-                f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {error}  {own['crashes']:7d}  {own['policy'][:8]}"
+                f"{k:5d}  {drive['rows']:4d}  {drive['cap']:.2f}  {error}  {drive['crashes']:7d}  {drive['policy'][:8]}"
             )
-        for own in self.trainings:
-            applied = effect_words(own["applied"])
-            lines.append(f"learned ({own['reason']}): applied {applied}; {own['refused'] or 'swapped'}")
+        for drive in self.trainings:
+            applied = effect_words(drive["applied"])
+            lines.append(f"learned ({drive['reason']}): applied {applied}; {drive['refused'] or 'swapped'}")
         return "\n".join([*lines, f"written  {self.folder}"])
 
 
@@ -180,8 +180,8 @@ class _Agent(Underway):
     def _hello(self, sha: str, body: bytes) -> None:
         """Tell the server who drives, and by which policy."""
         self._asked(lambda: self.client.post("/v1/policies", body))
-        wanted = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
-        self._asked(lambda: self.client.post("/v1/hello", wanted))
+        target = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
+        self._asked(lambda: self.client.post("/v1/hello", target))
 
     def _asked(self, ask: Callable[[], Answer]) -> Answer:
         """An answer, asked for again where nobody answers: requests are the same whether they come once or twice."""
@@ -212,13 +212,15 @@ class _Agent(Underway):
         """Send the rows that the server does not have."""
         self.buffer.send(lambda body: self.client.post(f"{self._path}/rows", body))
 
-    def _shown(self, drive: DrivenRows, told: Mapping[str, Any]) -> None:
+    def _shown(self, drive: DrivenRows, known: Mapping[str, Any]) -> None:
         """Telemetry for the server's page."""
         events = [
-            {"kind": "telemetry", "policy": told["policy"], "cap": told["cap"], "v_x": float(v_x), "e_y": float(e_y)}
-            for own in drive.episodes
-            if own.recording is not None
-            for v_x, e_y in zip(own.recording["v_x"][::SHOWN], own.e_y[::SHOWN], strict=False)  # less before a crash
+            {"kind": "telemetry", "policy": known["policy"], "cap": known["cap"], "v_x": float(v_x), "e_y": float(e_y)}
+            for episode in drive.episodes
+            if episode.recording is not None
+            for v_x, e_y in zip(
+                episode.recording["v_x"][::SHOWN], episode.e_y[::SHOWN], strict=False
+            )  # less before a crash
         ]
         self._show(events)
 
@@ -232,13 +234,13 @@ class _Agent(Underway):
         drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
         self.count(drive, cap, drive=k)
         recordings = drive.recordings
-        for own in recordings:
-            self.buffer.add(own, seat.now.sha, driven_at)
+        for recording in recordings:
+            self.buffer.add(recording, seat.now.sha, driven_at)
         try:
             self._send()
         except Unanswered as error:
             self.log.write("rows wait", reason=str(error))
-        told = {
+        known = {
             "rows": drive.rows,
             "cap": driven_at,
             "path_error_rms": drive.path_error,
@@ -248,11 +250,11 @@ class _Agent(Underway):
             "events": hands.events,
             "policy": seat.now.sha,
         }
-        self._shown(drive, told)
-        self._event("drive", number=k, **told)
-        self.state["drives"].append(told)
+        self._shown(drive, known)
+        self._event("drive", number=k, **known)
+        self.state["drives"].append(known)
         self.state["cap"], self.state["clean"], self.state["part"] = cap.share, cap.clean, self.buffer.last
-        rows = sum(own["rows"] for own in self.state["drives"])
+        rows = sum(item["rows"] for item in self.state["drives"])
         counts = RowCounts(last=self.state["learned_at"])
         reason = counts.due(rows)
         if not reason and recordings and counts.allowed(rows):
@@ -263,13 +265,13 @@ class _Agent(Underway):
 
     def _train(self, seat: Seat, reason: str) -> None:
         """Ask for a policy, try it, and let it drive."""
-        own, k = self.options, len(self.state["trainings"]) + 1
+        entry, k = self.options, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
         self._event("trigger", training=k, reason=reason)
         self._asked(self._send)
-        wanted = {"arm": own.arm, "seconds": own.seconds, "steps": own.steps, "seed": own.seed + k,
+        target = {"arm": entry.arm, "seconds": entry.seconds, "steps": entry.steps, "seed": entry.seed + k,
                   "cap": self.state["cap"]}  # fmt: skip
-        job = self._asked(lambda: self.client.post(f"{self._path}/train", wanted))
+        job = self._asked(lambda: self.client.post(f"{self._path}/train", target))
         place = f"/v1/jobs/{job['id']}"
         while job["status"] not in (DONE, FAILED):
             time.sleep(POLL)
@@ -318,12 +320,12 @@ class _Agent(Underway):
 
         Before anything of the vehicle is known it may be anything in the ranges of `by_hand`.
         """
-        said = self.state["foretold"]
-        if not said:
-            found = foretold(self.nominal, self.vehicle, policy.act, self.units(cap), cap, by_hand())
-            return {"path_error_rms": found.path_error, "worst": found.worst}
-        above = [own for own in said if own["cap"] >= cap - 1e-9]
-        return min(above or said, key=lambda own: abs(own["cap"] - cap))
+        stated = self.state["foretold"]
+        if not stated:
+            result = foretold(self.nominal, self.vehicle, policy.act, self.units(cap), cap, by_hand())
+            return {"path_error_rms": result.path_error, "worst": result.worst}
+        above = [item for item in stated if item["cap"] >= cap - 1e-9]
+        return min(above or stated, key=lambda item: abs(item["cap"] - cap))
 
     def _evidence(self, recordings: Sequence[Recording]) -> str:
         """Why the last drive is not that of the vehicle that is believed: the file's at first, then the last twin."""

@@ -89,10 +89,10 @@ def twin(arm: str, vehicle: Vehicle, recordings: Sequence[Recording], seed: int 
             return replace(stated, model=injected(stated.model, net))
         case "residual":
             return corrected(stated, given, seed)
-    found = named(vehicle, given)
-    if arm == "named_residual" and (found.unknown_probability or 0.0) > UNNAMED:
-        return corrected(found, given, seed)
-    return found
+    result = named(vehicle, given)
+    if arm == "named_residual" and (result.unknown_probability or 0.0) > UNNAMED:
+        return corrected(result, given, seed)
+    return result
 
 
 def oracle(vehicle: Vehicle, effects: Mapping[str, float]) -> Twin | None:
@@ -102,39 +102,39 @@ def oracle(vehicle: Vehicle, effects: Mapping[str, float]) -> Twin | None:
     return Twin(vehicle, with_effects(motion_model_of(vehicle), dict(effects)), applied=dict(effects))
 
 
-def corrected(found: Twin, recordings: Sequence[Recording], seed: int) -> Twin:
+def corrected(twin: Twin, recordings: Sequence[Recording], seed: int) -> Twin:
     """With networks of what its model is off by."""
     net = train_actuator_net(
-        recordings, variant="residual", model=found.model, sample_time=PERIOD, members=MEMBERS, seed=seed
+        recordings, variant="residual", model=twin.model, sample_time=PERIOD, members=MEMBERS, seed=seed
     )
     # networks add to the model at its values: drawn ones would be corrected for what they are not
-    return replace(found, model=injected(found.model, net), draws=nothing_drawn())
+    return replace(twin, model=injected(twin.model, net), draws=nothing_drawn())
 
 
 def named(vehicle: Vehicle, recordings: Sequence[Recording]) -> Twin:
     """What `greybox gap` says of rows, and the model that closes the gap."""
     gap = diagnose(vehicle, list(recordings), vehicle=vehicle)
-    found = Twin(
+    result = Twin(
         vehicle, motion_model_of(vehicle), detected=gap.gap_detected, named=causes(gap),
         unknown_probability=gap.unknown_probability,
     )  # fmt: skip
     if not gap.applied or not isinstance(gap.closed, MotionModel):
-        return found
+        return result
     applied = {name: float(gap.closed[name].array) for name in gap.applied}
-    found = replace(found, vehicle=closed_vehicle(vehicle, gap), model=gap.closed, applied=applied)
-    return replace(found, draws=of_gap(gap, unseen=False))
+    result = replace(result, vehicle=closed_vehicle(vehicle, gap), model=gap.closed, applied=applied)
+    return replace(result, draws=of_gap(gap, unseen=False))
 
 
 def causes(gap: Gap) -> tuple[Mapping[str, Any], ...]:
     """What is held for the cause: applied effects, and others that are more likely there than not."""
     return tuple(
         {
-            "effect": own.effect,
-            "magnitude": own.magnitude,
-            "unit": own.unit,
-            "interval": list(own.interval),
-            "probability": own.probability,
+            "effect": item.effect,
+            "magnitude": item.magnitude,
+            "unit": item.unit,
+            "interval": list(item.interval),
+            "probability": item.probability,
         }
-        for own in gap.ranking
-        if own.effect in gap.applied or own.probability > 0.5
+        for item in gap.ranking
+        if item.effect in gap.applied or item.probability > 0.5
     )

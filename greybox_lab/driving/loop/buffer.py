@@ -72,7 +72,7 @@ class RowBuffer:
         self._folder, self._list = folder, folder / "buffer.json"
         held = read_json(self._list) if self._list.is_file() else []
         try:
-            self.parts = [RowPart(**own) for own in held]
+            self.parts = [RowPart(**item) for item in held]
         except TypeError as error:
             raise BadInput(f"{self._list} is damaged; remove it, and the rows beside it.") from error
 
@@ -83,17 +83,17 @@ class RowBuffer:
             times = recording.time[a:b] - recording.time[a] + begins
             cuts = np.linspace(a, b, -(-(b - a) // A_PART) + 1).astype(int)
             for low, high in zip(cuts[:-1].tolist(), cuts[1:].tolist(), strict=True):
-                signals = {name: own[low:high] for name, own in recording.signals.items()}
+                signals = {name: signal[low:high] for name, signal in recording.signals.items()}
                 part = RowPart(self.last + 1, high - low, float(times[high - a - 1]), policy, cap)
                 write_recording(Recording("rows", times[low - a : high - a], signals), self.file(part))
                 self._keep([*self.parts, part])
-        while sum(own.rows for own in self.parts) > MOST:
+        while sum(part.rows for part in self.parts) > MOST:
             self.file(self.parts[0]).unlink(missing_ok=True)
             self._keep(self.parts[1:])
 
     def forget(self, after: int) -> None:
         """Drop parts with a higher number: what led to them is done once more."""
-        self._keep([own for own in self.parts if own.number <= after])
+        self._keep([part for part in self.parts if part.number <= after])
 
     @property
     def last(self) -> int:
@@ -102,35 +102,39 @@ class RowBuffer:
 
     def send(self, post: Callable[[bytes], object]) -> None:
         """Hand over what was not sent yet, the oldest first; what `post` raises leaves the rest for the next time."""
-        for k, own in enumerate(self.parts):
-            if not own.sent:
-                post(self.file(own).read_bytes())
-                self._keep([*self.parts[:k], replace(own, sent=True), *self.parts[k + 1 :]])
+        for k, part in enumerate(self.parts):
+            if not part.sent:
+                post(self.file(part).read_bytes())
+                self._keep([*self.parts[:k], replace(part, sent=True), *self.parts[k + 1 :]])
 
     def recordings(self, until: int) -> list[Recording]:
         """What is kept of the rows until a part's number."""
-        return continued([read(self.file(own)) for own in self.parts if own.number <= until])
+        return continued([read(self.file(part)) for part in self.parts if part.number <= until])
 
     def file(self, part: RowPart) -> Path:
         """Where a part is."""
         return self._folder / f"rows_{part.number:06d}.csv"
 
     def _keep(self, parts: Sequence[RowPart]) -> None:
-        write_atomically(self._list, json.dumps([asdict(own) for own in parts]) + "\n", continued=True)
+        write_atomically(self._list, json.dumps([asdict(part) for part in parts]) + "\n", continued=True)
         self.parts = list(parts)
 
 
 def continued(recordings: Sequence[Recording]) -> list[Recording]:
     """Recordings, where one goes on a sample after another has ended as a single one."""
-    found = list[list[Recording]]()
-    for own in recordings:
-        last = found[-1][-1] if found else None
-        step = own.time[0] - last.time[-1] if last is not None else 0.0
-        if last is not None and abs(step - own.sample_time) < 0.5 * own.sample_time and _like(last, own):
-            found[-1].append(own)
+    result = list[list[Recording]]()
+    for recording in recordings:
+        last = result[-1][-1] if result else None
+        step = recording.time[0] - last.time[-1] if last is not None else 0.0
+        if (
+            last is not None
+            and abs(step - recording.sample_time) < 0.5 * recording.sample_time
+            and _like(last, recording)
+        ):
+            result[-1].append(recording)
         else:
-            found.append([own])
-    return [_one(own) for own in found]
+            result.append([recording])
+    return [_one(item) for item in result]
 
 
 def _like(one: Recording, other: Recording) -> bool:
@@ -140,6 +144,6 @@ def _like(one: Recording, other: Recording) -> bool:
 def _one(parts: Sequence[Recording]) -> Recording:
     if len(parts) == 1:
         return parts[0]
-    times = np.concatenate([own.time for own in parts])
-    signals = {name: np.concatenate([own[name] for own in parts]) for name in parts[0].signals}
+    times = np.concatenate([part.time for part in parts])
+    signals = {name: np.concatenate([part[name] for part in parts]) for name in parts[0].signals}
     return replace(parts[0], time=times, signals=signals, runs=((0, len(times)),))

@@ -10,7 +10,7 @@ from urllib.parse import urlsplit
 
 from greybox_id.base.errors import BadInput
 
-from .protocol import DIGEST, SIGNATURE, Declined, digest_of, signature
+from .protocol import Declined, digest_of, signed_headers
 
 PATIENCE = 30.0
 """s to wait for an answer."""
@@ -41,46 +41,58 @@ class Client:
             raise BadInput(f"{address} is no address; a server prints its own, as http://127.0.0.1:8787.") from error
         if parts.scheme != "http" or not self._host or parts.path not in ("", "/"):
             raise BadInput(f"{address} is no address; a server prints its own, as http://127.0.0.1:8787.")
-        self._address, self._token = address, token
+        self._address, self._token, self._challenge = address, token, ""
 
     def post(self, path: str, body: Mapping[str, Any] | bytes) -> dict[str, Any]:
         """The answer to what is sent. Raises `Declined`, `Unanswered`."""
-        held = body if isinstance(body, bytes) else json.dumps(body).encode()
-        return _object(self._asked("POST", path, held))
+        return _object(self._request("POST", path, body if isinstance(body, bytes) else json.dumps(body).encode()))
 
     def get(self, path: str) -> dict[str, Any]:
         """What is there. Raises `Declined`, `Unanswered`."""
-        return _object(self._asked("GET", path, b""))
+        return _object(self._request("GET", path, b""))
 
     def policy(self, sha: str) -> bytes:
         """The bytes of a policy, whose SHA-256 is right. Raises `Declined`, `Unanswered`."""
-        found = self._asked("GET", f"/v1/policies/{sha}", b"")
-        if digest_of(found) != sha:
+        body = self._request("GET", f"/v1/policies/{sha}", b"")
+        if digest_of(body) != sha:
             raise Unanswered("The policy did not arrive as it was sent; ask again.")
-        return found
+        return body
 
-    def _asked(self, method: str, path: str, body: bytes) -> bytes:
-        digest = digest_of(body)
-        heads = {DIGEST: digest, SIGNATURE: signature(self._token, method, path, digest)}
+    def _request(self, method: str, path: str, body: bytes) -> bytes:
+        """An answer; signed anew where the server has begun with another challenge."""
+        if not self._challenge:
+            health = _object(self._once("GET", "/healthz", b"", {}))
+            self._challenge = str(health.get("challenge", ""))
+        try:
+            return self._once(method, path, body, signed_headers(self._token, method, path, body, self._challenge))
+        except Declined as declined:
+            if declined.challenge in ("", self._challenge):
+                raise
+            self._challenge = declined.challenge
+        return self._once(method, path, body, signed_headers(self._token, method, path, body, self._challenge))
+
+    def _once(self, method: str, path: str, body: bytes, headers: Mapping[str, str]) -> bytes:
         connection = http.client.HTTPConnection(self._host, self._port, timeout=PATIENCE)
         try:
-            connection.request(method, path, body, heads)
-            answer = connection.getresponse()
-            found = answer.read()
+            connection.request(method, path, body, dict(headers))
+            response = connection.getresponse()
+            content = response.read()
         except (OSError, http.client.HTTPException) as error:
             raise Unanswered(f"{self._address} does not answer ({error}); is `greybox serve` running?") from error
         finally:
             connection.close()
-        if answer.status != http.HTTPStatus.OK:
-            raise Declined(answer.status, f"{self._address}: {_object(found).get('error', answer.reason)}")
-        return found
+        if response.status != http.HTTPStatus.OK:
+            answer = _object(content)
+            sentence = f"{self._address}: {answer.get('error', response.reason)}"
+            raise Declined(response.status, sentence, str(answer.get("challenge", "")))
+        return content
 
 
 def _object(body: bytes) -> dict[str, Any]:
     try:
-        found = json.loads(body)
+        answer = json.loads(body)
     except ValueError as error:
         raise Unanswered("The answer is no JSON: this is no server of greybox-id.") from error
-    if not isinstance(found, dict):
+    if not isinstance(answer, dict):
         raise Unanswered("The answer is no JSON object: this is no server of greybox-id.")
-    return found
+    return answer

@@ -103,8 +103,8 @@ class Demo:
         return {
             "scene": dict(self.scene),
             "withheld": dict(self.withheld),
-            "cycles": [{name: own for name, own in one.items() if name != "trace"} for one in self.cycles],
-            "arms": {name: dict(own) for name, own in self.arms.items()},
+            "cycles": [{name: item for name, item in one.items() if name != "trace"} for one in self.cycles],
+            "arms": {name: dict(arm) for name, arm in self.arms.items()},
             "folder": str(self.folder),
         }
 
@@ -115,15 +115,16 @@ class Demo:
             "",
             "cycle  rows  cap   path error  lap time  crashes  named and applied        swapped",
         ]
-        for k, own in enumerate(self.cycles, 1):
-            swapped = "yes" if own["swapped"] else "no"
+        for k, cycle in enumerate(self.cycles, 1):
+            swapped = "yes" if cycle["swapped"] else "no"
             lines.append(
-                f"{k:5d}  {own['rows']:4d}  {own['cap']:.2f}  {1e3 * own['path_error_rms']:7.1f} mm"
-                f"  {lap_words(own['lap_time']):>8}  {own['crashes']:7d}  {effect_words(own['applied']):24s} {swapped}"
+                f"{k:5d}  {cycle['rows']:4d}  {cycle['cap']:.2f}  {1e3 * cycle['path_error_rms']:7.1f} mm"
+                f"  {lap_words(cycle['lap_time']):>8}  {cycle['crashes']:7d}"
+                f"  {effect_words(cycle['applied']):24s} {swapped}"
             )
         lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
-        for name, own in self.arms.items():
-            first, last = own["first"], own["last"]
+        for name, cycle in self.arms.items():
+            first, last = cycle["first"], cycle["last"]
             lines.append(
                 f"{name:10s} {1e3 * first['path_error_rms']:23.1f} mm {1e3 * last['path_error_rms']:13.1f} mm"
                 f"  {lap_words(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
@@ -170,12 +171,12 @@ class Underway:
     """
 
     def __init__(
-        self, file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, Any], scene: Scene, say: Say
+        self, file: Path, kind: str, requested: Mapping[str, Any], fresh: Mapping[str, Any], scene: Scene, say: Say
     ) -> None:
         self._file, self.folder, self.scene, self.say = file, file.parent, scene, say
         self.vehicle = scene.vehicle
         self.nominal = motion_model_of(self.vehicle)
-        self.state = begun(file, kind, {**asked, "version": __version__}, fresh)
+        self.state = begun(file, kind, {**requested, "version": __version__}, fresh)
         self.log = Log(self.folder / "log.jsonl")
         write_atomically(self.folder / "vehicle.toml", scene.text, continued=True)
 
@@ -198,10 +199,10 @@ class Underway:
 
     def count(self, rows: DrivenRows, cap: Cap, **where: int) -> None:
         """Let laps and crashes of a drive move the cap."""
-        for own in rows.episodes:
-            cap.clean += len(own.laps)
-            if own.crashed:
-                self.log.write("crash", **where, s=float(own.s[-1]))
+        for episode in rows.episodes:
+            cap.clean += len(episode.laps)
+            if episode.crashed:
+                self.log.write("crash", **where, s=float(episode.s[-1]))
                 cap.event()
 
 
@@ -212,8 +213,8 @@ class _Running(Underway):
         self, folder: Path, scene: Scene, size: DemoSize, quick: bool, arm: str, seed: int, cycles: int, say: Say
     ) -> None:
         self.size, self.seed, self.cycles, self.arm = size, seed, cycles, arm
-        asked = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles}
-        super().__init__(folder / "demo.json", "demo", asked, {"cycles": [], "arms": {}, "cap": CAP}, scene, say)
+        requested = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles}
+        super().__init__(folder / "demo.json", "demo", requested, {"cycles": [], "arms": {}, "cap": CAP}, scene, say)
 
     def run(self) -> Demo:
         """All that is not done yet."""
@@ -228,10 +229,10 @@ class _Running(Underway):
             if name not in self.state["arms"]:
                 self.state["arms"][name] = self._judged(name, made)
                 self.keep()
-        arms = {name: own for name, own in self.state["arms"].items() if own is not None}
-        found = Demo(self.state["asked"], self.scene.effects, tuple(self.state["cycles"]), arms, self.folder)
-        write_atomically(self.folder / "index.html", page(demo_report(found)), continued=True)
-        return found
+        arms = {name: item for name, item in self.state["arms"].items() if item is not None}
+        result = Demo(self.state["asked"], self.scene.effects, tuple(self.state["cycles"]), arms, self.folder)
+        write_atomically(self.folder / "index.html", page(demo_report(result)), continued=True)
+        return result
 
     def _cycle(self, base: Learned) -> None:
         """DrivenRows rows, name, learn, probe and swap."""
@@ -254,32 +255,32 @@ class _Running(Underway):
             )
         write_recording(joined(recordings), folder / "rows.csv")
         self.say(f"cycle {k}: making a model of what was driven, and learning anew")
-        found = adapted(
+        result = adapted(
             self.vehicle, recordings, present, units, self.arm, steps=self.size.steps, cap=driven_at,
             seed=self.seed + k,
         )  # fmt: skip
-        write_vehicle(found.twin.vehicle, folder / "closed.toml")
-        if isinstance(found.twin.model, InjectedModel):
-            write_atomically(folder / "net.json", found.twin.model.net.text(), continued=True)
-        body = found.learned.text().encode()
+        write_vehicle(result.twin.vehicle, folder / "closed.toml")
+        if isinstance(result.twin.model, InjectedModel):
+            write_atomically(folder / "net.json", result.twin.model.net.text(), continued=True)
+        body = result.learned.text().encode()
         write_atomically(folder / "policy.json", body.decode(), continued=True)
-        reason = self._swapped(seat, body, found.twin, units, driven_at)
+        reason = self._swapped(seat, body, result.twin, units, driven_at)
         self.log.write("swap" if not reason else "no swap", cycle=k, sha256=digest_of(body), reason=reason)
-        now = present if reason else found.learned
+        now = present if reason else result.learned
         if reason and k == 1:
             write_atomically(self.folder / "policy.json", present.text(), continued=True)
         if not reason:
             cap.next_cycle()
         self.state["cap"] = cap.share
-        twin = self._foretold(found.twin.model, now, cap.share)
+        twin = self._foretold(result.twin.model, now, cap.share)
         self.state["foretold"] = twin
         self.state["cycles"].append(
             {
                 "rows": drive.rows,
                 "cap": driven_at,
-                "detected": found.twin.detected,
-                "named": [dict(own) for own in found.twin.named],
-                "applied": dict(found.twin.applied),
+                "detected": result.twin.detected,
+                "named": [dict(item) for item in result.twin.named],
+                "applied": dict(result.twin.applied),
                 "path_error_rms": drive.path_error,
                 "path_error_foretold": before["path_error_rms"],
                 "lap_time": drive.lap_time,
@@ -288,7 +289,7 @@ class _Running(Underway):
                 "swapped": not reason,
                 "reason": reason,
                 "seconds": time.monotonic() - began,
-                "cpu_seconds": dict(found.seconds),
+                "cpu_seconds": dict(result.seconds),
                 "next": {"cap": cap.share, **twin},
                 "trace": trace(drive),
             }
@@ -296,19 +297,19 @@ class _Running(Underway):
         self.keep()
         seat.close()
 
-    def _swapped(self, seat: Seat, body: bytes, found: Twin, units: World, cap: float) -> str:
+    def _swapped(self, seat: Seat, body: bytes, twin: Twin, units: World, cap: float) -> str:
         """Try a policy in the twin, and swap; why it is not swapped, or ""."""
         try:
-            seat.swap(body, digest_of(body), twin_of(found, self.vehicle, units, cap))
+            seat.swap(body, digest_of(body), twin_of(twin, self.vehicle, units, cap))
         except NotSwapped as error:
             return str(error)
         return ""
 
     def _foretold(self, model: MotionModel, learned: Learned, cap: float, draws: Draws | None = None) -> dict[str, Any]:
         """How the twin is driven, as plain data; before a vehicle is known, `draws` are what it may be."""
-        found = foretold(model, self.vehicle, learned.policy.act, self.units(cap), cap, draws)
-        return {"path_error_rms": found.path_error, "worst": found.worst, "lap_time": found.lap_time,
-                "crashes": found.crashes}  # fmt: skip
+        result = foretold(model, self.vehicle, learned.policy.act, self.units(cap), cap, draws)
+        return {"path_error_rms": result.path_error, "worst": result.worst, "lap_time": result.lap_time,
+                "crashes": result.crashes}  # fmt: skip
 
     def _seed(self, k: int) -> int:
         return 1000 * self.seed + 100 * k
@@ -317,10 +318,10 @@ class _Running(Underway):
         """Who is compared; all but the base learn as many steps as the loop took."""
         steps, cap = self.cycles * self.size.steps, self.state["cap"]
 
-        def on(found: Twin | None) -> Learned:
-            if found is None:
+        def on(twin: Twin | None) -> Learned:
+            if twin is None:
                 raise BadInput("no model has it")
-            return learned_on(found, self.vehicle, base, self.units(cap), steps=steps, cap=cap, seed=self.seed + 1)
+            return learned_on(twin, self.vehicle, base, self.units(cap), steps=steps, cap=cap, seed=self.seed + 1)
 
         return {
             "base": lambda: base,
@@ -336,12 +337,13 @@ class _Running(Underway):
             policy = made().policy
         except BadInput:
             return None
-        found = {}
+        result = {}
         for when, cap in (("first", CAP), ("last", self.state["cap"])):
             drive = driven(self.scene, Hands(self.units(cap), policy.act), self.size.judged, self._seed(90))
-            found[when] = {"cap": cap, "path_error_rms": drive.path_error, "lap_time": drive.lap_time,
-                           "crashes": drive.crashes, "laps": sum(len(own.laps) for own in drive.episodes)}  # fmt: skip
-        return found
+            result[when] = {"cap": cap, "path_error_rms": drive.path_error, "lap_time": drive.lap_time,
+                           "crashes": drive.crashes,
+                           "laps": sum(len(episode.laps) for episode in drive.episodes)}  # fmt: skip
+        return result
 
 
 class Watched(Hands):
@@ -381,9 +383,9 @@ class Watched(Hands):
             self._log.write("watchdog", seconds=took)
         return done
 
-    def limited(self, wanted: Array) -> Array:
+    def limited(self, target: Array) -> Array:
         """Limited in size and rate; braking where a command came too late."""
-        return self._limits(np.array([self._limits.last[0], -self._brake]) if self._late else wanted)
+        return self._limits(np.array([self._limits.last[0], -self._brake]) if self._late else target)
 
     def watch(self, row: Mapping[str, float]) -> None:
         """Look whether the envelope is left."""
@@ -400,17 +402,18 @@ class Watched(Hands):
         self._envelope.begin(float("inf"))  # what the other policy does was not foretold
 
 
-def twin_of(found: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable[[Policy, Policy], None]:
+def twin_of(twin: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable[[Policy, Policy], None]:
     """What refuses a policy that crashes in the twin, or follows the path worse than `WORSE` times the present one."""
 
     def tried(new: Policy, present: Policy) -> None:
-        own = foretold(found.model, vehicle, new.act, units, cap)
-        if own.crashes:
-            raise NotSwapped(f"In the twin {own.crashes} of {TWIN_LANES} vehicles crash.")
-        other = foretold(found.model, vehicle, present.act, units, cap)
-        if not other.crashes and own.path_error > WORSE * other.path_error:
+        after = foretold(twin.model, vehicle, new.act, units, cap)
+        if after.crashes:
+            raise NotSwapped(f"In the twin {after.crashes} of {TWIN_LANES} vehicles crash.")
+        before = foretold(twin.model, vehicle, present.act, units, cap)
+        if not before.crashes and after.path_error > WORSE * before.path_error:
             raise NotSwapped(
-                f"In the twin the path error is {own.path_error:.3f} m; with the present one {other.path_error:.3f} m."
+                f"In the twin the path error is {after.path_error:.3f} m; "
+                f"with the present one {before.path_error:.3f} m."
             )
 
     return tried
@@ -419,17 +422,17 @@ def twin_of(found: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable
 def joined(recordings: Sequence[Recording]) -> Recording:
     """Recordings one after the other, a run each."""
     first, times, ends, at = recordings[0], [], [0], 0.0
-    for own in recordings:
-        times.append(own.time - own.time[0] + at)
+    for recording in recordings:
+        times.append(recording.time - recording.time[0] + at)
         at = float(times[-1][-1]) + 1.0
-        ends.append(ends[-1] + len(own))
-    signals = {name: np.concatenate([own[name] for own in recordings]) for name in first.signals}
+        ends.append(ends[-1] + len(recording))
+    signals = {name: np.concatenate([recording[name] for recording in recordings]) for name in first.signals}
     runs = tuple(zip(ends[:-1], ends[1:], strict=True))
     return Recording("rows", np.concatenate(times), signals, runs=runs)
 
 
 def trace(drive: DrivenRows, points: int = 600) -> dict[str, list[float]]:
     """Lateral error over the distance along the track, of the last episode, thinned out for a figure."""
-    own = drive.episodes[-1]
-    every = max(len(own.s) // points, 1)
-    return {"s": np.round(own.s[::every], 2).tolist(), "e_y": np.round(own.e_y[::every], 4).tolist()}
+    episode = drive.episodes[-1]
+    every = max(len(episode.s) // points, 1)
+    return {"s": np.round(episode.s[::every], 2).tolist(), "e_y": np.round(episode.e_y[::every], 4).tolist()}

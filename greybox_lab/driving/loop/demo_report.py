@@ -24,22 +24,22 @@ COLOURS = (PALE, ORANGE, BLUE, PURPLE, INK)
 """Of cycles, in turn."""
 
 
-def demo_report(found: Demo) -> Document:
+def demo_report(demo: Demo) -> Document:
     """The report of a demo."""
     parts = (
         Text(
-            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(found.withheld)}. "
+            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(demo.withheld)}. "
             "Neither the diagnosis nor the driver is told. The car shares no code with the models that are diagnosed "
             "and learned on; it is no real car.",
             small=False,
         ),
-        *titled("Cycles", _cycles(found.cycles)),
-        *titled("Path error along the track", _path_errors(found.cycles)),
+        *titled("Cycles", _cycles(demo.cycles)),
+        *titled("Path error along the track", _path_errors(demo.cycles)),
         *titled("Arms", Text(
             "How each drives the car at the end. base: the driver before any data. nominal: as many steps of learning "
-            f"as the loop took, on the vehicle file alone. {found.scene['arm']}: the loop. oracle: learned with what "
+            f"as the loop took, on the vehicle file alone. {demo.scene['arm']}: the loop. oracle: learned with what "
             "is truly there; there is none where no model has it."
-        ), _arms(found.arms)),
+        ), _arms(demo.arms)),
     )  # fmt: skip
     about = "Drive, identify, name, learn anew, swap."
     return Document("The loop", about, "the loop", f"greybox-id {__version__}", parts)
@@ -49,9 +49,9 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
     rows = []
     for k, one in enumerate(cycles, 1):
         named = "; ".join(
-            f"{own['effect']} {quantity(own['magnitude'], own['unit'])} ({own['probability']:.2f})"
-            + ("" if own["effect"] in one["applied"] else ", not applied")
-            for own in one["named"]
+            f"{item['effect']} {quantity(item['magnitude'], item['unit'])} ({item['probability']:.2f})"
+            + ("" if item["effect"] in one["applied"] else ", not applied")
+            for item in one["named"]
         )
         swapped = "swapped" if one["swapped"] else f"kept: {one['reason']}"
         driven = (
@@ -95,8 +95,8 @@ def _arms(arms: Mapping[str, Mapping[str, Any]]) -> Table:
     heads = ("arm", "path error at the first cap", "lap", "crashes", "at the last cap", "lap", "crashes")
     rows = tuple(
         (name, *(part for when in ("first", "last") for part in
-                 (_mm(own[when]["path_error_rms"]), lap_words(own[when]["lap_time"]), str(own[when]["crashes"]))))
-        for name, own in arms.items()
+                 (_mm(arm[when]["path_error_rms"]), lap_words(arm[when]["lap_time"]), str(arm[when]["crashes"]))))
+        for name, arm in arms.items()
     )  # fmt: skip
     return Table(heads, rows, "lrrrrrr")
 

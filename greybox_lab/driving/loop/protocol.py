@@ -1,23 +1,27 @@
-"""What vehicle and server agree on: the token, what is signed, how large a body may be, and what can be asked for."""
+"""What vehicle and server agree on: the token, what is signed, how large a body may be, what can be learned."""
 
 from __future__ import annotations
 
 import hashlib
 import hmac
+import secrets
 from collections.abc import Mapping
 from pathlib import Path
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import small_file
 
-PROTOCOL = 1
-LARGEST = 32 << 20
-"""Bytes of a body at most."""
+PROTOCOL = 2
+LARGEST, LARGEST_TEXT = 32 << 20, 1 << 20
+"""Bytes at most of a body of rows, also once it is unpacked, and of any other body."""
+GZIP, PARQUET = b"\x1f\x8b", b"PAR1"
+"""How bodies begin that are packed or a table."""
 SHORTEST = 16
 """Characters of a token at least: those of 64 random bits in hexadecimal."""
 MADE = 'python -c "import secrets; print(secrets.token_hex(32))" > token.txt'
 """How a token is made."""
 SIGNATURE, DIGEST = "X-Greybox-Signature", "X-Greybox-Sha256"
+CHALLENGE, NONCE = "X-Greybox-Challenge", "X-Greybox-Nonce"
 """Headers of every request but `GET /healthz`."""
 
 ARMS: Mapping[str, str] = {
@@ -39,11 +43,12 @@ class Declined(BadInput):
     Attributes
     ----------
     status : of HTTP.
+    challenge : to be signed from now on, where the server has another one than was signed.
     """
 
-    def __init__(self, status: int, sentence: str) -> None:
+    def __init__(self, status: int, sentence: str, challenge: str = "") -> None:
         super().__init__(sentence)
-        self.status = status
+        self.status, self.challenge = status, challenge
 
 
 def digest_of(body: bytes) -> str:
@@ -51,17 +56,22 @@ def digest_of(body: bytes) -> str:
     return hashlib.sha256(body).hexdigest()
 
 
-def signature(token: bytes, method: str, path: str, digest: str) -> str:
-    """HMAC-SHA-256 of the lines method, path and the body's SHA-256, with the token as key.
+def signature(token: bytes, method: str, path: str, digest: str, challenge: str, nonce: str) -> str:
+    """HMAC-SHA-256 of the lines method, path, the body's SHA-256, challenge and nonce, with the token as key.
 
-    The body is signed through its hash, so that a stranger is turned away before anything of a body is read.
+    The body is signed through its hash, so that a stranger is turned away before anything of a body is read. The
+    challenge is the server's, from `GET /healthz`, and the nonce is new for each request: a request that somebody
+    overheard is not done again.
     """
-    return hmac.new(token, f"{method}\n{path}\n{digest}".encode(), hashlib.sha256).hexdigest()
+    lines = "\n".join((method, path, digest, challenge, nonce))
+    return hmac.new(token, lines.encode("utf-8", "replace"), hashlib.sha256).hexdigest()
 
 
-def is_signed(token: bytes, method: str, path: str, digest: str, signed: str) -> bool:
-    """Whether a signature is right; this takes as long whether it is or not."""
-    return hmac.compare_digest(signature(token, method, path, digest).encode(), signed.encode("utf-8", "replace"))
+def signed_headers(token: bytes, method: str, path: str, body: bytes, challenge: str) -> dict[str, str]:
+    """Headers of a request that is sent once."""
+    digest, nonce = digest_of(body), secrets.token_hex(16)
+    signed = signature(token, method, path, digest, challenge, nonce)
+    return {DIGEST: digest, CHALLENGE: challenge, NONCE: nonce, SIGNATURE: signed}
 
 
 def read_token(path: str | Path) -> bytes:

@@ -51,11 +51,11 @@ class CommandLimits:
     def __post_init__(self) -> None:
         self.last = np.zeros(2)
 
-    def __call__(self, wanted: Array) -> Array:
+    def __call__(self, command: Array) -> Array:
         """What is given of what is wanted; what is no number is the command before."""
-        wanted = np.where(np.isfinite(wanted), wanted, self.last)
+        command = np.where(np.isfinite(command), command, self.last)
         step = self.rates * self.period
-        self.last = np.clip(np.clip(wanted, self.last - step, self.last + step), self.low, self.high)
+        self.last = np.clip(np.clip(command, self.last - step, self.last + step), self.low, self.high)
         return self.last.copy()
 
 

@@ -75,9 +75,9 @@ class Hands:
         """(1, 2) actions."""
         return self.act(seen)
 
-    def limited(self, wanted: Array) -> Array:
+    def limited(self, command: Array) -> Array:
         """What is given, (2,) steer and drive, of what is wanted."""
-        return wanted
+        return command
 
     def watch(self, row: Mapping[str, float]) -> None:
         """Be told readings, place and commands of every period."""
@@ -167,29 +167,29 @@ class DrivenRows:
     @property
     def rows(self) -> int:
         """Commands that were given."""
-        return sum(len(own.time) for own in self.episodes)
+        return sum(len(episode.time) for episode in self.episodes)
 
     @property
     def crashes(self) -> int:
         """Episodes that ended so."""
-        return sum(own.crashed for own in self.episodes)
+        return sum(episode.crashed for episode in self.episodes)
 
     @property
     def recordings(self) -> list[Recording]:
         """What is diagnosed."""
-        return [own.recording for own in self.episodes if own.recording is not None]
+        return [episode.recording for episode in self.episodes if episode.recording is not None]
 
     @property
     def path_error(self) -> float:
         """Root mean square of the lateral error, m, but for the first second of every episode."""
-        kept = np.concatenate([own.e_y[own.time >= SETTLED] for own in self.episodes])
+        kept = np.concatenate([episode.e_y[episode.time >= SETTLED] for episode in self.episodes])
         return float(np.sqrt(np.mean(kept**2))) if len(kept) else float("nan")
 
     @property
     def lap_time(self) -> float:
         """Median of flying laps, s; of the first ones where there is no other; NaN without any."""
-        flying = [lap for own in self.episodes for lap in own.laps[1:]]
-        laps = flying or [lap for own in self.episodes for lap in own.laps]
+        flying = [lap for episode in self.episodes for lap in episode.laps[1:]]
+        laps = flying or [lap for episode in self.episodes for lap in episode.laps]
         return float(np.median(laps)) if laps else float("nan")
 
 
@@ -203,12 +203,12 @@ def driven(scene: Scene, hands: Hands, rows: int, seed: int) -> DrivenRows:
     rows : commands in all.
     seed : of the noise that the driver's readings have, and of what is random in the vehicle.
     """
-    found, left = list[Episode](), rows
+    result, left = list[Episode](), rows
     while left > 0:
-        own = _episode(scene, hands, left, seed + len(found))
-        left -= len(own.time)
-        found.append(own)
-    return DrivenRows(tuple(found))
+        episode = _episode(scene, hands, left, seed + len(result))
+        left -= len(episode.time)
+        result.append(episode)
+    return DrivenRows(tuple(result))
 
 
 def _episode(scene: Scene, hands: Hands, rows: int, seed: int) -> Episode:
@@ -225,8 +225,8 @@ def _episode(scene: Scene, hands: Hands, rows: int, seed: int) -> Episode:
         motion = np.array([[now["v_x"], now["v_y"], now["yaw_rate"]]]) + noise[done]
         if done:  # with commands of zero it began, as `replay` takes it
             last = np.clip(hands.acted(world.seen(motion, np.array([[s, e_y, e_psi]]), last)), -1.0, 1.0)
-            wanted = world.commanded(last, motion[:, 0], np.array([s]))[0][list(world.inputs)]
-            commands[done] = hands.limited(wanted)
+            command = world.commanded(last, motion[:, 0], np.array([s]))[0][list(world.inputs)]
+            commands[done] = hands.limited(command)
         places[done] = s, e_y
         v, v_y, yaw_rate = motion[0].tolist()
         steer, drive = commands[done].tolist()

@@ -1,89 +1,62 @@
-"""A server that vehicles send rows to, and that learns policies from them; one thread, standard library only.
+"""A server that vehicles send rows to, and that learns policies from them, on Starlette and uvicorn (extra `serve`).
 
 Who may ask: the signature of every request is checked before anything of its body is read, and its body against the
-hash that was signed before anything is done with it. What goes wrong is a status and a sentence as JSON, and changes
-nothing. Requests that change something are the same whether they come once or twice.
+hash that was signed before anything is done with it. Bodies are read by processes with limits. What goes wrong is a
+status and a sentence as JSON, and changes nothing. Requests that change something are the same whether they come once
+or twice, but one that somebody overheard and sends again is refused.
 """
 
 from __future__ import annotations
 
 import asyncio
+import errno
 import json
 import re
 import signal
+import socket
 import time
-from collections import deque
-from collections.abc import Awaitable, Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from http import HTTPStatus
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
+from contextlib import asynccontextmanager, contextmanager, suppress
+from functools import partial
 from importlib import resources
 from ipaddress import ip_address
-from typing import Any, TypeAlias
+from pathlib import Path
+from typing import Any, TypeAlias, cast
 
-from greybox_id.base.errors import BadInput
+import uvicorn
+from starlette.applications import Starlette
+from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import HTMLResponse, Response, StreamingResponse
+from starlette.routing import Route
+
+from greybox_id.base.errors import BadInput, GreyboxError
 from greybox_id.base.files import held
 from greybox_id.base.json_data import finite
 from greybox_id.base.version import __version__
 
-from .protocol import DIGEST, LARGEST, PROTOCOL, SIGNATURE, Declined, digest_of, is_signed
+from .admission import Admission, Connection, Strangers, Turns
+from .bodies import BodyChecks, json_object
+from .feed import Feed
+from .protocol import DIGEST, LARGEST, LARGEST_TEXT, PARQUET, PROTOCOL, Declined, digest_of
 from .store import Busy, Full, Missing, ServerStore
 from .workers import Workers
-
-KEPT = 500
-"""Events that who comes later is told."""
-WAITING = 2000
-"""Events that wait for a slow listener; older ones are dropped."""
-LONGEST = 4000
-"""Characters of an event; longer ones are not shown."""
-
-PAGE = resources.files(__package__).joinpath("live.html").read_text("utf-8")
-
-
-class Feed:
-    """Events, and who follows them."""
-
-    def __init__(self) -> None:
-        self._past: deque[str] = deque(maxlen=KEPT)
-        self._following: set[asyncio.Queue[str]] = set()
-
-    def tell(self, event: Mapping[str, Any]) -> None:
-        """Tell an event; its `time` is now, in s since 1970."""
-        text = json.dumps(finite({"time": time.time(), **event}), allow_nan=False)
-        if len(text) > LONGEST:
-            return
-        self._past.append(text)
-        for own in self._following:
-            if own.full():
-                own.get_nowait()
-            own.put_nowait(text)
-
-    @contextmanager
-    def followed(self) -> Iterator[asyncio.Queue[str]]:
-        """A queue of events, those before it first."""
-        own: asyncio.Queue[str] = asyncio.Queue(WAITING)
-        for text in self._past:
-            own.put_nowait(text)
-        self._following.add(own)
-        try:
-            yield own
-        finally:
-            self._following.discard(own)
-
 
 HEAD = 16 << 10
 """Bytes of a request's head at most."""
 HEAD_SECONDS, BODY_SECONDS, DRAIN_SECONDS = 10.0, 60.0, 2.0
 """s in which a head and a body have to be there, and for which a body that is not wanted is listened to."""
-CONNECTIONS = 64
-LINE = re.compile(r"([A-Z]{1,10}) (/[!-~]{0,300}) HTTP/1\.[01]")
+BACKLOG = 128
 LOCAL = ("127.0.0.1", "localhost", "[::1]")
 """Names by which a browser of this machine calls it: a page elsewhere cannot read it through a name of its own."""
-STATUSES = {Missing: 404, Busy: 409, Full: 507}
+STATUSES: Mapping[type[BadInput], int] = {Missing: 404, Busy: 409, Full: 507}
 """What is wrong -> status; other bad input has 422."""
-JSON, BYTES, HTML = "application/json", "application/octet-stream", "text/html; charset=utf-8"
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+HEADERS = {"Cache-Control": "no-store", "X-Content-Type-Options": "nosniff", "Connection": "close"}
+HOST = re.compile(r"(?=.*[A-Za-z])[A-Za-z0-9]([A-Za-z0-9.-]{0,252})")
 
-Answer: TypeAlias = "tuple[str, bytes]"
-Handler: TypeAlias = "Callable[[tuple[str, ...], bytes], Awaitable[Answer]]"
+Answer: TypeAlias = "Mapping[str, Any] | bytes"
+Handler: TypeAlias = "Callable[[Request, bytes], Awaitable[Answer]]"
 
 
 class Server:
@@ -105,297 +78,306 @@ class Server:
         self, store: ServerStore, token: bytes, host: str = "127.0.0.1", port: int = 0, *,
         head_seconds: float = HEAD_SECONDS, body_seconds: float = BODY_SECONDS,
     ) -> None:  # fmt: skip
-        self._store, self._token, self._host, self._port = store, token, host, port
-        self._patience = head_seconds, body_seconds
-        self._feed = Feed()
+        self._store, self._host, self._port = store, host, port
+        self._strangers, self._patience = Strangers(head_seconds), body_seconds
+        self._admission, self._turns = Admission(token), Turns(body_seconds)
+        self._feed, self._checks = Feed(), BodyChecks()
         self._workers = Workers(store, self._feed.tell)
         self._changing = asyncio.Lock()
-        self._connections: set[asyncio.Task[None]] = set()
         self._began = time.time()
+        self._is_local = False
         self.address = ""
-        name = r"([^/]{1,64})"
-        self._routes: tuple[tuple[str, re.Pattern[str], Handler], ...] = (
-            ("POST", re.compile(r"/v1/hello"), self._hello),
-            ("POST", re.compile(r"/v1/policies"), self._policy),
-            ("GET", re.compile(rf"/v1/policies/{name}"), self._policy_bytes),
-            ("POST", re.compile(rf"/v1/sessions/{name}/rows"), self._rows),
-            ("POST", re.compile(rf"/v1/sessions/{name}/train"), self._train),
-            ("POST", re.compile(rf"/v1/sessions/{name}/events"), self._events),
-            ("GET", re.compile(rf"/v1/jobs/{name}"), self._job),
-        )
 
     async def run(self, ready: Callable[[str], None]) -> None:
-        """Serve until SIGTERM or SIGINT; `ready` is told the address.
+        """Serve until SIGTERM or SIGINT; `ready` is called with the address.
 
         Raises
         ------
         BadInput : it cannot listen there, or another server holds its folder.
         """
-        with held(self._store.folder):
-            await self._run(ready)
+        with held(self._store.folder), listening(self._host, self._port) as sock:
+            number = sock.getsockname()[1]
+            self._is_local = ip_address(sock.getsockname()[0]).is_loopback
+            self.address = f"http://{f'[{self._host}]' if ':' in self._host else self._host}:{number}"
+            config = uvicorn.Config(
+                self.application(), http=cast(Any, partial(Connection, self._strangers)), ws="none", lifespan="off",
+                log_config=None, log_level="critical", access_log=False, server_header=False,
+                h11_max_incomplete_event_size=HEAD, timeout_graceful_shutdown=1,
+            )  # fmt: skip
+            await self._serve(_Uvicorn(config), sock, ready)
 
-    async def _run(self, ready: Callable[[str], None]) -> None:
-        stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    async def _serve(self, server: _Uvicorn, sock: socket.socket, ready: Callable[[str], None]) -> None:
+        def stop() -> None:
+            server.should_exit = True
+            self._feed.close()
+            self._checks.close()
+            self._workers.close()
+
+        loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             with suppress(NotImplementedError, ValueError):  # Windows; a thread that is not the main one
-                loop.add_signal_handler(number, stop.set)
-        try:
-            listening = await asyncio.start_server(self._accept, self._host, self._port, limit=HEAD)
-        except (OSError, OverflowError) as error:
-            raise BadInput(
-                f"{self._host}:{self._port} cannot be listened at ({getattr(error, 'strerror', '') or error}); "
-                "name another ‹port› or ‹host›; port 0 is any that is free."
-            ) from error
-        port = listening.sockets[0].getsockname()[1]
-        self.address = f"http://{f'[{self._host}]' if ':' in self._host else self._host}:{port}"
+                loop.add_signal_handler(number, stop)
         working = asyncio.create_task(self._workers.run())
+        serving = asyncio.create_task(server.serve([sock]))
+        ready(self.address)
         try:
-            ready(self.address)
-            waits = asyncio.create_task(stop.wait())
-            await asyncio.wait([waits, working], return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait([serving, working], return_when=asyncio.FIRST_COMPLETED)
             if working.done():  # it never ends by itself
                 working.result()
         finally:
-            listening.close()
-            self._workers.kill()
+            stop()
             working.cancel()
-            for own in (*self._connections, working):
-                own.cancel()
-            await asyncio.gather(*self._connections, working, return_exceptions=True)
-            async with asyncio.timeout(1.0):  # what is being written is written
-                await self._changing.acquire()
+            await asyncio.gather(serving, working, return_exceptions=True)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(1.0):  # what is being written is written
+                    await self._changing.acquire()
 
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        if len(self._connections) >= CONNECTIONS:
-            with suppress(OSError):
-                await self._say(writer, Declined(503, "Too many are connected; try again in a moment."))
-            writer.close()
-            return
-        self._connections.add(task)
-        try:
-            await self._answer(reader, writer)
-        except (OSError, asyncio.CancelledError):  # gone; or the server ends
-            pass
-        finally:
-            self._connections.discard(task)
-            writer.close()
+    def application(self) -> Starlette:
+        """All that it answers."""
+        signed = self._signed
+        routes = [
+            Route("/", self._page),
+            Route("/events", self._events_stream),
+            Route("/healthz", self._health),
+            Route("/v1/hello", signed(self._hello), methods=["POST"]),
+            Route("/v1/policies", signed(self._policy), methods=["POST"]),
+            Route("/v1/policies/{name}", signed(self._policy_bytes)),
+            Route("/v1/sessions/{name}/rows", signed(self._rows, LARGEST), methods=["POST"]),
+            Route("/v1/sessions/{name}/train", signed(self._train), methods=["POST"]),
+            Route("/v1/sessions/{name}/events", signed(self._events), methods=["POST"]),
+            Route("/v1/jobs/{name}", signed(self._job)),
+        ]
+        kinds: tuple[type[Exception], ...] = (GreyboxError, OSError, HTTPException, ClientDisconnect, Exception)
+        return Starlette(routes=routes, exception_handlers=dict.fromkeys(kinds, _refusal))
 
-    async def _answer(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """One request and its answer."""
-        try:
-            method, path, heads = await self._head(reader)
-            if method == "GET" and path in ("/", "/events"):
-                self._local(heads)
-                if path == "/events":
-                    await self._follow(reader, writer)
-                else:
-                    await self._write(writer, 200, HTML, PAGE.encode())
-                return
-            if (method, path) == ("GET", "/healthz"):
-                await self._write(writer, 200, JSON, _json(self._health()))
-                return
-            kind, held = await self._done(method, path, heads, reader)
-            await self._write(writer, 200, kind, held)
-        except Declined as declined:
-            await self._say(writer, declined)
-            await self._drain(reader)
-        except (OSError, asyncio.CancelledError):
-            raise
-        except Exception as error:  # a fault of ours ends this request alone
-            await self._say(
-                writer, Declined(500, f"This server has a fault ({type(error).__name__}); nothing changed.")
-            )
-            await self._drain(reader)
+    def _signed(self, handler: Handler, largest: int = LARGEST_TEXT) -> Callable[[Request], Awaitable[Response]]:
+        """An endpoint that answers who has the token."""
 
-    async def _done(self, method: str, path: str, heads: Mapping[str, str], reader: asyncio.StreamReader) -> Answer:
-        found = [(own, match, handler) for own, route, handler in self._routes if (match := route.fullmatch(path))]
-        if not found:
-            raise Declined(404, "There is nothing here; the paths begin with /v1/, and GET /healthz.")
-        length = _length(method, heads)
-        digest = heads.get(DIGEST.lower(), "")
-        if not is_signed(self._token, method, path, digest, heads.get(SIGNATURE.lower(), "")):
-            raise Declined(401, f"{SIGNATURE} is not this server's token's signature of method, path and {DIGEST}.")
-        fitting = [(match, handler) for own, match, handler in found if own == method]
-        if not fitting:
-            raise Declined(405, f"{method} does nothing here; {found[0][0]} does.")
-        body = await self._body(reader, length)
-        if digest_of(body) != digest:
-            raise Declined(422, f"The body's SHA-256 is not that of {DIGEST}; send it again.")
-        match, handler = fitting[0]
-        try:
-            return await handler(match.groups(), body)
-        except BadInput as error:
-            raise Declined(STATUSES.get(type(error), 422), str(error)) from error
+        async def endpoint(request: Request) -> Response:
+            try:
+                self._admission.check(request)
+                request.scope["connection"].trust()
+                if request.method != "POST":
+                    return _response(await handler(request, b""))
+                if not request.headers.get("content-length", "0").isdigit():
+                    raise Declined(411, "Content-Length has to say how many bytes the body has.")
+                if int(request.headers.get("content-length", "0")) > largest:
+                    raise Declined(413, f"The body is larger than {largest >> 20} MB; send it in parts.")
+                client = request.client.host if request.client else ""
+                async with self._turns.turn(request.path_params.get("name", client)):
+                    return _response(await handler(request, await self._body(request, largest)))
+            finally:
+                await _drain(request)
 
-    async def _head(self, reader: asyncio.StreamReader) -> tuple[str, str, dict[str, str]]:
-        try:
-            async with asyncio.timeout(self._patience[0]):
-                head = await reader.readuntil(b"\r\n\r\n")
-        except TimeoutError as error:
-            raise Declined(408, "The request's head did not come in time.") from error
-        except asyncio.LimitOverrunError as error:
-            raise Declined(431, f"The request's head is longer than {HEAD >> 10} kB.") from error
-        except asyncio.IncompleteReadError as error:
-            if not error.partial:
-                raise ConnectionResetError from error
-            raise Declined(400, "The request's head is cut short.") from error
-        lines = head.decode("latin-1").split("\r\n")
-        line = LINE.fullmatch(lines[0])
-        if line is None:
-            raise Declined(400, "This is no request of HTTP/1.1.")
-        heads: dict[str, str] = {}
-        for own in lines[1:-2]:
-            name, colon, value = own.partition(":")
-            key = name.lower()
-            if not colon or not re.fullmatch(r"[!#$%&'*+.^_`|~0-9a-z-]+", key) or key in heads:
-                raise Declined(400, "A header of this request is malformed, or there twice.")
-            heads[key] = value.strip()
-        return line[1], line[2], heads
+        return endpoint
 
-    async def _body(self, reader: asyncio.StreamReader, length: int) -> bytes:
+    async def _body(self, request: Request, largest: int) -> bytes:
+        """The body that was signed."""
+        body = bytearray()
         try:
-            async with asyncio.timeout(self._patience[1]):
-                return await reader.readexactly(length)
+            async with asyncio.timeout(self._patience):
+                async for piece in request.stream():
+                    body += piece
+                    if len(body) > largest:
+                        raise Declined(413, f"The body is larger than {largest >> 20} MB; send it in parts.")
         except TimeoutError as error:
             raise Declined(408, "The body did not come in time; send it again.") from error
-        except asyncio.IncompleteReadError as error:
-            raise Declined(400, f"The body is cut short: {len(error.partial)} of {length} bytes came.") from error
+        request.state.is_complete = True
+        if digest_of(bytes(body)) != request.headers.get(DIGEST):
+            raise Declined(422, f"The body's SHA-256 is not that of {DIGEST}; send it again.")
+        return bytes(body)
 
-    def _local(self, heads: Mapping[str, str]) -> None:
+    def _must_be_local(self, request: Request) -> None:
         """Refuse the page to whoever is not on this machine."""
-        host = heads.get("host", "").rpartition(":")[0] or heads.get("host", "")
-        if not is_loopback(self._host) or host not in LOCAL:
+        host = request.headers.get("host", "")
+        if not self._is_local or (host.rpartition(":")[0] or host) not in LOCAL:
             raise Declined(403, "The page is for this machine alone; serve on 127.0.0.1 and reach it through ssh -L.")
 
-    def _health(self) -> dict[str, Any]:
-        return {"status": "ok", "protocol": PROTOCOL, "version": __version__, "seconds": time.time() - self._began}
+    async def _page(self, request: Request) -> Response:
+        self._must_be_local(request)
+        return HTMLResponse(PAGE, headers=HEADERS)
 
-    async def _hello(self, _: tuple[str, ...], body: bytes) -> Answer:
-        wanted = _object(body)
-        parts = [wanted.get(name) for name in ("session", "vehicle", "policy")]
-        if any(not isinstance(own, str) for own in parts):
+    async def _events_stream(self, request: Request) -> Response:
+        self._must_be_local(request)
+        connection = request.scope["connection"]
+        connection.trust()
+        events = self._feed.stream(connection.transport.abort)
+        return StreamingResponse(events, headers={**HEADERS, "Content-Type": "text/event-stream"})
+
+    async def _health(self, request: Request) -> Response:
+        del request
+        seconds, challenge = time.time() - self._began, self._admission.challenge
+        about = {"status": "ok", "protocol": PROTOCOL, "version": __version__, "seconds": seconds}
+        return _response({**about, "challenge": challenge})
+
+    async def _hello(self, request: Request, body: bytes) -> Answer:
+        del request
+        hello = json_object(body)
+        texts = [hello.get(name) for name in ("session", "vehicle", "policy")]
+        if not all(isinstance(text, str) for text in texts):
             raise BadInput("A hello has session, vehicle (the text of its file) and policy (its SHA-256), all texts.")
-        told = await self._changed(self._store.hello, *parts)
-        self._feed.tell({"kind": "hello", "session": parts[0], "policy": parts[2]})
-        return JSON, _json(told)
+        session, vehicle, policy = cast("list[str]", texts)
+        try:
+            encoded = vehicle.encode()
+        except UnicodeEncodeError as error:
+            raise BadInput("vehicle: this is no text of a file.") from error
+        if await asyncio.to_thread(self._store.is_new, session, vehicle, policy):
+            async with self._staged("vehicle", encoded, ".toml"):
+                pass
+        answer = await self._change(self._store.hello, session, vehicle, policy)
+        self._feed.tell({"kind": "hello", "session": session, "policy": policy})
+        return cast(Answer, answer)
 
-    async def _policy(self, _: tuple[str, ...], body: bytes) -> Answer:
-        return JSON, _json({"sha256": await self._changed(self._store.add_policy, body)})
+    async def _policy(self, request: Request, body: bytes) -> Answer:
+        del request
+        sha = digest_of(body)
+        if not self._store.has_policy(sha):
+            async with self._staged("policy", body, ".json") as (file, _):
+                await self._change(self._store.add_policy, sha, file)
+        return {"sha256": sha}
 
-    async def _policy_bytes(self, found: tuple[str, ...], body: bytes) -> Answer:
+    async def _policy_bytes(self, request: Request, body: bytes) -> Answer:
         del body
-        file = self._store.policy_file(found[0])
-        return BYTES, await asyncio.to_thread(file.read_bytes)
+        file = self._store.policy_file(request.path_params["name"])
+        return await asyncio.to_thread(file.read_bytes)
 
-    async def _rows(self, found: tuple[str, ...], body: bytes) -> Answer:
-        told = await self._changed(self._store.add_rows, found[0], body)
-        if told["new"]:
-            self._feed.tell({"kind": "rows", "session": found[0], "rows": told["rows"]})
-        return JSON, _json(told)
+    async def _rows(self, request: Request, body: bytes) -> Answer:
+        session, sha = request.path_params["name"], digest_of(body)
+        vehicle = await asyncio.to_thread(self._store.vehicle_text, session)
+        if await asyncio.to_thread(self._store.rows_known, session, sha, len(body)):
+            return {**await self._change(self._store.add_rows, session, sha, None), "rows": None}
+        suffix = ".parquet" if body.startswith(PARQUET) else ".csv"
+        async with self._staged("rows", body, suffix, vehicle) as (file, rows):
+            answer = await self._change(self._store.add_rows, session, sha, file)
+        self._feed.tell({"kind": "rows", "session": session, "rows": rows})
+        return {**answer, "rows": rows}
 
-    async def _train(self, found: tuple[str, ...], body: bytes) -> Answer:
-        job = await self._changed(self._store.ask, found[0], _object(body))
+    async def _train(self, request: Request, body: bytes) -> Answer:
+        job = await self._change(self._store.train, request.path_params["name"], json_object(body))
         self._workers.wake()
-        self._feed.tell({"kind": "job", **_short(job.told())})
-        return JSON, _json(job.told())
+        self._feed.tell({"kind": "job", **job.shown()})
+        return cast(Answer, job.to_json())
 
-    async def _job(self, found: tuple[str, ...], body: bytes) -> Answer:
+    async def _job(self, request: Request, body: bytes) -> Answer:
         del body
-        job = await asyncio.to_thread(self._store.job, found[0])
-        return JSON, _json({**job.told(), **self._workers.progress(job.id)})
+        job = await asyncio.to_thread(self._store.job, request.path_params["name"])
+        return {**job.to_json(), **self._workers.progress(job.id)}
 
-    async def _events(self, found: tuple[str, ...], body: bytes) -> Answer:
+    async def _events(self, request: Request, body: bytes) -> Answer:
         """Telemetry, triggers and swaps of a vehicle, to be shown; not kept."""
-        await asyncio.to_thread(self._store.vehicle, found[0])
-        events = _object(body).get("events")
-        if not isinstance(events, list) or any(not isinstance(own, dict) or "kind" not in own for own in events):
+        session = request.path_params["name"]
+        await asyncio.to_thread(self._store.vehicle_text, session)
+        events = json_object(body).get("events")
+        if not isinstance(events, list) or any(not isinstance(event, dict) or "kind" not in event for event in events):
             raise BadInput("Events are a list of objects, each with its kind.")
-        for own in events:
-            self._feed.tell({**own, "kind": str(own["kind"])[:40], "session": found[0]})
-        return JSON, _json({"events": len(events)})
+        for event in events:
+            self._feed.tell({**event, "kind": str(event["kind"])[:40], "session": session})
+        return {"events": len(events)}
 
-    async def _changed(self, change: Callable[..., Any], *given: Any) -> Any:
+    @asynccontextmanager
+    async def _staged(
+        self, kind: str, body: bytes, suffix: str, vehicle: str = ""
+    ) -> AsyncIterator[tuple[Path, int]]:  # fmt: skip
+        """A checked file with a body, and how many rows it has; it is gone afterwards."""
+        file = await asyncio.to_thread(self._store.stage, body, suffix)
+        try:
+            yield file, await self._checks.check(kind, file, vehicle)
+        finally:
+            file.unlink(missing_ok=True)
+
+    async def _change(self, change: Callable[..., Any], *arguments: Any) -> Any:
         """Change what is kept, one request at a time, and to its end even if its client is gone."""
 
         async def alone() -> Any:
             async with self._changing:
-                return await asyncio.to_thread(change, *given)
+                return await asyncio.to_thread(change, *arguments)
 
         return await asyncio.shield(asyncio.ensure_future(alone()))
 
-    async def _follow(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        """Events as they come, until nobody listens any more."""
-        writer.write(b"HTTP/1.1 200 OK\r\nContent-Type: text/event-stream\r\nCache-Control: no-store\r\n\r\n")
-        gone = asyncio.create_task(reader.read())
-        try:
-            with self._feed.followed() as events:
-                while not gone.done():
-                    wanted = asyncio.create_task(events.get())
-                    await asyncio.wait([wanted, gone], return_when=asyncio.FIRST_COMPLETED, timeout=15.0)
-                    said = f"data: {wanted.result()}\n\n" if wanted.done() else ": still here\n\n"
-                    wanted.cancel()
-                    writer.write(said.encode())
-                    await writer.drain()
-        finally:
-            gone.cancel()
 
-    async def _say(self, writer: asyncio.StreamWriter, declined: Declined) -> None:
-        await self._write(writer, declined.status, JSON, _json({"error": str(declined)}))
-
-    async def _write(self, writer: asyncio.StreamWriter, status: int, kind: str, held: bytes) -> None:
-        head = (
-            f"HTTP/1.1 {status} {HTTPStatus(status).phrase}\r\nContent-Type: {kind}\r\nContent-Length: {len(held)}\r\n"
-            "Cache-Control: no-store\r\nX-Content-Type-Options: nosniff\r\nConnection: close\r\n\r\n"
-        )
-        writer.write(head.encode() + held)
-        async with asyncio.timeout(self._patience[1]):
-            await writer.drain()
-        if writer.can_write_eof():
-            writer.write_eof()
-
-    async def _drain(self, reader: asyncio.StreamReader) -> None:
-        """Listen to the rest of what is not wanted for a while, so that the answer reaches who is still sending."""
-        with suppress(TimeoutError, OSError):
-            async with asyncio.timeout(DRAIN_SECONDS):
-                while await reader.read(1 << 16):
-                    pass
+PAGE = resources.files(__package__).joinpath("live.html").read_text("utf-8")
 
 
-def is_loopback(host: str) -> bool:
-    """Whether a host is this machine, as seen from itself alone."""
+class _Uvicorn(uvicorn.Server):
+    """Uvicorn, which leaves signals to who runs it."""
+
+    @contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Nothing."""
+        yield
+
+
+@contextmanager
+def listening(host: str, port: int) -> Iterator[socket.socket]:
+    """A socket that listens at an address or a name of this machine.
+
+    Raises
+    ------
+    BadInput : nothing can listen there, or nobody named where.
+    """
     try:
-        return host == "localhost" or ip_address(host).is_loopback
-    except ValueError:
-        return False
-
-
-def _length(method: str, heads: Mapping[str, str]) -> int:
-    """Bytes of the body."""
-    if "transfer-encoding" in heads:
-        raise Declined(411, "Send the body in one piece, with Content-Length.")
-    told = heads.get("content-length", "0" if method == "GET" else "")
-    if not re.fullmatch(r"\d{1,18}", told):
-        raise Declined(411, "Content-Length has to say how many bytes the body has.")
-    if int(told) > LARGEST:
-        raise Declined(413, f"The body is larger than {LARGEST >> 20} MB; send it in parts.")
-    return int(told)
-
-
-def _object(body: bytes) -> dict[str, Any]:
+        ip_address(host)
+    except ValueError as error:
+        if not HOST.fullmatch(host):
+            raise BadInput(
+                f"‹host›: {host!r} is no address; name one of this machine, such as 127.0.0.1. 0.0.0.0 is all of them."
+            ) from error
     try:
-        found = json.loads(body)
-    except (ValueError, RecursionError) as error:
-        raise BadInput(f"The body is no JSON ({error}).") from error
-    if not isinstance(found, dict):
-        raise BadInput("The body has to be one JSON object.")
-    return found
+        family, *_, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        if ip_address(place[0]).is_unspecified and host not in ("0.0.0.0", "::"):
+            raise BadInput(f"‹host›: {host!r} means all addresses of this machine; say so with 0.0.0.0.")
+        sock = socket.create_server(cast("tuple[str, int]", place), family=family, backlog=BACKLOG)
+    except (OSError, OverflowError, UnicodeError) as error:
+        raise BadInput(
+            f"{host}:{port} cannot be listened at ({getattr(error, 'strerror', '') or error}); "
+            "name another ‹port› or ‹host›; port 0 is any that is free."
+        ) from error
+    with sock:
+        yield sock
 
 
-def _json(body: Mapping[str, Any]) -> bytes:
-    return json.dumps(finite(body), allow_nan=False).encode()
+async def _refusal(request: Request, error: Exception) -> Response:
+    """A status and a sentence for what went wrong."""
+    del request
+    more = {"challenge": error.challenge} if isinstance(error, Declined) and error.challenge else {}
+    status, sentence = _status(error)
+    return _response({"error": sentence, **more}, status)
 
 
-def _short(job: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: job[name] for name in ("id", "session", "arm", "status", "sentence", "result")}
+def _status(error: Exception) -> tuple[int, str]:
+    if _is_full(error):
+        return 507, "The disk of this server is full; nothing changed. Make room there, then send it again."
+    if isinstance(error, Declined):
+        return error.status, str(error)
+    if isinstance(error, BadInput):
+        return next((code for kind, code in STATUSES.items() if isinstance(error, kind)), 422), str(error)
+    if isinstance(error, HTTPException):
+        if error.status_code == 405:
+            return 405, f"This path is for {(error.headers or {}).get('Allow', 'another method')} alone."
+        return error.status_code, "There is nothing here; the paths begin with /v1/, and GET /healthz."
+    if isinstance(error, ClientDisconnect):
+        return 400, "The body is cut short."
+    return 500, f"This server has a fault ({type(error).__name__}); nothing changed."
+
+
+def _is_full(error: BaseException | None) -> bool:
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in FULL:
+            return True
+        error = error.__cause__
+    return False
+
+
+async def _drain(request: Request) -> None:
+    """Listen to the rest of a body for a while, so that the answer reaches who is still sending."""
+    with suppress(TimeoutError, ClientDisconnect):
+        async with asyncio.timeout(DRAIN_SECONDS):
+            while not getattr(request.state, "is_complete", False):
+                message = await request.receive()
+                request.state.is_complete = not message.get("more_body", False)
+
+
+def _response(answer: Answer, status: int = 200) -> Response:
+    if isinstance(answer, bytes):
+        return Response(answer, status, HEADERS, "application/octet-stream")
+    return Response(json.dumps(finite(answer), allow_nan=False), status, HEADERS, "application/json")

@@ -15,14 +15,14 @@ from greybox_id.base.scratch import scratch_name
 Found = TypeVar("Found")
 
 
-def begun(file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, Any]) -> dict[str, Any]:
+def begun(file: Path, kind: str, requested: Mapping[str, Any], fresh: Mapping[str, Any]) -> dict[str, Any]:
     """The state in a file of a folder: what was begun there, or a fresh one.
 
     Parameters
     ----------
     file : of the state, in a folder that is empty, absent, or holds what was begun.
     kind : what is done, "demo"; the format is greybox-loop-demo.
-    asked : what is asked for; only the same is carried on.
+    requested : what is asked for; only the same is carried on.
     fresh : the state to begin with.
 
     Raises
@@ -32,15 +32,15 @@ def begun(file: Path, kind: str, asked: Mapping[str, Any], fresh: Mapping[str, A
     folder, format_ = file.parent, f"greybox-loop-{kind}"
     held = read_json(file) if file.is_file() else None
     if isinstance(held, dict) and held.get("format") == format_:
-        if held.get("asked") == plain(dict(asked)):
+        if held.get("asked") == plain(dict(requested)):
             ensure_writable(folder)
             return held
-        told = ", ".join(f"{name} {value}" for name, value in dict(held.get("asked", {})).items())
-        raise BadInput(f"{folder} holds another {kind} ({told}); name a new folder with ‹out›.")
+        options = ", ".join(f"{name} {value}" for name, value in dict(held.get("asked", {})).items())
+        raise BadInput(f"{folder} holds another {kind} ({options}); name a new folder with ‹out›.")
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise BadInput(f"{folder} holds something else; name a new folder with ‹out›.")
     ensure_writable(folder)
-    state = {"format": format_, "format_version": 1, "asked": plain(dict(asked)), **fresh}
+    state = {"format": format_, "format_version": 1, "asked": plain(dict(requested)), **fresh}
     write_atomically(file, json.dumps(state) + "\n")
     return state
 

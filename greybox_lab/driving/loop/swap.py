@@ -2,14 +2,16 @@
 
 Whoever drives asks one reference, which is replaced in one assignment: a call is answered by the old policy or by the
 new one, never by parts of both. What is offered to take its place is read and probed in a process of its own before: a
-thread would hold up who drives, since one at a time runs Python.
+thread would hold up who drives, since one at a time runs Python. Where no twin tells how it drives, it is asked what it
+would have done in the last minute, and has to agree with the one in force.
 """
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Generator
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +36,8 @@ LATENCY = 0.002
 """s of the processor that 99 % of calls take at most: a tenth of a period of 20 ms."""
 WORSE = 1.1
 """How many times the path error of the present policy that of another one may be in the twin."""
+MINUTE = 3000
+"""Rows of a minute, at periods of 20 ms."""
 SIZE = OWN + 2 * len(AHEAD)
 """Numbers of an observation."""
 PATIENCE, MOST = 60.0, 2**26
@@ -61,10 +65,6 @@ class InForce:
     sha: str
 
 
-def _untried(new: Policy, present: Policy) -> None:
-    del new, present
-
-
 class Seat:
     """Where the policy in force sits.
 
@@ -77,6 +77,7 @@ class Seat:
     def __init__(self, body: bytes, folder: Path) -> None:
         self._folder = folder
         self._now = InForce(read_policy(body, folder), digest_of(body))
+        self._minute: deque[Observations] = deque(maxlen=MINUTE)
         self._loader = ThreadPoolExecutor(1, "loader")
         self._prober: Contained | None = None
 
@@ -87,42 +88,47 @@ class Seat:
 
     def act(self, seen: Observations) -> Array:
         """What the policy in force does."""
+        self._minute.append(seen.copy())
         return self._now.policy.act(seen)
 
-    def offer(self, body: bytes, sha: str, twin: Twin = _untried) -> Future[InForce]:
+    def offer(self, body: bytes, sha: str, twin: Twin | None = None) -> Future[InForce]:
         """Let a policy be tried while the one in force drives, and take over if nothing speaks against it.
 
         Parameters
         ----------
         body, sha : bytes of its file, and the SHA-256 that was announced.
-        twin : raises `NotSwapped` where a policy drives worse in the twin than the one in force (new, present).
+        twin : raises `NotSwapped` where a policy drives worse in the twin than the one in force (new, present); where
+            there is none, see `agree`.
 
         The future raises `BadInput` where something does: what was in force still is.
         """
         return self._loader.submit(self._seated, body, sha, twin, self._probed_apart)
 
-    def swap(self, body: bytes, sha: str, twin: Twin = _untried) -> InForce:
+    def swap(self, body: bytes, sha: str, twin: Twin | None = None) -> InForce:
         """As `offer`, here and now."""
         return self._seated(body, sha, twin, probed)
 
-    def _seated(self, body: bytes, sha: str, twin: Twin, read: Callable[[bytes, Path], Policy]) -> InForce:
+    def _seated(self, body: bytes, sha: str, twin: Twin | None, read: Callable[[bytes, Path], Policy]) -> InForce:
         if digest_of(body) != sha:
             raise NotSwapped("The policy is not the one that was announced: its SHA-256 is another.")
         policy = read(body, self._folder)
-        twin(policy, self._now.policy)
+        if twin is None:
+            agree(policy, self._now.policy, list(self._minute))
+        else:
+            twin(policy, self._now.policy)
         with replacing(self._folder / "policy.json", continued=True) as beside:
             beside.write_bytes(body)
-        found = InForce(policy, sha)
-        self._now = found
-        return found
+        in_force = InForce(policy, sha)
+        self._now = in_force
+        return in_force
 
     def _probed_apart(self, body: bytes, folder: Path) -> Policy:
         """As `probed`, in a process that is started with the first policy that is offered."""
         if self._prober is None or not self._prober.alive:
             self._prober = Contained(f"{__name__}:Prober", str(folder))
-        asked, about = self._prober, list[dict[str, Any]]()
+        prober, about = self._prober, list[dict[str, Any]]()
         try:
-            _, numbers = of_bytes(body, folder, ".json", "The policy", lambda file: asked.ask(
+            _, numbers = of_bytes(body, folder, ".json", "The policy", lambda file: prober.ask(
                 "probed", str(file), patience=PATIENCE, most=MOST, told=about.append
             ))  # fmt: skip
         except (Failed, Lost) as error:
@@ -130,7 +136,7 @@ class Seat:
             raise NotSwapped(ended) from error
         assert numbers is not None
         layers = unpacked(numbers, about[0]["sizes"])
-        weights, biases = (tuple(own.astype(np.float32) for own in part) for part in layers)
+        weights, biases = (tuple(numbers.astype(np.float32) for numbers in part) for part in layers)
         return Policy(weights, biases, about[0]["about"])
 
     def close(self) -> None:
@@ -150,9 +156,9 @@ class Prober:
 
     def probed(self, file: str) -> Generator[dict[str, Any], None, Array]:
         """Numbers of the policy of a file, after its sizes and what it is about. Raises `NotSwapped`."""
-        own = probed(Path(file).read_bytes(), self._folder)
-        yield {"sizes": sizes_of(own.weights, own.biases), "about": own.about}
-        return packed(*([one.astype(np.float64) for one in part] for part in (own.weights, own.biases)))
+        policy = probed(Path(file).read_bytes(), self._folder)
+        yield {"sizes": sizes_of(policy.weights, policy.biases), "about": policy.about}
+        return packed(*([one.astype(np.float64) for one in part] for part in (policy.weights, policy.biases)))
 
 
 def probed(body: bytes, folder: Path) -> Policy:
@@ -181,6 +187,34 @@ def read_policy(body: bytes, folder: Path) -> Policy:
 def read_learned(body: bytes, folder: Path) -> Learned:
     """What learning can go on with, from the bytes of its file. Raises `BadInput`."""
     return of_bytes(body, folder, ".json", "The policy", load_learned)
+
+
+def agree(new: Policy, present: Policy, minute: Sequence[Observations]) -> None:
+    """Ask a policy what it would have done in the last minute.
+
+    It has to be nearer to what the one in force would have done than a command that never changes, in steering and in
+    drive: policies that were learned for changed vehicles are within 0.2 of those squares, reversed ones beyond 4.
+
+    Parameters
+    ----------
+    minute : `MINUTE` observations, (1, size) each.
+
+    Raises
+    ------
+    NotSwapped : it is not, or there is no minute to ask about.
+    """
+    if len(minute) < MINUTE:
+        raise NotSwapped("Without a twin a policy is tried on the last minute; drive on before it is offered again.")
+    seen = np.concatenate(minute)
+    with np.errstate(all="ignore"):
+        before, after = present.act(seen), new.act(seen)
+    apart, spread = np.mean((after - before) ** 2, axis=0), np.var(before, axis=0)
+    for name, square, most in zip(("steering", "drive"), apart, spread, strict=True):
+        if not square <= most:
+            raise NotSwapped(
+                f"In the last minute its {name} would have been {np.sqrt(square):.2f} from that of the policy in "
+                f"force (rms, of 1), which itself varies by {np.sqrt(most):.2f}; try it in a twin first."
+            )
 
 
 def probe(policy: Policy, latency: float = LATENCY) -> None:

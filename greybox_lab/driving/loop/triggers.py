@@ -55,8 +55,8 @@ class RowCounts:
 
     def due(self, rows: int) -> str:
         """Why it is time after so many rows in all; "" where it is not."""
-        wanted = self.first if self.last == 0 else self.every
-        if rows - self.last >= wanted:
+        first = self.first if self.last == 0 else self.every
+        if rows - self.last >= first:
             return f"{rows - self.last} rows since the last time"
         return ""
 
@@ -118,22 +118,22 @@ class InnovationBand:
         parts = _innovations(model, recordings)
         every = np.concatenate(parts) if parts else np.empty((0, 3))
         channels = tuple(np.flatnonzero(np.any(np.isfinite(every), axis=0)).tolist())
-        kept = [own[:, channels] for own in parts]
-        kept = [own[np.all(np.isfinite(own), axis=1)] for own in kept]
-        count = sum(len(own) for own in kept)
+        kept = [part[:, channels] for part in parts]
+        kept = [run[np.all(np.isfinite(run), axis=1)] for run in kept]
+        count = sum(len(run) for run in kept)
         if not channels or count < SHORTEST / APART:
-            told = f"{count * APART:.0f} s of rows tell too little of a model's errors"
-            raise BadInput(f"{told}; {SHORTEST:g} s are needed.")
+            length = f"{count * APART:.0f} s of rows tell too little of a model's errors"
+            raise BadInput(f"{length}; {SHORTEST:g} s are needed.")
         joined = np.concatenate(kept)
         inverse = np.asarray(np.linalg.inv(joined.T @ joined / count), dtype=np.float64)
-        runs = [_squared(own, inverse) / len(channels) for own in kept]
+        runs = [_squared(run, inverse) / len(channels) for run in kept]
         return cls(model, channels, inverse, _freedom(runs), count)
 
     def mean(self, recordings: Sequence[Recording]) -> tuple[float, int]:
         """Mean NIS of rows over what it is expected to be, and the predictions that it is of."""
-        parts = [own[:, self.channels] for own in _innovations(self.model, recordings)]
-        found = np.concatenate([_squared(own, self.inverse) for own in parts]) if parts else np.empty(0)
-        return (float(np.mean(found)) / len(self.channels) if len(found) else float("nan")), len(found)
+        parts = [innovation[:, self.channels] for innovation in _innovations(self.model, recordings)]
+        result = np.concatenate([_squared(part, self.inverse) for part in parts]) if parts else np.empty(0)
+        return (float(np.mean(result)) / len(self.channels) if len(result) else float("nan")), len(result)
 
     def limit(self, count: int) -> float:
         """What the mean of so many is below in 99 % of cases where nothing has changed."""
@@ -149,21 +149,21 @@ class InnovationBand:
 
 def _innovations(model: MotionModel, recordings: Sequence[Recording]) -> list[Array]:
     """(n, 3) of each recording that is long enough: read less foretold."""
-    found = []
+    result = []
     for recording in recordings:
         ahead = OpenLoop(model, recording)
         try:
-            own = ahead.ahead(HORIZON, APART)
+            forecast = ahead.ahead(HORIZON, APART)
         except BadInput:  # too short for a prediction
             continue
-        found.append(own.measured - own.predicted)
-    return found
+        result.append(forecast.measured - forecast.predicted)
+    return result
 
 
 def _squared(innovations: Array, inverse: Array) -> Array:
     """(n,) NIS; infinite where a prediction went beyond all numbers, without those where nothing was read."""
-    found = np.einsum("ni,ij,nj->n", innovations, inverse, innovations)
-    return np.asarray(np.where(np.isnan(found), np.inf, found))
+    result = np.einsum("ni,ij,nj->n", innovations, inverse, innovations)
+    return np.asarray(np.where(np.isnan(result), np.inf, result))
 
 
 def _freedom(runs: Sequence[Array]) -> float:
@@ -175,8 +175,8 @@ def _freedom(runs: Sequence[Array]) -> float:
     level = float(np.mean(joined))
     variance = float(np.mean((joined - level) ** 2))
     total, lag = np.float64(1.0), 1
-    while lag + 1 < max(len(own) for own in runs):
-        pair = sum(_correlated(runs, level, own) / variance for own in (lag, lag + 1))
+    while lag + 1 < max(len(run) for run in runs):
+        pair = sum(_correlated(runs, level, run) / variance for run in (lag, lag + 1))
         if pair <= 0:
             break
         total, lag = total + 2.0 * pair, lag + 2
@@ -184,5 +184,5 @@ def _freedom(runs: Sequence[Array]) -> float:
 
 
 def _correlated(runs: Sequence[Array], level: float, lag: int) -> float:
-    products = np.concatenate([(own[lag:] - level) * (own[:-lag] - level) for own in runs])
+    products = np.concatenate([(run[lag:] - level) * (run[:-lag] - level) for run in runs])
     return float(np.mean(products)) if len(products) else 0.0

@@ -11,11 +11,15 @@ from typing import Any
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import finite
+from greybox_id.datasets.read import read
 from greybox_id.models.registry import motion_model_of
 from greybox_id.models.vehicle_file import vehicle_text
 
 from ..learned.injection import InjectedModel
 from .adapting import adapted, foretold, last_rows, world_of
+from .buffer import continued
+from .checking import vehicle_of
+from .protocol import digest_of
 from .safety import caps_from
 from .store import Job, ServerStore
 from .swap import read_learned
@@ -42,32 +46,37 @@ def worked(job: dict[str, str], tell: Callable[[dict[str, Any]], None]) -> None:
 def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
     """Do a job: its folder then holds policy.json and result.json, which is written last."""
     began = time.process_time()
-    vehicle = store.vehicle(job.session)
+    vehicle = vehicle_of(store.vehicle_text(job.session))
     start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
     units = world_of(motion_model_of(vehicle), vehicle, 1, job.cap)
-    found = adapted(
-        vehicle, last_rows(store.recordings(job.session, job.rows), ROWS), start, units, job.arm, steps=job.steps,
+    recordings = continued([read(file) for file in store.row_files(job.session, job.rows)])
+    value = adapted(
+        vehicle, last_rows(recordings, ROWS), start, units, job.arm, steps=job.steps,
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
     )  # fmt: skip
     say("driving in the twin")
-    before = foretold(found.twin.model, vehicle, start.policy.act, units, job.cap)
-    after = foretold(found.twin.model, vehicle, found.learned.policy.act, units, job.cap)
-    said = {job.cap: after}
+    before = foretold(value.twin.model, vehicle, start.policy.act, units, job.cap)
+    after = foretold(value.twin.model, vehicle, value.learned.policy.act, units, job.cap)
+    by_cap = {job.cap: after}
     for cap in caps_from(job.cap):
-        if cap not in said:
+        if cap not in by_cap:
             at = world_of(motion_model_of(vehicle), vehicle, 1, cap)
-            said[cap] = foretold(found.twin.model, vehicle, found.learned.policy.act, at, cap)
+            by_cap[cap] = foretold(value.twin.model, vehicle, value.learned.policy.act, at, cap)
     folder = store.job_folder(job.id)
-    write_atomically(folder / "policy.json", found.learned.text(), continued=True)
+    policy = value.learned.text()
+    write_atomically(folder / "policy.json", policy, continued=True)
     result = {
-        "detected": found.twin.detected,
-        "named": [dict(own) for own in found.twin.named],
-        "applied": dict(found.twin.applied),
+        "policy": digest_of(policy.encode()),
+        "detected": value.twin.detected,
+        "named": [dict(item) for item in value.twin.named],
+        "applied": dict(value.twin.applied),
         "path_error_before": before.path_error,
         "path_error": after.path_error,
         "crashes": after.crashes,
-        "foretold": [{"cap": cap, "path_error_rms": own.path_error, "worst": own.worst} for cap, own in said.items()],
-        "vehicle": None if isinstance(found.twin.model, InjectedModel) else vehicle_text(found.twin.vehicle),
+        "foretold": [
+            {"cap": cap, "path_error_rms": item.path_error, "worst": item.worst} for cap, item in by_cap.items()
+        ],
+        "vehicle": None if isinstance(value.twin.model, InjectedModel) else vehicle_text(value.twin.vehicle),
         "seconds": time.process_time() - began,
     }
     write_atomically(folder / "result.json", json.dumps(finite(result), allow_nan=False) + "\n", continued=True)

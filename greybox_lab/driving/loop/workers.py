@@ -27,7 +27,7 @@ class Workers:
     Parameters
     ----------
     store : where jobs are.
-    tell : told of what happens, as `live.Feed.tell`.
+    tell : shows what happens, as `feed.Feed.tell`.
     """
 
     def __init__(self, store: ServerStore, tell: Callable[[Mapping[str, Any]], None]) -> None:
@@ -35,22 +35,24 @@ class Workers:
         self._wake = asyncio.Event()
         self._nurseries = [Nursery() for _ in range(AT_ONCE)]
         self._free = list(self._nurseries)
-        self._said: dict[str, str] = {}
+        self._progress: dict[str, str] = {}
+        self._unkept: set[str] = set()
+        self._closed = False
 
     async def run(self) -> None:
         """Do jobs as they come; those that were under way when a server ended are begun anew."""
         under_way: dict[str, asyncio.Task[None]] = {}
         for job in self._store.jobs():
             if job.status == TRAINING:
-                self._store.keep(replace(job, status=QUEUED))
+                self._keep(replace(job, status=QUEUED))
         self._wake.set()
         try:
             while True:
                 await self._wake.wait()
                 self._wake.clear()
-                for job in self._store.jobs():
-                    if job.status == QUEUED and self._free and job.id not in under_way:
-                        under_way[job.id] = asyncio.create_task(self._done(job, self._free.pop()))
+                for job in await asyncio.to_thread(self._store.jobs):
+                    if job.status == QUEUED and self._free and job.id not in {*under_way, *self._unkept}:
+                        under_way[job.id] = asyncio.create_task(self._do(job, self._free.pop()))
 
                         def over(_: asyncio.Task[None], name: str = job.id) -> None:
                             del under_way[name]
@@ -65,41 +67,44 @@ class Workers:
         """Look whether there is something to do."""
         self._wake.set()
 
-    def progress(self, own: str) -> dict[str, Any]:
-        """What a job that is under way said last."""
-        return {"sentence": self._said[own]} if own in self._said else {}
+    def progress(self, name: str) -> dict[str, Any]:
+        """What a job that is under way is at."""
+        return {"sentence": self._progress[name]} if name in self._progress else {}
 
-    def kill(self) -> None:
+    def close(self) -> None:
         """End all processes at once; their jobs stay as they are on disk."""
+        self._closed = True
         for nursery in self._nurseries:
             nursery.close()
 
-    async def _done(self, job: Job, nursery: Nursery) -> None:
+    async def _do(self, job: Job, nursery: Nursery) -> None:
         """Do a job, and write down what came of it."""
-        self._keep(replace(job, status=TRAINING))
+        job = replace(job, status=TRAINING)
+        self._keep(job)
         try:
-            failed = await self._carried_out(job, nursery)
-            if not failed:
-                self._announce(await asyncio.to_thread(self._store.finished, job.id))
+            failure = await self._carry_out(job, nursery)
+            if not failure:
+                self._announce(await asyncio.to_thread(self._store.finished, job))
                 return
         except (BadInput, Broken, OSError) as error:
-            failed = str(error)
+            failure = str(error)
         finally:
-            self._said.pop(job.id, None)
+            self._progress.pop(job.id, None)
             self._free.append(nursery)
-        self._keep(replace(job, status=FAILED, sentence=failed))
+        if not self._closed:
+            self._keep(replace(job, status=FAILED, sentence=failure))
 
-    async def _carried_out(self, job: Job, nursery: Nursery) -> str:
+    async def _carry_out(self, job: Job, nursery: Nursery) -> str:
         """Have it done; a sentence where it failed."""
         loop = asyncio.get_running_loop()
 
-        def told(body: Mapping[str, Any]) -> None:
+        def hear(body: Mapping[str, Any]) -> None:
             if "said" in body:
                 with suppress(RuntimeError):  # the server has ended
                     loop.call_soon_threadsafe(self._progressed, job, str(body["said"]))
 
         order = {"folder": str(self._store.folder.resolve()), "job": job.id}
-        ended = await asyncio.to_thread(nursery.unit, WORK, order, job.seconds, MEMORY, told)
+        ended = await asyncio.to_thread(nursery.unit, WORK, order, job.seconds, MEMORY, hear)
         if ended.how in ("time", "clock"):
             return f"Its budget of {job.seconds:g} s was over; ask for more seconds, or fewer steps."
         if ended.how == "memory":
@@ -108,15 +113,18 @@ class Workers:
             return f"Its process {ended.how:.400}; ask again."
         return next((str(body["failed"]) for body in ended.told if "failed" in body), "")
 
-    def _progressed(self, job: Job, said: str) -> None:
-        self._said[job.id] = said
-        self._tell({"kind": "progress", "session": job.session, "id": job.id, "said": said})
+    def _progressed(self, job: Job, sentence: str) -> None:
+        self._progress[job.id] = sentence
+        self._tell({"kind": "progress", "session": job.session, "id": job.id, "said": sentence})
 
     def _keep(self, job: Job) -> None:
-        self._store.keep(job)
+        """Write down how far a job is; where that cannot be written, the job waits for the next start."""
+        try:
+            self._store.keep(job)
+        except BadInput as error:
+            self._unkept.add(job.id)
+            self._progress[job.id] = f"How far it is cannot be written down: {error}"
         self._announce(job)
 
     def _announce(self, job: Job) -> None:
-        told = job.told()
-        self._tell({"kind": "job", **{name: told[name] for name in ("id", "session", "arm", "status", "sentence")},
-                    "result": told["result"], "at": time.time()})  # fmt: skip
+        self._tell({"kind": "job", **job.shown(), "at": time.time()})

@@ -56,12 +56,14 @@ class Draws:
 
     def suited(self, model: MotionModel) -> MotionModel:
         """The model with the effects that are drawn. Raises `BadInput` for a parameter it does not have."""
-        found = with_effects(model, self.effects)
-        unknown = [name for name in self.names if name not in found or found[name].shape != ()]
+        result = with_effects(model, self.effects)
+        unknown = [name for name in self.names if name not in result or result[name].shape != ()]
         if unknown:
-            told = near_or_all(unknown[0], [own.name for own in found.parameters if own.shape == ()])
-            raise BadInput(f"Model {found.name} has no parameter {unknown[0]!r} that could be drawn.{told}")
-        return found
+            known = near_or_all(
+                unknown[0], [parameter.name for parameter in result.parameters if parameter.shape == ()]
+            )
+            raise BadInput(f"Model {result.name} has no parameter {unknown[0]!r} that could be drawn.{known}")
+        return result
 
 
 def nothing_drawn() -> Draws:
@@ -115,17 +117,17 @@ def of_fit(fit: Fit) -> Draws:
     BadInput : it keeps no covariance, or nothing of it was fitted with one.
     """
     free, at = dict[int, Parameter](), 0
-    for own in fit.model.parameters:
-        if own.shape == () and not own.fixed:
-            free[at] = own
-        at += own.array.size
+    for parameter in fit.model.parameters:
+        if parameter.shape == () and not parameter.fixed:
+            free[at] = parameter
+        at += parameter.array.size
     held = np.full((at, at), np.nan) if fit.covariance is None else fit.covariance
-    free = {k: own for k, own in free.items() if np.isfinite(held[k, k])}
+    free = {k: item for k, item in free.items() if np.isfinite(held[k, k])}
     if not free:
         raise BadInput("randomise: this fit keeps no covariance of its parameters, from which they could be drawn.")
     variances, directions = np.linalg.eigh(held[np.ix_(list(free), list(free))])
     off = _normal(np.random.default_rng(0), (DRAWN, len(free))) * np.sqrt(np.maximum(variances, 0.0)) @ directions.T
-    columns = {own.name: _bounded(own, own.array + off[:, k]) for k, own in enumerate(free.values())}
+    columns = {item.name: _bounded(item, item.array + off[:, k]) for k, item in enumerate(free.values())}
     return of_posterior(pd.DataFrame(columns), "randomise")
 
 
@@ -139,22 +141,22 @@ def of_gap(gap: Gap, *, unseen: bool = True) -> Draws:
         as large as would not show, and no larger than is usual.
     """
     generator, columns, added = np.random.default_rng(0), dict[str, Array](), dict[str, float]()
-    for own in gap.ranking:
-        if own.effect not in gap.applied or not isinstance(gap.closed, MotionModel):
+    for item in gap.ranking:
+        if item.effect not in gap.applied or not isinstance(gap.closed, MotionModel):
             continue
-        parameter, low, high = gap.closed[own.effect], *own.interval
+        parameter, low, high = gap.closed[item.effect], *item.interval
         sd = (high - low) / (2 * NORMAL)
         off = _normal(generator, DRAWN) * (sd if np.isfinite(sd) else 0.0)
-        there = generator.random(DRAWN) < own.probability
-        columns[own.effect] = np.where(there, _bounded(parameter, parameter.array + off), _null(parameter))
+        there = generator.random(DRAWN) < item.probability
+        columns[item.effect] = np.where(there, _bounded(parameter, parameter.array + off), _null(parameter))
     for name, limit in gap.limits.items() if unseen else ():
         if limit.share <= 1.0 or name not in EFFECTS or not np.isfinite(null := _null(EFFECTS[name].parameter)):
             continue  # what is only felt beyond a size, as rates and forces are limited, is not told by derivatives
         most = min(limit.size, abs(limit.typical - null))
         columns[name] = _bounded(EFFECTS[name].parameter, null + most * generator.uniform(-1.0, 1.0, DRAWN))
         added[name] = null
-    found = of_posterior(pd.DataFrame(columns), "randomise") if columns else nothing_drawn()
-    return replace(found, effects=added)
+    draws = of_posterior(pd.DataFrame(columns), "randomise") if columns else nothing_drawn()
+    return replace(draws, effects=added)
 
 
 def _normal(generator: np.random.Generator, shape: int | tuple[int, int]) -> Array:
@@ -167,29 +169,29 @@ def _null(parameter: Parameter) -> float:
 
 
 def _bounded(parameter: Parameter, values: Array) -> Array:
-    low, high = (np.nan if own is None else own for own in parameter.bounds)
+    low, high = (np.nan if bound is None else bound for bound in parameter.bounds)
     return np.asarray(np.fmax(np.fmin(values, high), low))
 
 
-def draws(asked: Randomisation) -> Draws:
+def draws(randomisation: Randomisation) -> Draws:
     """What is to be drawn: "none", "hand", a fit, a gap, or a table of draws, a frame or the Parquet file of one.
 
     Raises
     ------
     BadInput : there is no such randomisation or file, or it holds no draws.
     """
-    if isinstance(asked, Gap):
-        return of_gap(asked)
-    if isinstance(asked, Fit):
-        return of_fit(asked)
-    if isinstance(asked, pd.DataFrame):
-        return of_posterior(asked, "randomise")
-    if asked in ("none", "hand"):
-        return by_hand() if asked == "hand" else nothing_drawn()
-    if not str(asked).endswith(".parquet"):
-        known = near_or_all(str(asked), ("none", "hand"))
-        raise BadInput(f"There is no randomisation {asked!r}.{known} A posterior is a .parquet file.")
+    if isinstance(randomisation, Gap):
+        return of_gap(randomisation)
+    if isinstance(randomisation, Fit):
+        return of_fit(randomisation)
+    if isinstance(randomisation, pd.DataFrame):
+        return of_posterior(randomisation, "randomise")
+    if randomisation in ("none", "hand"):
+        return by_hand() if randomisation == "hand" else nothing_drawn()
+    if not str(randomisation).endswith(".parquet"):
+        known = near_or_all(str(randomisation), ("none", "hand"))
+        raise BadInput(f"There is no randomisation {randomisation!r}.{known} A posterior is a .parquet file.")
     try:
-        return of_posterior(pd.read_parquet(asked), str(asked))
+        return of_posterior(pd.read_parquet(randomisation), str(randomisation))
     except (OSError, ValueError) as error:
-        raise BadInput(f"{asked} is no table of draws that can be read ({error}).") from error
+        raise BadInput(f"{randomisation} is no table of draws that can be read ({error}).") from error

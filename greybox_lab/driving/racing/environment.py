@@ -53,7 +53,7 @@ class TrackEnv(gymnasium.Env[Observations, Array]):
         return self.world.observe()[0], float(reward[0]), bool(ended[0]), bool(cut[0]), self._told()
 
     def _told(self) -> dict[str, Any]:
-        return {name: float(own[0]) for name, own in self.world.told().items()}
+        return {name: float(item[0]) for name, item in self.world.told().items()}
 
 
 class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
@@ -83,8 +83,8 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
         """Begin everywhere; lane k draws from its own seed, or from seed + k."""
         first = seed if seed is None or isinstance(seed, int | np.integer) else None
         super().reset(seed=first)
-        own = [None if first is None else first + k for k in range(self.num_envs)]
-        seeds = own if seed is first else list(cast(Sequence[int | None], seed))
+        one_each = [None if first is None else first + k for k in range(self.num_envs)]
+        seeds = one_each if seed is first else list(cast(Sequence[int | None], seed))
         which = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
         self.world.reset(which, seeds)
         self._over &= ~which
@@ -99,6 +99,6 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
         return self.world.observe(), reward, ended, cut, dict(self.world.told())
 
 
-def spaces_of(own: World) -> tuple[Any, Any]:
+def spaces_of(world: World) -> tuple[Any, Any]:
     """Of what is seen, and of what is done."""
-    return spaces.Box(-LARGEST, LARGEST, (own.size,), np.float32), spaces.Box(-1.0, 1.0, (2,), np.float32)
+    return spaces.Box(-LARGEST, LARGEST, (world.size,), np.float32), spaces.Box(-1.0, 1.0, (2,), np.float32)

@@ -19,7 +19,7 @@ from greybox_id.export.c.functions import INLINE
 from greybox_id.export.c.mathematics import definitions
 from greybox_id.export.c.naming import constant, numbers, vector
 from greybox_id.export.c.self_test import table
-from greybox_id.export.elsewhere import Named as NamedResult
+from greybox_id.export.elsewhere import ForeignResult
 from greybox_id.export.equations import Named
 from greybox_id.export.folder import write_folder
 from greybox_id.export.quoting import c_comment
@@ -78,8 +78,8 @@ class PolicySubject:
     def units(self) -> Mapping[str, float]:
         """What the world's units are in SI; empty where the policy does not say, and takes observations as they are."""
         held = self.policy.about.get("units", {})
-        told = {one for one, _, _ in UNITS.values()} <= set(held) and self.policy.size == len(SEEN)
-        return held if told else {}
+        known = {one for one, _, _ in UNITS.values()} <= set(held) and self.policy.size == len(SEEN)
+        return held if known else {}
 
     @property
     def seen(self) -> tuple[str, ...]:
@@ -91,18 +91,18 @@ class PolicySubject:
     @property
     def scales(self) -> Layer:
         """(size,) what they are multiplied by; of the heading error the sine is taken."""
-        found = np.ones(self.policy.size, dtype=np.float32)
+        result = np.ones(self.policy.size, dtype=np.float32)
         for k, name in enumerate(self.seen if self.units else ()):
             if (unit := _unit(name)) is not None:
-                found[k] = self.units[unit[0]] ** unit[1]
-        return found
+                result[k] = self.units[unit[0]] ** unit[1]
+        return result
 
     def observation(self, given: Layer) -> Layer:
         """(L, size) what a driver sees, of numbers (L, size) as they go in."""
-        found = (given.astype(np.float32) * self.scales).astype(np.float32)
+        result = (given.astype(np.float32) * self.scales).astype(np.float32)
         if self.units:
-            found[:, ASIDE] = np.sin(found[:, ASIDE])
-        return np.clip(found, np.float32(-LARGEST), np.float32(LARGEST))
+            result[:, ASIDE] = np.sin(result[:, ASIDE])
+        return np.clip(result, np.float32(-LARGEST), np.float32(LARGEST))
 
     @property
     def title(self) -> str:
@@ -181,7 +181,7 @@ def _onnx(subject: PolicySubject) -> Mapping[str, bytes]:
         for name, size in (("seen", policy.size), ("action", len(DONE)))
     )
     graph = helper.make_graph(
-        nodes, subject.name, inputs, outputs, [numpy_helper.from_array(own, name) for name, own in held.items()]
+        nodes, subject.name, inputs, outputs, [numpy_helper.from_array(item, name) for name, item in held.items()]
     )
     made = helper.make_model(graph, opset_imports=[helper.make_opsetid("", OPSET)], ir_version=IR_VERSION)
     about = {"source": subject.source, "seen": json.dumps(subject.seen), "action": json.dumps(list(DONE))}
@@ -204,8 +204,8 @@ def _c(subject: PolicySubject) -> Mapping[str, bytes]:
 
 def _header(subject: PolicySubject) -> str:
     name = subject.name
-    seen = vector(name, "SEEN", "observation", [Named(own, *_told(own, subject.units)) for own in subject.seen])
-    done = vector(name, "ACTION", "action, -1 to 1", [Named(own, "1", DONE[own]) for own in DONE])
+    seen = vector(name, "SEEN", "observation", [Named(item, *_told(item, subject.units)) for item in subject.seen])
+    done = vector(name, "ACTION", "action, -1 to 1", [Named(item, "1", DONE[item]) for item in DONE])
     guard = constant(name, "H")
     return f"""\
 /* {c_comment(subject.title)}
@@ -233,7 +233,7 @@ void {name}_act(const double *seen, double *action);
 
 def _unit(name: str) -> tuple[str, int, str] | None:
     """Which of a world's units a number is in, how, and its SI unit; None where it has none."""
-    return next((own for begins, own in UNITS.items() if name.startswith(begins)), None)
+    return next((item for begins, item in UNITS.items() if name.startswith(begins)), None)
 
 
 def _told(name: str, units: Mapping[str, float]) -> tuple[str, str]:
@@ -422,7 +422,7 @@ class PolicyExporter:
         return isinstance(result, Policy) or isinstance(getattr(result, "policy", None), Policy)
 
     @staticmethod
-    def write(result: Policy | Learned, named: NamedResult, target: str, to: str | Path) -> list[Path]:
+    def write(result: Policy | Learned, named: ForeignResult, target: str, to: str | Path) -> list[Path]:
         """Write it for a target into a folder; the files."""
         policy = result if isinstance(result, Policy) else result.policy
         return export_policy(PolicySubject(policy, named.name, named.source, named.command), target, to)

@@ -102,14 +102,14 @@ def drive(world: World, policy: Actor, laps: int, *, seed: int = 0) -> Laps:
         resting, before = left <= 0, world.told()["s"]
         actions = np.clip(policy.act(world.observe()), -1.0, 1.0)
         _, ended, _ = world.step(actions, still=resting)
-        told, timed = world.told(), ~resting & ~np.isnan(since) & ~ended
+        progress, timed = world.told(), ~resting & ~np.isnan(since) & ~ended
         now, tried_for = now + T, tried_for + T
-        errors.append(told["e_y"][timed])
+        errors.append(progress["e_y"][timed])
         rates.append((actions[:, 0] - last)[timed] * world.steer_max / T)
-        speeds.append((told["s"] - before)[timed] / T)
+        speeds.append((progress["s"] - before)[timed] / T)
         last = actions[:, 0]
-        over = ~resting & ~ended & (told["s"] >= line)
-        crossed = now - T * (told["s"] - line) / np.maximum(told["s"] - before, 1e-9)
+        over = ~resting & ~ended & (progress["s"] >= line)
+        crossed = now - T * (progress["s"] - line) / np.maximum(progress["s"] - before, 1e-9)
         times += (crossed - since)[over & timed].tolist()
         left = left - (over & timed)
         since, tried_for = np.where(over, crossed, since), np.where(over, 0.0, tried_for)

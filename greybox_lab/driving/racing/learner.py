@@ -143,7 +143,7 @@ def load_learned(path: str | Path) -> Learned:
 def shipped_learned(name: str = "roboracer") -> Learned:
     """What was learned for a shipped vehicle. Raises `BadInput` where there is none."""
     folder = files(__package__) / "policies"
-    known = sorted(own.name.removesuffix(".json") for own in folder.iterdir() if own.name.endswith(".json"))
+    known = sorted(path.name.removesuffix(".json") for path in folder.iterdir() if path.name.endswith(".json"))
     if name not in known:
         raise BadInput(f"No policy is shipped for {name!r}.{near_or_all(name, known)}")
     with as_file(folder / f"{name}.json") as path:
@@ -184,9 +184,9 @@ def learn(
         raise BadInput(f"steps: a number above zero is needed, not {steps!r}.")
     if start is not None and start.policy.size != world.size:
         raise BadInput(f"The policy takes {start.policy.size} numbers, the track shows {world.size}; learn anew.")
-    found = settings or (Settings() if start is None else FINE_TUNING)
+    result = settings or (Settings() if start is None else FINE_TUNING)
     with threadpool_limits(1):  # matrices are small: further threads only wait for each other
-        return _Learning(world, found, start, seed).run(steps, say, stopped)
+        return _Learning(world, result, start, seed).run(steps, say, stopped)
 
 
 class _Learning:
@@ -211,7 +211,7 @@ class _Learning:
         self.least = np.float32(np.log(settings.least_sd))
         np.maximum(self.log_sd, self.least, out=self.log_sd)
         largest = settings.largest_gradient
-        self._adams = [Adam(own, largest) for own in (self.policy.vector, self.log_sd, self.value.vector)]
+        self._adams = [Adam(item, largest) for item in (self.policy.vector, self.log_sd, self.value.vector)]
         lanes = len(world.lanes)
         world.reset(np.ones(lanes, dtype=bool), [seed + k for k in range(lanes)])
         self._seen = world.observe()
@@ -241,38 +241,38 @@ class _Learning:
 
     def _update(self, rollout: Rollout, rate: float) -> float:
         """Follow the clipped objective; the divergence from the policy before."""
-        own, lanes = self.settings, rollout.seen.shape[1]
+        entry, lanes = self.settings, rollout.seen.shape[1]
         seen = rollout.seen.reshape(-1, self.world.size)
         values = self.value.forward(seen)[-1].reshape(-1, lanes)
-        advantages, returns = estimated(rollout, values, own, self._beyond(rollout))
+        advantages, returns = estimated(rollout, values, entry, self._beyond(rollout))
         seen, done = seen[:-lanes], rollout.done.reshape(-1, ACTIONS)
         before, advantages, returns = rollout.log_p.ravel(), advantages.ravel(), returns.ravel()
         divergence = 0.0
-        for _ in range(own.epochs):
-            order, found = self.generator.permutation(len(seen)), []
-            for first in range(0, len(order), own.batch):
-                rows = order[first : first + own.batch]
+        for _ in range(entry.epochs):
+            order, result = self.generator.permutation(len(seen)), []
+            for first in range(0, len(order), entry.batch):
+                rows = order[first : first + entry.batch]
                 by_mean, by_log_sd, off, layers = surrogate(
-                    self.policy, self.log_sd, seen[rows], done[rows], before[rows], advantages[rows], own
+                    self.policy, self.log_sd, seen[rows], done[rows], before[rows], advantages[rows], entry
                 )
-                found.append(off)
+                result.append(off)
                 self._adams[0].step(self.policy.backward(layers, by_mean), rate)
                 self._adams[1].step(by_log_sd, rate)
                 np.maximum(self.log_sd, self.least, out=self.log_sd)
                 layers = self.value.forward(seen[rows])
                 lacking = (layers[-1] - returns[rows, None]) / np.float32(len(rows))
                 self._adams[2].step(self.value.backward(layers, lacking), rate)
-            divergence = float(np.mean(found))
-            if divergence > own.kl_stop:
+            divergence = float(np.mean(result))
+            if divergence > entry.kl_stop:
                 break
         return divergence
 
     def _beyond(self, rollout: Rollout) -> Floats:
         """(T, L) values of where episodes were cut off, zero elsewhere."""
-        found = np.zeros(rollout.cut.shape, dtype=np.float32)
+        result = np.zeros(rollout.cut.shape, dtype=np.float32)
         if np.any(rollout.cut):
-            found[rollout.cut] = self.value.forward(rollout.at_cut)[-1][:, 0]
-        return found
+            result[rollout.cut] = self.value.forward(rollout.at_cut)[-1][:, 0]
+        return result
 
     def _learned(self, steps: int) -> Learned:
         about: dict[str, Any] = {
@@ -410,4 +410,4 @@ def surrogate(
 
 
 def _copied(pieces: tuple[Floats, ...]) -> tuple[Floats, ...]:
-    return tuple(own.copy() for own in pieces)
+    return tuple(piece.copy() for piece in pieces)

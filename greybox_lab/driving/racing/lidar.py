@@ -62,9 +62,9 @@ class Lidar:
         lap = np.floor(s / self._track.spacing).astype(int) % len(self._track.s) == len(self._track.s) - 1
         yaw = np.where(lap, self._track.yaw[-1], yaw)
         at = np.stack([x - e_y * np.sin(yaw), y + e_y * np.cos(yaw)], axis=1)
-        found = np.empty((len(place), BEAMS))
-        _follow((at - self._corner) / self._spacing, yaw + e_psi, self._angles, self._room, self._spacing, found)
-        return found
+        result = np.empty((len(place), BEAMS))
+        _follow((at - self._corner) / self._spacing, yaw + e_psi, self._angles, self._room, self._spacing, result)
+        return result
 
     def noisy(self, ranges: Array, lanes: Sequence[np.random.Generator]) -> Array:
         """(L, beams) m as sensors read them, each of its generator; a beam of which nothing returns reads `range`."""
@@ -76,7 +76,7 @@ class Lidar:
 
 
 @begun
-def _follow(at, yaw, angles, room, spacing, found):  # type: ignore[no-untyped-def]  # pragma: no cover
+def _follow(at, yaw, angles, room, spacing, result):  # type: ignore[no-untyped-def]  # pragma: no cover
     """Lengths of beams; places are in steps of the grid, room and lengths in m."""
     for k in range(len(at)):
         for j in range(len(angles)):
@@ -93,4 +93,4 @@ def _follow(at, yaw, angles, room, spacing, found):  # type: ignore[no-untyped-d
                 if free < NEAR:
                     break
                 gone += free
-            found[k, j] = min(gone, RANGE)
+            result[k, j] = min(gone, RANGE)

@@ -36,10 +36,10 @@ class Perceptron:
     def __init__(
         self, weights: Sequence[Numbers], biases: Sequence[Numbers], activation: Literal["tanh", "elu"] = "tanh"
     ) -> None:
-        pieces = [own for layer in zip(weights, biases, strict=True) for own in layer]
-        self.vector: Numbers = np.concatenate([np.ravel(own) for own in pieces])
+        pieces = [item for layer in zip(weights, biases, strict=True) for item in layer]
+        self.vector: Numbers = np.concatenate([np.ravel(piece) for piece in pieces])
         self._tanh = activation == "tanh"
-        self._shapes = [own.shape for own in pieces]
+        self._shapes = [piece.shape for piece in pieces]
         self.weights, self.biases = self._viewed(self.vector)
         self._gradient = np.zeros_like(self.vector)
         self._by_weights, self._by_biases = self._viewed(self._gradient)
@@ -66,15 +66,15 @@ class Perceptron:
         return self._gradient
 
     def _viewed(self, vector: Numbers) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
-        ends = np.cumsum([int(np.prod(own)) for own in self._shapes])
-        pieces = [own.reshape(shape) for own, shape in zip(np.split(vector, ends[:-1]), self._shapes, strict=True)]
+        ends = np.cumsum([int(np.prod(shape)) for shape in self._shapes])
+        pieces = [item.reshape(shape) for item, shape in zip(np.split(vector, ends[:-1]), self._shapes, strict=True)]
         return tuple(pieces[0::2]), tuple(pieces[1::2])
 
 
 def elu(h: Numbers) -> Numbers:
     """h above zero, exp(h) - 1 below."""
-    found: Numbers = np.maximum(h, 0.0) + (np.exp(np.minimum(h, 0.0)) - 1.0)
-    return found
+    result: Numbers = np.maximum(h, 0.0) + (np.exp(np.minimum(h, 0.0)) - 1.0)
+    return result
 
 
 def drawn(sizes: Sequence[int], last: float, generator: np.random.Generator) -> Perceptron:
@@ -88,10 +88,10 @@ def drawn(sizes: Sequence[int], last: float, generator: np.random.Generator) -> 
     """
     weights = []
     for k, shape in enumerate(pairwise(sizes)):
-        found, triangle = np.linalg.qr(generator.normal(size=(max(shape), min(shape))))
-        found = found * np.sign(np.diag(triangle))
+        result, triangle = np.linalg.qr(generator.normal(size=(max(shape), min(shape))))
+        result = result * np.sign(np.diag(triangle))
         gain = last if k == len(sizes) - 2 else np.sqrt(2.0)
-        weights.append((gain * (found if shape[0] >= shape[1] else found.T)).astype(np.float32))
+        weights.append((gain * (result if shape[0] >= shape[1] else result.T)).astype(np.float32))
     return Perceptron(weights, [np.zeros(n, dtype=np.float32) for n in sizes[1:]])
 
 

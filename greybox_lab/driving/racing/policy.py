@@ -93,7 +93,7 @@ def sizes_of(weights: Sequence[NDArray[Any]], biases: Sequence[NDArray[Any]]) ->
     """
     if not weights or len(weights) != len(biases):
         raise ValueError("a layer has weights and biases")
-    sizes = (len(weights[0]), *(len(own) for own in biases))
+    sizes = (len(weights[0]), *(len(bias) for bias in biases))
     for k, (W, b) in enumerate(zip(weights, biases, strict=True)):
         if W.shape != (sizes[k], sizes[k + 1]) or b.ndim != 1:
             raise ValueError(f"layer {k + 1} takes {sizes[k]} numbers, its weights are {W.shape}")
@@ -109,8 +109,8 @@ def plain_layers(weights: Sequence[Layer], biases: Sequence[Layer]) -> list[dict
 
 def layers_of(plain: Sequence[Mapping[str, Any]]) -> tuple[tuple[Layer, ...], tuple[Layer, ...]]:
     """Weights and biases of plain data."""
-    weights = tuple(np.array(own["weights"], dtype=np.float32) for own in plain)
-    return weights, tuple(np.array(own["biases"], dtype=np.float32) for own in plain)
+    weights = tuple(np.array(layer["weights"], dtype=np.float32) for layer in plain)
+    return weights, tuple(np.array(layer["biases"], dtype=np.float32) for layer in plain)
 
 
 def _short(numbers: Layer) -> Any:

@@ -54,21 +54,21 @@ class TrackVecEnv(VecEnv):  # type: ignore[misc]
         """Drive a period everywhere."""
         reward, ended, cut = self.world.step(self._actions)
         seen, over = self.world.observe(), ended | cut
-        told: list[dict[str, Any]] = [{"TimeLimit.truncated": own} for own in cut.tolist()]
+        infos: list[dict[str, Any]] = [{"TimeLimit.truncated": late} for late in cut.tolist()]
         if np.any(over):
             for k in np.flatnonzero(over).tolist():
-                told[k]["terminal_observation"] = seen[k]
+                infos[k]["terminal_observation"] = seen[k]
             self.world.reset(over)
             seen = self.world.observe()
-        return seen, reward.astype(np.float32), over, told
+        return seen, reward.astype(np.float32), over, infos
 
     def close(self) -> None:
         """Nothing is open."""
 
     def get_attr(self, attr_name: str, indices: int | Sequence[int] | None = None) -> list[Any]:
         """An attribute, the same for all lanes."""
-        found = None if attr_name == "render_mode" else getattr(self.world, attr_name)
-        return [found for _ in self._get_indices(indices)]
+        result = None if attr_name == "render_mode" else getattr(self.world, attr_name)
+        return [result for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: int | Sequence[int] | None = None) -> None:
         """Lanes share one world: nothing is set."""
@@ -94,8 +94,8 @@ def policy_of(learner: Any) -> Policy:
     ------
     BadInput : its network is another.
     """
-    own, vehicles = learner.policy, learner.get_env().unwrapped
-    layers = [*getattr(getattr(own, "mlp_extractor", None), "policy_net", ()), getattr(own, "action_net", None)]
+    trained, vehicles = learner.policy, learner.get_env().unwrapped
+    layers = [*getattr(getattr(trained, "mlp_extractor", None), "policy_net", ()), getattr(trained, "action_net", None)]
     if [type(one).__name__ for one in layers] != ["Linear", "Tanh"] * (len(layers) // 2) + ["Linear"]:
         raise BadInput("Only networks of tanh layers become a policy here; learn with PPO and its MlpPolicy.")
     weights = tuple(one.weight.detach().cpu().numpy().T.astype(np.float32) for one in layers[::2])

@@ -105,8 +105,8 @@ class Rules:
 
     def __post_init__(self) -> None:
         for name, known in (("action", ACTIONS), ("reward", REWARDS), ("observation", OBSERVATIONS)):
-            if (own := getattr(self, name)) not in known:
-                raise BadInput(f"There is no {name} {own!r}.{near_or_all(str(own), known)}")
+            if (choice := getattr(self, name)) not in known:
+                raise BadInput(f"There is no {name} {choice!r}.{near_or_all(str(choice), known)}")
         if not isinstance(self.memory, int) or not 0 <= self.memory <= MOST_MEMORY:
             raise BadInput(f"memory: a whole number from 0 to {MOST_MEMORY} is needed, not {self.memory!r}.")
         for name in ("period", "follow", "speed_cap", "usage_cap", "seconds", "laps"):
@@ -120,10 +120,10 @@ class Rules:
     def shares(self) -> tuple[float, float]:
         """Smallest and largest share of the grip that is asked for."""
         if self.usage is None:
-            found = np.array([self.usage_cap if np.isfinite(self.usage_cap) else USAGE])
+            result = np.array([self.usage_cap if np.isfinite(self.usage_cap) else USAGE])
         else:
-            found = np.minimum(np.ravel(self.usage), self.usage_cap)
-        return float(found[0]), float(found[-1])
+            result = np.minimum(np.ravel(self.usage), self.usage_cap)
+        return float(result[0]), float(result[-1])
 
 
 class World:
@@ -187,7 +187,7 @@ class World:
         self.rules, self.draws = rules or Rules(), draws or nothing_drawn()
         model = self.draws.suited(model)
         self.stage = stage(model, self.rules.period, self.draws.names)
-        self._moving = [own.name for own in self.stage.equations.parameters]
+        self._moving = [parameter.name for parameter in self.stage.equations.parameters]
         self.limits, self._per_drive = limits_of(self.stage, model)
         wheelbase = float(model["l_f"].array + model["l_r"].array)
         self._nominal_grip = self.stage.begun(1.0, self.stage.equations.values)[2]
@@ -212,7 +212,7 @@ class World:
         bends = self.track.curvature
         self._bends = np.stack([bends, np.roll(bends, -1) - bends], axis=1)
         columns = [self.track.curvature * self.track.half_width, self.track.speed / self._top]
-        self._seen = np.stack([own for c in columns for own in (c, np.roll(c, -1) - c)], axis=1)
+        self._seen = np.stack([item for c in columns for item in (c, np.roll(c, -1) - c)], axis=1)
         self._turning = self.limits.grip / float(np.min(self.track.speed))
         if like is not None:
             self._drives, self._per_drive, self._turning = like._drives, like._per_drive, like._turning
@@ -260,8 +260,8 @@ class World:
         if self._lidar is None:
             seen = self.seen(motion, self.z[:, -3:], self._last)
         else:
-            own = motion[:, [0, 2]] / [self._top, self._turning]
-            seen = _within(np.concatenate([self._ranges, own, self._last], axis=1))
+            entry = motion[:, [0, 2]] / [self._top, self._turning]
+            seen = _within(np.concatenate([self._ranges, entry, self._last], axis=1))
         if self.rules.memory:
             seen = np.concatenate([seen, _within(self._past.reshape(len(seen), -1))], axis=1)
         return seen
@@ -341,14 +341,14 @@ class World:
         return {"s": self.z[:, -3].copy(), "e_y": self.z[:, -2].copy(), "laps": self._laps(self.z)}
 
     def _begun(self, lanes: int) -> None:
-        own, periods = self.stage, int(np.ceil(self.rules.seconds / self.rules.period)) + 1
-        self.z = np.zeros((lanes, own.size + 3))
-        self._p = np.zeros((lanes, len(own.equations.values)))
-        self._delay = np.zeros((lanes, len(own.inputs)))
-        latest = max(self.draws.delay, float(np.max(own.begun(1.0, own.equations.values)[1])))
+        entry, periods = self.stage, int(np.ceil(self.rules.seconds / self.rules.period)) + 1
+        self.z = np.zeros((lanes, entry.size + 3))
+        self._p = np.zeros((lanes, len(entry.equations.values)))
+        self._delay = np.zeros((lanes, len(entry.inputs)))
+        latest = max(self.draws.delay, float(np.max(entry.begun(1.0, entry.equations.values)[1])))
         longest = int(np.ceil(latest / self.rules.period)) + AT_ONCE
-        self._given = np.zeros((lanes, longest, len(own.inputs)))
-        unseen = max(self.draws.latency, float(np.max(own.latencies(own.equations.values))))
+        self._given = np.zeros((lanes, longest, len(entry.inputs)))
+        unseen = max(self.draws.latency, float(np.max(entry.latencies(entry.equations.values))))
         kept = int(np.ceil(unseen / self.rules.period)) + AT_ONCE if unseen > 0 else 0
         self._sight, self._unseen = np.zeros((lanes, kept, len(PLANE))), np.zeros((lanes, len(PLANE)))
         self._last = np.zeros((lanes, 2))
@@ -372,8 +372,8 @@ class World:
         if low < high:
             self._pace[k] = np.sqrt((low + (high - low) * generator.random()) / USAGE)
         s, pace = where * self.track.length, float(self._pace[k % len(self._pace)])
-        wanted = min(pace * float(self.track.line("speed", np.array([s]))[0][0]), self.rules.speed_cap)
-        v_x = max((0.5 + 0.4 * fast) * wanted, SLOWEST_WANTED)
+        target = min(pace * float(self.track.line("speed", np.array([s]))[0][0]), self.rules.speed_cap)
+        v_x = max((0.5 + 0.4 * fast) * target, SLOWEST_WANTED)
         self.z[k, :-3], late, self._strength[k] = self.stage.begun(v_x, self._p[k])
         self._delay[k] = np.clip(late, 0.0, (self._given.shape[1] - AT_ONCE) * self.rules.period)
         self.z[k, -3:] = s, 0.3 * (2 * beside - 1) * self.edge, 0.1 * (2 * aslant - 1)
@@ -392,10 +392,10 @@ class World:
         if self._lidar is None:
             return
         lanes = np.flatnonzero(which)
-        found = self._lidar.scan(self.z[lanes, -3:])
+        result = self._lidar.scan(self.z[lanes, -3:])
         if self.rules.noise:
-            found = self._lidar.noisy(found, [self.lanes[k] for k in lanes])
-        self._ranges[lanes] = found / self._lidar.range
+            result = self._lidar.noisy(result, [self.lanes[k] for k in lanes])
+        self._ranges[lanes] = result / self._lidar.range
 
     def _remembered(self, steering: Array, motion: Array) -> Array:
         """(L, 3) what drivers keep in mind of a period."""
@@ -422,18 +422,18 @@ class World:
     def _driven(self, action: Array, v_x: Array, s: Array) -> Array:
         """What drives, in its unit."""
         if self.rules.action == "drive":
-            found: Array = np.where(action < 0, action * self._drives[0], action * self._drives[1])
+            result: Array = np.where(action < 0, action * self._drives[0], action * self._drives[1])
         else:
-            wanted = SLOWEST_WANTED + 0.5 * (action + 1.0) * (self._top - SLOWEST_WANTED)
-            found = self._towards(np.minimum(wanted, self.rules.speed_cap), v_x)
+            target = SLOWEST_WANTED + 0.5 * (action + 1.0) * (self._top - SLOWEST_WANTED)
+            result = self._towards(np.minimum(target, self.rules.speed_cap), v_x)
         if np.isfinite(self.rules.usage_cap):
             fastest = (self.rules.usage_cap / USAGE) ** 0.5 * self._top * self._ahead(s)[1]
-            found = np.minimum(found, self._towards(fastest, v_x))
-        return found
+            result = np.minimum(result, self._towards(fastest, v_x))
+        return result
 
-    def _towards(self, wanted: Array, v_x: Array) -> Array:
+    def _towards(self, target: Array, v_x: Array) -> Array:
         """What drives to a wanted speed, in its unit."""
-        wished = (wanted - v_x) / (REACHED * self.rules.period)
+        wished = (target - v_x) / (REACHED * self.rules.period)
         units = np.where(wished < 0, wished / self._per_drive[1], wished / self._per_drive[0])
         return np.clip(units, -self._drives[0], self._drives[1])
 
@@ -441,16 +441,16 @@ class World:
         s = z[:, -3]
         at = s / self.track.spacing
         k = np.floor(at).astype(int)
-        found = self._bends.take(k, axis=0, mode="wrap")
-        return np.stack([found[:, 0] + (at - k) * found[:, 1], found[:, 1] / self.track.spacing, s], axis=1)
+        result = self._bends.take(k, axis=0, mode="wrap")
+        return np.stack([result[:, 0] + (at - k) * result[:, 1], result[:, 1] / self.track.spacing, s], axis=1)
 
     def _ahead(self, places: Array) -> tuple[Array, Array]:
         """Curvature times half width, and speed over the top speed, at places on the track."""
         at = places / self.track.spacing
         k = at.astype(int)
-        found = self._seen.take(k, axis=0, mode="wrap")
+        result = self._seen.take(k, axis=0, mode="wrap")
         share = at - k
-        return found[..., 0] + share * found[..., 1], found[..., 2] + share * found[..., 3]
+        return result[..., 0] + share * result[..., 1], result[..., 2] + share * result[..., 3]
 
     def _laps(self, z: Array) -> Array:
         return np.floor((z[:, -3] - self._from) / self.track.length)
@@ -469,8 +469,8 @@ class World:
             reward += 0.01 - 0.5 * wall + 10.0 * (laps > self._laps(before))
             return np.where(ended, CRASH, reward), ended, laps
         if self.rules.reward == "path":
-            wanted = np.minimum(self._pace * self._top * self._ahead(s)[1], self.rules.speed_cap)
-            reward = 1.0 - np.abs(v_x * np.cos(e_psi) - v_y * np.sin(e_psi) - wanted) / wanted
+            target = np.minimum(self._pace * self._top * self._ahead(s)[1], self.rules.speed_cap)
+            reward = 1.0 - np.abs(v_x * np.cos(e_psi) - v_y * np.sin(e_psi) - target) / target
             off = self.rules.follow * (e_y / self.track.half_width) ** 2
             reward -= off / (1.0 + off)  # bounded: to crash is never the better way out
         else:
@@ -482,8 +482,8 @@ class World:
 
 
 def _within(seen: NDArray[Any]) -> Observations:
-    found: Observations = np.clip(seen, -LARGEST, LARGEST).astype(np.float32, copy=False)
-    return found
+    result: Observations = np.clip(seen, -LARGEST, LARGEST).astype(np.float32, copy=False)
+    return result
 
 
 def between(held: Array, late: Array) -> Array:
@@ -501,12 +501,12 @@ def between(held: Array, late: Array) -> Array:
     return np.asarray((1.0 - share) * early + share * later)
 
 
-def limits_of(own: Period, model: MotionModel) -> tuple[Usage, tuple[float, float]]:
+def limits_of(period: Period, model: MotionModel) -> tuple[Usage, tuple[float, float]]:
     """What of a vehicle the speed on a track uses, and its acceleration per unit of drive and of braking."""
-    grip = own.begun(1.0, own.equations.values)[2]
+    grip = period.begun(1.0, period.equations.values)[2]
     if not grip > 0:
         raise BadInput(f"Model {model.name} has no grip: look at its tyres' parameters.")
     wheelbase = float(model["l_f"].array + model["l_r"].array)
     used = USAGE * grip
     fastest = FASTEST * float(np.sqrt(used * NARROWEST * wheelbase))
-    return Usage(used, DRIVE * used, BRAKE * used, fastest), own.per_drive(own.equations.values)
+    return Usage(used, DRIVE * used, BRAKE * used, fastest), period.per_drive(period.equations.values)

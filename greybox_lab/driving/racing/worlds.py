@@ -62,15 +62,15 @@ def world(
     """
     unknown = [name for name in rules if name not in Rules.__dataclass_fields__]
     if unknown:
-        told = near_or_all(unknown[0], Rules.__dataclass_fields__)
-        raise BadInput(f"A track has no option {unknown[0]!r}.{told}")
-    own = vehicle if isinstance(vehicle, Vehicle) else vehicle_named(str(vehicle))
-    asked = (effects,) if isinstance(effects, str) else tuple(effects)
-    found = model if not isinstance(model, str) else Wanted(model, own, effects=magnitudes(asked)).model()
-    moving = drivable(found)
+        known = near_or_all(unknown[0], Rules.__dataclass_fields__)
+        raise BadInput(f"A track has no option {unknown[0]!r}.{known}")
+    entry = vehicle if isinstance(vehicle, Vehicle) else vehicle_named(str(vehicle))
+    requested = (effects,) if isinstance(effects, str) else tuple(effects)
+    result = model if not isinstance(model, str) else Wanted(model, entry, effects=magnitudes(requested)).model()
+    moving = drivable(result)
     how = Rules(**rules)
     line = None
     if track is not None:
         line = read_track(track, limits_of(stage(moving, how.period), moving)[0], half_width)
-    steer_max = like.steer_max if like is not None else own.steer_max or STEER_MAX
-    return World(moving, lanes, how, line=line, draws=draws(randomise), sd=own.noise, steer_max=steer_max, like=like)
+    steer_max = like.steer_max if like is not None else entry.steer_max or STEER_MAX
+    return World(moving, lanes, how, line=line, draws=draws(randomise), sd=entry.noise, steer_max=steer_max, like=like)

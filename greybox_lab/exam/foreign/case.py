@@ -21,7 +21,7 @@ from ..case import Draw, MadeCase, fair_case, with_lateral_velocity
 from ..plan import Planned
 from ..replays import Replays
 from .double_track import DoubleTrack
-from .families import ENTRIES, FAMILIES, OUTSIDE, gusts, magnitude, together, withheld
+from .families import ENTRIES, FAMILIES, OUTSIDE, gusts, magnitude, roughened, together, withheld
 from .ride import Ride, driven, readings, recorded, replayed
 from .vehicles import Reality, chassis, single_track
 
@@ -99,6 +99,8 @@ DURATION, HELD_OUT, REFERENCE = (60.0, 100.0), (40.0, 60.0), 45.0
 FORM_MOST = 0.02
 """Largest error of form, over the sd of the signal, with which a vehicle is taken: beyond that the single track that
 was identified is not a description of it."""
+ROUGH_MOST = 0.2
+"""The same where the file is rough: beyond that nobody would have handed it out."""
 FORM_CHANNELS = ("v_x", "yaw_rate", "a_x", "a_y")
 DRAWS = 12
 """Of vehicle, magnitudes and drive until every effect shows; the last one is taken as it is."""
@@ -123,18 +125,29 @@ class _ForeignCase(Draw):
         self.vehicle = vehicle = replace(vehicle, about=with_lateral_velocity(vehicle.about, planned.effects))
         self.stated = self._identified()
         self.tolerances = tolerances(self.stated)
-        self.true = toleranced(self.stated, rng)
-        self.numbers = _shifted(vehicle.numbers, self.stated, self.true)
+        if self.family.rough:
+            self.true, self.numbers = self.stated, dict(vehicle.numbers)
+            self.stated, off = roughened(self.stated, rng)
+            self.nature = (*self.family.nature, *off)
+        else:
+            self.true = toleranced(self.stated, rng)
+            self.numbers = _shifted(vehicle.numbers, self.stated, self.true)
         self.drawn = {name: magnitude(name, self.stated, rng) for name in planned.effects}
         self.effects = dict(self.drawn)
         if "wind_gust" in self.drawn:
             self.effects["wind_direction"] = float(rng.uniform(-np.pi, np.pi))
         self.seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
+        self._drive()
+        if planned.kind == "many":
+            self.resize()
+            self._drive()
+
+    def _drive(self) -> None:
         self.ride = self._driven(DURATION, self.seed)
         self.recording = self._recorded(self.ride, self.seed)
-        form = self._form()
+        self.__dict__.pop("_base", None)  # of the ride before
         noise, rows = self.stated.noise, len(self.recording)
-        self.again = Replays(self._driven_again, noise, rows, self.ride.period, self.tolerances, form)
+        self.again = Replays(self._driven_again, noise, rows, self.ride.period, self.tolerances, self._form())
 
     def _reality(self, effects: Mapping[str, float], seed: int, numbers: Mapping[str, float]) -> Reality:
         own = withheld(numbers, effects, self.vehicle.about)
@@ -155,7 +168,7 @@ class _ForeignCase(Draw):
         self.form = {
             name: float(np.std(said[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
         }
-        if max(self.form.values()) > FORM_MOST:
+        if max(self.form.values()) > (ROUGH_MOST if self.family.rough else FORM_MOST):
             raise BadInput("The single track that was identified does not describe the vehicle.")
         return stated
 

@@ -293,11 +293,17 @@ def advance(car: Record, s: Row, commands: Grid, row: int, steps: int, period: f
 
 def at_start(v_x: float, v_y: float, yaw_rate: float, steer: float, drive: float, car: Record) -> Row:
     """The vehicle at the first moment, its commands long in force."""
-    s = np.zeros(STATES)
+    s = at_rest(steer, drive, car)
     s[0], s[1], s[2] = v_x, v_y, yaw_rate
+    _starter()(car, s)
+    return s
+
+
+def at_rest(steer: float, drive: float, car: Record) -> Row:
+    """Servo and motor with commands long in force; no motion."""
+    s = np.zeros(STATES)
     s[_PLAY] = s[_LIMITED] = s[_STEER] = s[_STEER_RATE] = steer * car["steer_ratio"] + car["steer_offset"]
     s[_DRIVE] = drive * car["force_per_unit"] * car["drive_gain"]
-    _starter()(car, s)
     return s
 
 

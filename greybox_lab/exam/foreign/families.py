@@ -19,10 +19,12 @@ from ...virtual.virtual_vehicle import Entry, VirtualCar
 from ...virtual.virtual_vehicle.drive import combined
 from ...virtual.virtual_vehicle.effects import OF_THE_SENSORS
 from ...virtual.virtual_vehicle.layout import Row
+from ..answers import Tier
 from ..plan import Counts, Planned, dealt
 from .double_track import DoubleTrack
 from .slipx_car import SlipxCar
-from .vehicles import Draw, Reality, drawn_double_track, drawn_slipx
+from .suspended_car import NATURE, SuspendedCar
+from .vehicles import Draw, Reality, drawn_double_track, drawn_slipx, drawn_suspended
 
 _FACTORS = {
     "grip_scale": ("mu_f", "mu_r", "slope_f", "slope_r"),
@@ -143,12 +145,16 @@ class Family:
     draw : a vehicle of it.
     build : numbers, and gusts of unit variance -> the simulator with that vehicle in it.
     effects, outside : that it can be made to have.
+    nature : effects of the vocabulary that all its vehicles have.
+    rough : whether the file that is handed out is off by more than it states, see `roughened`.
     """
 
     draw: Draw
     build: Build
     effects: tuple[str, ...]
     outside: tuple[str, ...]
+    nature: tuple[str, ...] = ()
+    rough: bool = False
 
 
 def _double_track(tyre: int, name: str) -> Family:
@@ -162,6 +168,41 @@ _SLIPX = Family(
     tuple(name for name in OUTSIDE if name in OF_SENSORS or name in ("locked_axle", "sinking_voltage")),
 )
 
+NOT_OF_SPRINGS = (*NATURE, "tyre_temperature", "motor_saturation", "wind_gust")
+"""What a car on springs has anyway, and what it has no parameter for."""
+_SUSPENDED = Family(
+    drawn_suspended,
+    lambda numbers, _: SuspendedCar(numbers),
+    tuple(name for name in VOCABULARY if name not in NOT_OF_SPRINGS),
+    (),
+    NATURE,
+    True,
+)
+PEAKS, WHEELBASE, INERTIA = (0.05, 0.10), (0.02, 0.04), (0.10, 0.20)
+"""By how much of themselves numbers of a rough file are off: tyres' peaks, and either the wheelbase or I_z."""
+
+
+def roughened(car: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, tuple[str, ...]]:
+    """A vehicle as a rough file states it, and effects of the vocabulary that amount to an error of it."""
+    p, off = dict(car.parameters), list[str]()
+    sides = rng.choice([-1.0, 1.0], 3)
+    for axle, side in zip("fr", sides, strict=False):
+        factor = 1.0 + side * float(rng.uniform(*PEAKS))
+        p[f"D_{axle}"], p[f"B_{axle}"] = p[f"D_{axle}"] * factor, p[f"B_{axle}"] / factor  # slopes are easily told
+    if sides[0] == sides[1]:
+        off.append("grip_scale")
+    if rng.random() < 0.5:
+        factor = 1.0 + sides[2] * float(rng.uniform(*WHEELBASE))
+        p |= {name: p[name] * factor for name in ("l_f", "l_r")}
+    else:
+        p["I_z"] *= 1.0 + sides[2] * float(rng.uniform(*INERTIA))
+        off.append("yaw_inertia")
+    return replace(car, parameters={name: float(f"{own:.6g}") for name, own in p.items()}), tuple(off)
+
+
+VIRTUAL = "workshop"
+"""Among families, the virtual vehicle with tolerances and other forms."""
+
 FAMILIES: Mapping[str, Family] = {
     "fiala": _double_track(0, "fiala"),
     "exponential": _double_track(1, "exponential"),
@@ -169,13 +210,16 @@ FAMILIES: Mapping[str, Family] = {
     "rational": _double_track(3, "rational"),
     "dugoff": _double_track(4, "dugoff"),
     "slipx": _SLIPX,
+    "suspended": _SUSPENDED,
 }
 """Every family; the double tracks go by the shape of their tyres."""
 DEVELOPMENT = ("fiala", "exponential")
 """Families that thresholds may be calibrated on."""
 EXAMINATION = ("tmeasy", "rational", "dugoff", "slipx")
 """Families that examine, and nothing else."""
-SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION}
+ROUGH = ("suspended",)
+"""Families whose files are rough, which examine alone."""
+SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION, "rough": ROUGH}
 
 
 def families(wanted: Sequence[str]) -> tuple[str, ...]:
@@ -207,14 +251,29 @@ def gusts(rows: int, seed: int) -> Row:
     return values
 
 
-def dealt_out(counts: Counts, seed: int, wanted: Sequence[str]) -> tuple[Planned, ...]:
-    """Cases of an examination on foreign vehicles, each of a family that can be made to have its effects."""
-    names = families(wanted)
-    known = [set(FAMILIES[own].effects) for own in names]
-    other = [set(FAMILIES[own].outside) for own in names]
+def dealt_out(counts: Counts, tier: Tier, seed: int, wanted: Sequence[str]) -> tuple[Planned, ...]:
+    """Cases of an examination on foreign vehicles, each of a family that can be made to have its effects.
+
+    Parameters
+    ----------
+    counts : how many of each kind.
+    tier : of all of them.
+    seed : says which.
+    wanted : families or sets of them; none are those of the examination, and `VIRTUAL` where there are many effects.
+    """
+    virtual = tier == "many" and (not wanted or VIRTUAL in wanted)
+    asked = [name for name in wanted if name != VIRTUAL]
+    names = families(asked) if asked or not virtual or not wanted else ()
+    known = [set(VOCABULARY)] * virtual + [set(FAMILIES[own].effects) for own in names]
+    other = [set(OUTSIDE) & set(KNOWN_OUTSIDE)] * virtual + [set(FAMILIES[own].outside) for own in names]
     whole = any(own == set.union(*known) for own in known)
     effects = set.union(*known) if whole else set.intersection(*known)
     beyond = set.union(*other)
-    cases = dealt(counts, "foreign", seed, [n for n in VOCABULARY if n in effects], [n for n in OUTSIDE if n in beyond])
+    cases = dealt(counts, tier, seed, [n for n in VOCABULARY if n in effects], [n for n in OUTSIDE if n in beyond])
     rng = np.random.default_rng((seed, 51151))
-    return tuple(replace(own, family=str(rng.choice(able(names, own.effects)))) for own in cases)
+    found = []
+    for own in cases:
+        fit = able(names, own.effects)
+        turn = virtual and (not fit or own.number % 2 == 0)  # half of them are the virtual vehicle's
+        found.append(replace(own, family="" if turn else str(rng.choice(fit))))
+    return tuple(found)

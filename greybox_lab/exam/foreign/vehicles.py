@@ -183,6 +183,33 @@ def drawn_double_track(tyre: int, family: str) -> Draw:
     return draw
 
 
+_RIDE = {"car": (1.1, 1.7), "racer": (3.5, 6.0), "sports": (1.8, 2.8), "truck": (1.2, 1.9)}
+_HOP = {"car": (10.0, 13.0), "racer": (18.0, 26.0), "sports": (12.0, 16.0), "truck": (9.0, 11.0)}
+"""Frequencies of ride and wheel hop by class, Hz (Milliken & Milliken, Race Car Vehicle Dynamics, ch. 16)."""
+
+
+def drawn_suspended(rng: np.random.Generator, number: int) -> ForeignVehicle:
+    """Draws cars on springs; what they have by their nature is as large as on the road."""
+    kind = KINDS[number % len(KINDS)]
+    car = drawn_car(rng, kind)
+    forms = {
+        "ride": float(rng.uniform(*_RIDE[kind])),
+        "hop": float(rng.uniform(*_HOP[kind])),
+        "damping": float(rng.uniform(0.25, 0.45)),
+        "gradient": float(rng.uniform(0.003, 0.008)),
+        "roll_share": float(rng.uniform(0.48, 0.62)),
+        "roll_centre": float(rng.uniform(0.05, 0.35)),
+        "anti_dive": float(rng.uniform(0.0, 0.4)),
+        "fall": float(rng.uniform(0.06, 0.16)),
+        "past_peak": float(rng.uniform(0.05, 0.15)),
+        "unsprung": float(rng.uniform(0.09, 0.15)),
+        "deflection": float(rng.uniform(0.03, 0.06)) * car.size.length,
+        "bump_steer": float(rng.uniform(-0.02, 0.02)) / car.size.length,
+        "linear_hold": 1.0,
+    }
+    return ForeignVehicle("suspended", {**chassis(car), **forms}, car)
+
+
 def drawn_slipx(rng: np.random.Generator, number: int) -> ForeignVehicle:
     """Draws a 1:10 car for SlipX: it brakes by its motor and has no drag that grows with speed itself."""
     car = drawn_car(rng, "racer")

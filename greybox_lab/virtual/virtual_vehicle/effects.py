@@ -85,6 +85,16 @@ class Entry:
             return abs(deviation)
         return 1.0 + deviation if deviation >= 0.0 else 1.0 / (1.0 - deviation)
 
+    def scaled(self, magnitude: float, factor: float, size: Scale, kind: str) -> float:
+        """A magnitude so many times as far from null, no farther than it plausibly lies; of limits, that many times
+        as tight.
+        """
+        low, high = self.sizes(size, kind)
+        if self.null == inf:
+            return min(max(magnitude / factor, low), high)
+        away = magnitude if self.null == 0.0 else magnitude - 1.0 if magnitude >= 1.0 else 1.0 - 1.0 / magnitude
+        return float(self.at(float(np.copysign(min(abs(away) * factor, high), away))))
+
     def ranges(self, size: Scale, kind: str) -> tuple[tuple[float, float], ...]:
         """Magnitudes worth an examination, as one or two intervals (least, most)."""
         low, high = self.sizes(size, kind)

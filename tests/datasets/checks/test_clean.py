@@ -29,6 +29,7 @@ def test_clean_recordings_are_trusted(vehicle, seed):
         assert not {finding.kind for finding in findings} & ACCUSATIONS
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @pytest.mark.parametrize("vehicle", VEHICLES)
 def test_false_alarms_are_rare_over_many_seeds(vehicle):

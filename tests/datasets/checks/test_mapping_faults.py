@@ -147,6 +147,7 @@ def test_few_clean_recordings_of_any_kind_are_accused():
     assert not [found for seed in range(12) if (found := accused(any_clean(seed)))]
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_at_most_one_clean_recording_in_a_hundred_is_accused():
     assert sum(bool(accused(any_clean(seed))) for seed in range(300_000, 300_100)) <= 1

@@ -30,6 +30,7 @@ def recordings(draw):
     return Recording(draw(NAMES), time, signals, tuple(zip(edges, edges[1:], strict=False)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", WRITTEN)
 @given(recording=recordings())
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])

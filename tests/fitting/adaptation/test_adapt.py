@@ -11,7 +11,6 @@ from toys import drive, without
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import join
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.adaptation.choosing import (
     BETWEEN_RUNS,
     STRENGTHS,
@@ -22,8 +21,10 @@ from greybox_id.fitting.adaptation.choosing import (
 )  # fmt: skip
 from greybox_id.fitting.adaptation.outcome import parted
 from greybox_id.fitting.adaptation.verb import adapt
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.fitting.scores.timing import run_delays
+from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, prepared
 

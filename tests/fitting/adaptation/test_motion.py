@@ -19,6 +19,7 @@ def fitted():
     return gb.fit("lateral", driven(runs=2, seconds=16.0, seed=1), vehicle="full_size_car", fix=["m"], options=options)
 
 
+@pytest.mark.slow
 def test_a_floor_that_became_slippery_is_found_and_what_follows_is_predicted(fitted):
     new = driven(runs=1, seconds=30.0, seed=7, values=WET)
     found = adapt(fitted, new, seconds=16)

@@ -112,6 +112,7 @@ class Killed(Exception):
     """The process is gone."""
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["mcmc", "abc-smc"])
 def test_a_killed_run_goes_on_to_the_same_draws(found, lap, tmp_path, monkeypatch, method):
     monkeypatch.setattr(verb, "KEEP_EVERY", 0.0)
@@ -201,6 +202,7 @@ def test_a_damaged_file_is_a_sentence(drawn, tmp_path):
         load_posterior(tmp_path / "none.parquet")
 
 
+@pytest.mark.slow
 def test_a_band_holds_the_readings_it_should(found, drawn):
     fresh = driven("lateral", runs=4, seconds=8.0, seed=40)
     band = predictive_band(found, drawn, fresh)

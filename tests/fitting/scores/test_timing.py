@@ -9,9 +9,8 @@ from toys import drive
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import join
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.aligning import alignment
-from greybox_id.fitting.how import quiet
+from greybox_id.fitting.how import How, quiet
 from greybox_id.fitting.scores.timing import (
     RunDelay,
     Timing,
@@ -21,6 +20,7 @@ from greybox_id.fitting.scores.timing import (
     calibrated_seconds,
     calibrated_timing,
 )
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 
 LATE = (0.03, -0.02, 0.0)

@@ -7,12 +7,13 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.choices.wanted import must_be_recorded
 from greybox_id.fitting.fit import load
+from greybox_id.fitting.how import How
 from greybox_id.fitting.judging import carried
 from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.fitting.scores.verdict import judged
+from greybox_id.fitting.verb import fit
 from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, weighed
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle

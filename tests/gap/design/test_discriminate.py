@@ -104,6 +104,7 @@ def test_what_is_predicted_is_what_is_left_when_explanations_have_adapted(saved,
     assert told[0].p10 == pytest.approx(told[1].p10, abs=1.0)
 
 
+@pytest.mark.slow
 def test_a_delay_and_a_lag_are_told_apart(saved):
     gap = unsure("steering_delay", "steering_lag", (0.06, 0.06))
     design = gb.design(saved(gap), arena="disc:80", duration=6.0, rate=50.0, limits=LIMITS, effort=0.03)
@@ -139,6 +140,7 @@ def test_what_noise_hides_is_called_impossible_here(saved):
     assert "tells steering_delay from steering_lag" in design.impossible[0]
 
 
+@pytest.mark.slow
 def test_tolerances_that_are_there_anyway_do_not_tell_a_motor_gain_from_a_mass(saved):
     """Whatever delays and masses within their tolerances a car has, both explanations have them."""
     gap = unsure("motor_gain", "mass_change", (1.1, 0.91))

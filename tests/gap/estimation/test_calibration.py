@@ -37,8 +37,8 @@ def numbers(tree):
 
 
 def test_no_number_stands_beside_the_calibration():
-    top = Path(greybox_id.__file__).parent
-    for floor in ("estimation", "gap", "changes"):
+    top = Path(greybox_id.__file__).parent / "gap"
+    for floor in (".", "estimation", "changes"):
         for file in (top / floor).glob("*.py"):
             if file.stem != "calibration":
                 found = set(numbers(ast.parse(file.read_text(encoding="utf-8"))))

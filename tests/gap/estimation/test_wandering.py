@@ -72,6 +72,7 @@ def test_what_varies_is_what_the_unknown_looks_like(effect, sd, correlation_time
     assert set(found["applied"]) <= {effect}  # its mean may be elsewhere than stated
 
 
+@pytest.mark.slow
 def test_where_nothing_varies_nothing_is_said():
     found = gb.diagnose("single_track", drive("", 0.0, 1.0, 11, seconds=20.0), vehicle="full_size_car").to_json()
     assert not found["resembles"]

@@ -8,7 +8,7 @@ from calling import greybox, refused
 from greybox_lab.exam.answers import Answer, write_answer
 from greybox_lab.exam.make import finish
 
-SILENT = ("--diagnoser", "exam.candidates:silent")
+SILENT = ("--diagnoser", "exam_candidates:silent")
 
 
 @pytest.fixture

@@ -59,6 +59,7 @@ def test_the_cost_is_what_one_null_in_fifty_gains(exam):
     assert found["unnamed"]["wrong"] <= 0.05
 
 
+@pytest.mark.slow
 def test_numbers_of_the_search_are_halved_and_doubled_in_processes_of_their_own(exam, monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parent))
     for case in sorted((exam / "cases").iterdir())[2:]:

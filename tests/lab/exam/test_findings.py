@@ -3,7 +3,7 @@
 from math import inf, isnan
 
 import pytest
-from exam.candidates import diagnosis, ranked
+from exam_candidates import diagnosis, ranked
 
 from greybox_id.base.errors import BadInput
 from greybox_lab.exam.answers import Answer
@@ -173,3 +173,58 @@ def test_a_budget_tells_how_much_went_to_names_that_are_not_there():
     assert finding(SINGLE, says("accel_bias_x", budget=budget)).misplaced == 0.1
     assert isnan(finding(SINGLE, says("accel_bias_x")).misplaced)
     assert isnan(finding(SINGLE, says("accel_bias_x", budget=[])).misplaced)
+
+
+MANY = Answer(
+    "m", "many", "many", {"steering_delay": 0.03, "grip_scale": 0.9, "accel_bias_y": 0.2},
+    {"steering_delay": 0.0, "grip_scale": 1.0, "accel_bias_y": 0.0}, {"steering_delay": ("steering_lag",)},
+)  # fmt: skip
+
+
+def test_of_many_effects_each_needs_a_name_of_its_own():
+    two = finding(MANY, says("steering_lag", "steering_delay", "grip_scale", applied=["steering_lag", "grip_scale"]))
+    assert (two.applied_right, two.beside, two.right, two.wrong) == (2, (), False, "2 of 3 applied")
+    doubled = finding(MANY, says(applied=["steering_lag", "steering_delay", "grip_scale"]))
+    assert (doubled.applied_right, doubled.right) == (2, False)
+    whole = finding(MANY, says(applied=["steering_lag", "grip_scale", "imu_mount_roll"]))
+    assert (whole.applied_right, whole.right, whole.wrong) == (3, True, "")
+    more = finding(MANY, says(applied=["steering_lag", "grip_scale", "imu_mount_roll", "cog_shift"]))
+    assert (more.applied_right, more.beside, more.right) == (3, ("cog_shift",), False)
+
+
+def test_a_class_of_causes_is_right_where_a_likely_member_is_there():
+    late = {"members": ["tyre_relaxation", "steering_delay"], "probability": 0.98, "applied": "tyre_relaxation",
+            "each": {"tyre_relaxation": 0.6, "steering_delay": 0.38}}  # fmt: skip
+    own = finding(MANY, says(applied=["tyre_relaxation"], classes=[late]))
+    assert (own.applied_right, own.beside, own.classes) == (1, (), ((0.98, True),))
+    hardly = late | {"each": {"tyre_relaxation": 0.97, "steering_delay": 0.01}}
+    own = finding(MANY, says(applied=["tyre_relaxation"], classes=[hardly]))
+    assert (own.applied_right, own.beside) == (0, ("tyre_relaxation",))
+
+
+def test_what_a_vehicle_has_by_nature_is_neither_right_nor_wrong():
+    rolls = Answer("r", "null", "rough", {}, nature=("roll_dynamics",))
+    assert finding(rolls, says("roll_dynamics", applied=["roll_dynamics"])).beside == ()
+    assert finding(rolls, says("roll_dynamics")).told == ()
+    assert finding(rolls, says("cog_shift", applied=["cog_shift"])).beside == ("cog_shift",)
+
+
+def test_what_closes_is_measured_by_what_the_truth_closes():
+    half = finding(MANY, says(applied=["grip_scale"]), verified=0.45, by_truth=0.9)
+    assert half.of_truth == pytest.approx(0.5)
+    assert finding(MANY, says(), by_truth=0.9).of_truth == 0.0
+    assert isnan(finding(MANY, says(applied=["grip_scale"]), verified=0.45).of_truth)
+
+
+def test_many_effects_are_counted_one_by_one():
+    found = [
+        finding(MANY, says(applied=["steering_lag", "grip_scale"]), 0.8, 0.8),
+        finding(MANY, says(applied=["steering_lag", "grip_scale", "accel_bias_y"]), 0.8, 0.8),
+        finding(MANY, says(applied=["cog_shift"]), 0.0, 0.8),
+    ]
+    told = {own.key: own for own in measures(found, "many")}
+    assert (told["causes"].value, told["causes"].of) == (pytest.approx(5 / 9), 9)
+    assert told["everything"].value == pytest.approx(1 / 3)
+    assert told["extra"].value == pytest.approx(1 / 3)
+    assert told["of_truth"].value == 1.0
+    assert told["causes"].passed is False

@@ -2,6 +2,7 @@
 
 import builtins
 import re
+from collections import Counter
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import greybox_id.gap
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.models.vehicle_file import vehicle
+from greybox_lab.exam.aliases import always_alike, group_of
 from greybox_lab.exam.answers import read_answer
 from greybox_lab.exam.folder import unbroken
 from greybox_lab.exam.foreign.case import FORM_MOST, accelerations, identified
@@ -22,13 +24,16 @@ from greybox_lab.exam.foreign.families import (
     FAMILIES,
     OF_SENSORS,
     OUTSIDE,
+    ROUGH,
     able,
     dealt_out,
     families,
     magnitude,
+    roughened,
     withheld,
 )
 from greybox_lab.exam.foreign.ride import driven, readings, replayed
+from greybox_lab.exam.foreign.suspended_car import SuspendedCar
 from greybox_lab.exam.foreign.vehicles import single_track
 from greybox_lab.exam.make import make_foreign
 from greybox_lab.exam.plan import Counts
@@ -52,15 +57,15 @@ def ride(own, seconds=8.0, seed=2, rate=50.0, **effects):
 
 
 def test_what_calibrates_never_examines():
-    assert not set(DEVELOPMENT) & set(EXAMINATION)
-    assert set(DEVELOPMENT) | set(EXAMINATION) == set(FAMILIES)
+    assert not set(DEVELOPMENT) & {*EXAMINATION, *ROUGH}
+    assert {*DEVELOPMENT, *EXAMINATION, *ROUGH} == set(FAMILIES)
     assert families(()) == EXAMINATION
     assert families(("development", "slipx")) == (*DEVELOPMENT, "slipx")
     with pytest.raises(BadInput, match='no family "bike"'):
         families(("bike",))
 
 
-@pytest.mark.parametrize("family", sorted(FAMILIES))
+@pytest.mark.parametrize("family", sorted({*DEVELOPMENT, *EXAMINATION}))
 def test_what_lacks_nothing_has_hardly_anything_that_could_be_named(family):
     traces = {"load_exponent": "load_sensitivity", "height": "longitudinal_load_transfer", "ellipse": "combined_slip"}
     for number in range(8):
@@ -71,20 +76,75 @@ def test_what_lacks_nothing_has_hardly_anything_that_could_be_named(family):
 
 
 def test_no_diagnosis_knows_a_foreign_simulator():
-    files = sorted(Path(greybox_id.gap.__file__).parent.glob("*.py"))
+    files = sorted(Path(greybox_id.gap.__file__).parent.rglob("*.py"))
     assert files
     for file in files:
         assert not re.search(r"(import|from) .*(\bexam\b|slipx|vehiclemodels)", file.read_text()), file.name
 
 
 def test_cases_are_dealt_to_families_that_can_be_made_to_have_them():
-    cases = dealt_out(Counts(nulls=5, singles=60, pairs=30, outside=20), 3, ())
+    cases = dealt_out(Counts(nulls=5, singles=60, pairs=30, outside=20), "foreign", 3, ())
     assert all(own.family in able(EXAMINATION, own.effects) for own in cases)
     assert {own.family for own in cases} == set(EXAMINATION)
-    of_one = dealt_out(Counts(nulls=0, singles=40, pairs=5, outside=5), 3, ("slipx",))
+    of_one = dealt_out(Counts(nulls=0, singles=40, pairs=5, outside=5), "foreign", 3, ("slipx",))
     assert {name for own in of_one for name in own.effects} <= {*FAMILIES["slipx"].effects, *FAMILIES["slipx"].outside}
     with pytest.raises(BadInput, match="at least one case"):
-        dealt_out(Counts(0, 0, 0, 0), 3, ())
+        dealt_out(Counts(0, 0, 0, 0), "foreign", 3, ())
+
+
+def test_many_effects_are_dealt_to_virtual_and_foreign_vehicles_alike():
+    cases = dealt_out(Counts(0, 0, 0, 0, many=80), "many", 4, ())
+    assert {own.family for own in cases} == {"", *EXAMINATION}
+    assert 0.4 < np.mean([not own.family for own in cases]) < 0.8
+    for own in cases:
+        groups = Counter(map(group_of, own.effects))
+        assert 3 <= len(own.effects) <= 6
+        assert max(groups.values()) <= 2
+        assert not any(other in always_alike(name) for name in own.effects for other in own.effects)
+    assert {own.family for own in dealt_out(Counts(0, 0, 0, 0, many=8), "many", 4, ("workshop",))} == {""}
+
+
+def test_a_rough_file_is_off_in_its_peaks_and_not_in_its_slopes():
+    stated = drawn("suspended").about
+    for seed in range(12):
+        off, named = roughened(stated, np.random.default_rng(seed))
+        p, q = stated.parameters, off.parameters
+        peaks = [q[f"D_{axle}"] / p[f"D_{axle}"] - 1.0 for axle in "fr"]
+        assert all(0.05 <= abs(own) <= 0.1 for own in peaks)
+        assert all(q[f"B_{a}"] * q[f"D_{a}"] == pytest.approx(p[f"B_{a}"] * p[f"D_{a}"], rel=1e-4) for a in "fr")
+        assert ("grip_scale" in named) == (np.sign(peaks[0]) == np.sign(peaks[1]))
+        longer = (q["l_f"] + q["l_r"]) / (p["l_f"] + p["l_r"])
+        assert (0.019 < abs(longer - 1.0) < 0.041) != ("yaw_inertia" in named)
+
+
+def test_a_car_on_springs_leans_out_of_a_turn_and_loads_its_outer_wheels():
+    own = drawn("suspended", 4)
+    found = ride(own, 20.0)
+    at = found.truth()
+    lean = np.polyfit(at["a_y"], at["roll"], 1)[0]
+    assert 0.3 * own.numbers["gradient"] < lean < 3.0 * own.numbers["gradient"]
+    assert np.corrcoef(at["a_y"], at["roll"])[0, 1] > 0.9
+    car = own.about
+    # little steer: the yaw rate of a linear single track, from its understeer gradient
+    v, delta, rows = 0.4 * car.top_speed, 0.004, 600
+    commands = np.stack([np.full(rows, delta), np.zeros(rows)], axis=1)
+    free = own.numbers | {"c_0": 0.0, "c_1": 0.0, "c_2": 0.0, "bump_steer": 0.0}
+    turned = replayed(FAMILIES["suspended"].build(free, np.zeros(1)), car, commands, 0.01,
+                      {"v_x": v, "v_y": 0.0, "yaw_rate": 0.0}).truth()  # fmt: skip
+    L = own.numbers["l_f"] + own.numbers["l_r"]
+    gradient = (1.0 / own.numbers["slope_f"] - 1.0 / own.numbers["slope_r"]) / 9.81
+    speed = turned["v_x"][-1]
+    assert turned["yaw_rate"][-1] == pytest.approx(speed * delta / (L + gradient * speed**2), rel=0.04)
+
+
+def test_a_wheel_leaves_the_ground_where_the_road_cannot_hold_it():
+    own = drawn("suspended", 4)
+    tall = own.numbers | {"h_cg": 4.0 * own.numbers["h_cg"]}
+    commands = np.stack([np.full(300, 0.12), np.zeros(300)], axis=1)
+    start = {"v_x": 0.6 * own.about.top_speed, "v_y": 0.0, "yaw_rate": 0.0}
+    found = replayed(SuspendedCar(tall), own.about, commands, 0.01, start).truth()
+    flat = replayed(SuspendedCar(own.numbers), own.about, commands, 0.01, start).truth()
+    assert np.max(found["roll"]) > 3.0 * np.max(flat["roll"])  # beyond what springs alone would do
 
 
 @pytest.mark.parametrize("tyre", range(5))
@@ -175,7 +235,7 @@ def test_slipx_follows_its_commands():
 
 @pytest.mark.slow
 def test_a_foreign_examination_is_written_and_sealed(tmp_path):
-    made = make_foreign(tmp_path / "exam", 5, Counts(1, 1, 0, 0), ("fiala",), 1, said)
+    made = make_foreign(tmp_path / "exam", 5, "foreign", Counts(1, 1, 0, 0), ("fiala",), 1, said)
     assert made.counts == {"null": 1, "single": 1}
     assert unbroken(made.folder, made.seal) == made.seal
     for case in ("case_000", "case_001"):

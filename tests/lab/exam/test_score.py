@@ -3,7 +3,7 @@
 import json
 
 import pytest
-from exam.candidates import diagnosis, ranked
+from exam_candidates import diagnosis, ranked
 
 from greybox_id.base.errors import BadInput
 from greybox_lab.exam.score import score
@@ -68,4 +68,11 @@ def test_a_broken_seal_is_not_scored(diagnosed):
     (diagnosed / "sealed" / "case_003" / "held_out.csv").write_text("")
     with pytest.raises(BadInput, match="seal is broken"):
         score(diagnosed, said, verify=verify)
+    assert not (diagnosed / "score.json").exists()
+
+
+def test_a_part_is_scored_without_being_kept(diagnosed):
+    (diagnosed / "cases" / "case_002" / "diagnosis.json").unlink()
+    body, again = score(diagnosed, said, verify=verify, partial=True)
+    assert (body["cases"], again) == (3, False)
     assert not (diagnosed / "score.json").exists()

@@ -8,7 +8,7 @@ import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.json_data import without_nan
-from greybox_id.gap import Closure, Gap, Ranked, Where
+from greybox_id.gap.gap import Closure, Gap, Ranked, Where
 from greybox_id.models.registry import build
 from greybox_lab.cli.exam import diagnose_case
 from greybox_lab.exam.verification import held_out_closure, model_from, plain_model

@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "nmpc"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "nmpc"
 sys.path.insert(0, str(EXAMPLE))
 
 from follow import followed  # noqa: E402
@@ -154,6 +154,7 @@ def test_the_controller_in_c_drives_as_well(scene, models, tmp_path):
         subprocess.run(["cc", *flags, "-c", str(source), "-o", str(tmp_path / "checked.o")], check=True)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_closing_the_gap_removes_most_of_the_excess_path_error(tmp_path):
     command = [sys.executable, str(EXAMPLE / "race.py"), "--out", str(tmp_path), "--pairs", "0", "1"]

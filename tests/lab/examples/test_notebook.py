@@ -6,7 +6,7 @@ from pathlib import Path
 import matplotlib as mpl
 import pytest
 
-NOTEBOOK = Path(__file__).parents[2] / "examples" / "notebook.ipynb"
+NOTEBOOK = Path(__file__).parents[3] / "examples" / "notebook.ipynb"
 
 
 def cells():
@@ -20,6 +20,7 @@ def test_it_takes_a_dozen_lines():
     assert sum(bool(line.strip()) for cell in own for line in cell.splitlines()) <= 12
 
 
+@pytest.mark.slow
 def test_it_runs_and_closes_the_gap(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     mpl.use("Agg")

@@ -16,6 +16,7 @@ from calling import greybox, refused
 
 import greybox_id as gb
 from greybox_lab.fleet import engines
+from greybox_lab.fleet import run as fleet_run
 from greybox_lab.fleet.store import OF_RESULTS
 
 LINUX = sys.platform.startswith("linux")
@@ -75,6 +76,7 @@ def waited(process, until, seconds=240.0):
     raise AssertionError(process.communicate()[1] if process.poll() is not None else "it did not come so far")
 
 
+@pytest.mark.slow
 def test_two_at_a_time_find_the_same(fleet, tmp_path):
     plan, results, _ = fleet
     assert greybox("fleet", "run", plan, "--out", tmp_path / "R", "--jobs", 2, "--json").told["failed"] == 2
@@ -97,7 +99,7 @@ def test_a_scheduler_that_is_not_there_is_a_sentence(fleet, tmp_path):
         "fleet", "run", plan, "--out", tmp_path, *where
     )
     with pytest.raises(gb.BadInput, match="No scheduler"):
-        fleet.run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
+        fleet_run(plan, tmp_path / "R", engine="dask", scheduler="nonsense://127.0.0.1:9")
 
 
 def test_workers_that_come_later_are_given_work_too(monkeypatch):
@@ -178,6 +180,7 @@ def test_a_local_run_that_is_killed_carries_on(fleet, tmp_path):
             os.kill(pid, 0)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @pytest.mark.skipif(not LINUX, reason="processes are looked for in /proc")
 def test_a_cluster_whose_worker_and_client_are_killed_finds_what_one_process_does(made_fleet, tmp_path):

@@ -8,7 +8,7 @@ import pytest
 from calling import greybox, refused
 from json_pages import PAGE, agree, never_met
 
-from greybox_lab import fleet
+from greybox_lab.fleet import estimate as fleet_estimate
 from greybox_lab.fleet.store import COLUMNS, Store
 
 
@@ -56,7 +56,7 @@ def moved(folder, target, amount, key="0-0"):
 
 
 def of(folder, vehicle="V0", name="C_alpha_f"):
-    return fleet.estimate(folder).vehicles.set_index(["vehicle", "name"]).loc[(vehicle, name)]
+    return fleet_estimate(folder).vehicles.set_index(["vehicle", "name"]).loc[(vehicle, name)]
 
 
 def test_keys_are_those_of_the_page(joined, fleet, tmp_path):
@@ -89,12 +89,12 @@ def test_a_jump_is_found_dated_and_said(joined):
 
 @pytest.mark.parametrize("name", ["population", "vehicles", "drift", "apart"])
 def test_tables_have_the_columns_that_are_documented(joined, name):
-    fleet.estimate(joined)
+    fleet_estimate(joined)
     assert list(pd.read_parquet(joined / name).columns) == list(COLUMNS[name])
 
 
 def test_vehicles_have_their_value_of_today(joined):
-    own = fleet.estimate(joined).vehicles.set_index(["vehicle", "name"])
+    own = fleet_estimate(joined).vehicles.set_index(["vehicle", "name"])
     today = own.loc[("V5", "steering_delay")]
     assert today["low"] < today["value"] < today["high"]
     assert today["value"] > 0.045
@@ -108,7 +108,7 @@ def test_the_prior_is_one_that_a_fit_takes(joined, tmp_path, monkeypatch):
     from greybox_id.fitting.choices.parameters import Choices, with_choices
     from greybox_id.models.registry import build
 
-    fleet.estimate(joined)
+    fleet_estimate(joined)
     written = tomllib.loads((joined / "prior.toml").read_text(encoding="utf-8"))["fit"]["prior"]
     model = with_choices(build("lateral", {"tyre": "linear"}, {"steering_delay": None}), Choices(prior=written))
     assert model["C_alpha_f"].prior.sd == pytest.approx(1e4, rel=0.8)
@@ -136,7 +136,7 @@ def test_recordings_without_a_joint_fit_claim_nothing(fleet, tmp_path):
     alone = plan.with_name("check.toml")
     alone.write_text('recordings = "data/V0/*.csv"\nvehicle = "car.toml"\nsteps = ["check"]\n')
     assert greybox("fleet", "run", alone, "--out", tmp_path / "R").code == 0
-    found = fleet.estimate(tmp_path / "R")
+    found = fleet_estimate(tmp_path / "R")
     assert found.used == 0
     assert found.vehicles.empty
     assert greybox("fleet", "report", tmp_path / "R").code == 0

@@ -10,6 +10,8 @@ from calling import greybox, refused
 
 import greybox_id as gb
 from greybox_lab.fleet import manifest as manifest_module
+from greybox_lab.fleet import run as fleet_run
+from greybox_lab.fleet import status as fleet_status
 from greybox_lab.fleet.anew import differences, origin_of
 from greybox_lab.fleet.store import COLUMNS, OF_RESULTS, SCHEMA
 
@@ -73,6 +75,7 @@ def test_what_changed_is_done_again_and_what_is_gone_is_no_more_counted(fleet, t
     assert len(list((results / "parameters").iterdir())) == 1
 
 
+@pytest.mark.slow
 def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_path):
     shutil.copytree(fleet[0].parent, tmp_path / "own")
     plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
@@ -91,6 +94,7 @@ def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_pat
     assert greybox("fleet", "run", plan, "--out", results, "--json").told["done"] == 0
 
 
+@pytest.mark.slow
 def test_a_vehicle_file_that_changed_is_what_is_left_to_say(fleet, tmp_path):
     shutil.copytree(fleet[0].parent, tmp_path / "own")
     plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
@@ -150,7 +154,7 @@ def test_status_tells_what_came_of_recordings(fleet):
     told = greybox("fleet", "status", results, "--json").told
     assert told["statuses"] == {"failed": 2, "ok": 6}
     assert told["vehicles"]["V0"] == {"failed": 1, "ok": 3}
-    assert fleet.status(results).to_json() == told
+    assert fleet_status(results).to_json() == told
     assert "8 recordings of 2 vehicles" in greybox("fleet", "status", results).out
 
 
@@ -167,7 +171,7 @@ def test_a_journal_left_by_a_killed_run_is_read_and_becomes_a_part_once(fleet, t
     pq.write_table(kept, results / "recordings" / "part-000001.parquet")
     line = json.dumps({"recordings": [{"key": key, "status": lost["status"], "path": lost["path"]}]})
     (results / "journal" / "000009.jsonl").write_text(f"{line}\n{line}\n{line[:20]}")
-    assert fleet.status(results).statuses == {"failed": 2, "ok": 6}
+    assert fleet_status(results).statuses == {"failed": 2, "ok": 6}
     assert greybox("fleet", "run", plan, "--out", results, "--json").told["done"] == 0
     assert not list((results / "journal").iterdir())
     assert sorted(pd.read_parquet(results / "recordings")["key"]) == sorted(rows["key"])
@@ -207,9 +211,10 @@ def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
         "fleet", "run", plan, "--out", tmp_path / "R", "--scheduler", "x"
     )
     with pytest.raises(gb.BadInput, match="there is no engine 'ray'"):
-        fleet.run(plan, tmp_path / "R", engine="ray")
+        fleet_run(plan, tmp_path / "R", engine="ray")
 
 
+@pytest.mark.slow
 def test_a_second_pass_fits_once_again_with_the_fleet_as_prior(fleet, tmp_path):
     plan, results, _ = fleet
     shutil.copytree(results, tmp_path / "R")

@@ -302,6 +302,7 @@ def test_a_changed_file_is_a_model_that_predicts_as_its_graph_does_or_a_sentence
     _survives(random.Random(seed), tmp_path)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @settings(max_examples=2000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.integers(0, 2**32))

@@ -6,10 +6,11 @@ from calling import refused
 from toys import drive
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting import How, fit
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.grid import fit_grid
+from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.memory import errors, predictions
+from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 from greybox_lab.papers.kept import write_pages
 from greybox_lab.papers.msnn import ENTRIES, PAPER, MsnnBench, as_the_authors, compared, measure

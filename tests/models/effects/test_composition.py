@@ -66,6 +66,7 @@ def test_two_effects_compose_in_either_order(pair):
     examine(*pair)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_any_two_effects_compose_in_either_order():
     for a, b in PAIRS:

@@ -70,6 +70,7 @@ def driven_with(canned, folder, monkeypatch, **options):
     return agent("http://nobody", TOKEN, folder, AgentOptions(trainings=1, **options))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_small")
 @pytest.mark.parametrize(
     ("result", "refused_because"),
@@ -100,6 +101,7 @@ def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_
     assert not [path for path, _ in canned.asked[asked:] if path.endswith("/train")]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("_small")
 def test_rows_wait_while_nobody_answers_and_a_server_that_is_silent_for_a_moment_is_asked_again(tmp_path, monkeypatch):
     canned = Canned({"crashes": 0, "path_error": 0.02, "path_error_before": 0.03}, silent=3)
@@ -123,6 +125,7 @@ def test_what_is_wrong_is_a_sentence(tmp_path):
     assert "token file" in refused(*call[:4], tmp_path / "none.txt", "--out", tmp_path / "car3")
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_an_agent_that_a_kill_interrupts_carries_on_and_drives_better(tmp_path):
     with serving(tmp_path) as server:

@@ -108,6 +108,7 @@ def test_what_is_there_already_is_a_sentence(tmp_path):
     assert "cannot be listened at" in refused(*call, "--host", "192.0.2.1", "--port", "0")
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_a_demo_that_a_kill_interrupts_carries_on_and_drives_better(tmp_path):
     call = ["loop", "demo", "--quick", "--cycles", "1", "--case", "1", "--out", str(tmp_path / "loop"), "--json"]

@@ -14,8 +14,8 @@ from greybox_lab.driving.loop.adapting import foretold, world_of
 from greybox_lab.driving.loop.arms import Twin
 from greybox_lab.driving.loop.demo import twin_of
 from greybox_lab.driving.loop.protocol import digest_of
-from greybox_lab.driving.loop.scene import Scene
-from greybox_lab.driving.loop.swap import SIZE, NotSwapped, Seat, probe
+from greybox_lab.driving.loop.scene import Hands, Scene, driven
+from greybox_lab.driving.loop.swap import MINUTE, SIZE, NotSwapped, Seat, probe
 from greybox_lab.driving.racing.learner import shipped_learned
 from greybox_lab.driving.racing.policy import Policy
 
@@ -27,10 +27,15 @@ def constant(value):
     return Policy(layers, tuple(np.full(shape[1], value, dtype=np.float32) for shape in shapes))
 
 
+def fine(new, present):
+    """A twin in which everybody drives well."""
+
+
 def body_of(policy):
     return policy.text().encode()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("calls", "swaps"), [(10_000, 20), pytest.param(100_000, 200, marks=pytest.mark.slow)])
 def test_no_call_is_dropped_or_mixed_during_swaps(calls, swaps, tmp_path):
     bodies = [body_of(constant(value)) for value in (0.1, 0.2)]
@@ -47,7 +52,7 @@ def test_no_call_is_dropped_or_mixed_during_swaps(calls, swaps, tmp_path):
     driver.start()
     for k in range(swaps):
         body = bodies[(k + 1) % 2]
-        seat.offer(body, digest_of(body)).result()
+        seat.offer(body, digest_of(body), fine).result()
     over.set()
     driver.join()
     assert len(answers) >= calls
@@ -77,6 +82,43 @@ def test_what_is_in_force_stays_where_something_speaks_against_another(tmp_path)
             seat.offer(other, sha or digest_of(other), *([twin] if twin else [])).result()
         assert seat.now.sha == digest_of(body)
     assert not (tmp_path / "policy.json").exists()
+    seat.close()
+
+
+@pytest.fixture(scope="module")
+def minute():
+    """What a driver sees in a minute."""
+    scene, seen = Scene(1), []
+    world = world_of(motion_model_of(scene.vehicle), scene.vehicle, 1, 0.6)
+
+    def act(observations):
+        seen.append(observations.copy())
+        return shipped_learned_policy.act(observations)
+
+    shipped_learned_policy = shipped_learned().policy
+    driven(scene, Hands(world, act), MINUTE + 10, 0)
+    return seen
+
+
+def with_last(policy, factors):
+    """A policy whose last layer is multiplied, (steering, drive)."""
+    scale = np.array(factors, dtype=np.float32)
+    return Policy((*policy.weights[:-1], policy.weights[-1] * scale), (*policy.biases[:-1], policy.biases[-1] * scale))
+
+
+@pytest.mark.parametrize("factors", [(-1, -1), (-1, 1), (1, -1), (1e30, 1e30), (0, 1)])
+def test_without_a_twin_a_policy_has_to_agree_in_the_last_minute(factors, minute, tmp_path):
+    policy = shipped_learned().policy
+    seat, body = Seat(body_of(policy), tmp_path), body_of(with_last(policy, factors))
+    with pytest.raises(NotSwapped, match="drive on"):
+        seat.swap(body, digest_of(body))
+    for seen in minute:
+        seat.act(seen)
+    with pytest.raises(NotSwapped, match="last minute"):
+        seat.swap(body, digest_of(body))
+    assert seat.now.sha == digest_of(body_of(policy))
+    near = body_of(with_last(policy, (0.9, 0.9)))
+    assert seat.swap(near, digest_of(near)).sha == digest_of(near)
     seat.close()
 
 

@@ -57,6 +57,7 @@ def test_the_same_vehicle_is_within_the_band_and_another_one_beyond(band):
         InnovationBand.of(band.model, rows(SCENE, 3, number=300))
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_false_alarms_are_rare_and_changes_are_told(band):
     false = sum(bool(band.beyond(rows(SCENE, 200 + k, cap))) for k in range(6) for cap in (0.6, 0.66))

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-import greybox_id  # noqa: F401 - makes the environments known
+import greybox_lab  # noqa: F401 - makes the environments known
 
 gymnasium = pytest.importorskip("gymnasium")
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -20,7 +20,7 @@ def test_gymnasiums_own_check_finds_nothing(options, recwarn):
     assert [str(own.message) for own in recwarn if "gymnasium" in str(own.filename)] == []
 
 
-@pytest.mark.parametrize("order", ["gymnasium, greybox_id", "greybox_id, gymnasium"])
+@pytest.mark.parametrize("order", ["gymnasium, greybox_lab", "greybox_lab, gymnasium"])
 def test_it_is_known_whichever_is_imported_first(order):
     told = f"import {order}; print(gymnasium.spec('greybox/Track-v0').id)"
     done = subprocess.run([sys.executable, "-c", told], capture_output=True, text=True)

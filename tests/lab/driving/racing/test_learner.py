@@ -236,6 +236,7 @@ def test_a_shipped_policy_is_learned_with_what_it_was_made_with():
     assert len(shipped_learned().text()) < 300_000
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_drivers_get_better_within_100_000_steps():
     own = world(32, action="speed", reward="path")
@@ -246,6 +247,7 @@ def test_drivers_get_better_within_100_000_steps():
     assert len(after.lap_times) == 8
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_the_shipped_policy_drives_20_of_20_laps_of_its_nominal_model():
     for noise in (False, True):

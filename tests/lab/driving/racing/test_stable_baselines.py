@@ -72,6 +72,7 @@ def test_a_crash_is_no_cut():
 
 
 @needed
+@pytest.mark.examination
 @pytest.mark.slow
 def test_its_ppo_learns_here_and_its_policy_is_one_of_ours(tmp_path):
     from stable_baselines3 import PPO, SAC

@@ -1,4 +1,4 @@
-"""Candidates that sit an examination in tests; a worker finds them by "exam.candidates:name"."""
+"""Candidates that sit an examination in tests; a worker finds them by "exam_candidates:name"."""
 
 import os
 import time

@@ -1,0 +1,224 @@
+"""The model as the page handles it: sliders, a trace simulated anew while one is dragged, the fit that is asked for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import greybox_id as gb
+
+from .beneath import free_runs, sentence
+
+Array = NDArray[np.float64]
+MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
+"""Models with a page: equations of motion whose parameters mean something one by one."""
+TYRES = ("pacejka", "linear", "dugoff", "brush")
+MOST_ROWS = 4000
+"""Rows that are simulated anew while a slider is dragged."""
+WIDE = 4.0
+"""A slider spans so many standard deviations of the prior, and a factor of so much where there is none."""
+
+
+def nominal(chosen: Mapping[str, Any]) -> gb.MotionModel:
+    """The model that is chosen, at its nominal values. Raises `BadInput`."""
+    settings = dict(chosen["settings"])
+    model: gb.MotionModel = getattr(gb.models, chosen["name"])(vehicle=chosen["vehicle"] or None, **settings)
+    for name in chosen["effects"]:
+        model = model + getattr(gb.effects, name).free()
+    return model
+
+
+def moved(model: gb.MotionModel, values: Mapping[str, float]) -> gb.MotionModel:
+    """The model with some parameters elsewhere."""
+    return replace(
+        model,
+        parameters=tuple(
+            each.with_value(values[each.name]) if each.name in values else each for each in model.parameters
+        ),
+    )
+
+
+def lacking(name: str, recording: gb.Recording) -> str:
+    """Why a model cannot be simulated on a recording, as a sentence; "" where it can."""
+    try:
+        gb.simulate(name, recording.rows(0, min(len(recording), 60)))
+    except gb.GreyboxError as error:
+        return sentence(error)
+    return ""
+
+
+@dataclass(frozen=True)
+class Slider:
+    """One parameter as a slider.
+
+    Attributes
+    ----------
+    name, unit, about : the parameter's.
+    low, high, step, value : in its unit.
+    prior : mean and standard deviation; None where there is none.
+    fixed : whether a fit holds it unless asked otherwise.
+    """
+
+    name: str
+    unit: str
+    about: str
+    low: float
+    high: float
+    step: float
+    value: float
+    prior: tuple[float, float] | None
+    fixed: bool
+
+
+def sliders(model: gb.MotionModel) -> list[Slider]:
+    """Parameters that are single numbers; those that are estimated first."""
+    found = []
+    for each in model.parameters:
+        if each.shape != ():
+            continue
+        value = float(each.array)
+        prior = None
+        if each.prior is not None and each.prior.mean is not None and np.ndim(each.prior.mean) == 0:
+            prior = (float(np.asarray(each.prior.mean)), float(np.asarray(each.prior.sd)))
+        if not np.isfinite(value):
+            continue
+        if prior is not None:
+            low, high = prior[0] - WIDE * prior[1], prior[0] + WIDE * prior[1]
+        elif value != 0.0:
+            low, high = sorted((value / WIDE, value * WIDE))
+        else:
+            low, high = -0.1, 0.1
+        low, high = max(min(low, value), each.bounds[0]), min(max(high, value), each.bounds[1])
+        if high > low:
+            step = (high - low) / 200
+            found.append(Slider(each.name, each.unit, each.about, low, high, step, value, prior, each.fixed))
+    return sorted(found, key=lambda slider: slider.fixed)
+
+
+def longest(recording: gb.Recording) -> gb.Recording:
+    """The longest run of a recording, `MOST_ROWS` rows of it at most."""
+    start, stop = max(recording.runs, key=lambda run: run[1] - run[0])
+    return recording.rows(start, min(stop, start + MOST_ROWS))
+
+
+def effects_of(chosen: Mapping[str, Any]) -> list[str]:
+    """Names of effects that a model may have."""
+    model = getattr(gb.models, chosen["name"])()
+    return [name for name in gb.effects.names() if getattr(gb.effects, name).concerns(model)]
+
+
+class Bench:
+    """A model over the part of a recording that is looked at, simulated anew as often as one likes.
+
+    Parameters
+    ----------
+    model : at its nominal values.
+    recording : cut to its longest run.
+    """
+
+    def __init__(self, model: gb.MotionModel, recording: gb.Recording) -> None:
+        self.recording = longest(recording)
+        self.model = model
+        self._runs = free_runs(model, self.recording)
+        self.outputs = [name for name in model.outputs if self.recording.has(name)]
+
+    def simulate(self, values: Mapping[str, float]) -> dict[str, Array]:
+        """Output -> (n,) what the model makes of the recording's inputs; NaN where that is not finite."""
+        traces = self._runs(moved(self.model, values))
+        return {name: traces[name] for name in self.outputs}
+
+    def errors(self, traces: Mapping[str, Array]) -> dict[str, float]:
+        """Output -> root mean square of simulated less measured, in its unit."""
+        return {name: float(np.sqrt(np.nanmean((trace - self.recording[name]) ** 2))) for name, trace in traces.items()}
+
+
+@dataclass(frozen=True)
+class Request:
+    """A fit or a diagnosis as it is asked for: words of a command and lines of Python, of one and the same thing.
+
+    Attributes
+    ----------
+    name, vehicle, settings, effects : the model.
+    start, fix, free : parameters: where they start; held at a value; estimated though the model holds them.
+    train, validate, before : files, seen from the session's folder.
+    columns, between : how they are read.
+    horizon : s; None for whole runs.
+    """
+
+    name: str
+    vehicle: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    effects: Sequence[str] = ()
+    start: Mapping[str, float] = field(default_factory=dict)
+    fix: Mapping[str, float] = field(default_factory=dict)
+    free: Sequence[str] = ()
+    train: Sequence[str] = ()
+    validate: Sequence[str] = ()
+    before: Sequence[str] = ()
+    columns: str = "canonical"
+    between: str = ""
+    horizon: float | None = None
+    seed: int = 0
+
+    @property
+    def _part(self) -> list[str]:
+        return ["--columns", self.columns, *(["--between", self.between] if self.between else [])]
+
+    def fit_words(self, out: str) -> list[str]:
+        """Words of `greybox fit`."""
+        words = ["fit", "--model", self.name]
+        words += ["--vehicle", self.vehicle] if self.vehicle else []
+        for option, pairs in (("--set", self.settings), ("--start", self.start), ("--fix", self.fix)):
+            for name, value in pairs.items():
+                words += [option, f"{name}={value if isinstance(value, str) else repr(value)}"]
+        for option, names in (("--free", self.free), ("--with", self.effects)):
+            for name in names:
+                words += [option, name]
+        words += [*self.train, *self._part]
+        words += ["--validate", self.validate[0]] if self.validate else []
+        words += ["--horizon", repr(self.horizon)] if self.horizon else []
+        return [*words, "--seed", str(self.seed), "--out", out]
+
+    def gap_words(self, fit: str, out: str, since: bool = False) -> list[str]:
+        """Words of `greybox gap`: of a fit, or of the vehicle as it is stated where there is none."""
+        words = ["gap", *self.train]
+        words += ["--since", *self.before] if since else []
+        words += ["--fit", f"{fit}/fit.json"] if fit else ["--model", self.name]
+        words += ["--vehicle", self.vehicle] if self.vehicle else []
+        for file in self.validate:
+            words += ["--held-out", file]
+        return [*words, *self._part, "--seed", str(self.seed), "--out", out]
+
+    def read_code(self) -> str:
+        """Lines of Python that read the recordings."""
+        ends = [f"{float(end)!r}" if end else "None" for end in self.between.split(":")] if self.between else []
+        part = f".between({', '.join(ends)})" if ends else ""
+        lines = ["import greybox_id as gb", ""]
+        for name, files in (("train", self.train), ("held_out", self.validate), ("before", self.before)):
+            if files:
+                lines.append(f"{name} = [gb.read(file, columns={self.columns!r}){part} for file in {list(files)!r}]")
+        return "\n".join(lines)
+
+    def fit_code(self) -> str:
+        """Lines of Python that make the fit that `fit_words` make."""
+        rows = [f"    {self.name!r},", "    train,"]
+        rows += ["    validation=held_out[0],"] if self.validate else []
+        rows += [f"    vehicle={self.vehicle!r},"] if self.vehicle else []
+        pairs = {"settings": dict(self.settings), "start": dict(self.start), "fix": dict(self.fix)}
+        lists = {"free": list(self.free), "effects": list(self.effects)}
+        rows += [f"    {name}={value!r}," for name, value in (pairs | lists).items() if value]
+        options = f"seed={self.seed}" + (f", horizon={self.horizon!r}" if self.horizon else "")
+        rows.append(f"    options=gb.FitOptions({options}),")
+        return "\n".join(["fit = gb.fit(", *rows, ")", "print(fit.summary())"])
+
+    def gap_code(self, fit: bool, since: bool) -> str:
+        """Lines of Python that make the diagnosis that `gap_words` make."""
+        rows = ["    fit," if fit else f"    {self.name!r},", "    train,"]
+        rows += ["    before,"] if since else []
+        rows += ["    held_out=held_out,"] if self.validate else []
+        rows += [f"    vehicle={self.vehicle!r},"] if self.vehicle else []
+        return "\n".join(["gap = gb.diagnose(", *rows, f"    seed={self.seed},", ")", "print(gap.summary())"])

@@ -1,0 +1,138 @@
+"""The frame of the page: seven steps, what runs, and a step's picture, drawn anew where the session has changed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from types import ModuleType
+from typing import Any
+
+from nicegui import run, ui
+
+import greybox_id as gb
+
+from . import step_check, step_drop, step_fit, step_model, step_see, step_take, step_why
+from .beneath import sentence
+from .jobs import Job
+from .widgets import quiet, tell, verdict
+from .work import STEPS, Work
+
+MODULES: tuple[ModuleType, ...] = (step_drop, step_see, step_check, step_model, step_fit, step_why, step_take)
+TICK = 0.25
+"""Seconds between looks at whether the session has changed."""
+SOON = 0.5
+"""Seconds from which on a job is shown with a stop."""
+
+
+class Page:
+    """One open page.
+
+    Parameters
+    ----------
+    work : the session, which all pages share.
+    """
+
+    def __init__(self, work: Work) -> None:
+        self.work, self.session = work, work.session
+        self.step = int(self.session["step"])
+        self.seen = -1
+        self.window: tuple[float, float] | None = None
+        self.picked: dict[str, Any] = {}
+        self._drawing = 0
+        self._ticking: list[Callable[[], None]] = []
+        self._trouble = self.work.trouble
+
+    async def build(self) -> None:
+        """Make the page."""
+        ui.colors(primary="#0072b2", negative="#a34a12", accent="#7b3f8c")
+        with ui.row(align_items="center").classes("bar"):
+            ui.label("greybox").classes("h3").props("role=heading aria-level=1")
+            with ui.row().classes("steps").props('role=navigation aria-label="steps"'):
+                self.buttons = [self._button(k, name) for k, name in enumerate(STEPS)]
+            ui.space()
+            quiet(self.session.folder.name).tooltip(str(self.session.folder))
+        with ui.column().classes("page").props("role=main"):
+            self.running = ui.column().classes("w-full")
+            self.body = ui.column().classes("w-full")
+        await self.draw()
+        ui.timer(TICK, self._tick)
+
+    def _button(self, k: int, name: str) -> ui.button:
+        async def go() -> None:
+            await self.go(k)
+
+        return ui.button(f"{k + 1} {name}", on_click=go).props("flat dense no-caps").classes("step").mark(f"step-{k}")
+
+    @property
+    def reach(self) -> int:
+        """The last step that is open: the fit and what follows stay locked until the check was looked at."""
+        return 0 if self.work.ready else 6 if self.session["looked"] == self.session.key else 2
+
+    async def go(self, step: int) -> None:
+        """Show another step, as far as it is open."""
+        self.step, self.window = min(step, self.reach), None
+        self.session.change(quietly=True, step=self.step)
+        await self.draw()
+
+    async def draw(self) -> None:
+        """Draw the step anew."""
+        self.step = min(self.step, self.reach)
+        self._drawing += 1
+        mine, self.seen = self._drawing, self.session.version
+        module = MODULES[self.step]
+        try:
+            data = await module.prepare(self)
+        except gb.GreyboxError as error:
+            data = error
+        if mine != self._drawing or self.body.is_deleted:
+            return
+        self._ticking = []
+        for k, button in enumerate(self.buttons):
+            button.set_enabled(k <= self.reach)
+            button.props(f"aria-current={'step' if k == self.step else 'false'}")
+        self.running.clear()
+        with self.running:
+            for job in self.session.jobs.running():
+                self._job(job)
+        self.body.clear()
+        with self.body:
+            if isinstance(data, Exception):
+                verdict("This cannot be shown.", sentence(data), bad=True)
+            else:
+                module.draw(self, data)
+
+    def _job(self, job: Job) -> None:
+        """What runs: its command, its last line, for how long, and a stop."""
+        with ui.row(align_items="center").classes("card no-wrap") as card:
+            ui.spinner(size="1.2rem")
+            ui.label(job.command).classes("col mono")
+            line = quiet("")
+            ui.button("Stop", on_click=job.stop).props("outline dense no-caps").mark("stop")
+
+        def tick() -> None:
+            last = next((text for text in reversed(job.lines) if text.strip()), "starting")
+            line.set_text(f"{last[:110]} · {job.seconds:.0f} s")
+            card.set_visibility(job.seconds > SOON)
+
+        tick()
+        self.every_tick(tick)
+
+    async def _tick(self) -> None:
+        for tick in self._ticking:
+            tick()
+        if self.work.trouble and self.work.trouble != self._trouble:
+            tell(self.work.trouble)
+        self._trouble = self.work.trouble
+        if self.seen != self.session.version:
+            await self.draw()
+
+    def every_tick(self, tick: Callable[[], None]) -> None:
+        """Call several times a second while the step is shown as it is."""
+        self._ticking.append(tick)
+
+    def changed_here(self) -> None:
+        """What just changed is on this page already."""
+        self.seen = self.session.version
+
+    async def off(self, function: Callable[..., Any], *arguments: Any) -> Any:
+        """Run a function in a thread, so that the page stays alive."""
+        return await run.io_bound(function, *arguments)

@@ -1,0 +1,258 @@
+"""A session of the page: a folder that holds all that was done, and that the command line reads as well.
+
+    app/NAME/recordings/       files that were dropped (or links to those that were named)
+    app/NAME/map.toml          the column map
+    app/NAME/recordings.json   roles of the recordings, answers to questions, choices of the model
+    app/NAME/fits/N/           what `greybox fit` wrote, N counting up
+    app/NAME/gaps/N/           what `greybox gap` wrote
+    app/NAME/jobs/             every command that was run: its words, its lines of progress, what it printed
+
+What is in memory is on disk before anybody sees it, so that a process may end at any moment.
+"""
+
+from __future__ import annotations
+
+import gzip
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Lock
+from typing import IO, Any
+
+from greybox_id import BadInput
+
+from .beneath import write_atomically
+from .jobs import Job, Jobs
+
+STATE = "recordings.json"
+MAP = "map.toml"
+LARGEST = 500 * 2**20
+"""Bytes of a file that the page takes: reading one of text takes some three times that in memory."""
+LONGEST_LINE, MOST_COLUMNS = 2**20, 5000
+"""Bytes of the first line of a text file, and separators in it, beyond which it is no recording."""
+ROLES = {"train": "fit", "validate": "held out", "before": "before", "unused": "not used"}
+"""Role of a recording -> what the page calls it."""
+
+DEFAULTS: dict[str, Any] = {
+    "recordings": [],
+    "columns": "",
+    "map": {},
+    "entries": [],
+    "others": [],
+    "between": "",
+    "looked": "",
+    "repairs": [],
+    "model": {"name": "", "vehicle": "", "settings": {}, "start": {}, "fix": [], "free": [], "effects": []},
+    "horizon": None,
+    "fit": "",
+    "gap": "",
+    "step": 0,
+    "cursor": None,
+    "maps": [],
+    "joining": [],
+    "requests": {},
+    "taken": [],
+    "arena": "disc:10",
+}
+
+
+@dataclass
+class Session:
+    """Everything about one session; changes are written at once.
+
+    Attributes
+    ----------
+    folder : where it lies.
+    state : what `recordings.json` holds.
+    jobs : commands that run or have run.
+    version : grows with every change, so that every page that is open notices.
+    """
+
+    folder: Path
+    state: dict[str, Any] = field(default_factory=dict)
+    version: int = 0
+
+    def __post_init__(self) -> None:
+        self.folder = self.folder.resolve()
+        try:
+            (self.folder / "recordings").mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise BadInput(f"{self.folder}: no session can be kept there: {error.strerror}.") from error
+        self._lock, self._changing = _locked(self.folder), Lock()
+        self.jobs = Jobs(self.folder)
+        self.state = json.loads(json.dumps(DEFAULTS)) | self._kept()
+
+    def _kept(self) -> dict[str, Any]:
+        path = self.folder / STATE
+        if not path.is_file():
+            return {}
+        try:
+            kept = json.loads(path.read_text("utf-8"))
+        except (OSError, ValueError) as error:
+            raise BadInput(
+                f"{path}: this is no session of greybox app ({error}); name another with --session."
+            ) from None
+        if not isinstance(kept, dict):
+            raise BadInput(f"{path}: this is no session of greybox app; name another with --session.")
+        return kept
+
+    def __getitem__(self, key: str) -> Any:
+        return self.state[key]
+
+    def change(self, *, quietly: bool = False, **changes: Any) -> None:
+        """Change some of the state: on disk first, then for every page, unless quietly, as a drag does it."""
+        with self._changing:
+            self.state = {**self.state, **changes}
+            write_atomically(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
+            self.version += 0 if quietly else 1
+
+    def files(self, *roles: str) -> list[str]:
+        """Paths of recordings in some roles, seen from the folder; of all that are used where no role is named."""
+        chosen = roles or ("train", "validate", "before")
+        return [each["file"] for each in self["recordings"] if each["role"] in chosen]
+
+    def add(self, name: str) -> str:
+        """Take a file that lies in `recordings/` into the session: the first is fitted, the second held out."""
+        file = f"recordings/{name}"
+        if all(each["file"] != file for each in self["recordings"]):
+            taken = [each["role"] for each in self["recordings"]]
+            role = "train" if "train" not in taken else "validate" if "validate" not in taken else "train"
+            self.change(recordings=[*self["recordings"], {"file": file, "role": role}], looked="")
+        return file
+
+    def link(self, path: Path) -> str:
+        """A file that was named on the command line, as a link to it, or a copy where there are no links."""
+        must_be_takeable(path)
+        place = self.folder / "recordings" / safe_name(path.name)
+        if not (place.exists() and place.samefile(path)):
+            with suppress(FileNotFoundError):
+                place.unlink()
+            try:
+                place.symlink_to(path.resolve())
+            except OSError:
+                shutil.copyfile(path, place)
+        return self.add(place.name)
+
+    def next_folder(self, kind: str) -> str:
+        """The next free `fits/N` or `gaps/N`."""
+        taken = [int(each.name) for each in (self.folder / kind).glob("*") if each.name.isdecimal()]
+        planned = [each.target for each in self.jobs.all() if each.target.startswith(f"{kind}/")]
+        taken += [int(number) for target in planned if (number := target.split("/")[1]).isdecimal()]
+        return f"{kind}/{max(taken, default=0) + 1}"
+
+    def read(self, file: str) -> Any:
+        """A JSON file of the session; None where it is not there or is being written."""
+        try:
+            return json.loads((self.folder / file).read_text("utf-8"))
+        except (OSError, ValueError):
+            return None
+
+    @property
+    def part(self) -> list[str]:
+        """Options that say how recordings are read: the same for every command."""
+        between = ["--between", self["between"]] if self["between"] else []
+        return ["--columns", self["columns"] or "canonical", *between]
+
+    @property
+    def columns(self) -> str | Path:
+        """The column map as `gb.read` takes it from any working folder."""
+        return self.folder / MAP if self["columns"] == MAP else self["columns"] or "canonical"
+
+    def latest(self, kind: str, target: str = "") -> Job | None:
+        """The last job of a kind."""
+        return next((job for job in reversed(self.jobs.all()) if job.kind == kind and target in ("", job.target)), None)
+
+    @property
+    def key(self) -> str:
+        """What a check was about: where it changes, recordings have to be looked at again."""
+        return json.dumps([self.files(), self["columns"], self["map"], self["between"]], sort_keys=True)
+
+
+def safe_name(name: str) -> str:
+    """A file's name without folders and without what no file's name should hold.
+
+    Raises
+    ------
+    BadInput : nothing is left of it.
+    """
+    bare = re.split(r"[/\\]", name)[-1]
+    bare = "".join(letter for letter in bare if letter.isprintable()).strip().lstrip(".-")[-120:]
+    if not bare:
+        raise BadInput(f"{name!r:.40} is no name of a file; rename the file.")
+    return bare
+
+
+def must_be_takeable(path: Path) -> None:
+    """Raise `BadInput` for what is no file, is too large, or cannot be a table of channels."""
+    if path.is_dir():
+        return
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as opened:
+            head = opened.read(LONGEST_LINE + 1)
+    except OSError as error:
+        raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
+    must_be_small(path.name, unpacked(path) if path.suffix.lower() == ".gz" else size)
+    if path.suffix.lower() in (".csv", ".txt"):
+        first = head.split(b"\n", 1)[0]
+        if len(first) > LONGEST_LINE:
+            raise BadInput(f"{path.name}: its first line is longer than 1 MB: this is no table of channels.")
+        if max(first.count(mark) for mark in (b",", b";", b"\t")) > MOST_COLUMNS:
+            raise BadInput(f"{path.name} has more than {MOST_COLUMNS} columns; export fewer channels.")
+
+
+def unpacked(path: Path) -> int:
+    """Bytes of a compressed file once unpacked; counted no further than just beyond `LARGEST`."""
+    size = 0
+    try:
+        with gzip.open(path) as opened:
+            while size <= LARGEST and (block := opened.read(2**22)):
+                size += len(block)
+    except (OSError, EOFError) as error:
+        raise BadInput(f"{path.name} is damaged: {error}.") from error
+    return size
+
+
+def must_be_small(name: str, size: int) -> None:
+    """Raise `BadInput` for a file that is larger than the page takes."""
+    if size > LARGEST:
+        raise BadInput(
+            f"{name} has more than {LARGEST // 2**20} MB, the most that this page takes. Cut it into parts: greybox "
+            "data convert writes a part of a recording with --between."
+        )
+
+
+def named_session(files: Iterable[Path]) -> str:
+    """A session's name, after its first file."""
+    first = next(iter(files), None)
+    if first is None:
+        return "racer"
+    return re.sub(r"[^\w-]+", "_", safe_name(first.name).split(".")[0]).strip("_") or "session"
+
+
+def _locked(folder: Path) -> IO[str] | None:
+    """A lock that no kill leaves behind. Raises `BadInput` where another process holds the session."""
+    try:
+        import fcntl
+    except ImportError:  # not a system with such locks
+        return None
+    lock = (folder / ".lock").open("a+")
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        lock.seek(0)
+        holder = lock.read().strip()
+        lock.close()
+        raise BadInput(
+            f"{folder} is open in another greybox app{f', process {holder}' if holder else ''}: use its page, or name "
+            "another session with --session."
+        ) from None
+    lock.truncate(0)
+    lock.write(str(os.getpid()))
+    lock.flush()
+    return lock

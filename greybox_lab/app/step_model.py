@@ -1,0 +1,200 @@
+"""Step 4: the model; its equations, its parameters as sliders, the trace simulated anew while one is dragged."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import ui
+
+import greybox_id as gb
+
+from . import charts
+from .beneath import equations, number, pretty_unit
+from .model import MODELS, TYRES, Array, Bench, Slider, effects_of, lacking, nominal, sliders
+from .traces import Shown
+from .widgets import button, choose, heading, quiet, shown, title
+
+if TYPE_CHECKING:
+    from .page import Page
+
+USUAL = ("lateral", "kinematic", "single_track", "longitudinal")
+"""Models in the order in which the first that suits is proposed."""
+
+
+async def prepare(page: Page) -> dict[str, Any]:
+    """The model over the recording, simulated once; models that the recording suits."""
+    session, files = page.session, page.session.files("train")
+    if not files:
+        raise gb.BadInput("No recording is to be fitted: give one the role fit in step 1.")
+    recording = await page.off(page.work.recording, files[0])
+    if page.picked.get("suits of") != session.key:
+        page.picked["suits"] = await page.off(lambda: {name: lacking(name, recording) for name in MODELS})
+        page.picked["suits of"] = session.key
+    suits = page.picked["suits"]
+    if suits.get(session["model"]["name"], "none"):
+        usable = [name for name in USUAL if not suits[name]]
+        if not usable:
+            raise gb.BadInput(f"No model can be simulated on this recording: {suits['lateral']}")
+        session.change(
+            quietly=True, model={**session["model"], "name": usable[0], "vehicle": page.work.likely_vehicle()}
+        )
+    return {"suits": suits, **await page.off(_simulated, session["model"], recording)}
+
+
+def _simulated(chosen: dict[str, Any], recording: gb.Recording) -> dict[str, Any]:
+    bench = Bench(nominal(chosen), recording)
+    try:
+        formulas = equations(bench.model)
+    except gb.GreyboxError:
+        formulas = []
+    traces = bench.simulate(chosen["start"])
+    return {"bench": bench, "traces": traces, "formulas": formulas, "effects": effects_of(chosen)}
+
+
+def draw(page: Page, data: dict[str, Any]) -> None:
+    """The step."""
+    session, chosen, suits = page.session, page.session["model"], data["suits"]
+    bench: Bench = data["bench"]
+    heading("Which model?", "Dragging a slider simulates the recording anew; where it stands is where the fit starts.")
+    with ui.row(align_items="center").classes("w-full"):
+        choose(
+            [name for name in MODELS if not suits[name]], chosen["name"], "model", 11, partial(_choose, page, "name")
+        )
+        vehicles = {"": "none", **{name: name for name in gb.vehicles()}}
+        choose(vehicles, chosen["vehicle"], "vehicle", 11, partial(_choose, page, "vehicle"))
+        if "tyre" in bench.model.settings:
+            choose(TYRES, bench.model.settings["tyre"], "tyre", 9, partial(_choose, page, "tyre"))
+        extra = choose(data["effects"], list(chosen["effects"]), "with effects", 14, partial(_choose, page, "effects"))
+        extra.props("multiple use-chips")
+
+        async def onward() -> None:
+            page.work.fit()
+            await page.go(4)
+
+        button("Fit it", onward, "fit-it")
+        if chosen["start"] or chosen["fix"] or chosen["free"]:
+            back = {**chosen, "start": {}, "fix": [], "free": []}
+            button("Sliders back", partial(session.change, model=back), kind="flat")
+    for name, why in suits.items():
+        if why:
+            quiet(f"{name}: {why.partition(';')[0]}.")
+    with ui.element("div").classes("left"):
+        rows = ui.column()
+        with ui.column():
+            over = Shown(bench.recording)
+            strips = [_strip(bench, over, name, data["traces"]) for name in bench.outputs]
+            options = charts.strips(strips, over.span, height=150, legend=True, cursor=session["cursor"])
+            words = f"measured and simulated {', '.join(bench.outputs)}"
+            element = charts.chart(options, charts.height_of(len(strips), 150, True), words).mark("simulated")
+            wrong = ui.label(_errors(bench, data["traces"])).mark("errors")
+            if data["formulas"]:
+                title(f"{bench.model.name}: {bench.model.about}")
+                lines = "".join(f"<div>{formula}</div>" for formula in data["formulas"])
+                ui.html(f"<div class=formulas>{lines}</div>", sanitize=False).classes("card")
+        with rows:
+            drag = Drag(page, bench, over, element, wrong)
+            fixed = None
+            for row in sliders(bench.model):
+                if row.fixed != fixed:
+                    title("Held" if row.fixed else "Estimated")
+                fixed = row.fixed
+                _slider(page, row, drag)
+
+
+def _strip(bench: Bench, over: Shown, name: str, traces: dict[str, Array]) -> charts.Strip:
+    measured = charts.Curve("measured", over.points(np.asarray(bench.recording[name])))
+    return charts.Strip(
+        name, bench.recording.unit(name), [measured, charts.Curve("simulated", over.points(traces[name]), "simulated")]
+    )
+
+
+def _errors(bench: Bench, traces: dict[str, Array]) -> str:
+    errors = bench.errors(traces).items()
+    words = ", ".join(f"{name} {shown(value, bench.recording.unit(name))}" for name, value in errors)
+    return f"Root mean square of simulated less measured, free run: {words}"
+
+
+def _slider(page: Page, row: Slider, drag: Drag) -> None:
+    chosen = page.session["model"]
+    value = chosen["start"].get(row.name, row.value)
+    free = row.name in chosen["free"] or (not row.fixed and row.name not in chosen["fix"])
+    with ui.element("div").classes("slider"):
+        ui.label(row.name).style("font-style: italic").tooltip(row.about)
+        slider = ui.slider(min=row.low, max=row.high, step=row.step, value=value)
+        slider.props(f'aria-label="{row.name}" dense').mark(f"slider-{row.name}")
+        words = ui.label(shown(value, row.unit)).style("white-space: nowrap; text-align: right")
+        box = ui.checkbox(value=free, on_change=partial(_hold, page, row))
+        box.props(f'dense aria-label="estimate {row.name}"').tooltip("estimated by the fit")
+        if row.prior is not None:
+            mean, sd = row.prior
+            left, width = (mean - sd - row.low) / (row.high - row.low), 2 * sd / (row.high - row.low)
+            band = f"left: {100 * max(left, 0):.1f}%; width: {100 * min(width, 1 - max(left, 0)):.1f}%"
+            bar = ui.html(f'<i style="{band}"></i>', sanitize=False).classes("prior")
+            bar.tooltip(f"prior: {number(mean)} ± {number(sd, 2)} {pretty_unit(row.unit)}")
+
+    async def moved(event: Any) -> None:
+        words.set_text(shown(float(event.value), row.unit))
+        await drag.to(row.name, float(event.value))
+
+    slider.on_value_change(moved)
+
+
+class Drag:
+    """Simulates anew while a slider moves; what is overtaken by a newer value is left out."""
+
+    def __init__(self, page: Page, bench: Bench, over: Shown, element: ui.echart, wrong: ui.label) -> None:
+        self.page, self.bench, self.over, self.element, self.wrong = page, bench, over, element, wrong
+        self.values = dict(page.session["model"]["start"])
+        self._busy = self._again = False
+
+    async def to(self, name: str, value: float) -> None:
+        """A slider is at a value."""
+        self.values[name] = value
+        self._again = True
+        if self._busy:
+            return
+        self._busy = True
+        try:
+            while self._again:
+                self._again = False
+                points, words = await self.page.off(self._simulated, dict(self.values))
+                charts.with_curves(self.element, points)
+                self.wrong.set_text(words)
+        finally:
+            self._busy = False
+        session = self.page.session
+        session.change(model={**session["model"], "start": dict(self.values)})
+        self.page.changed_here()
+
+    def _simulated(self, values: dict[str, float]) -> tuple[dict[str, Any], str]:
+        traces = self.bench.simulate(values)
+        points = {f"{name}/simulated": self.over.points(trace) for name, trace in traces.items()}
+        return points, _errors(self.bench, traces)
+
+
+def _choose(page: Page, key: str, event: Any) -> None:
+    chosen = dict(page.session["model"])
+    if key == "tyre":
+        chosen["settings"] = {**chosen["settings"], "tyre": event.value}
+    else:
+        chosen[key] = event.value
+    if key == "name":
+        chosen |= {"settings": {}, "effects": []}
+    if key != "effects":
+        chosen |= {"start": {}, "fix": [], "free": []}
+    page.session.change(model=chosen)
+
+
+def _hold(page: Page, row: Slider, event: Any) -> None:
+    chosen = dict(page.session["model"])
+    free, fix = ([name for name in chosen[key] if name != row.name] for key in ("free", "fix"))
+    start = dict(chosen["start"])
+    if event.value and row.fixed:
+        free.append(row.name)
+    if not event.value and not row.fixed:
+        fix.append(row.name)
+        start.setdefault(row.name, row.value)
+    page.session.change(model={**chosen, "free": free, "fix": fix, "start": start})
+    page.changed_here()

@@ -1,0 +1,118 @@
+"""Step 2: see; strips with one cursor, the drive from above, speed against a_y; crop to what matters."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import ui
+
+from . import charts
+from .beneath import counted, number, pretty_unit
+from .traces import Shown
+from .widgets import button, choose, heading, quiet, title
+
+if TYPE_CHECKING:
+    from .page import Page
+
+MOST_STRIPS = 12
+Planes = list[tuple[ui.echart, str, str]]
+
+
+async def prepare(page: Page) -> tuple[Shown, list[charts.Strip]]:
+    """The recording that is looked at, and its curves."""
+    files = page.session.files()
+    page.picked["file"] = page.picked["file"] if page.picked.get("file") in files else files[0]
+    over = Shown(await page.off(page.work.recording, page.picked["file"]))
+    return over, await page.off(_strips, over)
+
+
+def _strips(over: Shown) -> list[charts.Strip]:
+    recording = over.recording
+    names = [name for name in recording.signals if recording.has(name) and not name.startswith("sd_")]
+    return [
+        charts.Strip(name, recording.unit(name), [charts.Curve(name, over.points(np.asarray(recording[name])))])
+        for name in names[:MOST_STRIPS]
+    ]
+
+
+def draw(page: Page, data: tuple[Shown, list[charts.Strip]]) -> None:
+    """The step."""
+    (over, strips), session = data, page.session
+    recording, files = over.recording, session.files()
+    rate = f" at {number(1 / recording.sample_time)} Hz" if recording.sample_time > 0 else ""
+    runs = counted(len(recording.runs), "run")
+    heading(
+        "See what was recorded",
+        f"{len(recording)} rows in {runs}, {number(recording.duration)} s{rate}. One cursor goes through all; turn the "
+        "wheel or drag the bar to zoom.",
+    )
+    with ui.row(align_items="center").classes("w-full"):
+        if len(files) > 1:
+            labels = {file: file.removeprefix("recordings/") for file in files}
+            choose(labels, page.picked["file"], "recording", 14, partial(_other, page))
+        if not over.laid:
+            button("Crop to what is seen", partial(_crop, page, over), "crop", "outline")
+        if session["between"]:
+            undo = partial(session.change, between="", looked="")
+            button(f"Undo the crop {session['between']} s", undo, "uncrop", "outline")
+        button("Check it", partial(page.go, 2), "onward")
+    height = 66 if len(strips) > 6 else 92
+    planes: Planes = []
+    with ui.element("div").classes("side"):
+        with ui.column():
+            options = charts.strips(strips, over.span, height=height, cursor=session["cursor"])
+            words = f"{', '.join(strip.name for strip in strips)} over time"
+            element = charts.chart(options, charts.height_of(len(strips), height), words).mark("strips")
+            if over.laid:
+                quiet("Clocks begin anew in this recording: runs are laid one behind the other.")
+        with ui.column():
+            if recording.has("x", "y"):
+                title("From above")
+                plane = charts.plane("x [m]", "y [m]", over.along(recording["x"], recording["y"]), equal=True)
+                planes.append((charts.chart(plane, 378, "the drive from above"), "x", "y"))
+            if recording.has("v_x", "a_y"):
+                title("Speed against lateral acceleration")
+                points = over.along(recording["a_y"], recording["v_x"])
+                plane = charts.plane(f"a_y [{pretty_unit('m/s^2')}]", "v_x [m/s]", points, dots=True)
+                planes.append((charts.chart(plane, 290, "speed against lateral acceleration"), "a_y", "v_x"))
+            here = quiet("").mark("cursor")
+    _connect(page, over, element, planes, strips, here)
+
+
+def _connect(
+    page: Page, over: Shown, element: ui.echart, planes: Planes, strips: list[charts.Strip], here: ui.label
+) -> None:
+    """Zoom asks for finer curves; the cursor moves a dot through the other pictures."""
+    recording = over.recording
+
+    def fine(low: float, high: float) -> dict[str, Any]:
+        named = [(f"{strip.name}/{strip.name}", np.asarray(recording[strip.name])) for strip in strips]
+        return {name: over.points(values, (low, high)) for name, values in named}
+
+    async def zoomed(low: float, high: float) -> None:
+        page.window = (low, high)
+        charts.with_curves(element, await page.off(fine, low, high))
+
+    def cursor(event: Any) -> None:
+        row = over.row(float(event.args["t"]))
+        page.session.state["cursor"] = round(float(over.time[row]), 4)
+        for chart, across, up in planes:
+            point = [float(recording[across][row]), float(recording[up][row])]
+            charts.with_curves(chart, {"here": [point] if np.isfinite(point).all() else []})
+        here.set_text(f"cursor at {over.time[row]:.2f} s")
+
+    charts.on_zoom(element, over.span, zoomed)
+    charts.on_cursor(element, cursor)
+
+
+async def _other(page: Page, event: Any) -> None:
+    page.picked["file"], page.window = event.value, None
+    await page.draw()
+
+
+def _crop(page: Page, over: Shown) -> None:
+    low, high = page.window or over.span
+    page.window = None
+    page.session.change(between=f"{low:.6g}:{high:.6g}", looked="")

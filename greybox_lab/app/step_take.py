@@ -1,0 +1,75 @@
+"""Step 7: take away; report, model for elsewhere, and the commands and the notebook that made all this."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from nicegui import ui
+
+from .takeaway import COMMANDS, NOTEBOOK, code, commands, pack, write
+from .widgets import button, choose, heading, quiet, title
+from .work import REPORT
+
+if TYPE_CHECKING:
+    from .page import Page
+
+TARGETS = ("c", "casadi", "fmu", "acados", "simulink", "f1tenth", "ros2", "autoware")
+OF_GAP = {"gap.pdf": "The diagnosis as PDF", "closed.toml": "The vehicle with the gap closed"}
+
+
+async def prepare(page: Page) -> dict[str, Any]:
+    """Commands and notebook, written anew."""
+    await page.off(write, page.session)
+    return {"commands": commands(page.session), "code": "\n\n".join(code(page.session))}
+
+
+def draw(page: Page, data: dict[str, Any]) -> None:
+    """The step."""
+    session, work = page.session, page.work
+    heading(
+        "Take it away", "Everything that was done is a command; elsewhere they make the same fit of the same files."
+    )
+    with ui.element("div").classes("two"):
+        with ui.column():
+            title("Commands")
+            ui.code(data["commands"], language="bash").classes("w-full").mark("commands")
+            title("Notebook")
+            ui.code(data["code"], language="python").classes("w-full").mark("notebook")
+        with ui.column():
+            title("Everything in one file")
+
+            async def packed() -> None:
+                ui.download.file(session.folder / await page.off(pack, session))
+
+            button("Pack it", packed, "pack")
+            with ui.row():
+                for name in (COMMANDS, NOTEBOOK):
+                    ui.link(name, f"/session/{name}", new_tab=True)
+            title("Report")
+            _report(page)
+            title("Model for elsewhere")
+            if session["fit"]:
+                with ui.row(align_items="center"):
+                    target = choose(TARGETS, "c", "target", 9)
+                    button("Export", lambda: work.export(target.value), "export", "outline")
+            for job in session.jobs.all():
+                if job.kind == "export" and not job.running:
+                    quiet(job.failure or f"Written: {session.folder.name}/{job.target}")
+            title("This session")
+            quiet(f"It lies in {session.folder}; the command line reads it.")
+
+
+def _report(page: Page) -> None:
+    session = page.session
+    if not session["fit"]:
+        quiet("There is no fit yet.")
+        return
+    button("Write the report", page.work.report, "report")
+    job = session.latest("report")
+    if job is not None and job.failure:
+        quiet(job.failure)
+    if job is not None and job.answer is not None:
+        ui.link("Open the report", f"/session/{REPORT}?{job.pid}", new_tab=True).mark("open-report")
+    for name, words in OF_GAP.items():
+        if session["gap"] and (session.folder / session["gap"] / name).is_file():
+            ui.link(words, f"/session/{session['gap']}/{name}", new_tab=True)

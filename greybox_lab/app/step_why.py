@@ -1,0 +1,227 @@
+"""Step 6: why not better; the budget as a waterfall, a cause alone under the cursor, what could not have been seen."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from nicegui import ui
+
+import greybox_id as gb
+
+from . import charts
+from .beneath import number, pretty_unit, sentence
+from .model import longest
+from .takeaway import request_of
+from .traces import Shown
+from .why import UNNAMED, Step, alone, cause_words, diagnosed_model, headline, steps, unseen
+from .widgets import button, choose, heading, quiet, shown, table, title, verdict
+
+if TYPE_CHECKING:
+    from .page import Page
+
+ARENAS = ("disc:10", "disc:30", "disc:60", "straight:120x8")
+ALONE, POINT = "with this cause alone", "Point at a cause to see it alone."
+MOST_CAUSES = 8
+Show = Callable[[str], Awaitable[None]]
+
+
+async def prepare(page: Page) -> dict[str, Any]:
+    """The diagnosis that is shown, and the trace where the gap is largest."""
+    job, answer = page.work.result("gap")
+    data: dict[str, Any] = {"job": job, "answer": answer}
+    request = request_of(page.session, page.session["gap"])
+    if answer is None or job is None or request is None:
+        return data
+    data |= await page.off(_traces, page, job.words, answer, request.train[0])
+    return data
+
+
+def _traces(page: Page, words: tuple[str, ...], gap: dict[str, Any], file: str) -> dict[str, Any]:
+    """What is diagnosed, and its free run on the longest run."""
+    base = diagnosed_model(page.session.folder, words)
+    recording = longest(page.work.recording(file))
+    outputs = list(filter(recording.has, base.outputs))
+    channel = gap["where"]["channel"] if gap["where"]["channel"] in outputs else outputs[0]
+    trace = np.asarray(gb.simulate(base, recording)[channel])
+    return {"base": base, "recording": recording, "over": Shown(recording), "channel": channel, "trace": trace}
+
+
+def draw(page: Page, data: dict[str, Any]) -> None:
+    """The step."""
+    heading("Why not better?", "The gap between simulation and recording is shared out among its causes.")
+    _diagnose(page, data["answer"] is not None)
+    job, gap = data["job"], data["answer"]
+    if gap is None:
+        if job is not None and job.failure:
+            verdict("There is no diagnosis.", job.failure, bad=True)
+        elif job is not None:
+            ui.label("Each effect is tried on what the simulation leaves. This takes a minute.").classes("sentence")
+        return
+    verdict(headline(gap), " ".join([*gap["doubts"], gap["unknown"]]).strip())
+    if gap.get("changed") is not None:
+        _changed(gap)
+    budget = steps(gap)
+    with ui.element("div").classes("two"):
+        with ui.column():
+            picture = _waterfall(budget)
+        with ui.column():
+            element, words = _overlay(page, data)
+    show = _shower(page, data, element, words)
+    names = ["", *(step.name for step in budget)]
+    if picture is not None:
+
+        async def hovered(event: Any) -> None:
+            await show(names[int(event.args["dataIndex"])])
+
+        for event in ("chart:mouseover", "chart:click"):
+            picture.on(event, hovered, ["dataIndex"])
+    with ui.element("div").classes("two"):
+        with ui.column():
+            _causes(gap, show)
+        with ui.column():
+            _unseen(gap)
+            _next(page)
+
+
+def _diagnose(page: Page, done: bool) -> None:
+    session, work = page.session, page.work
+    vehicle, before = session["model"]["vehicle"], session.files("before")
+    with ui.row(align_items="center").classes("w-full"):
+        if session["fit"]:
+            button("Diagnose the fit", partial(work.gap, True), "diagnose-fit", "outline" if done else "")
+        if vehicle:
+            button(f"Diagnose {vehicle} as it is stated", partial(work.gap, False), "diagnose-vehicle", "outline")
+            since = button("What changed since BEFORE?", partial(work.gap, False, True), "since", "outline")
+            since.set_enabled(bool(before))
+            since.tooltip("Drives are compared." if before else "Give one the role BEFORE in step 1.")
+        if done:
+            button("Take it away", partial(page.go, 6), "onward")
+    if before:
+        roles = (("BEFORE", before), ("AFTER", session.files("train")), ("held out", session.files("validate")))
+        named = [f"{words}: {', '.join(file.removeprefix('recordings/') for file in files)}" for words, files in roles]
+        quiet(" · ".join(named))
+
+
+def _waterfall(budget: list[Step]) -> ui.echart | None:
+    if not budget:
+        ui.label("No cause was found whose share could be measured.").classes("sentence")
+        return None
+    words = ", ".join(f"{step.name} {100 * step.share:.0f} %" for step in budget)
+    height = 70 + 44 * (len(budget) + 1)
+    picture = charts.chart(charts.waterfall(budget), height, f"the gap shared out: {words}").mark("waterfall")
+    quiet(
+        "Filled: in the closed model. Striped: nearest names, not sure enough. Grey: what nothing explains. Lines: "
+        "95 % intervals."
+    )
+    return picture
+
+
+def _overlay(page: Page, data: dict[str, Any]) -> tuple[ui.echart, ui.label]:
+    over, channel, recording = data["over"], data["channel"], data["recording"]
+    curves = [
+        charts.Curve("measured", over.points(np.asarray(recording[channel]))),
+        charts.Curve("simulation", over.points(data["trace"]), "before"),
+        charts.Curve(ALONE, [], "cause"),
+    ]
+    strip = charts.Strip(channel, recording.unit(channel), curves)
+    options = charts.strips([strip], over.span, height=250, legend=True, cursor=page.session["cursor"])
+    words = f"{channel}: measured, simulated, and with one cause alone"
+    element = charts.chart(options, charts.height_of(1, 250, True), words).mark("overlay")
+    return element, ui.label(POINT).classes("sentence").mark("alone")
+
+
+def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.label) -> Show:
+    """What shows one cause alone over the trace."""
+    ranking, over, channel, recording = data["answer"]["ranking"], data["over"], data["channel"], data["recording"]
+    known, measured = {each["effect"] for each in ranking}, np.asarray(recording[channel])
+    kept: dict[str, Any] = {}
+
+    def simulated(name: str) -> Any:
+        return np.asarray(gb.simulate(alone(data["base"], ranking, name), recording)[channel])
+
+    async def show(name: str) -> None:
+        if name not in known:
+            charts.with_curves(element, {f"{channel}/{ALONE}": []})
+            words.set_text("This is what no known effect explains." if name == UNNAMED else POINT)
+            return
+        try:
+            if name not in kept:
+                kept[name] = await page.off(simulated, name)
+        except gb.GreyboxError as error:
+            words.set_text(f"{name} cannot be simulated alone: {sentence(error)}")
+            return
+        charts.with_curves(element, {f"{channel}/{ALONE}": over.points(kept[name])})
+        without, beside = (
+            shown(float(np.sqrt(np.nanmean((trace - measured) ** 2))), recording.unit(channel))
+            for trace in (data["trace"], kept[name])
+        )
+        words.set_text(f"{name} alone: {channel} is off by {beside} in free run, {without} without it.")
+
+    return show
+
+
+def _causes(gap: dict[str, Any], show: Show) -> None:
+    title("Causes")
+    if not gap["ranking"]:
+        quiet("None.")
+    for each in gap["ranking"][:MOST_CAUSES]:
+        name = each["effect"]
+        act = partial(show, name)
+        applied = " · in the closed model" if name in gap["applied"] else ""
+        line = button(f"{name}: {cause_words(each)}{applied}", act, f"cause-{name}", "flat").classes("cause")
+        for event in ("mouseenter", "focus"):
+            line.on(event, act, [])
+        if each["reason"]:
+            quiet(each["reason"]).classes("under")
+        if each["indistinguishable_from"]:
+            quiet(f"cannot be told from {', '.join(each['indistinguishable_from'])} here").classes("under")
+
+
+def _changed(gap: dict[str, Any]) -> None:
+    title(f"Changed since {', '.join(gap['since'])}")
+    if not gap["changed"]:
+        ui.label("Nothing beyond what the drives of before scatter by.")
+        return
+    rows = []
+    for each in gap["changed"]:
+        low, high = each["interval"]
+        after = f"{shown(each['magnitude'])} [{shown(low)}, {shown(high)}]"
+        rows.append(
+            (each["effect"], shown(each["before"]), after, pretty_unit(each["unit"]), number(each["probability"]))
+        )
+    table(("effect", "before", "after, 95 % interval", "unit", "probability"), rows)
+
+
+def _unseen(gap: dict[str, Any]) -> None:
+    rows = unseen(gap)
+    if rows:
+        title("What could not have been seen")
+        with ui.element("div").classes("unseen"):
+            table(("effect", "why"), rows)
+    for words in gap["advice"]:
+        quiet(words)
+
+
+def _next(page: Page) -> None:
+    session = page.session
+    title("Drive this next")
+    with ui.row(align_items="center"):
+        arena = choose(
+            ARENAS, session["arena"], "arena [m]", 11, lambda event: session.change(quietly=True, arena=event.value)
+        )
+        act = lambda: page.work.design(arena.value)  # noqa: E731
+        button("Compute the manoeuvre that tells most", act, "design", "outline")
+    job = session.latest("design", session["gap"])
+    if job is None or job.running:
+        return
+    answer = job.answer or {}
+    for words in (job.failure, answer.get("sentence"), *answer.get("said", []), *answer.get("impossible", [])):
+        if words:
+            ui.label(words)
+    plan = f"{session['gap']}/next/plan.svg"
+    if job.answer and (session.folder / plan).is_file():
+        picture = ui.element("img").classes("plan").mark("plan")
+        picture.props(f'src="/session/{plan}?{job.pid}" alt="the manoeuvre in its arena, with its commands"')

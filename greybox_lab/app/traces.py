@@ -1,0 +1,172 @@
+"""Recordings as curves for a browser: read once, thinned to what a screen shows, thinned again where one zooms in."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tsdownsample import NaNMinMaxLTTBDownsampler
+
+import greybox_id as gb
+
+Array = NDArray[np.float64]
+Points = list[list[float] | None]
+
+THIN: Any = NaNMinMaxLTTBDownsampler()  # type: ignore[no-untyped-call]
+OVERVIEW, DETAIL = 1200, 1400
+"""Points of a trace over everything, and within the part that is looked at: never more than 4 000 together."""
+DIGITS = 5
+"""Significant digits of a value that is drawn: finer than a pixel."""
+
+
+class Shown:
+    """A recording as it is drawn: its runs one behind the other where clocks begin anew.
+
+    Parameters
+    ----------
+    recording : as `gb.read` gave it.
+    """
+
+    def __init__(self, recording: gb.Recording) -> None:
+        self.recording = recording
+
+    @cached_property
+    def laid(self) -> bool:
+        """Whether runs had to be laid one behind the other, so that the axis is not the recording's clock."""
+        time = self.recording.time
+        return bool(np.any(np.diff(time) < 0))
+
+    @cached_property
+    def time(self) -> Array:
+        """(n,) s on the axis, from zero where runs are laid one behind the other."""
+        time = np.array(self.recording.time, dtype=float)
+        if not self.laid:
+            return time
+        end = 0.0
+        step = self.recording.sample_time
+        for start, stop in self.recording.runs:
+            time[start:stop] += end - time[start]
+            end = time[stop - 1] + 10 * step
+        return time
+
+    @property
+    def span(self) -> tuple[float, float]:
+        """First and last instant on the axis."""
+        return float(self.time[0]), float(self.time[-1])
+
+    def row(self, instant: float) -> int:
+        """The row nearest to an instant."""
+        return int(np.clip(np.searchsorted(self.time, instant), 0, len(self.time) - 1))
+
+    def points(self, values: Array, window: tuple[float, float] | None = None) -> Points:
+        """A curve of (n,) values: everything coarsely, the window finely, nothing between runs."""
+        found: Points = []
+        low, high = (-np.inf, -np.inf) if window is None else window
+        rows = len(self.time)
+        inside = np.searchsorted(self.time, [low, high]) if window is not None else np.array([0, 0])
+        for start, stop in self.recording.runs:
+            if found:
+                found.append(None)
+            a, b = (int(np.clip(edge, start, stop)) for edge in inside)
+            pieces = [
+                (start, a, OVERVIEW, rows),
+                (a, b, DETAIL, max(1, int(inside[1] - inside[0]))),
+                (b, stop, OVERVIEW, rows),
+            ]
+            for first, last, budget, of in pieces:
+                if last > first:
+                    found += thinned(self.time[first:last], values[first:last], max(3, budget * (last - first) // of))
+        return found
+
+    def along(self, across: Array, up: Array, most: int = 3000) -> Points:
+        """Points of one signal over another, every so many rows: a map, speed against a_y."""
+        step = max(1, len(across) // most)
+        found: Points = []
+        for start, stop in self.recording.runs:
+            rows = start + np.flatnonzero(np.isfinite(across[start:stop]) & np.isfinite(up[start:stop]))[::step]
+            found += [None] if found else []
+            found += [[_short(across[k]), _short(up[k])] for k in rows]
+        return found
+
+
+def thinned(time: Array, values: Array, count: int) -> Points:
+    """At most so many points of a curve, its extremes among them; None where there is no value."""
+    if len(time) > count and count >= 3:
+        order = np.sort(THIN.downsample(time, np.ascontiguousarray(values), n_out=count))
+        time, values = time[order], values[order]
+    shown: Points = []
+    for instant, value in zip(time.tolist(), values.tolist(), strict=True):
+        if value == value and abs(value) < 1e30:
+            shown.append([round(instant, 4), float(f"{value:.{DIGITS}g}")])
+        elif shown and shown[-1] is not None:
+            shown.append(None)
+    return shown
+
+
+def _short(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")
+
+
+class Library:
+    """Recordings of a session, each read once; the last few are kept."""
+
+    MOST = 6
+
+    def __init__(self) -> None:
+        self._kept: dict[tuple[str, str, str, float, float], gb.Recording] = {}
+
+    def read(self, path: Path, columns: str | Path, between: str = "") -> gb.Recording:
+        """A recording, read again only where the file, the map or the part has changed. Raises `BadInput`."""
+        stamp = path.stat().st_mtime if path.exists() else 0.0
+        mapped = Path(columns)
+        key = (str(path), str(columns), between, stamp, mapped.stat().st_mtime if mapped.is_file() else 0.0)
+        if key not in self._kept:
+            recording = gb.read(str(path), columns=columns)
+            if isinstance(recording, list):
+                raise gb.BadInput(f"{path.name}: its name is read as a pattern; rename the file.")
+            if between:
+                ends = [float(end) if end else None for end in between.split(":")]
+                recording = recording.between(*ends)
+            while len(self._kept) >= self.MOST:
+                self._kept.pop(next(iter(self._kept)))
+            self._kept[key] = recording
+        return self._kept[key]
+
+
+def companion(recording: gb.Recording, signal: str) -> tuple[str, Array] | None:
+    """What a signal should look like by the others, where they say: in words, and (n,) values in its SI unit."""
+    has = recording.has
+    time = recording.time
+    with np.errstate(all="ignore"):
+        if signal == "yaw_rate" and has("v_x", "a_y"):
+            v = recording["v_x"]
+            return "a_y / v_x", np.where(np.abs(v) > 0.5, recording["a_y"] / v, np.nan)
+        if signal == "yaw_rate" and has("v_x", "steer"):
+            return "v_x · steer, over 1 m", recording["v_x"] * recording["steer"]
+        if signal == "a_y" and has("v_x", "yaw_rate"):
+            return "v_x · yaw_rate", recording["v_x"] * recording["yaw_rate"]
+        if signal == "a_x" and has("v_x"):
+            return "dv_x/dt", _slope(recording, recording["v_x"])
+        if signal == "v_x" and has("a_y", "yaw_rate"):
+            r = recording["yaw_rate"]
+            strong = np.abs(r) > 0.3 * np.nanmax(np.abs(r))
+            return "a_y / yaw_rate", np.where(strong, recording["a_y"] / r, np.nan)
+        if signal == "v_x" and has("x", "y"):
+            return "speed of x, y", np.hypot(_slope(recording, recording["x"]), _slope(recording, recording["y"]))
+        if signal == "steer" and has("v_x", "yaw_rate"):
+            v = recording["v_x"]
+            return "yaw_rate / v_x · 1 m", np.where(np.abs(v) > 0.5, recording["yaw_rate"] / v, np.nan)
+        if signal == "yaw" and has("yaw_rate"):
+            return "∫ yaw_rate", np.cumsum(np.nan_to_num(recording["yaw_rate"])) * float(np.median(np.diff(time)))
+    return None
+
+
+def _slope(recording: gb.Recording, values: Array) -> Array:
+    found = np.full(len(values), np.nan)
+    for start, stop in recording.runs:
+        if stop - start > 4:
+            found[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
+    return found

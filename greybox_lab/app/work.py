@@ -1,0 +1,320 @@
+"""The seven steps as what they do: a session, commands started in it, and what is taken of their answers.
+
+Nothing here draws; nothing here computes what `gb` or a command computes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from dataclasses import asdict
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import greybox_id as gb
+
+from . import mapping
+from .beneath import sentence, shipped_maps
+from .jobs import Job
+from .mapping import Entry, Repair
+from .model import Request
+from .session import MAP, Session
+from .traces import Library
+
+SMALL = 20 * 2**20
+"""Bytes of a recording that every shipped map is tried on: a second or two."""
+STEPS = ("Drop", "See", "Check", "Model", "Fit", "Why not", "Take away")
+REPORT = "report.html"
+
+
+class Work:
+    """What a session does.
+
+    Parameters
+    ----------
+    session : where all of it is kept.
+    """
+
+    def __init__(self, session: Session) -> None:
+        self.session, self.library = session, Library()
+        self.trouble, self._watching = "", Lock()
+
+    # ---- drop
+
+    def take(self, paths: Iterable[Path]) -> None:
+        """Take files that were named on the command line, and look at them."""
+        for path in paths:
+            self.session.link(path)
+        self.look()
+
+    def take_racer(self) -> None:
+        """Take the shipped racer: two drives, the second one held out."""
+        for name in ("racer_train", "racer_valid"):
+            self.session.link(Path(gb.shipped(name)))
+        self.look()
+
+    def look(self) -> None:
+        """Ask `greybox data map` of the first recording what its columns may be."""
+        files = self.session.files()
+        if files and not self.session["columns"]:
+            self._map(files[0])
+
+    def _map(self, file: str) -> None:
+        number = len(self.session.jobs.all()) + 1
+        target = f"jobs/proposed_{number}.toml"
+        self.session.jobs.start("map", ["data", "map", file, "--out", target], target)
+        self.session.version += 1
+
+    def map_done(self, job: Job) -> None:
+        """Take a proposal: what is decided into the map, the rest as questions."""
+        answer = job.answer
+        if answer is None:
+            return
+        if self.session["joining"]:
+            self._joined(job, answer)
+            return
+        base = mapping.base_of(self.session.folder / job.target, answer)
+        self.session.change(
+            map=base, entries=mapping.entries_of(answer), others=answer["others"], columns=MAP, looked=""
+        )
+        self.write_map()
+        self.session.change(maps=self._maps_that_fit())
+
+    def _maps_that_fit(self) -> list[str]:
+        files = [self.session.folder / file for file in self.session.files()]
+        if not files or files[0].stat().st_size > SMALL:
+            return []
+        fitting = []
+        for name in shipped_maps():
+            with suppress(gb.GreyboxError):
+                if name != "canonical" and self.library.read(files[0], name).has("v_x"):
+                    fitting.append(name)
+        return fitting
+
+    def use_map(self, name: str) -> None:
+        """Read the recordings through a shipped map."""
+        self.session.change(columns=name, entries=[], looked="", repairs=[])
+
+    def unmap(self) -> None:
+        """Look at the columns again, in place of a shipped map."""
+        self.session.change(columns="", entries=[], map={}, looked="")
+        self.look()
+
+    def answer(self, entry: Entry, **answer: Any) -> None:
+        """Answer a question, or change an answer."""
+        self.session.change(entries=mapping.answered(self.session["entries"], entry, **answer), looked="")
+        self.write_map()
+
+    def set_time(self, column: str, unit: str, nanoseconds: str = "") -> None:
+        """Say which column is the time; `nanoseconds` holds what whole seconds leave."""
+        time = {"column": column, "unit": unit} | ({"nanoseconds": nanoseconds} if nanoseconds else {})
+        base = {key: value for key, value in self.session["map"].items() if key != "time_units"}
+        others = [each for each in self.session["others"] if each not in (column, nanoseconds)]
+        self.session.change(map={**base, "time": time}, others=others, looked="")
+        self.write_map()
+
+    def add_entry(self, column: str, signal: str) -> None:
+        """Take a column that was left over for a signal."""
+        entry = {
+            "signal": signal, "column": column, "unit": "", "units": [], "sign": 1, "divide_by": 1.0, "decided": False,
+            "reasons": ["you named it"], "use": None,
+        }  # fmt: skip
+        others = [each for each in self.session["others"] if each != column]
+        self.session.change(entries=[*self.session["entries"], entry], others=others)
+
+    def write_map(self) -> None:
+        """Write `map.toml`, where there is a time and a signal."""
+        entries, base = self.session["entries"], self.session["map"]
+        if "time" in base and any(entry["use"] for entry in entries):
+            mapping.write_map(self.session.folder / MAP, base, entries)
+
+    @property
+    def ready(self) -> str:
+        """What is left to be done before recordings can be read, as a sentence; "" where nothing is."""
+        if not self.session.files():
+            return "Drop a recording first."
+        if not self.session["columns"]:
+            return "The columns are being looked at."
+        if self.session["columns"] == MAP:
+            if "time" not in self.session["map"]:
+                return "Say which column is the time."
+            if self.session["map"].get("time_units"):
+                return "Say in which unit the time is."
+            count = len(mapping.questions(self.session["entries"]))
+            if count:
+                return f"Answer {count} question{'s' if count > 1 else ''} about columns."
+            if not any(entry["use"] for entry in self.session["entries"]):
+                return "Name a column for a signal."
+        return ""
+
+    def recording(self, file: str) -> gb.Recording:
+        """A recording as it is mapped and cropped. Raises `BadInput`."""
+        return self.library.read(self.session.folder / file, self.session.columns, self.session["between"])
+
+    # ---- several files of one drive
+
+    def join(self) -> None:
+        """Ask of every file what its columns may be, to join them on one clock."""
+        self.session.change(joining=self.session.files(), entries=[], map={}, others=[], columns=MAP)
+        for file in self.session.files():
+            self._map(file)
+
+    def _joined(self, job: Job, answer: Mapping[str, Any]) -> None:
+        base = {**mapping.base_of(self.session.folder / job.target, answer), **self.session["map"]}
+        prefix = f"{Path(answer['path']).name.split('.')[0]}/"
+        new = mapping.entries_of(answer, prefix)
+        others = [*self.session["others"], *(each for each in answer["others"] if each not in self.session["others"])]
+        self.session.change(map=base, entries=[*self.session["entries"], *new], others=others, looked="")
+        self.write_map()
+
+    def make_joined(self) -> None:
+        """Join the files by the map as it is answered."""
+        target = "recordings/joined.parquet"
+        words = ["data", "join", *self.session["joining"], "--columns", MAP, "--out", target]
+        (self.session.folder / target).unlink(missing_ok=True)
+        self.session.jobs.start("join", words, target)
+        self.session.version += 1
+
+    def join_done(self, job: Job) -> None:
+        """Take the joined recording in place of its parts."""
+        if job.answer is not None:
+            unused = [{**each, "role": "unused"} for each in self.session["recordings"]]
+            recordings = [*unused, {"file": job.target, "role": "train"}]
+            self.session.change(recordings=recordings, columns="canonical", looked="", joining=[])
+
+    # ---- check
+
+    def check(self) -> Job:
+        """Run `greybox data check` on everything that is used."""
+        session = self.session
+        job = session.jobs.start("check", ["data", "check", *session.files(), *session.part], session.key)
+        session.version += 1
+        return job
+
+    def checked(self) -> Job | None:
+        """The check of the recordings as they now are."""
+        return self.session.latest("check", self.session.key)
+
+    def repair(self, repair: Repair) -> None:
+        """Change the map as a finding asks, and check again."""
+        session = self.session
+        base, entries = session["map"], session["entries"]
+        if session["columns"] != MAP:  # a shipped map becomes the session's, to be changed
+            base, entries = mapping.entries_of_map(_shipped(session["columns"]))
+        base, entries = mapping.repaired(base, entries, repair)
+        session.change(map=base, entries=entries, columns=MAP, looked="", repairs=[*session["repairs"], repair.words])
+        self.write_map()
+        self.check()
+
+    # ---- model, fit, gap
+
+    def request(self) -> Request:
+        """The fit as it is asked for now."""
+        session, chosen = self.session, self.session["model"]
+        return Request(
+            name=chosen["name"], vehicle=chosen["vehicle"], settings=chosen["settings"], effects=chosen["effects"],
+            start={name: value for name, value in chosen["start"].items() if name not in chosen["fix"]},
+            fix={name: chosen["start"][name] for name in chosen["fix"] if name in chosen["start"]},
+            free=chosen["free"], train=session.files("train"), validate=session.files("validate"),
+            before=session.files("before"), columns=session["columns"] or "canonical", between=session["between"],
+            horizon=session["horizon"],
+        )  # fmt: skip
+
+    def fit(self) -> Job:
+        """Run `greybox fit`."""
+        session, target = self.session, self.session.next_folder("fits")
+        request = self.request()
+        self._keep(target, request)
+        job = session.jobs.start("fit", request.fit_words(target), target)
+        session.change(fit=target)
+        return job
+
+    def gap(self, of_fit: bool, since: bool = False) -> Job:
+        """Run `greybox gap`, of the fit or of the vehicle as it is stated; what changed since before."""
+        session, target = self.session, self.session.next_folder("gaps")
+        request = self.request()
+        self._keep(target, request)
+        words = request.gap_words(session["fit"] if of_fit else "", target, since)
+        job = session.jobs.start("since" if since else "gap", words, target)
+        session.change(gap=target)
+        return job
+
+    def _keep(self, target: str, request: Request) -> None:
+        self.session.change(requests=self.session["requests"] | {target: asdict(request)})
+
+    def design(self, arena: str) -> Job:
+        """Run `greybox design` on the gap."""
+        gap = self.session["gap"]
+        job = self.session.jobs.start(
+            "design", ["design", f"{gap}/gap.json", "--arena", arena, "--out", f"{gap}/next"], gap
+        )
+        self.session.version += 1
+        return job
+
+    def report(self) -> Job:
+        """Run `greybox report` on the fit."""
+        words = ["report", f"{self.session['fit']}/fit.json", "--out", REPORT]
+        job = self.session.jobs.start("report", words, REPORT)
+        self.session.version += 1
+        return job
+
+    def export(self, target: str) -> Job:
+        """Run `greybox export` on the fit."""
+        words = ["export", f"{self.session['fit']}/fit.json", "--target", target, "--out", f"export_{target}"]
+        job = self.session.jobs.start("export", words, f"export_{target}")
+        self.session.version += 1
+        return job
+
+    def result(self, kind: str) -> tuple[Job | None, dict[str, Any] | None]:
+        """The job of the fit or the gap that is shown, and what it printed."""
+        target = self.session[kind]
+        kinds = ("gap", "since") if kind == "gap" else (kind,)
+        jobs = [job for job in self.session.jobs.all() if job.kind in kinds and job.target == target]
+        return (jobs[-1], jobs[-1].answer) if jobs and target else (None, None)
+
+    def likely_vehicle(self) -> str:
+        """A shipped vehicle called like the shipped map, or that of the shipped recordings; else a full-size car."""
+        names, columns = gb.vehicles(), self.session["columns"]
+        shipped = Path(gb.shipped("racer_train")).name in "".join(self.session.files())
+        return columns if columns in names else "roboracer" if shipped else "full_size_car"
+
+    # ---- what runs
+
+    DONE = {"map": map_done, "join": join_done}  # noqa: RUF012
+
+    def watch(self) -> bool:
+        """Look after what runs; whether something ended since the last time."""
+        if not self._watching.acquire(blocking=False):  # what the last look found is still being taken
+            return False
+        try:
+            return self._watched()
+        finally:
+            self._watching.release()
+
+    def _watched(self) -> bool:
+        ended = False
+        taken = set(self.session["taken"])
+        for job in self.session.jobs.all():
+            if job.folder.name in taken or job.running:
+                continue
+            taken.add(job.folder.name)
+            self.session.change(taken=sorted(taken))
+            self.trouble = job.failure
+            done = self.DONE.get(job.kind)
+            if done is not None:
+                try:
+                    done(self, job)
+                except gb.GreyboxError as error:
+                    self.trouble = sentence(error)
+            ended = True
+        if ended:
+            self.session.version += 1
+        return ended
+
+
+def _shipped(name: str) -> Path:
+    """The file of a shipped column map."""
+    import greybox_id.datasets.columns as columns
+
+    return Path(next(iter(columns.__path__))) / f"{name}.toml"

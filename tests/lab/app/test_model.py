@@ -1,0 +1,39 @@
+"""A slider shows what `gb.simulate` says; a bench holds the equations so that it may be dragged."""
+
+import numpy as np
+import pytest
+
+import greybox_id as gb
+from greybox_lab.app.model import Bench, lacking, moved, nominal, sliders
+
+CHOSEN = {"name": "lateral", "vehicle": "roboracer", "settings": {}, "effects": ["steering_delay"], "start": {}}
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+
+
+@pytest.fixture(scope="module")
+def lap():
+    return gb.read(gb.shipped("racer_train"), columns="roboracer")
+
+
+def test_a_bench_simulates_what_the_library_does(lap):
+    bench = Bench(nominal(CHOSEN), lap)
+    assert len(bench.recording) == max(stop - start for start, stop in lap.runs)
+    for values in ({}, {"m": 2.5, "steering_delay": 0.08}):
+        whole = gb.simulate(moved(nominal(CHOSEN), values), bench.recording)
+        for name, trace in bench.simulate(values).items():
+            np.testing.assert_allclose(trace, whole[name], rtol=1e-9, atol=1e-9)
+
+
+def test_sliders_hold_value_and_prior_within_bounds():
+    rows = sliders(nominal(CHOSEN))
+    assert [row.fixed for row in rows] == sorted(row.fixed for row in rows)
+    for row in rows:
+        assert row.low <= row.value <= row.high
+        if row.prior is not None:
+            assert row.low <= row.prior[0] <= row.high
+
+
+def test_what_a_recording_lacks_is_a_sentence(lap):
+    assert lacking("lateral", lap) == ""
+    without = gb.Recording("b", lap.time, {"yaw_rate": lap["yaw_rate"]}, lap.runs)
+    assert "lacks" in lacking("lateral", without)
