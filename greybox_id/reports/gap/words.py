@@ -8,7 +8,7 @@ from math import fsum, inf, isfinite, sqrt
 from ...base.numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
 from ...base.statistics import NORMAL
 from ...gap.estimation.calibration import CAL
-from ...gap.gap import Closure, Gap, Ranked
+from ...gap.gap import CauseClass, Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 
 LOPSIDED = 1.3
@@ -253,10 +253,22 @@ def which(gap: Gap) -> str:
     if not gap.ranking:
         return "no named effect stands out"
     first = [own for own in gap.ranking if own.effect in gap.applied] or [gap.ranking[0]]
-    said = [f"{own.effect}, {magnitude_words(own)} (probability {probability_words(own.probability)})" for own in first]
-    others = dict.fromkeys(name for own in first for name in own.indistinguishable_from)
+    classes = {own.applied: own for own in gap.classes if own.applied and len(own.members) > 1}
+    said = [_named(own, classes.get(own.effect)) for own in first]
+    others = dict.fromkeys(name for own in first if own.effect not in classes for name in own.indistinguishable_from)
     apart = f"; cannot be told from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
     return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(said)}{apart}"
+
+
+def _named(own: Ranked, alike: CauseClass | None) -> str:
+    """An effect with its probability, or with that of all that act alike, and of each of them."""
+    if alike is None:
+        return f"{own.effect}, {magnitude_words(own)} (probability {probability_words(own.probability)})"
+    each = ", ".join(f"{name} {probability_words(p)}" for name, p in alike.each.items())
+    return (
+        f"one of {listed([*alike.members])} (probability {probability_words(alike.probability)}; {each}), of which "
+        f"{own.effect}, {magnitude_words(own)}, does best and is applied"
+    )
 
 
 def verdict(gap: Gap) -> list[tuple[str, str]]:
