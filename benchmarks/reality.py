@@ -1,6 +1,6 @@
 """`greybox gap` on realities that nobody here built, run as a user runs it: one row a case.
 
-    python benchmarks/reality.py --data DIR [--json] [--cases truck roboracer commonroad putnam] [--seed 0]
+    python benchmarks/reality.py --data DIR [--json] [--cases truck roboracer commonroad putnam abs] [--seed 0]
 
 DIR holds truck/train.parquet and val.parquet, and roboracer/train.csv and valid.csv; cases whose recordings are not
 there are left out and said so. Cases:
@@ -24,6 +24,10 @@ yaw rate as it does ahead of the centre of gravity (2.1 r, where 1.25 r is due a
 follows the steering 0.2 to 0.3 s later: an arm of the speed sensor and a steering that acts late, by whichever of its
 names, are to be applied. The last fifth is held out.
 
+abs: other people's simulated car, braked on a dry road and on ice, where brakes lock: `--since`, with what the motor
+gives and the brake pedal as one throttle channel, `brake_gain` between them. Grip is to be named, a quarter of what it
+was. The second half of the drive on ice decides.
+
 Every row: first name, names applied with magnitudes and probabilities, share of the excess that closes on what was held
 out, the error of each channel before and after at 0.5 s and in free run, CPU seconds and memory of the command with all
 that it starts.
@@ -45,6 +49,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from multi_body import MultiBody, parameters
 from rich.console import Console
 from rich.table import Table
@@ -61,9 +66,30 @@ from greybox_lab.exam.foreign.ride import driven, recorded
 from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 
-CASES = ("truck", "roboracer", "commonroad", "putnam")
+CASES = ("truck", "roboracer", "commonroad", "putnam", "abs")
 LATE = ("steering_delay", "steering_lag", "steering_bandwidth", "steering_rate_limit")
 """Names of a steering that acts late."""
+BRAKED = """
+name = "braked car"
+[parameters]
+m = { value = 1500.0, source = "guess: forces are over it" }
+friction = { value = 1.0, sd = 0.1, source = "dry asphalt" }
+force_per_unit = { value = 2950.0, sd = 150.0, source = "regression of a_x on the dry road" }
+brake_gain = { value = 11.1, sd = 1.1, max = 50.0, source = "regression of a_x on the dry road" }
+c_0 = { value = 1.0, sd = 60.0, source = "regression of a_x on the dry road" }
+c_1 = { value = 0.0 }
+c_2 = { value = 0.92, sd = 0.1, source = "regression of a_x on the dry road" }
+drive_lag = { value = 0.1, sd = 0.05, source = "guess" }
+[noise]
+v_x = 0.1
+a_x = 0.5
+[model]
+name = "longitudinal"
+"""
+MOST_TORQUE = 275.0
+"""Of its motor, N m: full throttle."""
+GRIP = (0.17, 0.33)
+"""Over that of the dry road: a quarter, and what is as good."""
 PUTNAM = """
 name = "Indy car"
 steer_max = 0.35
@@ -139,6 +165,8 @@ def measured(data: Path, cases: list[str], seed: int, place: Path) -> Iterator[d
         yield roboracer(data / "roboracer", place)
     if "putnam" in cases:
         yield putnam(data / "putnam", place)
+    if "abs" in cases:
+        yield braked(data / "abs", place)
     for number in (1, 2, 3) if "commonroad" in cases else ():
         yield commonroad(number, seed, place)
 
@@ -234,6 +262,26 @@ def putnam(data: Path, place: Path) -> dict[str, Any]:
     applied = set(row.get("applied", {}))
     return row | {"true": ["velocity_lever_arm", "late steering"],
                   "both": "velocity_lever_arm" in applied and bool(applied & {*LATE})}  # fmt: skip
+
+
+def braked(data: Path, place: Path) -> dict[str, Any]:
+    """From a dry road onto ice."""
+    if lacking := [name for name in ("dry", "ice") if not (data / f"{name}.csv.gz").is_file()]:
+        return {"case": "abs", "error": f"{data} holds no {', '.join(lacking)}.csv.gz"}
+    stated = place / "braked.toml"
+    stated.write_text(BRAKED)
+    files = []
+    for name in ("dry", "ice"):
+        own = pd.read_csv(data / f"{name}.csv.gz")
+        throttle = own["motor_torque"] / MOST_TORQUE - own["brake_pedal"]
+        table = pd.DataFrame({"time": own["time"], "v_x": own["speed"], "a_x": own["acc"], "throttle": throttle})
+        for half, part in enumerate(np.array_split(np.arange(len(table)), 2)):
+            files.append(place / f"{name}_{half}.csv")
+            table.iloc[part].to_csv(files[-1], index=False)
+    options = ("--vehicle", str(stated), "--since", *map(str, files[:2]), "--held-out", str(files[3]))
+    row = gap("abs", place, [files[2]], *options)
+    found = row.get("applied", {}).get("grip_scale")
+    return row | {"true": ["grip_scale"], "both": found is not None and GRIP[0] < found["magnitude"] < GRIP[1]}
 
 
 def commonroad(number: int, seed: int, place: Path) -> dict[str, Any]:

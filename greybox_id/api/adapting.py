@@ -146,7 +146,7 @@ def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | N
     found = []
     for record in (own for own in fit.data if own.role == "train"):
         try:
-            one = read_file(found_again(record, file), record.columns or "canonical")
+            one = read_file(found_again(record, file), record.mapping)
             if one.source.sha256 != record.sha256:
                 return None
             one = one.between(*span(record.between)) if record.between else one

@@ -252,7 +252,7 @@ class FitResult(Fit):
         records = [own for own in self.data if role in ("", own.role)]
         if self.recordings:
             return tuple(own for own, record in zip(self.recordings, self.data, strict=True) if record in records)
-        found = [read(found_again(own, self.file), own.columns or "canonical") for own in records]
+        found = [read(found_again(own, self.file), own.mapping) for own in records]
         return tuple(_matched(self, records, found))
 
     def __repr__(self) -> str:

@@ -185,7 +185,7 @@ def profiles(
         return True
 
     done = side_by_side(work, len(names), jobs, done_with)
-    found = {names[k]: done.found[k] for k in sorted(done.found)}
+    found = {names[k]: done.by_number[k] for k in sorted(done.by_number)}
     missed = [name for name in names if name not in found]
     return Profiles(fit, confidence, found, missed, _moved(fit, problem, solution, told))
 

@@ -59,9 +59,9 @@ def holds(condition: str, signals: Mapping[str, Values]) -> NDArray[np.bool_]:
         raise BadInput(f'The condition "{condition}" cannot be understood; {EXAMPLE}.') from error
     walk = _Walk(condition, signals)
     with np.errstate(all="ignore"):
-        found = walk.truth(tree)
+        result = walk.truth(tree)
     known = [np.isfinite(signals[name]) for name in walk.named]
-    return np.asarray(np.logical_and.reduce([found, *known]))
+    return np.asarray(np.logical_and.reduce([result, *known]))
 
 
 class _Walk:

@@ -27,11 +27,11 @@ class GreyboxError(Exception):
 
     def __str__(self) -> str:
         """The sentence as callers of functions read it: arguments by their names."""
-        return _ARGUMENT.sub(lambda found: found[2] or found[1], super().__str__())
+        return _ARGUMENT.sub(lambda match: match[2] or match[1], super().__str__())
 
     def said(self, call: Callable[[str], str]) -> str:
         """The sentence with arguments called as `call` says: a command line calls ‹columns› by an option of its own."""
-        return _ARGUMENT.sub(lambda found: call(found[1]), super().__str__())
+        return _ARGUMENT.sub(lambda match: call(match[1]), super().__str__())
 
 
 class BadInput(GreyboxError):
@@ -62,15 +62,15 @@ class BadModel(GreyboxError):
 
 def near(name: str, known: Iterable[str]) -> str:
     """A question that names what was meant, with a leading space; empty if nothing is near."""
-    found = nearest(name, known)
-    return f" Did you mean {found}?" if found is not None else ""
+    meant = nearest(name, known)
+    return f" Did you mean {meant}?" if meant is not None else ""
 
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """The known name that is most like another; None if nothing is."""
-    lowered = {own.lower(): own for own in known}
-    found = get_close_matches(name.lower(), list(lowered), 1)
-    return lowered[found[0]] if found else None
+    lowered = {item.lower(): item for item in known}
+    result = get_close_matches(name.lower(), list(lowered), 1)
+    return lowered[result[0]] if result else None
 
 
 def near_or_all(name: str, known: Iterable[str]) -> str:

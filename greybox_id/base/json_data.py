@@ -21,9 +21,9 @@ NOT_FINITE = "not_finite"
 def without_nan(value: Any) -> Any:
     """Plain data in which numbers that are not finite are written out in words."""
     if isinstance(value, Mapping):
-        return {name: without_nan(own) for name, own in value.items()}
+        return {name: without_nan(item) for name, item in value.items()}
     if isinstance(value, (list, tuple)):
-        return [without_nan(own) for own in value]
+        return [without_nan(item) for item in value]
     if isinstance(value, float) and not np.isfinite(value):
         return {NOT_FINITE: str(float(value))}
     return value

@@ -22,7 +22,7 @@ def pretty_unit(unit: str) -> str:
 
 def raised(text: str) -> str:
     """Whole powers as they are printed: r^2 as r²."""
-    return re.sub(r"\^(-?\d+)", lambda found: found[1].translate(_RAISED), text)
+    return re.sub(r"\^(-?\d+)", lambda match: match[1].translate(_RAISED), text)
 
 
 def quantity(value: float, unit: str, digits: int = 3) -> str:

@@ -39,17 +39,17 @@ def origin_of(*functions: object) -> Origin | None:
     Functions made by helpers of this package (such as `alteration`) hold the user's own in their closures.
     """
     for function in functions:
-        for own in _inside(function, DEEPEST):
-            if (own.__module__ or "").partition(".")[0] != PACKAGE:
-                return _defined(own)
+        for item in _inside(function, DEEPEST):
+            if (item.__module__ or "").partition(".")[0] != PACKAGE:
+                return _defined(item)
     return None
 
 
 def _inside(thing: object, depth: int) -> Iterator[FunctionType]:
     """A function and those that it holds in its closure."""
     if isinstance(thing, Mapping):
-        for own in thing.values():
-            yield from _inside(own, depth)
+        for item in thing.values():
+            yield from _inside(item, depth)
     elif isinstance(thing, FunctionType) and depth:
         yield thing
         for cell in thing.__closure__ or ():

@@ -43,19 +43,19 @@ class Done(Generic[Result]):
 
     Attributes
     ----------
-    found : number -> result.
+    by_number : number -> result.
     interrupted : whether Ctrl-C ended it before everything was done.
     cpu_seconds : of other processes.
     """
 
-    found: dict[int, Result] = field(default_factory=dict)
+    by_number: dict[int, Result] = field(default_factory=dict)
     interrupted: bool = False
     cpu_seconds: float = 0.0
 
     @property
     def results(self) -> list[Result]:
         """Results in the order of their numbers."""
-        return [self.found[number] for number in sorted(self.found)]
+        return [self.by_number[number] for number in sorted(self.by_number)]
 
 
 def apart(count: int, jobs: int) -> bool:
@@ -87,7 +87,7 @@ def side_by_side(
         _forked(done, work, count, jobs, report)
     else:
         _here(done, work, count, report)
-    if done.interrupted and not done.found:
+    if done.interrupted and not done.by_number:
         raise KeyboardInterrupt
     return done
 
@@ -198,8 +198,8 @@ def _here(
 ) -> None:
     try:
         for number in range(count):
-            done.found[number] = work(number)
-            if report is not None and not report(number, done.found[number]):
+            done.by_number[number] = work(number)
+            if report is not None and not report(number, done.by_number[number]):
                 break
     except KeyboardInterrupt:
         done.interrupted = True
@@ -222,7 +222,7 @@ def _forked(
             for item in as_completed(waiting):
                 number = waiting[item]
                 _take(done, number, item)
-                if report is not None and not report(number, done.found[number]):
+                if report is not None and not report(number, done.by_number[number]):
                     _stop(pool)
                     break
         except KeyboardInterrupt:
@@ -233,7 +233,7 @@ def _forked(
                 "A process at work was ended from outside, as systems do that run out of memory; ask for fewer ‹jobs›."
             ) from error
         for late, number in waiting.items():
-            if number not in done.found and not late.cancelled():
+            if number not in done.by_number and not late.cancelled():
                 try:
                     _take(done, number, late)
                 except (BrokenProcessPool, KeyboardInterrupt):
@@ -259,7 +259,7 @@ def _waiting() -> Iterator[None]:
 
 def _take(done: Done[Result], number: int, future: Future[tuple[Result, float]]) -> None:
     result, seconds = future.result()
-    done.found[number] = result
+    done.by_number[number] = result
     done.cpu_seconds += seconds
 
 

@@ -34,14 +34,20 @@ SIGNALS: dict[str, Signal] = {
         Signal("v_y", "m/s", "lateral velocity", mirrors=True),
         Signal("yaw_rate", "rad/s", "yaw rate", mirrors=True),
         Signal("yaw_acceleration", "rad/s^2", "yaw acceleration", mirrors=True),
+        Signal("roll_rate", "rad/s", "roll rate", mirrors=True),
+        Signal("curvature", "1/m", "curvature of the path, left positive", mirrors=True),
         Signal("a_x", "m/s^2", "longitudinal specific force"),
         Signal("a_y", "m/s^2", "lateral specific force", mirrors=True),
         Signal("sideslip", "rad", "sideslip angle atan2(v_y, v_x)", mirrors=True),
         Signal("steer", "rad", "road-wheel steering angle", mirrors=True),
+        Signal(
+            "steer_measured", "rad", "road-wheel steering angle as measured, beside the command steer", mirrors=True
+        ),
         Signal("motor_current", "A", "motor current, negative brakes"),
         Signal("drive_force", "N", "drive force command, negative brakes"),
         Signal("ax_cmd", "m/s^2", "commanded longitudinal acceleration"),
-        Signal("throttle", "1", "throttle command, 1 full, negative brakes"),
+        Signal("throttle", "1", "throttle command, 1 full; negative brakes where there is no brake beside it"),
+        Signal("brake", "1", "brake command, 1 full"),
         Signal("road_slope", "rad", "road slope, uphill positive"),
         Signal("roll", "rad", "roll angle", mirrors=True),
         Signal("pitch", "rad", "pitch angle"),
@@ -51,10 +57,11 @@ SIGNALS: dict[str, Signal] = {
         Signal("latitude", "deg", "geographic latitude (WGS 84)"),
         Signal("longitude", "deg", "geographic longitude (WGS 84)"),
         *(Signal(f"wheel_speed_{c}", "rad/s", f"wheel speed {w}") for c, w in _WHEELS.items()),
+        *(Signal(f"wheel_speed_{w}", "rad/s", f"wheel speed {w}") for w in ("left", "right")),
     )
 }
 
-COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd", "throttle")
+COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd", "throttle", "brake")
 """What a driver or a controller asks for: it may rightly stay constant, rest at zero, stop at an end or be held."""
 SD = "sd_"
 """What the name of a signal's standard deviation begins with, where it is known row by row."""

@@ -32,7 +32,7 @@ def white_noise_sd(parts: Sequence[Array], *, held: bool = False) -> float:
     -------
     NaN where no row has both neighbours.
     """
-    bends = np.concatenate([np.diff(own, 2) for own in parts]) if len(parts) else np.empty(0)
+    bends = np.concatenate([np.diff(part, 2) for part in parts]) if len(parts) else np.empty(0)
     bends = bends[np.isfinite(bends) & (bends != 0 if held else True)]
     return robust_sd(bends) / np.sqrt(6.0) if len(bends) else np.nan
 

@@ -95,6 +95,26 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
     return Conversion(target, *_affine(spelled, target, unit))
 
 
+SPELLINGS = {
+    "km/h": "kmh kph km/hr kmph km/h", "m/s": "mps m/sec m/s", "mph": "mph mi/h miles/h", "knot": "knots kn kt kts",
+    "m/s^2": "m/s/s m/s2 m/sec2 m/s^2 m/s² mps2 m/(s^2) m/sec^2 ms-2", "g": "g gs g-force gforce",
+    "deg": "deg degree degrees ° º", "deg/s": "deg/s deg/sec degrees/s degrees/sec °/s º/s dps deg/second",
+    "rad/s": "rad/s rad/sec radians/s", "rad": "rad radians", "s": "s sec secs second seconds unix_time unixtime",
+    "ms": "ms msec millisecond milliseconds", "us": "us µs μs usec", "ns": "ns nsec", "rpm": "rpm 1/min rev/min u/min",
+    "%": "% percent pct", "N m": "nm n*m n·m n.m", "degC": "c °c degc celsius", "degF": "f °f degf", "1": "1 ratio",
+    "1/m": "1/m", "m": "m meter meters metres", "mm": "mm", "km": "km", "bar": "bar", "kPa": "kpa", "psi": "psi",
+    "V": "v volt volts", "A": "a amp amps", "N": "n newton", "kN": "kn_force", "Hz": "hz", "kg": "kg", "l": "l liter",
+    "mbar": "mbar", "l/h": "l/h", "min": "min", "lambda": "lambda la", "ft": "ft feet", "kW": "kw", "hp": "hp bhp",
+}  # fmt: skip
+"""Unit -> how files write it, in lower case; "lambda" only tells a row of units, it converts to nothing."""
+_SPELLED = {spelling: unit for unit, spellings in SPELLINGS.items() for spelling in spellings.split()}
+
+
+def known_unit(text: str) -> str:
+    """A unit that a file states, as a column map writes it; empty where it is none that files of vehicles hold."""
+    return _SPELLED.get(re.sub(r"\s+", "_", text.strip()).lower(), "")
+
+
 BASE = {
     "kilogram": "kg", "meter": "m", "second": "s", "ampere": "A", "kelvin": "K", "mole": "mol", "candela": "cd",
     "radian": "rad",
@@ -116,13 +136,13 @@ def si_exponents(unit: str) -> dict[str, int | float] | None:
     try:
         base = _registry().Quantity(1, _registry().parse_units(unit.translate(_SUPERSCRIPTS))).to_base_units()
         powers = {BASE[name]: float(str(power)) for name, power in base.unit_items()}
-        found: dict[str, int | float] = {name: int(power) for name, power in powers.items()}
+        result: dict[str, int | float] = {name: int(power) for name, power in powers.items()}
         factor = float(base.magnitude)
     except _not_a_unit():
         return None
-    if powers != found:
+    if powers != result:
         return None
-    return found | ({} if math.isclose(factor, 1.0, rel_tol=1e-12) else {"factor": factor})
+    return result | ({} if math.isclose(factor, 1.0, rel_tol=1e-12) else {"factor": factor})
 
 
 def _base(spelled: str, written: str) -> str:

@@ -17,9 +17,11 @@ from ..base.guard import claim
 from ..base.numbers import counted
 from ..base.processes import Pace
 from ..datasets.checks import Finding, Severity, check, distrusted
+from ..datasets.column_map import ColumnMap, column_map
 from ..datasets.formats import WRITTEN, write
 from ..datasets.joining import join_files
 from ..datasets.recording import Recording
+from ..datasets.repair import map_text, repaired
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
 from .options import columns_option, json_option, part_asked, read_part
@@ -52,44 +54,80 @@ def data() -> None:
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @columns_option
 @wheelbase_option
+@click.option("--repair", metavar="MAP.toml", help="Write the column map with the repairs that the check proposes.")
 @json_option
-def check_command(files: Sequence[str], columns: str, wheelbase: float | None, as_json: bool) -> None:
+def check_command(
+    files: Sequence[str], columns: str, wheelbase: float | None, repair: str | None, as_json: bool
+) -> None:
     """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted.
+
+    With --repair, signs, units and columns that a finding would have changed are changed, one finding after the other
+    while the check has a remedy; the map is written, and the verdict is that of the FILEs read through it.
 
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml
+    greybox data check lap7.csv --columns my_car.toml --repair mended.toml
     """  # fmt: skip
+    target = map_target(repair) if repair else None
+    mapping, changes = mended(files, columns, wheelbase) if target else (columns, ())
     results, pace = [], Pace(len(files))
     with progress() as say:
         for k, file in enumerate(files):
             say(f"reading {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
-            recording = read_part(file, columns)
+            recording = read_part(file, mapping)
             say(f"checking {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
             results.append((recording, check(recording, wheelbase)))
+    if target and changes:
+        write_atomically(target, map_text(column_map(mapping)))
     if as_json:
-        print_json({"files": [as_dict(*result) for result in results]})
+        told = {"repair": {"written": repair if changes else None, "changes": list(changes)}} if repair else {}
+        print_json({"files": [as_dict(*result) for result in results], **told})
     else:
         for recording, findings in results:
             show(recording, findings, console())
+        if repair:
+            console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
 
 
+MOST_REPAIRS = 4
+"""Repairs that are taken one after the other."""
+
+
+def mended(files: Sequence[str], columns: str, wheelbase: float | None) -> tuple[ColumnMap, tuple[str, ...]]:
+    """The column map with what checks of the files would have changed, and the changes."""
+    mapping, changes = column_map(columns), tuple[str, ...]()
+    for _ in range(MOST_REPAIRS):
+        found = (repaired(mapping, check(read_part(file, mapping), wheelbase)) for file in files)
+        better = next(filter(None, found), None)
+        if better is None:
+            break
+        mapping, changes = better.mapping, (*changes, *better.changes)
+    return mapping, changes
+
+
 @data.command("map")
-@click.argument("file", metavar="FILE", type=click.Path())
+@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @click.option("--out", metavar="MAP.toml", help="Write the proposal as a column map to be edited.")
+@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Rows a second, of a FILE without time.")
 @wheelbase_option
 @json_option
-def map_command(file: str, out: str | None, wheelbase: float | None, as_json: bool) -> None:
+def map_command(
+    files: Sequence[str], out: str | None, rate: float | None, wheelbase: float | None, as_json: bool
+) -> None:
     """Propose a column map for FILE from names, units and cross-checks, and say what is not sure.
+
+    Several FILEs are topics or sensors of one drive, each with a clock of its own: one map for all of them.
 
     \b
     greybox data map lap7.csv --out my_car.toml
+    greybox data map imu.csv odom.csv commands.csv --out my_car.toml
     """
     from ..datasets.mapping import as_toml, propose
 
     target = map_target(out) if out else None
-    with working(f"looking at {file}"):
-        proposal = propose(file, wheelbase)
+    with working(f"looking at {files[0]}"):
+        proposal = propose(files if len(files) > 1 else files[0], wheelbase, rate or 0.0)
     if target:
         write_atomically(target, as_toml(proposal, target.stem))
     if as_json:
@@ -147,7 +185,9 @@ def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) ->
         told = [
             {
                 "file": offset.file, "against": offset.against, "signal": offset.signal or None,
-                "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd), "taken_off": offset.taken_off,
+                "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd),
+                "rate": _number(offset.alignment.rate if offset.alignment else None),
+                "left_s": _number(offset.alignment.left if offset.alignment else None), "taken_off": offset.taken_off,
             }
             for offset in offsets
         ]  # fmt: skip
@@ -240,8 +280,8 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         table.add_row(*_row(entry), style=None if entry.decided else "yellow")
     screen.print(Text(proposal.file, style="bold"))
     screen.print(table)
-    if proposal.time is None:
-        screen.print("no column looks like a time; say which one holds it")
+    if proposal.time is None and not proposal.rate:
+        screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
     if proposal.others:
         screen.print(f"unused: {', '.join(proposal.others)}")
         if proposal.lacking:
@@ -253,7 +293,9 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     if asked:
         screen.print(f"{counted(len(asked), 'signal')} left to you (marked ?): {', '.join(sorted(asked))}")
     if out:
-        screen.print(f"written  {out}; then: greybox data check {proposal.file} --columns {out}")
+        joined = f"join {proposal.file} --columns {out} --out drive.csv"
+        then = joined if proposal.files else f"check {proposal.file} --columns {out}"
+        screen.print(f"written  {out}; then: greybox data {then}")
 
 
 def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
@@ -262,6 +304,7 @@ def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
         "path": proposal.file,
         "written": out,
         "time": _as_dict(proposal.time) if proposal.time else None,
+        "rate_hz": proposal.rate or None,
         "runs": proposal.run or None,
         "signals": [_as_dict(entry) for entry in proposal.entries],
         "others": list(proposal.others),

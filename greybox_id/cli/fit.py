@@ -12,6 +12,8 @@ from .defaults import command_line
 from .options import calibrate_option, columns_option, jobs_option, json_option, model_options, read_part, wanted
 from .output import console, end_by, print_json, progress, show
 
+TYRE = "tyre"
+"""What stands for a model here, though a rig has no vehicle."""
 if TYPE_CHECKING:
     from ..engine.motion.shooting import Starts
     from ..fitting.how import Solver
@@ -121,7 +123,10 @@ def fit(
     greybox fit --model lateral lap.csv --vehicle car.toml --with steering_delay --fix m=3.5kg --prior B_f=6±3
     greybox fit --model msnn_full train.csv --columns roboracer --validate valid.csv --out run
     greybox fit --model mlp_lateral lap1.csv lap2.csv lap3.csv --columns roboracer --pretrain lateral/fit.json
+    greybox fit --model tyre rig.csv --out tyre.tir
     greybox fit --model hybrid_force step*.csv sine*.csv --vehicle simrod --columns canonical
+
+    The model "tyre" is a magic formula of what a tyre rig measured (SA, FZ, FY); it is written as .tir.
 
     Numbers may carry a unit; without one they are SI. Where weights of a model with memory are held to priors, how
     strongly is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength says
@@ -136,6 +141,10 @@ def fit(
     from ..fitting.how import How
     from ..reports.text.fit import as_dict, parts
 
+    if asked.get("name") == TYRE:
+        from .tyre import fit_tyre_command
+
+        fit_tyre_command(files, out, as_json)
     if early_stopping and strength is not None:
         raise click.UsageError("--early-stopping and --strength exclude each other.")
     if early_stopping and validation is None:

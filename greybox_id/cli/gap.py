@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,8 @@ from ..engine.simulation import Diagnosed
 from ..fitting.choices.parameters import wanted_vehicle
 from ..fitting.choices.wanted import must_be_recorded
 from ..fitting.how import Say
-from ..gap.changes.verb import Changed, diagnose_change
+from ..gap.changes.sensitivity import Visible
+from ..gap.changes.verb import Changed, diagnose_change, visible_changes
 from ..gap.design.arena import arena as arena_of
 from ..gap.diagnosis import diagnose
 from ..gap.gap import Gap
@@ -48,7 +50,7 @@ from ..reports.text.screen import led
 from .completion import names
 from .defaults import command_line
 from .options import VEHICLES, columns_option, fit_of, json_option, named_model, own_option, read_part
-from .output import console, progress
+from .output import console, print_json, progress
 from .terminal import clean_json, tell
 
 IN_FOLDER = {"json": "gap.json", "vehicle": "closed.toml", "picture": "gap.png"}
@@ -164,7 +166,7 @@ def show_changed(out: Console, found: Changed) -> None:
             out.print(led("", f"{own.effect} {number(own.magnitude, 2)} not applied: {own.reason}"))
     if gap.budget is not None:
         out.print(led("Budget", budget(gap)))
-    still = [f"{name} (± {_within(found, name)})" for name in found.scatter if name not in gap.applied]
+    still = [f"{own['effect']} (± {_within(found, own['effect'])})" for own in found.not_changed]
     out.print(led("Same", f"within two standard deviations of the scatter: {listed(still)}"))
     out.print(led("Left", gap.unknown or "nothing unnamed shows"))
 
@@ -173,6 +175,43 @@ def _within(found: Changed, name: str) -> str:
     """Twice the standard deviation of an effect's scatter, in its unit; factors in per cent."""
     size, unit = 2 * found.scatter[name][1], EFFECTS[name].parameter.unit
     return f"{number(100 * size, 2)} %" if unit == "1" else f"{number(size, 2)} {pretty_unit(unit)}"
+
+
+def what_would_show(
+    recordings: Sequence[str],
+    vehicle: str | None,
+    fit_file: str | None,
+    since: Sequence[str],
+    columns: str,
+    model: str | None,
+    as_json: bool,
+) -> None:
+    """Print from which size on changes would show on one more recording like those from before."""
+    if recordings or not since:
+        raise BadInput("--sensitivity is asked before a run: name recordings from before with --since, and no other.")
+    nominal, stated = _nominal(vehicle, fit_file, model)
+    before = [read_part(file, columns or "canonical") for file in since]
+    must_be_diagnosable(nominal, before)
+    with progress() as say:
+        found = visible_changes(nominal, before, EFFECTS, vehicle=stated, say=say)
+    if as_json:
+        print_json({"since": [own.name for own in before], "visible": [asdict(own) for own in found]})
+        return
+    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
+    for title in ("effect", "shows from", "runs scatter by", "one run tells it to"):
+        table.add_column(title, header_style="dim", justify="left" if title == "effect" else "right")
+    for own in found:
+        table.add_row(own.effect, *(_within_words(own, value) for value in (own.size, own.scatter, own.told)))
+    console().print(f"On one more recording like {listed([own.name for own in before])} a change would show:")
+    console().print(table)
+
+
+def _within_words(own: Visible, value: float) -> str:
+    """A distance in an effect's unit; of factors in per cent."""
+    if not isfinite(value):
+        return "at no size"
+    unit = "%" if own.factor else pretty_unit("" if own.unit == "1" else own.unit)
+    return f"± {number(100 * value if own.factor else value, 2)} {unit}".strip()
 
 
 class _Since(click.Command):
@@ -191,7 +230,7 @@ class _Since(click.Command):
 
 
 @click.command(name="gap", cls=_Since)
-@click.argument("recordings", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
+@click.argument("recordings", nargs=-1, metavar="RECORDING...", type=click.Path())
 @click.option(
     "--vehicle",
     metavar="VEHICLE",
@@ -227,6 +266,11 @@ class _Since(click.Command):
     type=click.Path(),
     help="Recordings from before: what changed since then, beyond how much they differ among themselves?",
 )
+@click.option(
+    "--sensitivity",
+    is_flag=True,
+    help="With --since and no RECORDING: how large changes would have to be to show on one more like those.",
+)
 @click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
 @click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
@@ -243,6 +287,7 @@ def gap(
     columns: str,
     held_out: Sequence[str],
     since: Sequence[str],
+    sensitivity: bool,
     out: str | None,
     report: str | None,
     apply: str | None,
@@ -257,11 +302,15 @@ def gap(
     greybox gap lap7.csv --vehicle car.toml --held-out lap8.csv
     greybox gap lap7.csv --fit run/fit.json --columns roboracer --report gap.pdf
     greybox gap wet1.csv --since dry1.csv dry2.csv --vehicle car.toml --held-out wet2.csv
+    greybox gap --since dry1.csv dry2.csv --vehicle car.toml --sensitivity
     greybox gap lap7.csv --vehicle car.toml --apply car_closed.toml
     greybox simulate lap9.csv --vehicle car_closed.toml
 
     How far the gap closes is only known on recordings that chose nothing: name some with --held-out.
     """  # fmt: skip
+    if sensitivity:
+        what_would_show(recordings, vehicle, fit_file, since, columns, model, as_json)
+        return
     targets = targets_of(out, report, apply)
     asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
     held_by_file = not asked.model.learnt
@@ -298,48 +347,6 @@ def gap(
         console().print(f"written  {target}")
     if check and found.gap_detected:
         sys.exit(1)
-
-
-def diagnosed(
-    recordings: Sequence[str | Path],
-    vehicle: str | Path | Vehicle | None = None,
-    fit: str | Path | None = None,
-    held_out: Sequence[str | Path] = (),
-    columns: str | Path | None = None,
-    say: Say | None = None,
-    *,
-    model: str | None = None,
-    seed: int = 0,
-) -> Gap:
-    """What `greybox gap` finds, without its printing.
-
-    Parameters
-    ----------
-    recordings, held_out : files that are diagnosed, and files that choose nothing.
-    vehicle, fit : a shipped vehicle, a vehicle file or a vehicle; the file of a fit; of both, the fit's numbers with
-        the vehicle's noise, model error and tolerated effects.
-    columns : column map; canonical names unless given.
-    say : told of progress.
-    model : with a vehicle, in place of its own.
-    seed : of everything random.
-
-    Raises
-    ------
-    BadInput : a file, or what is asked of it, cannot be used.
-    """
-    return _found(_asked(recordings, vehicle, fit, held_out, columns, model), seed, say or _silent)
-
-
-def what_changed(
-    recordings: Sequence[str | Path],
-    since: Sequence[str | Path],
-    vehicle: str | Path | Vehicle,
-    held_out: Sequence[str | Path] = (),
-    columns: str | Path | None = None,
-) -> Changed:
-    """What `greybox gap --since` finds, without its printing; parameters and errors as of `diagnosed`."""
-    asked = _asked(recordings, vehicle, None, held_out, columns, None)
-    return _changed(asked, [read_part(file, columns or "canonical") for file in since], _silent)
 
 
 @dataclass(frozen=True)
@@ -402,7 +409,3 @@ def _changed(asked: _Asked, since: Sequence[Recording], say: Say) -> Changed:
     return diagnose_change(
         asked.model, asked.recordings, since, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say
     )
-
-
-def _silent(line: str, passing: bool = False) -> None:
-    del line, passing

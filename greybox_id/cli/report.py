@@ -177,6 +177,6 @@ def recordings_of(
             if files
             else found_again(record, fit_file, f"Name the file's new place with {option.format(role=record.role)}.")
         )
-        whole = read(file, columns or record.columns or "canonical")
+        whole = read(file, columns or record.mapping)
         found.append(part(whole, span(record.between) if record.between else None, record.where or None))
     return found

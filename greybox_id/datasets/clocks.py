@@ -1,8 +1,8 @@
 """Signals that were recorded on clocks of their own, brought onto one.
 
-The clock is that of the column the map names as time, else that of the fastest group. Where its steps are regular its
-own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined by straight
-lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings themselves.
+The clock is that of the column the map names as time, else the most regular of the fast ones. Where its steps are
+regular its own instants are kept, elsewhere an even grid of its usual step takes their place. Measurements are joined
+by straight lines, commands are held; neither reaches across a gap. What that costs is estimated from the readings.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     Parameters
     ----------
     groups : two or more.
-    named : name of the group whose clock is taken; None takes the fastest.
+    named : name of the group whose clock is taken; None takes the most regular of the fast ones.
     hold : "zero" holds commands, "linear" takes them as measured.
     where : the file, for sentences.
 
@@ -74,7 +74,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     notes: list[str] = []
     ordered = [_ordered(group, where, notes) for group in groups]
     steps = {group.name: float(np.median(np.diff(group.time))) for group in ordered}
-    clock = next((g for g in ordered if g.name == named), None) or min(ordered, key=lambda g: steps[g.name])
+    clock = next((g for g in ordered if g.name == named), None) or _most_regular(ordered, steps)
     time, even = _instants(clock.time, where)
     start = max(group.time[0] for group in ordered)
     stop = min(group.time[-1] + (_reach(group, steps, hold) if group is not clock else 0.0) for group in ordered)
@@ -95,9 +95,21 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
                 signals[name] = values[(time >= start) & (time <= stop)]
             else:
                 method = _method(name, hold)
-                signals[name], costs = (_held if method == "held" else _linear)(group.time, values, inside, name)
+                signals[name], costs = (held if method == "held" else linear)(group.time, values, inside, name)
                 resampled[name] = Resampled(method, group.name, 1 / steps[group.name], *costs)
     return Joined(inside, signals, resampled, tuple(notes))
+
+
+def _most_regular(groups: Sequence[Readings], steps: Mapping[str, float]) -> Readings:
+    """Of those that are at least half as fast as the fastest, the group whose steps scatter least."""
+    fast = [group for group in groups if steps[group.name] <= 2 * min(steps.values())]
+
+    def scatter(group: Readings) -> float:
+        step = np.diff(group.time)
+        running = step[step <= LINEAR_GAP * steps[group.name]]
+        return round(float(np.std(running)) / steps[group.name], 2)
+
+    return min(fast, key=lambda group: (scatter(group), steps[group.name]))
 
 
 def _method(name: str, hold: str) -> Literal["linear", "held"]:
@@ -106,8 +118,8 @@ def _method(name: str, hold: str) -> Literal["linear", "held"]:
 
 def _reach(group: Readings, steps: Mapping[str, float], hold: str) -> float:
     """How long after its last reading a group still says something, s."""
-    held = all(_method(name, hold) == "held" for name in group.signals)
-    return max(HELD_GAP * steps[group.name], HELD_SECONDS) if held else 0.0
+    all_held = all(_method(name, hold) == "held" for name in group.signals)
+    return max(HELD_GAP * steps[group.name], HELD_SECONDS) if all_held else 0.0
 
 
 def _ordered(group: Readings, where: str, notes: list[str]) -> Readings:
@@ -140,7 +152,7 @@ def _instants(time: Array, where: str) -> tuple[Array, bool]:
     return np.concatenate([time[a] + usual * np.arange(n) for a, n in zip(edges, counts, strict=False)]), True
 
 
-def _linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
+def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
     """Straight lines between readings, and what they miss: s (1 - s) / 2 of the second difference there.
 
     That is the error of a parabola through three readings; noise in readings makes it larger than it is.
@@ -170,7 +182,7 @@ def _linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Arr
     return found, _costs(missed, len(missed))
 
 
-def _held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
+def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
     """The last reading before each instant, and what the clock misses of its steps, which come up to one row late."""
     known = np.isfinite(values)
     t, v = time[known], values[known]

@@ -28,6 +28,7 @@ MAP_KEYS = (
     "about",
     "source",
     "hold",
+    "rate",
     "separator",
     "decimal",
     "time",
@@ -115,13 +116,16 @@ class ColumnMap:
     extra : name -> column for a file's own further channels.
     about, source : for people: signs, traps, where such files come from.
     hold : how commands run between rows, "zero" (held) or "linear".
+    hold_stated : whether the map says so; where it does not, a fit weighs both.
+    rate : rows a second, Hz, of files without a column of time; 0 where there is one.
     run_column : a column whose change begins a new run; empty if there is none.
     run_column_optional : whether a file may lack it.
     start_column : rows before this one is first other than zero are no recording yet; empty if there is none.
     start_column_optional : whether a file may lack it.
     poses : where on the vehicle x, y and yaw are taken, if the motion is to be made of them; of several the first that
         holds for a file. Empty if it is not.
-    separator, decimal : how a text file separates columns and writes decimals.
+    where, text : what a user's own map was called, and its text; empty for one that is shipped or made in memory.
+    separator, decimal : how a text file separates columns and writes decimals; empty where the file tells.
     """
 
     name: str
@@ -131,13 +135,17 @@ class ColumnMap:
     about: str = ""
     source: str = ""
     hold: Literal["zero", "linear"] = "zero"
+    hold_stated: bool = True
+    rate: float = 0.0
     run_column: str = ""
     run_column_optional: bool = False
     start_column: str = ""
     start_column_optional: bool = False
     poses: tuple[Reference, ...] = ()
-    separator: str = ","
-    decimal: str = "."
+    where: str = ""
+    text: str = ""
+    separator: str = ""
+    decimal: str = ""
 
     @property
     def channels(self) -> tuple[Column, ...]:
@@ -161,7 +169,19 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
     if isinstance(columns, ColumnMap):
         return columns
     text, file = named_text(str(columns), "columns", "column map")
-    return parse_column_map(text, str(file))
+    found = parse_column_map(text, str(file))
+    return found if str(columns) in shipped_maps() else replace(found, where=str(columns), text=text)
+
+
+def carried_map(columns: str, text: str) -> str | ColumnMap:
+    """The map that a recording was read through: its text that was carried along, else its name.
+
+    Raises
+    ------
+    BadInput
+        The text that was carried is no valid column map.
+    """
+    return replace(parse_column_map(text, columns), where=columns, text=text) if text else columns or "canonical"
 
 
 def parse_column_map(text: str, where: str) -> ColumnMap:
@@ -182,8 +202,7 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     runs, start = (table_of(table, key, where) for key in ("runs", "start"))
     must_know(runs, ("column", "optional"), f"{where}: [runs]")
     must_know(start, ("column", "optional"), f"{where}: [start]")
-    if "time" not in table:
-        raise BadInput(f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s".')
+    time, rate = _clock_of(table, where)
     signals = table_of(table, "signals", where)
     for name in signals:
         if name not in SIGNALS:
@@ -198,16 +217,17 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
     if not signals and not extra:
         raise BadInput(f"{where}: no [signals.*] table names a column; add one, for example [signals.yaw_rate].")
     chosen = {
-        "separator": _choice(table, "separator", SEPARATORS, where),
-        "decimal": _choice(table, "decimal", (".", ","), where),
+        "separator": _choice(table, "separator", SEPARATORS, where) if "separator" in table else "",
+        "decimal": _choice(table, "decimal", (".", ","), where) if "decimal" in table else "",
     }
-    if chosen["separator"] == chosen["decimal"]:
+    if chosen["separator"] and chosen["separator"] == chosen["decimal"]:
         raise BadInput(f'{where}: decimal and separator are both ","; set separator = ";".')
     return ColumnMap(
         name=text_of(table, "name", where, Path(where).stem),
         about=text_of(table, "about", where),
         source=text_of(table, "source", where),
-        time=_time(table_of(table, "time", where), f"{where}: [time]"),
+        time=time,
+        rate=rate,
         signals={
             n: _column(table_of(signals, n, where), n, SIGNALS[n].unit, f"{where}: [signals.{n}]") for n in signals
         },
@@ -218,8 +238,26 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
         start_column_optional=_truth(start, "optional", f"{where}: [start]"),
         poses=_poses(table["poses"], signals, f"{where}: [poses]") if "poses" in table else (),
         hold="linear" if _choice(table, "hold", HOLDS, where) == "linear" else "zero",
+        hold_stated="hold" in table,
         **chosen,
     )
+
+
+def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
+    """The column of time, or how many rows a second there are where a file has none."""
+    entry = dict(table_of(table, "time", where))
+    stated = [number for number in (table.get("rate"), entry.pop("rate", None)) if number is not None]
+    if stated:
+        rate = _number({"rate": stated[0]}, "rate", 0.0, where)
+        if not 0 < rate < 1e6 or entry or len(stated) > 1:
+            raise BadInput(f"{where}: rate is rows a second, above 0, of a file without time; state it once, alone.")
+        return Column("time", "", "s", "s"), rate
+    if "time" not in table:
+        raise BadInput(
+            f'{where}: there is no [time] table; add one, for example [time] column = "t", unit = "s", or rate = 20 '
+            "for a file without time that has 20 rows a second."
+        )
+    return _time(entry, f"{where}: [time]"), 0.0
 
 
 def _time(entry: Mapping[str, Any], where: str) -> Column:

@@ -27,7 +27,11 @@ EPOCH = 1e8
 LATEST = 9e9
 """Seconds since 1970 whose nanoseconds a whole number of 64 bits holds."""
 
+EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8))
+"""Counts since 1970, by unit: today's are larger than this."""
 _DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_CLOCK = re.compile(r"\s*(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)\s*")
+"""Minutes and seconds, or hours as well."""
 
 
 @dataclass(frozen=True)
@@ -70,6 +74,8 @@ def instants(table: RawTable, column: Column) -> Instants:
         A cell is neither a number nor a date.
     """
     series = _dates(table.column(column.column), table.where, column.column)
+    if _on_a_clock(series):
+        return Instants(_of_clock(series, table.where, column.column), 1.0)
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
         naive = series.dt.tz_convert(None) if series.dt.tz is not None else series
         dates = naive.to_numpy(dtype="datetime64[ns]")
@@ -83,6 +89,46 @@ def instants(table: RawTable, column: Column) -> Instants:
     if whole and len(series) and series.max() < 2**63:
         return Instants(series.to_numpy(dtype=np.int64), second)
     return Instants(table.numbers(column.column), second)
+
+
+def is_instants(series: pd.Series[Any]) -> bool:
+    """Whether a column holds dates, or times of a clock, as text."""
+    if pd.api.types.is_datetime64_any_dtype(series.dtype):
+        return True
+    text = not pd.api.types.is_numeric_dtype(series.dtype) and len(series) > 0
+    return (text and bool(_DATE.match(str(series.iloc[0])))) or _on_a_clock(series)
+
+
+def count_unit(series: pd.Series[Any]) -> str:
+    """The unit of counts since 1970, by their size; "s" for any other."""
+    if not pd.api.types.is_numeric_dtype(series.dtype) or not len(series):
+        return "s"
+    largest = float(series.abs().max())
+    return next((unit for unit, size in EPOCHS if largest > size), "s")
+
+
+def _on_a_clock(series: pd.Series[Any]) -> bool:
+    """Whether a column begins as 10:01:45.25 or 1:45.25."""
+    return (
+        len(series) > 0
+        and not pd.api.types.is_numeric_dtype(series.dtype)
+        and not pd.api.types.is_datetime64_any_dtype(series.dtype)
+        and bool(_CLOCK.fullmatch(str(series.iloc[0])))
+    )
+
+
+def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
+    """Seconds of a clock's readings; NaN where a cell is empty."""
+    parts = series.astype("string").str.extract(_CLOCK.pattern + "$")
+    strange = parts[2].isna().to_numpy() & series.notna().to_numpy()
+    if strange.any():
+        cell = str(series.iloc[int(np.argmax(strange))])
+        raise BadInput(f'{where}: column "{name}" begins with a time of a clock, but {cell!r:.40} is none. Mend it.')
+    hours, minutes, seconds = (
+        pd.to_numeric(parts[k].str.replace(",", "."), errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        for k in range(3)
+    )
+    return np.asarray(3600 * np.nan_to_num(hours) + 60 * minutes + seconds)
 
 
 def _split(table: RawTable, column: Column) -> Instants:

@@ -1,8 +1,7 @@
 """Files of one drive, one topic each, joined on one clock: by their stamps, or by a signal that two of them carry.
 
-A signal that the column map finds in two files tells by how much their clocks differ: by the delay at which the one is
-best explained by the other (`checks.lag`), which carries a jackknife's uncertainty. What cannot be told so is taken at
-its stamps.
+A signal that the column map finds in two files tells by how much their clocks differ, and how much faster the one runs
+(`alignment`), which carries a jackknife's uncertainty. What cannot be told so is taken at its stamps.
 """
 
 from __future__ import annotations
@@ -14,9 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import BadInput
-from ..base.shorthands import Array
 from ..base.signals import ANGLES_AROUND, COMMANDS
-from .checks.lag import estimate_lag
+from .alignment import Alignment, aligned
 from .column_map import Column, ColumnMap, column_map
 from .read import Part, as_parts, one_signal, read_together
 from .recording import Recording
@@ -37,24 +35,51 @@ class Offset:
     ----------
     file, against : names of the files.
     signal : what both carry; empty where nothing tells the offset.
-    seconds, sd : the offset and its standard deviation, s; NaN where nothing tells it.
+    alignment : offset and rate; None where nothing tells them.
+    shared : signals that both carry, whether or not they tell it.
     taken_off : whether the file's times were corrected by it.
     """
 
     file: str
     against: str
     signal: str = ""
-    seconds: float = float("nan")
-    sd: float = float("nan")
+    alignment: Alignment | None = None
+    shared: tuple[str, ...] = ()
     taken_off: bool = False
+
+    @property
+    def seconds(self) -> float:
+        """The offset where the first file begins, s; NaN where nothing tells it."""
+        return self.alignment.seconds if self.alignment else float("nan")
+
+    @property
+    def sd(self) -> float:
+        """Its standard deviation, s."""
+        return self.alignment.sd if self.alignment else float("nan")
 
     @property
     def sentence(self) -> str:
         """What was done, for people."""
-        if not self.signal:
-            return f"{self.file}: taken at its stamps; it has no signal in common with {self.against}."
-        found = f"{1e3 * self.seconds:.1f} +- {1e3 * self.sd:.1f} ms late against {self.against} by {self.signal}"
-        return f"{self.file}: {found}; {'taken off' if self.taken_off else 'no more than chance, left'}."
+        if self.alignment is None:
+            shared = (
+                f"their {' and '.join(self.shared)} are not alike enough to tell" if self.shared else "no signal in"
+            )
+            why = (
+                f"{shared} an offset from {self.against}"
+                if self.shared
+                else f"it has {shared} common with {self.against}"
+            )
+            return f"{self.file}: taken at its stamps; {why}."
+        clock = self.alignment
+        found = f"{1e3 * clock.seconds:.1f} ± {1e3 * clock.sd:.1f} ms late against {self.against} by {self.signal}"
+        if clock.rate:
+            way = "fast" if clock.rate > 0 else "slow"
+            digits = max(0, -int(np.floor(np.log10(max(100 * clock.rate_sd, 1e-9)))))
+            rate = f"{100 * abs(clock.rate):.{digits}f} ± {100 * clock.rate_sd:.{digits}f} %"
+            found += f" where it begins, and its clock runs {rate} {way}"
+        if not self.taken_off:
+            return f"{self.file}: {found}; no more than chance, left."
+        return f"{self.file}: {found}; taken off, to {1e3 * clock.left:.2g} ms anywhere."
 
 
 def join_files(
@@ -78,7 +103,7 @@ def join_files(
     mapping = column_map(columns)
     first, *others = as_parts([Path(path) for path in paths], mapping).values()
     offsets = [_offset(first, other, mapping) for other in others]
-    late = {offset.file: offset.seconds for offset in offsets if offset.taken_off}
+    late = {offset.file: offset.alignment for offset in offsets if offset.alignment and offset.taken_off}
     recording = read_together(paths, columns, late)
     return replace(recording, notes=(*recording.notes, *(offset.sentence for offset in offsets))), offsets
 
@@ -89,28 +114,23 @@ def _offset(first: Part, other: Part, mapping: ColumnMap) -> Offset:
         places = [_in(part, column) for part in (first, other)]
         if name in COMMANDS or None in places:
             continue
-        series = [
+        best = replace(best, shared=(*best.shared, name))
+        (t, v), (t_other, v_other) = (
             one_signal(part, replace(column, column=place or ""), mapping)
             for part, place in zip((first, other), places, strict=True)
-        ]
-        found = _lag(*series[0], *series[1], around=name in ANGLES_AROUND)
-        if found is not None and not found[1] >= best.sd:
-            best = Offset(other.name, first.name, name, *found, taken_off=abs(found[0]) > SURE * found[1])
+        )
+        if min(len(t), len(t_other)) < 2:
+            continue
+        if name in ANGLES_AROUND:
+            v, v_other = np.unwrap(v), np.unwrap(v_other)
+        longest = min(LONGEST, SHARE * float(min(np.ptp(t), np.ptp(t_other))))
+        found = aligned(t, v, t_other, v_other, longest)
+        if found is not None and not found.left >= (best.alignment.left if best.alignment else np.inf):
+            sure = abs(found.seconds) > SURE * found.sd or found.rate != 0
+            best = replace(best, signal=name, alignment=found, taken_off=sure)
     return best
 
 
 def _in(part: Part, column: Column) -> str | None:
     """The name under which a file has a column."""
     return next(filter(None, (part.full(name) for name in (column.column, *column.otherwise))), None)
-
-
-def _lag(t: Array, v: Array, t_other: Array, v_other: Array, around: bool) -> tuple[float, float] | None:
-    """By how much the second of two series of one quantity is late, and its standard deviation, s."""
-    step = max(float(np.median(np.diff(t))), float(np.median(np.diff(t_other))))
-    start, stop = max(t[0], t_other[0]), min(t[-1], t_other[-1])
-    if not step > 0 or stop - start < 100 * step:
-        return None
-    grid = np.arange(start, stop, step)
-    values = [np.interp(grid, *((s, np.unwrap(w)) if around else (s, w))) for s, w in ((t_other, v_other), (t, v))]
-    lag = estimate_lag(values[0], values[1], step, longest=min(LONGEST, SHARE * (stop - start)))
-    return None if lag is None else (lag.samples * step, lag.error * step)

@@ -12,12 +12,14 @@ import numpy as np
 from ..base.errors import BadInput, near
 from ..base.shorthands import Array
 from ..base.signals import SD, unit_of
+from .alignment import Alignment
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
 from .formats.contents import TIME, RawTable, one_column
 from .instants import Instants, instants, origin_of
 from .recording import Recording, Source, split_runs
+from .uneven import evened
 
 __all__ = ["SUFFIXES", "read"]
 
@@ -48,14 +50,14 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
     """
     mapping, file = column_map(columns), Path(path)
     found = contents(file, mapping)
-    source = Source(path=str(path), sha256=hash_of(file), columns=_named(columns, mapping))
+    source = Source(path=str(path), sha256=hash_of(file), columns=_named(columns, mapping), column_map=mapping.text)
     return _recording(found, mapping, bare_name(file), source, {})
 
 
 def read_together(
     paths: Sequence[str | Path],
     columns: str | Path | ColumnMap = "canonical",
-    late: Mapping[str, float] | None = None,
+    late: Mapping[str, Alignment] | None = None,
 ) -> Recording:
     """Read several files of one drive, each with a clock of its own, as one recording.
 
@@ -64,7 +66,7 @@ def read_together(
     paths : files, one topic or sensor each. Their names without suffix tell their columns apart: `imu/time` is the
         column time of imu.csv. A plain name is the column of the first file that has it.
     columns : as in `read`. The map's time is that of every file; one such as `imu/time` says whose instants are kept.
-    late : file's name without suffix -> s by which its clock is ahead, taken off its times.
+    late : file's name without suffix -> how its clock runs against that of the others, taken off its times.
 
     Raises
     ------
@@ -72,9 +74,15 @@ def read_together(
         As in `read`; or two files have one name, or no time in common.
     """
     mapping = column_map(columns)
+    found = contents_together(paths, mapping)
+    name = "+".join(group.name for group in found.groups)
+    return _recording(found, mapping, name, Source(columns=_named(columns, mapping)), late or {})
+
+
+def contents_together(paths: Sequence[str | Path], mapping: ColumnMap) -> Contents:
+    """What is in several files of one drive. Raises `BadInput` as `as_parts` does."""
     parts = as_parts([Path(path) for path in paths], mapping)
-    found = Contents(" and ".join(str(path) for path in paths), tuple(parts.values()), "several files")
-    return _recording(found, mapping, "+".join(parts), Source(columns=_named(columns, mapping)), late or {})
+    return Contents(" and ".join(str(path) for path in paths), tuple(parts.values()), "several files")
 
 
 def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
@@ -86,19 +94,30 @@ def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
             raise BadInput(f"Two files are called {name}; rename one of them, so that columns can be distinguished.")
         if len(found.groups) > 1:
             raise BadInput(f"{file} has several clocks of its own; convert it first: greybox data convert.")
-        group = found.groups[0]
-        parts[name] = Part(name, group.names, group.load, group.prefix, group.clock, group.clock_unit, group.units)
+        parts[name] = Part.of(name, found.groups[0])
     return parts
 
 
 class Part(Group):
-    """A file among several: its columns may be called by its name and theirs, `imu/time`."""
+    """A file among several: its columns are called by its name and theirs, `imu/time`, or by theirs alone."""
+
+    @classmethod
+    def of(cls, name: str, group: Group) -> Part:
+        """The one group of a file."""
+        prefix = f"{name}/"
+
+        def load(wanted: Sequence[str]) -> RawTable:
+            table = group.load([own.removeprefix(prefix) for own in wanted])
+            return replace(table, names=tuple(prefix + own for own in table.names))
+
+        units = {prefix + own: unit for own, unit in group.units.items()}
+        clock = prefix + group.clock if group.clock else ""
+        return cls(name, tuple(prefix + own for own in group.names), load, prefix, clock, group.clock_unit, units)
 
     def full(self, name: str, alone: bool = False) -> str | None:
         """The full name of a column of this file."""
         del alone
-        own = name.removeprefix(f"{self.name}/")
-        return own if own in self.names else super().full(own, alone=True)
+        return super().full(name, alone=True)
 
 
 def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, Array]:
@@ -115,14 +134,20 @@ def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, A
 
 
 def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
-    return mapping.name if isinstance(columns, ColumnMap) else str(columns)
+    return mapping.where or mapping.name if isinstance(columns, ColumnMap) else str(columns)
 
 
-def _recording(found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, float]) -> Recording:
+def _recording(
+    found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, Alignment]
+) -> Recording:
     mapping = _named_as_in(found, mapping)
     _check_columns(found, mapping)
     groups = _groups(found, mapping)
-    joined, rows = _one_table(groups, mapping) if len(groups) == 1 else _several(groups, found, mapping, late)
+    first_row = 0
+    if len(groups) == 1:
+        joined, rows, first_row = _one_table(groups, mapping)
+    else:
+        joined, rows = _several(groups, found, mapping, late)
     if not len(joined.time):
         raise BadInput(f"{found.where} has column names but no rows; record something, or name another file.")
     joined, rows = _started(joined, rows, found.where, mapping)
@@ -136,12 +161,13 @@ def _recording(found: Contents, mapping: ColumnMap, name: str, source: Source, l
         time=joined.time,
         signals={name: values for name, values in joined.signals.items() if name not in (RUN, START)},
         runs=_runs(joined.time, rows),
-        source=source,
+        source=replace(source, first_row=first_row),
         extra_units={
             **{name: column.si_unit for name, column in mapping.extra.items() if name in joined.signals},
             **further,
         },
         hold=mapping.hold,
+        hold_stated=mapping.hold_stated,
         resampled=joined.resampled,
         notes=(*found.notes, *joined.notes),
     )
@@ -197,21 +223,28 @@ def _groups(found: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Colum
     return list(used.values())
 
 
-def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap) -> tuple[Joined, list[str]]:
+def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap) -> tuple[Joined, list[str], int]:
     (group, channels), *_ = groups
-    time = _time_column(group, mapping, alone=True)
+    time = _time_column(group, mapping, alone=True) if not mapping.rate else mapping.time
     run = group.full(mapping.run_column, alone=True) if mapping.run_column else None
     table = group.load([*_of_time(time), *(c.column for c in channels), *([run] if run else [])])
-    clock = instants(table, time)
+    clock = instants(table, time) if not mapping.rate else Instants(np.arange(len(table)), 1 / mapping.rate)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
-    joined = Joined(_sized(clock.since(origin)), signals, {}, (note,) if note else ())
-    return joined, table.labels(run) if run else []
+    notes, labels = (note,) if note else (), table.labels(run) if run else []
+    joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
+    even = evened(joined.time, signals, mapping.hold) if not (mapping.poses or mapping.rate) else None
+    if even is not None:
+        joined = Joined(even.time, even.signals, even.resampled, (*notes, even.note))
+        labels = [labels[row] for row in even.rows] if labels else []
+    return joined, labels, table.first_row if even is None else 0
 
 
 def _several(
-    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap, late: Mapping[str, float]
+    groups: Sequence[tuple[Group, list[Column]]], found: Contents, mapping: ColumnMap, late: Mapping[str, Alignment]
 ) -> tuple[Joined, list[str]]:
+    if mapping.rate:
+        raise BadInput(f"{found.where}: a rate is the clock of one table, and this holds several; name their time.")
     clocks: list[Instants] = []
     signals: list[Mapping[str, Array]] = []
     names = [group.name or group.clock for group, _ in groups]
@@ -227,13 +260,20 @@ def _several(
     named = None if plain else found.find(mapping.time.column)
     if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
         named = found.find(mapping.signals["x"].column)
-    readings = [
-        Readings(name, _sized(clock.since(origin)) - late.get(name, 0.0), own)
-        for name, clock, own in zip(names, clocks, signals, strict=True)
-    ]
+    notes = [note] if note else []
+    readings = []
+    for name, clock, values in zip(names, clocks, signals, strict=True):
+        stamps = _sized(clock.since(origin))
+        even = evened(stamps, values, mapping.hold, keep_rows=True)
+        if even is not None:
+            notes.append(f"{name}: {even.note}")
+        on_time, values = (stamps, values) if even is None else (even.time, even.signals)
+        if name in late:  # known in instants as the file counts
+            on_time = late[name].corrected(on_time + float(origin)) - float(origin)
+        readings.append(Readings(name, on_time, values))
     joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, found.where)
     runs = [str(label) for label in joined.signals.get(RUN, np.empty(0))]
-    return replace(joined, notes=(*joined.notes, note) if note else joined.notes), runs
+    return replace(joined, notes=(*joined.notes, *notes)), runs
 
 
 def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
@@ -242,6 +282,9 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     if isinstance(group, Part):  # `imu/time` says whose instants are kept; the others have a column `time` too
         names += [name.rpartition("/")[2] for name in names]
     name = next(filter(None, (group.full(own, alone) for own in names)), None) or group.clock
+    nanoseconds = mapping.time.nanoseconds
+    if nanoseconds and isinstance(group, Part):
+        nanoseconds = next(filter(None, map(group.full, (nanoseconds, nanoseconds.rpartition("/")[2]))), "")
     if not name:
         raise BadInput(
             f"The columns {', '.join(group.names[:4])} have no time beside them, and the column map takes others on a "
@@ -249,12 +292,12 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
         )
     if name == group.clock and group.clock_unit:
         return Column("time", name, group.clock_unit, "s")
-    return replace(mapping.time, column=name)
+    return replace(mapping.time, column=name, nanoseconds=nanoseconds)
 
 
 def _of_time(time: Column) -> list[str]:
     """The columns that hold the time."""
-    return [time.column, *([time.nanoseconds] if time.nanoseconds else [])]
+    return [name for name in (time.column, time.nanoseconds) if name]
 
 
 def _converted(table: RawTable, column: Column) -> Array:

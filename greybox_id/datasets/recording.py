@@ -40,6 +40,8 @@ class Source:
     sha256 : hash of the file's bytes, hexadecimal; of a folder, hash of its files' names and hashes.
     columns : the column map it was read through, as the user named it: a shipped one or the path of a file.
     between, where : which part of the file it is, as `Recording.between` and `Recording.where` were asked.
+    column_map : text of that map, where it is a user's own: what was made of the recording carries it.
+    first_row : number of the file's first row of values, as a person counts; 0 where it is a table in memory.
     """
 
     path: str = ""
@@ -47,6 +49,8 @@ class Source:
     columns: str = ""
     between: str = ""
     where: str = ""
+    column_map: str = ""
+    first_row: int = 0
 
 
 @dataclass(frozen=True)
@@ -83,6 +87,7 @@ class Recording:
     extra_units : units of signals that are not in `SIGNALS` (a file's own further channels).
     hold : what commands do between rows: "zero", they keep their value until the next row; "linear", they run
         straight to the next one.
+    hold_stated : whether somebody has said so; where nobody has, a fit weighs both.
     resampled : signals that had a clock of their own and were brought onto `time`, and what that costs.
     notes : what else reading did to the file that a person should know, as sentences.
 
@@ -104,6 +109,7 @@ class Recording:
     source: Source = Source()
     extra_units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     hold: Literal["zero", "linear"] = "zero"
+    hold_stated: bool = True
     resampled: Mapping[str, Resampled] = field(default_factory=lambda: MappingProxyType({}))
     notes: tuple[str, ...] = ()
 

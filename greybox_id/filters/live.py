@@ -215,7 +215,7 @@ def follow(
     ------
     BadInput : a column is missing, a line cannot be read, or the noise of a reading is not stated.
     """
-    rows = _rows(lines, columns.separator)
+    rows = _rows(lines, columns.separator or ",")
     _, header = next(rows, (1, None))
     if header is None:
         raise BadInput("Standard input is empty: send a line with the names of the columns first.")

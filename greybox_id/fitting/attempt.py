@@ -255,6 +255,12 @@ def misfit(
     return problem.objective(x, problem.simulated_nodes(x))
 
 
+def errors_at(simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How, p: Array) -> Array:
+    """(readings, outputs) prediction errors at parameters, (parameters,); NaN where nothing is read."""
+    problem = _problem(simulator, recordings, noise, how, p)
+    return problem.errors(problem.simulated_nodes(problem.unknowns(p)))
+
+
 def residual_noise(problem: MotionProblem, solution: Solution) -> Array:
     """Spread of the residuals, output by output; where there are none, the noise stays what it was.
 

@@ -91,7 +91,7 @@ def choose_strengths(
             return True
 
         done = side_by_side(work, len(new), jobs, told)
-        tried.update({tuple(new[number].values()): squares for number, squares in sorted(done.found.items())})
+        tried.update({tuple(new[number].values()): squares for number, squares in sorted(done.by_number.items())})
         elsewhere += done.cpu_seconds
         if done.interrupted:
             raise KeyboardInterrupt

@@ -138,6 +138,16 @@ class Fit:
                     found[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
         return found
 
+    @property
+    def from_prior(self) -> tuple[str, ...]:
+        """Estimates that are more prior than data: their standard deviation is hardly less than the prior's."""
+        return tuple(
+            p.name
+            for p in self.model.parameters
+            if p.shape == () and not p.fixed and p.prior is not None and p.name in self.sd
+            and float(self.sd[p.name]) > HARDLY * float(np.max(np.asarray(p.prior.sd)))
+        )  # fmt: skip
+
     def as_dict(self) -> dict[str, Any]:
         """The fit as plain data for JSON."""
         return {

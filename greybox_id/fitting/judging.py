@@ -10,6 +10,7 @@ from ..datasets.recording import Recording
 from ..models.kinds import by_kind
 from ..models.model import Model
 from .fit import Fit
+from .holding import as_fitted
 from .provenance import DataRecord
 from .scores.metrics import Scores, score_beside_hold, unfitted_scores
 from .scores.verdict import HELD_OUT, TRAINED, judged
@@ -60,6 +61,7 @@ def judgement(
     recordings : by role or name; "train" is what it was fitted to, all else was held out.
     findings, data : as of `judged`.
     """
+    recordings = {name: as_fitted(fit, own) for name, own in recordings.items()}
     both = {name: score_beside_hold(fit.model, own) for name, own in recordings.items()}
     own = {name: scores for name, (scores, _) in both.items()}
     held = {name: beside for name, (_, beside) in both.items() if beside}

@@ -47,6 +47,7 @@ from .judging import carried
 from .provenance import Certificate, Stage
 from .restated import stated_again
 from .uncertainty import uncertainty
+from .uncertainty.form import FormError, form_error
 from .verb import FitTask, estimated
 
 CARRIED_ON, LOWER = 2, 1e-6
@@ -92,10 +93,14 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
             "unfitted": {p.name: float(p.array) for p in model.parameters if p.shape == () and not p.fixed},
         },
     )
-    if stage.confirmed and np.isfinite(solution.objective):  # away from an optimum, its curvature says nothing
+    if not np.isfinite(solution.objective):
+        return result
+    nodes = problem.simulated_nodes(solution.x) if solution.nodes is None else solution.nodes
+    form = form_error(problem, solution.x, nodes)
+    if stage.confirmed:  # away from an optimum, its curvature says nothing
         say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
-        result = replace(result, **_uncertain(fitted, problem, solution))
-    return result
+        result = replace(result, **_uncertain(fitted, problem, solution, form))
+    return replace(result, how={**result.how, "form": form.as_dict()})
 
 
 def fit_motion(
@@ -364,16 +369,19 @@ def _seen(problem: MotionProblem) -> Array:
     return np.asarray(np.any(problem.weight > 0, axis=0))
 
 
-def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution) -> dict[str, Any]:
-    """Standard deviations, degrees of freedom and covariance of a fit, as its fields."""
+def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution, form: FormError) -> dict[str, Any]:
+    """Standard deviations, degrees of freedom and covariance of a fit, as its fields; what its form costs counts."""
     told = uncertainty(problem, solution.x, solution.nodes)
     first = problem.parameters.index[0]
     mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
     for index in problem.parameters.index:
         mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
-    covariance = mean @ np.where(np.isfinite(told.covariance), told.covariance, 0.0) @ mean.T
+    size = problem.layout.size
+    by_form = form.covariance[:size, :size]
+    covariance = mean @ (np.where(np.isfinite(told.covariance), told.covariance, 0.0) + by_form) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
-    sd = np.where(shared, told.sd[first], np.sqrt(np.maximum(np.diag(covariance), 0.0)))
+    of_shared = np.sqrt(told.sd[first] ** 2 + np.diag(by_form)[first])
+    sd = np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return {"sd": _named(fitted, sd), "dof": _named(fitted, told.dof[first]), "covariance": covariance}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from ..datasets.column_map import ColumnMap, carried_map
 from ..datasets.recording import Recording
 
 
@@ -19,6 +20,7 @@ class DataRecord:
     samples, runs : rows and unbroken runs.
     duration : s.
     between, where : which part of the file it is; empty for all.
+    column_map : text of the column map, where it is a user's own.
     """
 
     role: str
@@ -31,6 +33,12 @@ class DataRecord:
     duration: float
     between: str = ""
     where: str = ""
+    column_map: str = ""
+
+    @property
+    def mapping(self) -> str | ColumnMap:
+        """The column map that the recording was read through: the one that was carried along, else by its name."""
+        return carried_map(self.columns, self.column_map)
 
 
 @dataclass(frozen=True)
@@ -116,5 +124,5 @@ def data_record(recording: Recording, role: str) -> DataRecord:
     source = recording.source
     return DataRecord(
         role, recording.name, source.path, source.sha256, source.columns,
-        len(recording), len(recording.runs), recording.duration, source.between, source.where,
+        len(recording), len(recording.runs), recording.duration, source.between, source.where, source.column_map,
     )  # fmt: skip

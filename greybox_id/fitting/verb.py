@@ -17,6 +17,7 @@ from ..datasets.recording import Recording, join
 from ..models.kinds import by_kind
 from ..models.model import Model
 from .fit import Fit
+from .holding import Holding, in_doubt, other_than, reason, weighed, with_hold
 from .how import How, Say, Solver, quiet
 from .judging import judgement
 from .pretraining import Pretraining
@@ -31,6 +32,7 @@ from .scores.timing import (
 )
 from .scores.verdict import distrust, used_signals
 from .training import TrainedBefore
+from .verdict import with_reason
 
 __all__ = ["FitTask", "How", "Say", "Solver", "estimated", "fit"]
 
@@ -101,14 +103,34 @@ def fit(
         recording.must_run()
     models = [model] if isinstance(model, Model) else list(model)
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
-        found = estimated(models[0], FitTask(recordings, validate, how, say, models, pretraining))
+        task = FitTask(recordings, validate, how, say, models, pretraining)
+        found, task, held = _between_rows(estimated(models[0], task), task)
+        recordings, validate = task.recordings, task.validate
         found = replace(found, data=_records(recordings, validate), command=command)
         whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
         judged = judgement(found, whole, _findings(found, recordings, validate))
         metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
-        found = replace(found, metrics=metrics, verdict=judged.verdict)
+        asked = reason(found, held) if held else None
+        found = replace(found, metrics=metrics, verdict=with_reason(judged.verdict, asked))
         seconds = calibrated_seconds(how.calibrate)
         return found if seconds is None or validate is None else _calibrated(found, validate, seconds)
+
+
+def _between_rows(found: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
+    """The fit with commands held or run on between rows, the likelier where no map says; and what was weighed."""
+    held = weighed(found, task.recordings, task.how)
+    if held is None:
+        return found, task, None
+    step = min(recording.sample_time for recording in task.recordings)
+    if not held.stated and held.gain < 0:
+        task.say(f"{found.model.name}: the commands run on between rows, or are held: fitting the likelier way")
+        hold = other_than(held.taken)
+        recordings = [with_hold(recording, hold) for recording in task.recordings]
+        validate = None if task.validate is None else with_hold(task.validate, hold)
+        task = replace(task, recordings=recordings, validate=validate)
+        found = estimated(task.structures[0], task)
+        held = weighed(found, task.recordings, task.how) or held
+    return in_doubt(found, held, step), task, held
 
 
 def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:

@@ -52,6 +52,16 @@ class Reason:
     sentence: str
 
 
+def with_reason(verdict: Verdict, reason: Reason | None) -> Verdict:
+    """The verdict with one more reason against it."""
+    if reason is None:
+        return verdict
+    worse = USABILITIES.index(reason.at_best) >= USABILITIES.index(verdict.usability)
+    kept = verdict.reasons if verdict.usability != USABLE else ()
+    told = (reason.sentence, *kept) if worse else (*kept, reason.sentence)
+    return Verdict(reason.at_best if worse else verdict.usability, told, verdict.comparison)
+
+
 def weighed(reasons: Sequence[Reason], comparison: Mapping[str, Any]) -> Verdict:
     """The verdict that the gravest reason leaves; reasons that speak for a fit are only told of a usable one."""
     worst = max((USABILITIES.index(own.at_best) for own in reasons), default=0)

@@ -2,7 +2,8 @@
 
 State v_x [m/s]; inputs drive (N, m/s^2 or A, whichever is recorded; negative brakes) and road_slope [rad], uphill
 positive. The four wheels' inertia I_w adds 4 I_w / wheel_radius^2 to the mass that is accelerated, not to the mass that
-gravity pulls. a_x is what an accelerometer reads: dv_x/dt and g sin(road_slope).
+gravity pulls. Force along is no more than the road's friction times the weight, where friction is stated. a_x is what
+an accelerometer reads: dv_x/dt and g sin(road_slope).
 Source: Mungiello et al., "Vehicle dynamics learning from physics priors with model-structured neural networks",
 Eq. 8-12, with c_0 = m g c_r, c_1 = c_l, c_2 = k_a, and one wheel inertia.
 """
@@ -17,8 +18,8 @@ from .effects.elements import lag
 from .model import Combination, Namespace, Symbol
 from .motion_model import MotionModel, Quantities, State
 from .parameter import Parameter
-from .single_track import BODY, DRIVE, G
-from .smooth import sign_of_motion
+from .single_track import BODY, BRAKE, DRIVE, DRIVE_SIGNALS, MOTOR, G, motor_force, not_usual
+from .smooth import sign_of_motion, within_limit
 
 WHEELS = (
     Parameter("I_w", "kg m^2", 1.0, (0.0, 100.0), fixed=True, about="inertia of one wheel and all that turns with it"),
@@ -26,6 +27,8 @@ WHEELS = (
 )
 """Of the car whose numbers a model has that is told no vehicle."""
 
+ENDLESS = 1e6
+"""A friction coefficient that no force of a vehicle reaches."""
 PARAMETERS = (
     *(parameter for parameter in BODY if parameter.name == "m"),
     *WHEELS,
@@ -33,18 +36,33 @@ PARAMETERS = (
     Parameter(
         "brake_gain", "1", 1.0, (0.0, 10.0), fixed=True, about="braking force per unit over driving force per unit"
     ),
+    Parameter(
+        "friction",
+        "1",
+        ENDLESS,
+        (0.01, ENDLESS),
+        fixed=True,
+        about="largest force along over the weight: the road's friction; as good as none where nobody states it",
+    ),
     Parameter("drive_lag", "s", 0.05, (0.0, 2.0), about="first-order time constant of drive and brakes"),
 )
 
 
-def longitudinal() -> MotionModel:
-    """Longitudinal model with one degree of freedom."""
+def longitudinal(drive: str = "linear", brake: str = "drive") -> MotionModel:
+    """Longitudinal model with one degree of freedom; drive and brake as of `single_track`."""
+    separate = ("brake",) if brake == "separate" else ()
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
         moving = sign_of_motion(x.v_x)  # brakes and rolling resistance hold a vehicle at rest, they do not drive it
 
-        q.drive_force = p.force_per_unit * u.drive
-        q.F_x = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
+        pedal = cs.fmax(u.drive, 0) if brake == "negative" else u.drive
+        q.drive_force = p.force_per_unit * pedal if drive == "linear" else motor_force(pedal, x.v_x, p)
+        asked = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
+        if brake != "drive":
+            q.brake_force = p.brake_per_unit * cs.fmax(-u.drive if brake == "negative" else u.brake, 0)
+            asked = asked - q.brake_force * moving
+        q.road_limit = p.friction * p.m * G
+        q.F_x = asked * within_limit(cs.fabs(asked) / q.road_limit)
         q.F_drag = (p.c_0 * cs.cos(u.road_slope) + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * moving
 
         q.gravity_x = G * cs.sin(u.road_slope)
@@ -57,14 +75,23 @@ def longitudinal() -> MotionModel:
         name="longitudinal",
         about="vehicle along a straight road, one degree of freedom",
         states=(State("v_x", "m/s", 1.0),),
-        inputs=("drive", "road_slope"),
-        commands=("drive",),
-        aliases={"drive": ("drive_force", "ax_cmd", "motor_current", "throttle")},
+        inputs=("drive", *separate, "road_slope"),
+        commands=("drive", *separate),
+        aliases={"drive": DRIVE_SIGNALS},
         defaults={"road_slope": 0.0},
         outputs=("v_x", "a_x"),
-        parameters=PARAMETERS,
-        quantities=("drive_force", "F_x", "F_drag", "gravity_x", "a_x"),
+        parameters=(*PARAMETERS, *(MOTOR if drive == "motor" else ()), *(BRAKE if brake != "drive" else ())),
+        quantities=(
+            "drive_force",
+            *(("brake_force",) if brake != "drive" else ()),
+            "road_limit",
+            "F_x",
+            "F_drag",
+            "gravity_x",
+            "a_x",
+        ),
         dynamics=dynamics,
+        settings=not_usual(drive, brake),
         actuators=(lag("drive", "drive_lag_state", lambda p: p.drive_lag),),
         combinations=(
             Combination("m_eff", "kg", effective_mass, "mass and what the wheels' inertia adds to it"),

@@ -5,10 +5,12 @@ from __future__ import annotations
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Any
+
+import numpy as np
 
 from ..base.errors import BadInput, near
 from ..datasets.recording import Recording
@@ -45,7 +47,7 @@ from .msnn_full import (
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import NoSettings, from_mapping
-from .single_track import DRIVES, single_track
+from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
 from .tyres import TYRES, TyreSettings
 from .vehicle import Stated, Vehicle
 from .vehicles import stated_effect, with_vehicle
@@ -86,16 +88,51 @@ class SingleTrackSettings(TyreSettings):
     Attributes
     ----------
     drive : one of `DRIVES`.
+    brake : one of `BRAKES`; "auto" takes what the recording has.
     """
 
     drive: str = "linear"
+    brake: str = "auto"
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.drive not in DRIVES:
-            raise BadInput(
-                f"There is no drive {self.drive!r}; there are {', '.join(DRIVES)}.{near(self.drive, DRIVES)}"
-            )
+        _drives(self)
+
+
+@dataclass(frozen=True)
+class DriveSettings:
+    """Hyperparameters of the longitudinal model; as of `SingleTrackSettings`."""
+
+    drive: str = "linear"
+    brake: str = "auto"
+
+    def __post_init__(self) -> None:
+        _drives(self)
+
+
+def _drives(settings: SingleTrackSettings | DriveSettings) -> None:
+    """Raise `BadInput` for a drive or a brake there is not."""
+    for what, value, known in (("drive", settings.drive, DRIVES), ("brake", settings.brake, ("auto", *BRAKES))):
+        if value not in known:
+            raise BadInput(f"There is no {what} {value!r}; there are {', '.join(known)}.{near(value, known)}")
+
+
+NEGATIVE = 0.01
+"""Share of rows with a negative throttle from which that is the brake."""
+
+
+def _braked(settings: SingleTrackSettings | DriveSettings, recording: Recording) -> Any:
+    """Settings with the brake that a recording has: of its own, or the negative part of a throttle."""
+    if settings.brake != "auto":
+        return settings
+    brake, throttle = (recording.signals.get(name, np.zeros(1)) for name in ("brake", "throttle"))
+    first = next((name for name in DRIVE_SIGNALS if name in recording), "")
+    below = first == "throttle" and settings.drive == "linear" and np.mean(throttle < 0) > NEGATIVE
+    return replace(settings, brake="separate" if np.nanmax(brake, initial=0) > 0 else "negative" if below else "drive")
+
+
+def _brake(settings: SingleTrackSettings | DriveSettings) -> str:
+    return "drive" if settings.brake == "auto" else settings.brake
 
 
 @dataclass(frozen=True)
@@ -129,9 +166,11 @@ def _formed(model: MotionModel, settings: TyreSettings) -> MotionModel:
 
 
 MODELS: dict[str, ModelEntry] = {
-    "single_track": ModelEntry(SingleTrackSettings, lambda own: _formed(single_track(own.model, own.drive), own)),
+    "single_track": ModelEntry(
+        SingleTrackSettings, lambda own: _formed(single_track(own.model, own.drive, _brake(own)), own), _braked
+    ),
     "lateral": ModelEntry(TyreSettings, lambda own: _formed(lateral(own.model), own)),
-    "longitudinal": ModelEntry(NoSettings, lambda settings: longitudinal()),
+    "longitudinal": ModelEntry(DriveSettings, lambda own: longitudinal(own.drive, _brake(own)), _braked),
     "kinematic": ModelEntry(KinematicSettings, kinematic),
     "msnn_lat": ModelEntry(LateralSettings, msnn_lat, covering_lat),
     "msnn_long": ModelEntry(LongitudinalSettings, msnn_long, covering_long),
@@ -211,7 +250,10 @@ def vehicle_parameters() -> tuple[str, ...]:
     """Parameters that equations of motion know, on any tyre, and effects as second ones: what a vehicle may state."""
     tyres = [{"tyre": tyre} for tyre in TYRES]
     known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
-    known += [build("single_track", {"drive": "motor"}), *(build(name) for name in ("longitudinal", "kinematic"))]
+    known += [
+        build("single_track", {"drive": "motor", "brake": "separate"}),
+        *(build(name) for name in ("longitudinal", "kinematic")),
+    ]
     return tuple(dict.fromkeys((*(parameter.name for model in known for parameter in model.parameters), *_seconds())))
 
 

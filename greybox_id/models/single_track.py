@@ -44,7 +44,12 @@ MOTOR = (
     Parameter("motor_damping", "N s/m", 0.0, (0.0, 1e5), about="force that full drive loses per speed: back-EMF"),
 )
 """What the drive "motor" has beside `DRIVE`."""
+BRAKE = (Parameter("brake_per_unit", "N/unit", 3000.0, (0.0, 1e6), about="braking force per unit of the brake signal"),)
+"""What a brake beside the drive has."""
 DRIVES = ("linear", "motor")
+DRIVE_SIGNALS = ("drive_force", "ax_cmd", "motor_current", "throttle")
+"""What the drive may be recorded as; the first that is there counts."""
+BRAKES = ("drive", "negative", "separate")
 
 STATES = (
     State("v_x", "m/s", 1.0),
@@ -53,13 +58,15 @@ STATES = (
 )
 
 
-def single_track(tyre: Tyre = pacejka, drive: str = "linear") -> MotionModel:
+def single_track(tyre: Tyre = pacejka, drive: str = "linear", brake: str = "drive") -> MotionModel:
     """Single-track model with three degrees of freedom.
 
     Parameters
     ----------
     tyre : lateral force over slip angle and load.
     drive : "linear", a force in proportion to the drive signal; "motor", as `motor_force` has it.
+    brake : "drive", negative drive brakes as strongly as positive drive pulls; "negative", with a strength of its own;
+        "separate", a brake beside the drive is a further input.
     """
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
@@ -75,8 +82,12 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear") -> MotionModel:
         q.peak_f = tyre.peak(q.F_zf, axle(p, "f"), q.grip_f)
         q.peak_r = tyre.peak(q.F_zr, axle(p, "r"), q.grip_r)
 
-        q.drive_force = p.force_per_unit * u.drive if drive == "linear" else motor_force(u.drive, x.v_x, p)
+        pedal = cs.fmax(u.drive, 0) if brake == "negative" else u.drive
+        q.drive_force = p.force_per_unit * pedal if drive == "linear" else motor_force(pedal, x.v_x, p)
         driving, braking = cs.fmax(q.drive_force, 0), cs.fmin(q.drive_force, 0)
+        if brake != "drive":
+            q.brake_force = p.brake_per_unit * cs.fmax(-u.drive if brake == "negative" else u.brake, 0)
+            braking = braking - q.brake_force * sign_of_motion(x.v_x)
         q.F_xf = p.drive_split_front * driving + p.brake_split_front * braking
         q.F_xr = (1 - p.drive_split_front) * driving + (1 - p.brake_split_front) * braking
         q.F_yf = tyre.force(q.alpha_f, q.F_zf, axle(p, "f"), q.grip_f, q.stiffness_f)
@@ -97,25 +108,30 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear") -> MotionModel:
         name="single_track",
         about="single-track vehicle, three degrees of freedom",
         states=STATES,
-        inputs=("steer", "drive"),
-        commands=("steer", "drive"),
-        aliases={"drive": ("drive_force", "ax_cmd", "motor_current", "throttle")},
+        inputs=("steer", "drive", *(("brake",) if brake == "separate" else ())),
+        commands=("steer", "drive", *(("brake",) if brake == "separate" else ())),
+        aliases={"drive": DRIVE_SIGNALS},
         outputs=("v_x", "v_y", "yaw_rate", "a_x", "a_y"),
         parameters=(
-            *(*BODY, *DRIVE, *(MOTOR if drive == "motor" else ())),
+            *(*BODY, *DRIVE, *(MOTOR if drive == "motor" else ()), *(BRAKE if brake != "drive" else ())),
             *(*tyre.parameters("f"), *tyre.parameters("r")),
         ),
         quantities=(
             *("alpha_f", "alpha_r", "F_zf", "F_zr"),
             *("grip_f", "grip_r", "stiffness_f", "stiffness_r", "peak_f", "peak_r"),
-            *("drive_force", "F_xf", "F_xr", "F_yf", "F_yr", "F_drag"),
+            *("drive_force", *(("brake_force",) if brake != "drive" else ()), "F_xf", "F_xr", "F_yf", "F_yr", "F_drag"),
             *("gravity_x", "gravity_y", "a_x", "a_y", "M_z"),
         ),
         dynamics=dynamics,
         combinations=combinations(tyre),
-        settings={"tyre": tyre.name} | ({"drive": drive} if drive != "linear" else {}),
+        settings={"tyre": tyre.name} | not_usual(drive, brake),
         validity=SLIPPING,
     )
+
+
+def not_usual(drive: str, brake: str) -> dict[str, str]:
+    """Settings of drive and brake, as far as they are not the usual ones."""
+    return ({"drive": drive} if drive != "linear" else {}) | ({"brake": brake} if brake != "drive" else {})
 
 
 def motor_force(drive: Symbol, v_x: Symbol, p: Namespace) -> Symbol:

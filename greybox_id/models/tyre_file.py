@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import atan, sin
+from math import atan, hypot, sin
 from pathlib import Path
 
 from ..base.errors import BadInput
@@ -25,10 +25,15 @@ DEFAULTS = {
 }  # fmt: skip
 """What a file need not say."""
 NEEDED = ("FNOMIN", "PCY1", "PDY1", "PKY1")
+SIDES = ("left", "right", "symmetric")
 LOADS = (0.5, 1.5)
 """Wheel loads over the nominal one between which wheels work in bends: half of the load shifted to the other side."""
 DIGITS = 12
 """Significant digits to which coefficients are computed: they come back the same from a file they are written to."""
+BELT = 0.3
+"""Standard deviation of a road's friction as a share of the test belt's. Belts are covered with abrasive paper: Formula
+Student teams scale rig data by 0.6 to 0.7 for the road (Kasprzak and Gentz, "The Formula SAE Tire Test Consortium", SAE
+2006-01-3606)."""
 TELLING = 0.01
 """Relative change with load below which the load tells nothing of how well a coefficient is known."""
 _LINE = re.compile(r"\s*([A-Za-z_]\w{0,63})\s*=\s*('[^']*'|\"[^\"]*\"|[^\s$!]+)")
@@ -67,11 +72,13 @@ class TyreFile:
     path : where it was read from.
     version : of the Magic Formula, such as "6.1".
     numbers : KEY -> number.
+    side : that the tyre was measured for: "left", "right" or "symmetric"; empty where the file does not say.
     """
 
     path: str
     version: str
     numbers: Mapping[str, float]
+    side: str = ""
 
     @property
     def nominal_load(self) -> float:
@@ -118,19 +125,36 @@ class TyreFile:
         return PureLateral(*(float(f"{value:.{DIGITS}g}") for value in values))
 
     def stated(self) -> dict[str, Stated]:
-        """B, C, D and E of both axles at the nominal load, as a vehicle file states them.
+        """B, C, D, E and the shifts of both axles at the nominal load, as a vehicle file states them.
 
         Their standard deviation is half of what they change by between `LOADS`; none is stated where that is next to
-        nothing, and the number is where a fit starts.
+        nothing, and the number is where a fit starts. To that of D comes the friction of the belt, and of B with it,
+        since it is the stiffness B C D that a road changes least.
         """
         here, apart = self.at(), [self.at(share * self.nominal_load) for share in LOADS]
         source = f"{Path(self.path).name}: Magic Formula {self.version} at {self.nominal_load:g} N"
         found = {}
         for letter in "BCDE":
             value, sd = getattr(here, letter), abs(getattr(apart[1], letter) - getattr(apart[0], letter)) / 2
+            if letter in "BD":
+                sd = hypot(sd, BELT * abs(value))
             for suffix in "fr":
                 found[f"{letter}_{suffix}"] = Stated(value, sd if sd > TELLING * abs(value) else None, source=source)
-        return found
+        return found | self._shifts(here)
+
+    def _shifts(self, here: PureLateral) -> dict[str, Stated]:
+        """Shifts of an axle: none where its tyres mirror each other, those of one where they do not.
+
+        Ply steer keeps its side when a tyre is turned round, conicity does not; which of both a shift is, and how tyres
+        are mounted, no file says. A symmetric tyre has none.
+        """
+        if self.side == "symmetric":
+            return {}
+        source = f"{Path(self.path).name}: shift of one {self.side or 'single'} tyre; a pair that mirrors has none"
+        sizes = {"S_h": abs(here.S_h), "S_v": abs(here.S_v)}
+        return {
+            f"{name}_{axle}": Stated(0.0, size, source=source) for name, size in sizes.items() if size for axle in "fr"
+        }
 
     def _of(self, key: str) -> float:
         return self.numbers.get(key, DEFAULTS.get(key, 0.0))
@@ -175,7 +199,8 @@ def parse_tyre_file(text: str, path: str) -> TyreFile:
     unit = words.get("FORCE", "newton").lower(), words.get("ANGLE", "radians").lower()
     if unit[0] not in ("newton", "n") or not unit[1].startswith("rad"):
         raise BadInput(f"{path}: its [UNITS] are {unit[0]:.20} and {unit[1]:.20}; convert it to newton and radians.")
-    made = TyreFile(path, _version(numbers, words), numbers)
+    side = words.get("TYRESIDE", "").lower()
+    made = TyreFile(path, _version(numbers, words), numbers, side if side in SIDES else "")
     made.at()
     return made
 

@@ -12,7 +12,7 @@ from ..base.numbers import counted, number, percent, pretty_unit, raised, signal
 from ..base.shorthands import Array
 from ..base.signals import unit_of
 from ..datasets.checks import Finding, check
-from ..datasets.column_map import Column, column_map
+from ..datasets.column_map import Column, carried_map, column_map
 from ..datasets.recording import Recording
 from .document import Drawing, Part, Points, Table, Text, titled
 from .figures.characteristics import excitation
@@ -86,7 +86,8 @@ def _row(column: Column) -> tuple[str, ...]:
 def _columns(recording: Recording) -> tuple[Column, ...]:
     """The column map a recording was read through; none where it is no longer there."""
     try:
-        return column_map(recording.source.columns).channels if recording.source.columns else ()
+        source = recording.source
+        return column_map(carried_map(source.columns, source.column_map)).channels if source.columns else ()
     except BadInput:
         return ()
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
+from pathlib import Path
+from threading import get_ident
 
 import numpy as np
 
 from greybox_id.base.errors import GreyboxError
-from greybox_id.base.files import write_atomically
 from greybox_id.base.numbers import counted, number, percent, pretty_unit, with_interval
 from greybox_id.base.shorthands import Array
 from greybox_id.base.signals import SIGNALS, unit_of
@@ -33,6 +35,14 @@ def equations(model: Model) -> list[str]:
     return [in_mathml(equation) for equation in shown]
 
 
+def write_atomically(path: Path, text: str) -> None:
+    """Write a file of the session at once; unlike a command, the page writes over what it has read, such as its map."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    beside = path.with_name(f".{path.name}.{get_ident()}")
+    beside.write_text(text, "utf-8")
+    os.replace(beside, path)
+
+
 def free_runs(model: Model, recording: Recording) -> Callable[[Model], dict[str, Array]]:
     """What `gb.simulate` does with one model at many values: its equations are laid out and compiled once.
 
@@ -47,10 +57,10 @@ def free_runs(model: Model, recording: Recording) -> Callable[[Model], dict[str,
     simulator = Simulator(model)
 
     def simulated(moved: Model) -> dict[str, Array]:
-        found = Predictor(simulator, recording, moved.values).free_run()
+        run = Predictor(simulator, recording, moved.values).free_run()
         traces = {name: np.full(len(recording), np.nan) for name in model.outputs}
         for k, name in enumerate(model.outputs):
-            traces[name][found.rows] = found.predicted[:, k]
+            traces[name][run.rows] = run.predicted[:, k]
         return traces
 
     return simulated

@@ -76,7 +76,7 @@ class Slider:
 
 def sliders(model: gb.MotionModel) -> list[Slider]:
     """Parameters that are single numbers; those that are estimated first."""
-    found = []
+    rows = []
     for each in model.parameters:
         if each.shape != ():
             continue
@@ -95,8 +95,8 @@ def sliders(model: gb.MotionModel) -> list[Slider]:
         low, high = max(min(low, value), each.bounds[0]), min(max(high, value), each.bounds[1])
         if high > low:
             step = (high - low) / 200
-            found.append(Slider(each.name, each.unit, each.about, low, high, step, value, prior, each.fixed))
-    return sorted(found, key=lambda slider: slider.fixed)
+            rows.append(Slider(each.name, each.unit, each.about, low, high, step, value, prior, each.fixed))
+    return sorted(rows, key=lambda slider: slider.fixed)
 
 
 def longest(recording: gb.Recording) -> gb.Recording:

@@ -170,7 +170,8 @@ class Session:
     @property
     def key(self) -> str:
         """What a check was about: where it changes, recordings have to be looked at again."""
-        return json.dumps([self.files(), self["columns"], self["map"], self["between"]], sort_keys=True)
+        used = [entry for entry in self["entries"] if entry["use"]]
+        return json.dumps([self.files(), self["columns"], self["map"], used, self["between"]], sort_keys=True)
 
 
 def safe_name(name: str) -> str:

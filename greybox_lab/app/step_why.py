@@ -177,7 +177,7 @@ def _causes(gap: dict[str, Any], show: Show) -> None:
         if each["reason"]:
             quiet(each["reason"]).classes("under")
         if each["indistinguishable_from"]:
-            quiet(f"cannot be told from {', '.join(each['indistinguishable_from'])} here").classes("under")
+            quiet(f"cannot be distinguished from {', '.join(each['indistinguishable_from'])} here").classes("under")
 
 
 def _changed(gap: dict[str, Any]) -> None:

@@ -63,13 +63,13 @@ class Shown:
 
     def points(self, values: Array, window: tuple[float, float] | None = None) -> Points:
         """A curve of (n,) values: everything coarsely, the window finely, nothing between runs."""
-        found: Points = []
+        curve: Points = []
         low, high = (-np.inf, -np.inf) if window is None else window
         rows = len(self.time)
         inside = np.searchsorted(self.time, [low, high]) if window is not None else np.array([0, 0])
         for start, stop in self.recording.runs:
-            if found:
-                found.append(None)
+            if curve:
+                curve.append(None)
             a, b = (int(np.clip(edge, start, stop)) for edge in inside)
             pieces = [
                 (start, a, OVERVIEW, rows),
@@ -78,18 +78,18 @@ class Shown:
             ]
             for first, last, budget, of in pieces:
                 if last > first:
-                    found += thinned(self.time[first:last], values[first:last], max(3, budget * (last - first) // of))
-        return found
+                    curve += thinned(self.time[first:last], values[first:last], max(3, budget * (last - first) // of))
+        return curve
 
     def along(self, across: Array, up: Array, most: int = 3000) -> Points:
         """Points of one signal over another, every so many rows: a map, speed against a_y."""
         step = max(1, len(across) // most)
-        found: Points = []
+        curve: Points = []
         for start, stop in self.recording.runs:
             rows = start + np.flatnonzero(np.isfinite(across[start:stop]) & np.isfinite(up[start:stop]))[::step]
-            found += [None] if found else []
-            found += [[_short(across[k]), _short(up[k])] for k in rows]
-        return found
+            curve += [None] if curve else []
+            curve += [[_short(across[k]), _short(up[k])] for k in rows]
+        return curve
 
 
 def thinned(time: Array, values: Array, count: int) -> Points:
@@ -165,8 +165,8 @@ def companion(recording: gb.Recording, signal: str) -> tuple[str, Array] | None:
 
 
 def _slope(recording: gb.Recording, values: Array) -> Array:
-    found = np.full(len(values), np.nan)
+    slope = np.full(len(values), np.nan)
     for start, stop in recording.runs:
         if stop - start > 4:
-            found[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
-    return found
+            slope[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
+    return slope

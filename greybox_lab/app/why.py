@@ -39,14 +39,14 @@ class Step:
 def steps(gap: Mapping[str, Any]) -> list[Step]:
     """The budget of `gap.json` as steps down from the whole excess."""
     ranked = {each["effect"]: each for each in gap["ranking"]}
-    found, left = [], 1.0
+    budget, left = [], 1.0
     for each in gap["budget"] or []:
         name = each.get("effect", UNNAMED)
         share = each["share"] if "effect" in each else each["unnamed"]
         words = cause_words(ranked[name]) if name in ranked else ""
-        found.append(Step(name, share, each["low"], each["high"], left, words, name in gap["applied"]))
+        budget.append(Step(name, share, each["low"], each["high"], left, words, name in gap["applied"]))
         left -= share
-    return found
+    return budget
 
 
 def cause_words(ranked: Mapping[str, Any]) -> str:
@@ -61,6 +61,10 @@ def cause_words(ranked: Mapping[str, Any]) -> str:
 
 def headline(gap: Mapping[str, Any]) -> str:
     """Whether, and why, in one sentence."""
+    if gap.get("since"):
+        names = [each["effect"] for each in gap["changed"]]
+        since = f"since {', '.join(gap['since'])}"
+        return f"{' and '.join(names)} changed {since}." if names else f"Nothing changed {since}, beyond their scatter."
     if not gap["gap_detected"]:
         return "No gap: the simulation deviates by no more than noise and stated tolerances."
     names = gap["applied"] or [each.name for each in steps(gap) if each.name != UNNAMED][:1]

@@ -74,12 +74,10 @@ class Work:
         if self.session["joining"]:
             self._joined(job, answer)
             return
-        base = mapping.base_of(self.session.folder / job.target, answer)
-        self.session.change(
-            map=base, entries=mapping.entries_of(answer), others=answer["others"], columns=MAP, looked=""
-        )
+        base, entries = mapping.base_of(self.session.folder / job.target, answer), mapping.entries_of(answer)
+        more = {"others": answer["others"], "maps": self._maps_that_fit()}
+        self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
         self.write_map()
-        self.session.change(maps=self._maps_that_fit())
 
     def _maps_that_fit(self) -> list[str]:
         files = [self.session.folder / file for file in self.session.files()]
@@ -299,7 +297,7 @@ class Work:
             if job.folder.name in taken or job.running:
                 continue
             taken.add(job.folder.name)
-            self.session.change(taken=sorted(taken))
+            self.session.change(quietly=True, taken=sorted(taken))
             self.trouble = job.failure
             done = self.DONE.get(job.kind)
             if done is not None:

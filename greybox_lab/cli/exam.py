@@ -80,7 +80,6 @@ def exam() -> None:
     help="Simulators (workshop is the virtual vehicle), injected: sources, changed: cases, or a set of them "
     "(development, examination).",
 )
-@click.option("--real", metavar="FOLDER", type=click.Path(path_type=Path), help="Real RoboRacer recordings instead.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def make_command(
@@ -95,7 +94,6 @@ def make_command(
     outside: int | None,
     many: int | None,
     families: tuple[str, ...],
-    real: Path | None,
     jobs: int,
     as_json: bool,
 ) -> None:
@@ -121,11 +119,7 @@ def make_command(
         goes = ", ".join(f"--{name}" for name in ASKED[tier])
         raise BadInput(f"{', '.join(strangers)} does not go with --tier {tier}; with it go {goes}.")
     with progress() as say:
-        if real is not None:
-            from ..exam.real import make_real
-
-            made = make_real(out, real, say)
-        elif tier in COUNTS:
+        if tier in COUNTS:
             from ..exam.make import make_foreign
             from ..exam.plan import Counts
 
@@ -225,36 +219,28 @@ def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: i
 
 
 def diagnose_case(folder: Path) -> dict[str, Any]:
-    """What greybox gap says of a case, as plain data; the closed vehicle is left in the folder.
+    """What `greybox_id.diagnose` says of a case, as plain data; the closed vehicle is left in the folder.
 
     Parameters
     ----------
-    folder : with recording.csv, and vehicle.toml or fit.json; with recordings from before, what changed since is asked.
+    folder : with recording.csv and vehicle.toml; with recordings from before, what changed since is asked.
     """
-    from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
-    from greybox_id.cli.gap import diagnosed, what_changed
-    from greybox_id.fitting.fit import load
+    from greybox_id.api.closed_vehicle import closed_vehicle
+    from greybox_id.api.diagnosing import diagnose
+    from greybox_id.api.gap_result import ChangeResult
     from greybox_id.models.motion_model import MotionModel
-    from greybox_id.models.registry import build
-    from greybox_id.models.vehicle_file import vehicle as stated_in
-    from greybox_id.models.vehicle_file import write_vehicle
+    from greybox_id.models.vehicle_file import vehicle, write_vehicle
 
-    from ..exam.folder import AFTER, BEFORE, CLOSED
+    from ..exam.folder import AFTER, BEFORE, CLOSED, COLUMNS
     from ..exam.verification import plain_model
 
-    file, fit, columns = folder / "vehicle.toml", folder / "fit.json", folder / "columns.toml"
-    recording, mapping = [folder / "recording.csv"], columns if columns.is_file() else None
-    if since := sorted(folder.glob(BEFORE)):
-        second = [folder / AFTER] if (folder / AFTER).is_file() else []
-        return what_changed(recording, since, vehicle=stated_in(file), held_out=second, columns=mapping).to_json()
-    if file.is_file():
-        stated = stated_in(file)
-        found = diagnosed(recording, vehicle=stated, columns=mapping)
-    else:
-        stated = fitted_vehicle(load(fit, build), fit.stem)
-        found = diagnosed(recording, fit=fit, columns=mapping)
+    stated, since, second = vehicle(folder / "vehicle.toml"), sorted(folder.glob(BEFORE)), folder / AFTER
+    columns = folder / COLUMNS if (folder / COLUMNS).is_file() else "canonical"
+    held_out = [second] if since and second.is_file() else []
+    found = diagnose(stated, folder / "recording.csv", since or None, held_out=held_out, columns=columns)
     body: dict[str, Any] = found.to_json()
-    if not isinstance(found.closed, MotionModel):  # a vehicle file has no place for the weights of one with memory
-        return body
+    if isinstance(found, ChangeResult):
+        return body | {"scatter": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in found.scatter.items()}}
+    assert isinstance(found.closed, MotionModel)  # of a vehicle file
     write_vehicle(closed_vehicle(stated, found), folder / CLOSED)
     return body | {"closed_model": plain_model(found.closed)}

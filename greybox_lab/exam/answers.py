@@ -15,15 +15,14 @@ from greybox_id.base.json_data import read_json, without_nan
 
 from .aliases import always_alike
 
-Kind = Literal["null", "single", "double", "many", "outside", "changed", "real"]
+Kind = Literal["null", "single", "double", "many", "outside", "changed"]
 """No gap; one, two, or three to six effects of the vocabulary; one outside it; a real change whose name is known, and
-whose size is read off otherwise, NaN where it cannot be; a real vehicle, of which nobody knows the answer."""
+whose size is read off otherwise, NaN where it cannot be."""
 
-Tier = Literal["clean", "workshop", "foreign", "many", "rough", "injected", "changed", "real"]
+Tier = Literal["clean", "workshop", "foreign", "many", "rough", "injected", "changed"]
 """Exact vehicle file, nominal forms, white noise; tolerances, other forms, coloured noise, outliers; vehicles of
 foreign simulators, identified as single tracks; vehicles of either that lack many things at once; cars on springs whose
-file is off by more than it states; real recordings, altered; a real vehicle that was changed; or real
-recordings as they are."""
+file is off by more than it states; real recordings, altered; or a real vehicle that was changed."""
 
 ABOVE = 4.0
 """Standard deviations between unaltered recordings of a vehicle, from which on a fault lies above their scatter: among
@@ -78,7 +77,7 @@ class Answer:
     @property
     def sizable(self) -> bool:
         """Whether there is a gap that must be detected."""
-        return self.kind not in ("null", "changed", "real") and exceeds(self.left)
+        return self.kind not in ("null", "changed") and exceeds(self.left)
 
     @property
     def above(self) -> bool:

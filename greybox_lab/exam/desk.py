@@ -18,7 +18,7 @@ from typing import Any
 
 from threadpoolctl import threadpool_limits
 
-from greybox_id.base.contained.inside import found
+from greybox_id.base.contained.inside import located
 from greybox_id.base.contained.process import TIME, Broken, Contained, Failed, Lost
 from greybox_id.base.errors import BadInput, GreyboxError
 
@@ -93,7 +93,7 @@ class ExamCandidate:
         os.chdir("/")  # the working directory may lie in the examination
         threadpool_limits(1)  # a core each
         self._confinement = Confinement(Path(exam))
-        self._diagnose: Diagnose = found(diagnoser)
+        self._diagnose: Diagnose = located(diagnoser)
 
     def ready(self) -> bool:
         """It waits for a case."""

@@ -105,8 +105,6 @@ class ExamFinding:
         if self.error:
             return "error"
         kind = self.answer.kind
-        if kind == "real":
-            return ""
         if kind == "null":
             return "false alarm" if self.detected else ""
         if not self.detected:

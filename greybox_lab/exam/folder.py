@@ -19,10 +19,9 @@ from greybox_id.base.json_data import read_json
 CASES, SEALED = "cases", "sealed"
 COLUMNS = "columns.toml"
 AFTER, BEFORE = "after.csv", "before_*.csv"
-GIVEN = ("recording.csv", "vehicle.toml", "fit.json", COLUMNS, AFTER, BEFORE)
-"""Files of a case that are handed out; the last four only where they are needed: a fit in place of the vehicle file,
-how the recording is to be read, and where it is asked what changed, a second recording from after and all from
-before."""
+GIVEN = ("recording.csv", "vehicle.toml", COLUMNS, AFTER, BEFORE)
+"""Files of a case that are handed out; the last three only where they are needed: how the recording is to be read, and
+where it is asked what changed, a second recording from after and all from before."""
 UNFINISHED = "unfinished.json"
 """What was asked for, beside the answers until all cases are made; not under the seal."""
 TAKEN = "taken"

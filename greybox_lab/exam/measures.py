@@ -192,7 +192,9 @@ def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
         "cpu": _mean(cpu),
     }
     bars = _BARS.get(tier, {})
-    asked = [key for key in values if key in bars or (values[key][2] and not (key in _CHANGES and tier in _ALONE))]
+    aside = {*_CHANGES} if tier in _ALONE else set()
+    aside |= {"false_alarms"} if tier == "rough" else set()  # such a car has a gap by its nature
+    asked = [key for key in values if key in bars or (values[key][2] and key not in aside)]
     return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in asked)
 
 

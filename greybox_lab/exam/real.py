@@ -1,8 +1,7 @@
-"""Cases of real recordings: after a change that only the file's name tells, or with all from before beside them."""
+"""Cases of real recordings of a vehicle that was changed, with all from before beside them."""
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from importlib import resources
@@ -10,55 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
-from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.how import Say
-from greybox_id.fitting.verb import fit
-from greybox_id.models.registry import build
 from greybox_id.models.vehicle import ChosenModel
 from greybox_id.models.vehicle_file import vehicle, write_vehicle
 
 from .answers import Answer, write_answer
 from .folder import AFTER, BEFORE, CASES, COLUMNS, SEALED
-from .make import Exam, finish, prepare, write_recording
-
-CHANGED = {"tire_set_1.csv": "other tyres", "single_mass.csv": "a mass added"}
-"""Recording -> what its name says; more is not known."""
-TRAINED = "train.csv"
-ROBORACER = "roboracer"
-"""Column map, and vehicle, of these recordings."""
-
-
-def make_real(folder: Path, data: Path, say: Say) -> Exam:
-    """Cases of the RoboRacer recordings; what was fitted before the change is the model.
-
-    Parameters
-    ----------
-    folder : to be made, or empty.
-    data : folder with the recordings, or that holds a folder roboracer with them.
-    say : told of progress.
-
-    Raises
-    ------
-    BadInput : a recording is missing, or the folder is not empty.
-    """
-    source = data / ROBORACER if (data / ROBORACER).is_dir() else data
-    if lacking := [name for name in (TRAINED, *CHANGED) if not (source / name).is_file()]:
-        raise BadInput(f"{source} holds no {', '.join(lacking)}; name the folder of the RoboRacer recordings.")
-    prepare(folder)
-    before = fit(build("single_track", vehicle=vehicle(ROBORACER)), [read(source / TRAINED, ROBORACER)], say=say)
-    answers = []
-    for number, (name, about) in enumerate(CHANGED.items()):
-        case = f"case_{number:03d}"
-        before.save(folder / CASES / case / "fit.json")
-        write_atomically(folder / CASES / case / COLUMNS, _columns(ROBORACER))
-        shutil.copyfile(source / name, folder / CASES / case / "recording.csv")
-        answer = Answer(case, "real", "real", {}, about={"file": name, "says": about})
-        write_answer(answer, folder / SEALED / case / "answer.json")
-        answers.append(answer)
-    return finish(folder, "real", 0, answers)
+from .make import write_recording
 
 
 @dataclass(frozen=True)

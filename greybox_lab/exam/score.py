@@ -204,7 +204,7 @@ def confusions_table(body: Mapping[str, Any]) -> Table:
 
 
 def wrong_table(body: Mapping[str, Any]) -> Table:
-    """Cases that were wrong, or gave a name that is not there; real ones all."""
+    """Cases that were wrong, or gave a name that is not there; real changes all."""
     table = _table(("case", "left"), ("truth", "left"), ("size", "right"), ("wrong", "left"), ("first choices", "left"))
     for own in body["findings"]:
         if not _worth_telling(own):
@@ -224,9 +224,6 @@ def wrong_table(body: Mapping[str, Any]) -> Table:
 
 def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
     """What is printed of a score."""
-    if body["tier"] == "real":
-        yield wrong_table(body)
-        return
     yield score_table(body)
     if detail:
         yield confusions_table(body)
@@ -236,7 +233,7 @@ def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
 
 def _worth_telling(own: Mapping[str, Any]) -> bool:
     """Whether a case is told by itself: what is wrong, and what is real."""
-    return bool(own["wrong"] or own["beside"]) or own["kind"] in ("real", "changed")
+    return bool(own["wrong"] or own["beside"]) or own["kind"] == "changed"
 
 
 def _there(value: float | None) -> bool:

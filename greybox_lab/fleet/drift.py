@@ -86,13 +86,13 @@ def drifted(seen: Informed, order: Order, x: Sequence[Array], doubted: Flags | N
     part = np.where(apart, softly, weight)  # for vehicles that changed: what shows a change is not left out
     information, vector = both[0] * part[:, None, None], both[1] * part[:, None]
     today, covariance = result.vehicle.copy(), result.covariance.copy()
-    known = {(change.vehicle, change.parameter): change for change in changes}
+    by_place = {(change.vehicle, change.parameter): change for change in changes}
     for vehicle, of in taken.items():
         rows = order[vehicle]
         end = together(information[rows], vector[rows], result, x[vehicle], of)
         today[vehicle], covariance[vehicle] = end.mean[-1], end.covariance[-1] + result.unsure[vehicle]
-        known |= {(vehicle, change.parameter): change for change in end.changes}
-    return Drifted(result, tuple(known.values()), today, covariance, apart, far)
+        by_place |= {(vehicle, change.parameter): change for change in end.changes}
+    return Drifted(result, tuple(by_place.values()), today, covariance, apart, far)
 
 
 def _without(seen: Informed, taken: dict[int, list[VehicleChange]], order: Order) -> Informed:
@@ -129,10 +129,10 @@ def _far(
     for vehicle, changes in taken.items():
         rows = order[vehicle]
         weight[rows] = part = weights[1][rows]
-        entry = together(
+        joint = together(
             both[0][rows] * part[:, None, None], both[1][rows] * part[:, None], population, x[vehicle], changes
         )
-        at[rows], covariance[rows] = entry.mean, entry.covariance
+        at[rows], covariance[rows] = joint.mean, joint.covariance
     return distances(seen, both, at, covariance, weight)
 
 
@@ -161,29 +161,31 @@ def _all(
     information, vector = both[0] * weight[:, None, None], both[1] * weight[:, None]
     size = len(population.mean)
     dof = float(max(1, len(vector) - len(order)))  # with which the scatter of recordings is known
-    series = [item for item in range(len(order)) if len(order[item]) >= LEAST]
+    series = [vehicle for vehicle in range(len(order)) if len(order[vehicle]) >= LEAST]
     alone = marginal(Informed(information, vector, np.zeros(len(vector), dtype=np.int64), 1))
-    taken: dict[int, list[VehicleChange]] = {item: [] for item in series}
+    taken: dict[int, list[VehicleChange]] = {vehicle: [] for vehicle in series}
     best: dict[int, list[VehicleChange]] = {}
     active = list(series)
     for _ in range(size):
-        for item in active:
-            rows = order[item]
-            best[item] = [
+        for vehicle in active:
+            rows = order[vehicle]
+            best[vehicle] = [
                 each if shows(each, alone[0][rows], alone[1][rows]) else dismissed(each)
-                for each in changes_of(item, information[rows], vector[rows], population, x[item], taken[item], dof)
+                for each in changes_of(
+                    vehicle, information[rows], vector[rows], population, x[vehicle], taken[vehicle], dof
+                )
             ]
-        firsts = {item: min(best[item], key=lambda each: each.p) for item in active if best[item]}
+        firsts = {vehicle: min(best[vehicle], key=lambda each: each.p) for vehicle in active if best[vehicle]}
         hits = _discovered([first.p for first in firsts.values()])
         active = [first for first, hit in zip(firsts, hits, strict=True) if hit]
-        for item in active:
-            taken[item].append(replace(firsts[item], drifts=True))
+        for vehicle in active:
+            taken[vehicle].append(replace(firsts[vehicle], drifts=True))
         if not active:
             break
     changes: list[VehicleChange] = []
-    for item in series:
-        done = {each.parameter for each in taken[item]}
-        changes += [*taken[item], *(each for each in best.get(item, ()) if each.parameter not in done)]
+    for vehicle in series:
+        done = {each.parameter for each in taken[vehicle]}
+        changes += [*taken[vehicle], *(each for each in best.get(vehicle, ()) if each.parameter not in done)]
     return changes
 
 
@@ -196,4 +198,4 @@ def _discovered(p: Sequence[float]) -> list[bool]:
     result = np.zeros(len(p), dtype=bool)
     if len(passed):
         result[order[: passed[-1] + 1]] = True
-    return [bool(item) for item in result]
+    return [bool(is_one) for is_one in result]

@@ -66,7 +66,7 @@ def done(job: str) -> str:
     body = json.loads(job)
     ended = _nursery().unit(WORK, body, body["seconds"], body["memory"])
     result: dict[str, Any] = {}
-    for item in ended.told:
+    for item in ended.messages:
         result |= item
     if ended.how != "done" or "status" not in result:
         result |= _not_done(ended.how, body, result)

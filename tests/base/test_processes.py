@@ -55,7 +55,7 @@ def test_a_worker_that_is_killed_is_a_sentence():
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_nothing_more_is_begun_once_it_is_told_to_end(jobs):
     done = side_by_side(lambda k: k, 50, jobs, lambda k, _: False)
-    assert 1 <= len(done.found) < 50
+    assert 1 <= len(done.by_number) < 50
 
 
 @forks
@@ -75,7 +75,7 @@ def test_an_interrupt_reaches_those_at_work_and_keeps_what_they_hand_in():
     done = side_by_side(work, 4, 2, told)
     assert time.monotonic() - begun < 30
     assert done.interrupted
-    assert done.found[0] == 0
+    assert done.by_number[0] == 0
     assert set(done.results) <= {0, -1, -2}
 
 

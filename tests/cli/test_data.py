@@ -118,7 +118,8 @@ def test_files_are_joined_and_never_onto_one_of_them(lap, tmp_path):
     told = greybox("data", "join", first, other, "--out", out, "--json").told
     assert set(told["signals"]) == {"v_x", "yaw_rate", "steer", "a_y"}
     assert told["offsets"][0] == {
-        "file": "imu", "against": "lap[1]", "signal": None, "offset_s": None, "sd_s": None, "taken_off": False,
+        "file": "imu", "against": "lap[1]", "signal": None, "offset_s": None, "sd_s": None, "rate": None,
+        "left_s": None, "taken_off": False,
     }  # fmt: skip
     before = other.read_bytes()
     assert "would be written over" in refused("data", "join", first, other, "--out", other)

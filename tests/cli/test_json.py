@@ -20,7 +20,7 @@ TINY = ("--model", "msnn_lat", "--set", "n_delta=3", "--set", "q=4", "--strength
 MOTION = ("fit", "--model", "lateral", LAP, "--vehicle", "full_size_car", "--set", "tyre=linear", "--fix", "m",
           "--horizon", "1", "--validate", "lap8.csv", "--out", "run")  # fmt: skip
 FORMS = {
-    "data check": [("data", "check", LAP)],
+    "data check": [("data", "check", LAP), ("data", "check", LAP, "--repair", "mended.toml")],
     "data map": [("data", "map", SHIPPED)],
     "data convert": [("data", "convert", LAP, "--out", "lap.mat")],
     "data join": [("data", "join", LAP, "lap8.csv", "--out", "joined.csv")],
@@ -72,6 +72,7 @@ FORMS = {
 FLEET = {f"fleet {name}" for name in ("run", "status", "estimate", "report")}  # held by tests/fleet
 ELSEWHERE = {
     "app",
+    "fit, tyre",  # held by tests/fitting/test_tyre_rig.py
     "bench loop",
     "bench msnn",
     "bench truck",

@@ -18,7 +18,7 @@ from greybox_id.cli import greybox as root
 from greybox_id.cli.commands import WRITTEN, Guarded
 
 READ = (
-    "--columns", "--vehicle", "--fit", "--train", "--validate", "--held-out", "--real", "--own", "--data", "--since",
+    "--columns", "--vehicle", "--fit", "--train", "--validate", "--held-out", "--own", "--data", "--since",
     "--pretrain", "--posterior", "--arena", "--limits", "--token-file",
 )  # fmt: skip
 """Options that name a file, a folder or something shipped that is read."""

@@ -71,6 +71,32 @@ def _slope(t):
     return 0.8 * np.cos(0.8 * t) + 2.0 * np.cos(2.0 * t + 1) + 4.4 * np.cos(4.4 * t + 2)
 
 
+@pytest.mark.parametrize(("ahead", "rate"), [(0.35, 0.01), (-0.8, -0.004), (0.0, 0.001)])
+def test_a_clock_that_runs_fast_or_slow_is_put_right(topics, ahead, rate):
+    files = topics(0.0)
+    imu = pd.read_csv(files[1])
+    imu["t"] = imu["t"] * (1 + rate) + ahead
+    imu.to_csv(files[1], index=False)
+    recording, (offset, _) = join_files(files, mapping())
+    start = offset.alignment.start
+    assert offset.alignment.rate == pytest.approx(rate, abs=3 * offset.alignment.rate_sd)
+    assert offset.seconds == pytest.approx(ahead + rate * start, abs=4 * offset.sd)
+    assert 0 < offset.alignment.left < 0.002
+    inside = np.isfinite(recording["a_x"])
+    due = 0.3 * np.gradient(wave(recording.time), recording.time)
+    assert np.sqrt(np.mean((recording["a_x"] - due)[inside][5:-5] ** 2)) < 0.01
+
+
+def test_files_whose_common_signal_differs_are_taken_at_their_stamps_and_it_is_said(topics):
+    files = topics(0.0)
+    imu = pd.read_csv(files[1])
+    imu["gyro_z"] = np.random.default_rng(0).standard_normal(len(imu))
+    imu.to_csv(files[1], index=False)
+    _, (offset, _) = join_files(files, mapping())
+    assert not offset.taken_off
+    assert "yaw_rate are not alike enough" in offset.sentence
+
+
 def test_clocks_that_agree_are_left_alone(topics):
     _, (imu, _) = join_files(topics(0.0), mapping())
     assert abs(imu.seconds) < 3 * imu.sd

@@ -90,9 +90,9 @@ def test_an_optional_column_may_lack_and_extra_ones_keep_their_unit(write):
     assert recording.unit("velocity_vehicle_x") == "m/s"
 
 
-def test_semicolons_and_decimal_commas_are_read_when_the_map_says_so(write):
+def test_semicolons_and_decimal_commas_are_seen_and_may_be_stated(write):
     text = "time;v_x\n0,0;1,5\n0,1;2,5\n"
-    assert 'separator = ";"' in sentence(write(text), "canonical")
+    np.testing.assert_array_equal(read(write(text))["v_x"], [1.5, 2.5])
     mapping = parse_column_map('separator=";"\ndecimal=","\n[time]\nunit="s"\n[signals.v_x]\nunit="m/s"', "m.toml")
     np.testing.assert_array_equal(read(write(text), mapping)["v_x"], [1.5, 2.5])
 
@@ -127,10 +127,9 @@ def test_a_missing_column_is_answered_with_what_there_is(write):
         (b"", "lap.csv", "is empty"),
         (CSV.splitlines()[0], "lap.csv", "no rows"),
         (CSV.splitlines()[0] + "\n\n\n", "lap.csv", "no rows"),
-        ("\n" + CSV, "lap.csv", "row 1 is empty"),
-        (CSV.replace("accy", "accx"), "lap.csv", '"accx" stands there 2 times'),
+        (CSV.replace("accy", "accx"), "lap.csv", "accx 2"),
         (b"\x89PNG\r\n\x1a\n\x00\x00", "lap.csv", "no text file"),
-        (CSV.encode().replace(b"accx", b"acc\xb0"), "lap.csv", "byte 0xb0 in row 1"),
+        (CSV.encode().replace(b"accx", b"acc\x81"), "lap.csv", "byte 0x81 in row 1"),
         (CSV + "1,2,3,4,5,6,7,8\n", "lap.csv", f"row {ROWS + 2} has more cells"),
         (CSV + "1,2,3,4,5,6,7,8,9,10\n", "lap.csv", f"row {ROWS + 2} has more cells"),
         (CSV.replace("\n", "\n1,2,3,4,5,6,7,8,9,10\n", 1), "lap.csv", "row 2 has more cells"),

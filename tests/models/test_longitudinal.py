@@ -5,6 +5,7 @@ import pytest
 from linearised import outputs, rates, run, vector
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
+from greybox_id.models.effects import EFFECTS
 from greybox_id.models.longitudinal import effective_mass
 from greybox_id.models.registry import build
 
@@ -86,3 +87,12 @@ def test_without_wheels_it_drives_as_the_reference_vehicle_straight_ahead():
     first = run(MODEL, [15.0, 2.0], 500, 0.002, p=p, drive=2.0)
     then = run(MODEL, first[-1], 500, 0.002, p=p, drive=-3.0)
     assert np.allclose(np.concatenate([first[:-1:10, 0], then[::10, 0]]), reference["true_v_x"], atol=1e-6)
+
+
+def test_brakes_hold_no_more_than_the_road():
+    icy = MODEL + EFFECTS["grip_scale"].at(0.25)
+    for model, grip in ((MODEL, 1.0), (icy, 0.25)):
+        p = vector(model, **CAR | {"friction": 0.9, "I_w": 0.0, "c_0": 0.0, "c_1": 0.0, "c_2": 0.0})
+        most = 0.9 * grip * 9.81
+        assert outputs(model, [20.0, -30.0], p=p)["a_x"] == pytest.approx(-most, rel=1e-3)
+        assert outputs(model, [20.0, -0.3 * most], p=p)["a_x"] == pytest.approx(-0.3 * most, rel=1e-3)

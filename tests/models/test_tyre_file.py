@@ -99,7 +99,8 @@ def test_a_vehicle_file_takes_its_tyres_from_beside_it(tmp_path):
     own = vehicle(tmp_path / "car.toml")
     assert own.values["C_f"].value == 1.3507
     assert own.values["D_r"].value == 0.9  # what the file states itself stands
-    assert own.values["D_f"].sd == pytest.approx(0.075)  # half of what half the nominal load more and less make of it
+    # half of what half the nominal load more and less make of it, and the belt's friction
+    assert own.values["D_f"].sd == pytest.approx(np.hypot(0.075, 0.3 * own.values["D_f"].value))
     assert own.values["C_f"].sd is None
     assert own.values["B_f"].source == "front.tir: Magic Formula 5.2 at 4850 N"
 

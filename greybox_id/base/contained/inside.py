@@ -45,7 +45,7 @@ def serve(begun: dict[str, Any], questions: BufferedReader, answers: BufferedWri
             return
         try:
             if made is None:
-                kind = found(begun["kind"])
+                kind = located(begun["kind"])
                 if begun["limits"]:
                     limit(*begun["limits"])
                 made = kind(*begun["given"])
@@ -64,7 +64,7 @@ def serve(begun: dict[str, Any], questions: BufferedReader, answers: BufferedWri
             send(answers, {"failed": ("failed", next(iter(str(error).splitlines()), "") or type(error).__name__)})
 
 
-def found(place: str) -> Any:
+def located(place: str) -> Any:
     """What stands at module:name."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

@@ -97,7 +97,7 @@ class Contained:
         return self.close.alive and self._process.poll() is None
 
     def ask(
-        self, question: str, *of: Any, patience: float, most: float = 0.0, told: Callable[[Any], None] | None = None
+        self, question: str, *of: Any, patience: float, most: float = 0.0, hear: Callable[[Any], None] | None = None
     ) -> tuple[Any, NDArray[Any] | None]:
         """What the object's method of that name returns: what JSON holds, or an array.
 
@@ -105,7 +105,7 @@ class Contained:
         ----------
         patience : s by the clock after which the process is ended.
         most : bytes that an array may have.
-        told : is handed what the method yields, where it is a generator.
+        hear : is handed what the method yields, where it is a generator.
 
         Raises
         ------
@@ -121,8 +121,8 @@ class Contained:
         try:
             wire.send(questions, {"ask": question, "of": of})
             while "told" in (message := wire.receive(answers, most))[0]:
-                if told is not None:
-                    told(message[0]["told"])
+                if hear is not None:
+                    hear(message[0]["told"])
         except Exception as error:  # nothing is known of what a process writes that is about to crash
             late = watch.finished.is_set()
             raise Lost(TIME if late else self._end(isinstance(error, (EOFError, OSError)), patience)) from None

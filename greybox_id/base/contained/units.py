@@ -22,7 +22,7 @@ from pathlib import Path
 from typing import IO, Any, TypeAlias
 
 from ..processes import FORKS
-from .inside import found, limit
+from .inside import limit, located
 from .process import TIME, Broken, Contained, Failed, Lost
 
 Work: TypeAlias = Callable[[dict[str, Any], Callable[[dict[str, Any]], None]], None]
@@ -49,14 +49,14 @@ class Ended:
 
     Attributes
     ----------
-    told : what it told, in order.
+    messages : what it told, in order.
     how : "done"; "time", "clock" or "memory", where a limit was met: of the processor's time, by the clock, of memory;
         else the signal or error that ended it, in words.
     cpu_seconds : of the processor, its own children included.
     peak_mb : the most memory it held at a time, that of the imported modules included.
     """
 
-    told: list[dict[str, Any]] = field(default_factory=list)
+    messages: list[dict[str, Any]] = field(default_factory=list)
     how: str = "done"
     cpu_seconds: float = 0.0
     peak_mb: float = 0.0
@@ -126,7 +126,7 @@ class Nursery:
                 self._held = held = Contained("greybox_id.base.contained.units:Units", environment=self._environment)
             if self._over:  # meanwhile
                 held.close()
-            end, _ = held.ask("unit", *unit, patience=PATIENCE * unit[2] + SLACK, told=hear)
+            end, _ = held.ask("unit", *unit, patience=PATIENCE * unit[2] + SLACK, hear=hear)
         except Lost as error:
             self._end()
             return Ended(heard, "clock" if error.how == TIME else "its process was killed")
@@ -142,7 +142,7 @@ class Units:
 
     def unit(self, work: str, job: dict[str, Any], seconds: float, memory: float) -> Generator[Any, None, Any]:
         """A unit of work, in a child where processes can be forked."""
-        return (_forked if FORKS else _here)(found(work), job, seconds, memory)
+        return (_forked if FORKS else _here)(located(work), job, seconds, memory)
 
 
 def _here(work: Work, job: dict[str, Any], seconds: float, memory: float) -> Generator[Any, None, Any]:

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from enum import Enum
 
 from ..recording import Recording
@@ -55,6 +55,8 @@ class Finding:
     sentence : for people, with numbers and units.
     value, uncertainty, unit : the number the finding rests on, its standard uncertainty (None if it has none, as for
         a count) and unit.
+    repair : signal (or time) -> the signal whose column holds it, and the factor that puts that right; empty where the
+        column map cannot mend what was found.
 
     Examples
     --------
@@ -71,6 +73,7 @@ class Finding:
     value: float | None = None
     uncertainty: float | None = None
     unit: str = "1"
+    repair: Mapping[str, tuple[str, float]] = field(default_factory=dict)
 
 
 def distrusted(findings: Iterable[Finding]) -> bool:
@@ -80,10 +83,8 @@ def distrusted(findings: Iterable[Finding]) -> bool:
 
 def file_row(recording: Recording, row: int) -> str:
     """A row of the recording in the words of its file: "row 700 of the file", header line counted."""
-    path = recording.source.path.lower()
-    if path.endswith((".csv", ".csv.gz")):
-        return f"row {row + 2} of the file"
-    return f"row {row + 1} of the file" if path else f"row {row}, counted from 0"
+    source = recording.source
+    return f"row {row + (source.first_row or 1)} of the file" if source.path else f"row {row}, counted from 0"
 
 
 def listed(items: Iterable[str], at_most: int = 6) -> str:

@@ -154,7 +154,28 @@ def _as_finding(named: Sequence[Explained]) -> Finding:
         sentence += f" As likely: {listed(others, 3)}."
     error = 1 / np.sqrt(max(old.independent - 3, 1.0))
     channel = first.fault.channels[0] if first.fault.channels else "time"
-    return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error)
+    repair = _repair(first.fault) if not others else {}
+    return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair)
+
+
+def _repair(fault: Fault) -> dict[str, tuple[str, float]]:
+    """What undoing a fault makes of each signal: another one's column, a factor; empty where it mixes columns.
+
+    Undoing is linear: what it makes of one signal alone is asked of unit signals, one after the other.
+    """
+    names = fault.channels
+    repair: dict[str, tuple[str, float]] = {}
+    for source in names:
+        unit = Recording("unit", np.arange(3.0), {name: np.full(3, float(name == source)) for name in names})
+        for name, values in fault.undo(unit).signals.items():
+            factor = float(values[0])
+            if factor and name in repair:
+                return {}
+            if factor:
+                repair[name] = (source, factor)
+    slowed = float(fault.undo(Recording("unit", np.arange(3.0), {})).time[1]) if not names else 1.0
+    moved = {name: (source, factor) for name, (source, factor) in repair.items() if (source, factor) != (name, 1.0)}
+    return moved | ({"time": ("time", slowed)} if slowed != 1.0 else {})
 
 
 def _numbers(relation: Relation) -> str:

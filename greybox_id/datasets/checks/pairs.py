@@ -57,6 +57,7 @@ def pairs(recording: Recording) -> list[Pair]:
             Pair("yaw_rate", "v_x · steer", ("yaw_rate", "steer"), ("yaw_rate", "v_x", "steer"),
                  r["yaw_rate"], r["v_x"] * r["steer"], kinematic=False, lag_smoothing=0.03)
         )  # fmt: skip
+    found += _of_curvature(r)
     if r.has("yaw_rate", "yaw"):
         both = ("yaw_rate", "yaw")
         found.append(Pair("yaw_rate", "d(yaw)/dt", both, both, r["yaw_rate"], rate(r, r["yaw"], True)))
@@ -76,6 +77,24 @@ def pairs(recording: Recording) -> list[Pair]:
             Pair("sideslip", "atan2(v_y, v_x)", ("sideslip", "v_y"), ("sideslip", "v_y"), r["sideslip"], angle)
         )
     return found + _over_ground(r)
+
+
+def _of_curvature(r: Recording) -> list[Pair]:
+    """A path's curvature against the yaw rate, or in its place against steering and lateral acceleration."""
+    if not r.has("curvature", "v_x"):
+        return []
+    turn, told, both = r["v_x"] * r["curvature"], "v_x · curvature", ("v_x", "curvature")
+    if "yaw_rate" in r:
+        return [Pair("yaw_rate", told, ("yaw_rate", "curvature"), ("yaw_rate", *both), r["yaw_rate"], turn,
+                     lag_smoothing=None)]  # fmt: skip
+    found = []
+    if "steer" in r:
+        found.append(Pair(told, "v_x · steer", ("curvature", "steer"), (*both, "steer"), turn, r["v_x"] * r["steer"],
+                          kinematic=False, lag_smoothing=None))  # fmt: skip
+    if "a_y" in r:
+        found.append(Pair("a_y", "v_x² · curvature", ("a_y", "curvature"), ("a_y", *both), r["a_y"], r["v_x"] * turn,
+                          lag_smoothing=None))  # fmt: skip
+    return found
 
 
 def acceleration_ahead(r: Recording) -> tuple[str, Array]:
@@ -149,15 +168,29 @@ def _over_ground(r: Recording) -> list[Pair]:
         if "yaw_rate" in r:
             sides = place.turning(r), turn
             found.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), *sides))
-        elif "steer" in r and "v_x" in r:
-            sides = place.steered(r), turn
-            coarse = _coarse("v_x · steer", along, ("steer", node), ("v_x", "steer", *channels), *sides)
-            found.append(replace(coarse, kinematic=False))
+        else:
+            found += _without_gyro(r, place, turn, along, node)
         if "v_x" in r:
             pace, ground = smooth(r, np.abs(r["v_x"]), place.seconds), f"the speed over ground ({words})"
             found.append(
                 _coarse("|v_x|", ground, ("v_x", f"speed over ground ({words})"), ("v_x", *channels), pace, speed)
             )
+    return found
+
+
+def _without_gyro(r: Recording, place: Ground, turn: Array, along: str, node: str) -> list[Pair]:
+    """The course against heading, lateral acceleration and steering, where no yaw rate is recorded."""
+    found, channels = [], place.channels
+    if "yaw" in r:
+        heading = place.twice_smoothed(r, rate(r, r["yaw"], True))
+        found.append(_coarse("d(yaw)/dt", along, ("yaw", node), ("yaw", *channels), heading, turn))
+    if "a_y" in r and "v_x" in r:
+        aside = place.twice_smoothed(r, r["a_y"]), turn * place.twice_smoothed(r, r["v_x"])
+        found.append(_coarse("a_y", f"v_x · {along}", ("a_y", node), ("a_y", "v_x", *channels), *aside))
+    if "steer" in r and "v_x" in r:
+        sides = place.steered(r), turn
+        coarse = _coarse("v_x · steer", along, ("steer", node), ("v_x", "steer", *channels), *sides)
+        found.append(replace(coarse, kinematic=False))
     return found
 
 

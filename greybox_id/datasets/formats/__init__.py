@@ -20,7 +20,10 @@ from .contents import Contents, Group, columns_of, few_enough
 __all__ = ["SUFFIXES", "WRITTEN", "Contents", "Group", "bare_name", "contents", "hash_of", "write"]
 
 SUFFIXES = {
-    ".csv": "text", ".csv.gz": "text", ".parquet": "parquet", ".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5",
+    ".csv": "text", ".csv.gz": "text", ".txt": "text", ".tsv": "text", ".dat": "text", ".log": "text",
+    ".jsonl": "json_lines", ".json": "json_lines", ".ndjson": "json_lines", ".json.gz": "json_lines",
+    ".vbo": "racelogic", ".xrk": "aim", ".xrz": "aim", ".erg": "carmaker", ".parquet": "parquet",
+    ".mat": "matlab", ".h5": "hdf5", ".hdf5": "hdf5",
     ".mf4": "mdf", ".mdf": "mdf", ".mcap": "ros", ".db3": "ros", ".bag": "ros",
 }  # fmt: skip
 """How a file's name ends -> the module that reads it."""
@@ -28,7 +31,8 @@ WRITTEN = (".csv", ".parquet", ".mat", ".h5", ".mf4", ".mcap")
 """What can be written."""
 MAGIC = (
     (b"PAR1", "parquet"), (b"\x89HDF\r\n\x1a\n", "hdf5"), (b"MATLAB ", "matlab"), (b"MDF ", "mdf"),
-    (b"UnFinMF ", "mdf"), (b"\x89MCAP0\r\n", "ros"), (b"SQLite format 3\0", "ros"), (b"#ROSBAG V", "ros"),
+    (b"UnFinMF ", "mdf"), (b"CM-ERG", "carmaker"), (b"\x89MCAP0\r\n", "ros"), (b"SQLite format 3\0", "ros"),
+    (b"#ROSBAG V", "ros"),
 )  # fmt: skip
 """How content begins -> the module that reads it."""
 BAG = (".mcap", ".db3", ".mcap.zstd", ".db3.zstd")

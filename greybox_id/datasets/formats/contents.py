@@ -191,9 +191,9 @@ def few_enough(columns: int, where: str) -> None:
         )
 
 
-def whole(table: RawTable, kind: str) -> Contents:
+def whole(table: RawTable, kind: str, notes: tuple[str, ...] = ()) -> Contents:
     """A file that is one table and has been read."""
-    return Contents(table.where, (Group("", table.names, lambda _: table, units=table.units),), kind)
+    return Contents(table.where, (Group("", table.names, lambda _: table, units=table.units),), kind, notes)
 
 
 def needed(module: str, extra: str, where: str, kind: str) -> Any:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.numbers import number
+from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
 from ..checks.agreement import Agreement, agreement
@@ -32,6 +33,8 @@ class MapEntry:
     decided : whether it may stand in the map as it is; otherwise the user is asked.
     reasons : what speaks for it, or why it is left open.
     units : what the unit may be, where that is open.
+    otherwise : further names that the column has in other files.
+    nanoseconds : of time: the column that holds what whole seconds leave; empty for none.
     """
 
     signal: str
@@ -42,11 +45,14 @@ class MapEntry:
     decided: bool = True
     reasons: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
+    otherwise: tuple[str, ...] = ()
+    nanoseconds: str = ""
 
     def as_column(self) -> Column:
         """The entry as a column map holds it; an unknown unit is taken as SI."""
         target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
-        return Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
+        column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
+        return replace(column, otherwise=self.otherwise, nanoseconds=self.nanoseconds)
 
     @property
     def factor(self) -> float:
@@ -78,7 +84,8 @@ WHEELBASES = {False: (0.12, 12.0), True: (1.0, 12.0)}
 """Lengths that v_x · steer / yaw_rate may have, in m: of any vehicle, and of one that is fast."""
 FAST = 20.0
 """Speed in m/s that no small model drives."""
-AXES = {"v_x": "x", "v_y": "y", "a_x": "x", "a_y": "y", "roll": "roll", "pitch": "pitch", "yaw": "yaw"}
+AXES = {"v_x": "x", "v_y": "y", "a_x": "x", "a_y": "y", "roll": "roll", "pitch": "pitch", "yaw": "yaw",
+        "roll_rate": "x", "yaw_rate": "z"}  # fmt: skip
 """What tells a signal's name from its siblings'."""
 
 
@@ -160,6 +167,26 @@ def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
         if entry.units and known:
             why = f"unit: as that of {known.column}, whose name differs by the axis alone"
             entry = replace(entry, unit=known.unit, decided=True, units=(), reasons=(*entry.reasons[:-1], why))
+        found.append(entry)
+    return found
+
+
+STANDING = 0.15
+"""Relative distance from gravity within which an upright accelerometer's axis reads it."""
+
+
+def by_gravity(entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> list[MapEntry]:
+    """Open units of accelerations become those in which the upright axis beside them reads gravity."""
+    found = []
+    for entry in entries:
+        before, axis, after = entry.column.rpartition(AXES.get(entry.signal, " "))
+        upright = numbers.get(f"{before}z{after}") if axis else None
+        if entry.units and entry.signal in ("a_x", "a_y") and upright is not None and np.isfinite(upright).any():
+            reads = abs(float(np.nanmedian(upright)))
+            for unit, gravity in (("g", 1.0), ("m/s^2", 9.81)):
+                if abs(reads / gravity - 1) < STANDING:
+                    why = f"unit: {before}z{after} reads {number(reads, 3)}, which is gravity in {unit}"
+                    entry = replace(entry, unit=unit, units=(), decided=True, reasons=(*entry.reasons[:-1], why))
         found.append(entry)
     return found
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -12,8 +12,9 @@ from ...base.errors import BadInput
 from ...base.numbers import exact, number
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
-from ...base.units import to_si
+from ...base.units import known_unit, to_si
 from ..formats import Group
+from ..instants import EPOCHS
 from .evidence import MapEntry
 
 TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
@@ -22,7 +23,8 @@ TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
 CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
            "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
 _X, _Y = r"(x|long|lon|longitudinal|laengs|längs)", r"(y|lat|lateral|quer)"
-_ACC, _SPEED = r"(a|acc|accel|acceleration|beschl|beschleunigung)", r"(v|vel|velocity|speed|geschwindigkeit)"
+_ACC = r"(a|acc|accel|accn|acceleration|g|g force|gforce|beschl|beschleunigung)"
+_SPEED = r"(v|vel|velocity|speed|geschwindigkeit)"
 RULES: dict[str, tuple[str, ...]] = {
     TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit", r"stamp|sec|seconds|secs|ts|datetime|date time"),
     RUN: (r"run|trajectory|segment|episode|run id|trajectory id|segment id|run number",),
@@ -32,20 +34,33 @@ RULES: dict[str, tuple[str, ...]] = {
     "v_y": (r"vy|v y|v lat|vlat|linear y", rf"{_SPEED} {_Y}|{_Y} {_SPEED}|lateralvelocity"),
     "yaw_rate": (r"yaw rate|yawrate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro z|gyr z|omega z|wz|w z|angular z",
                  r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gier rate|gierrate|giergeschwindigkeit|gz|gyroz"
-                 r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z", r"omega|w|angular (velocity|rate)"),
+                 r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z|z rate of rotation|z angular velocity"
+                 r"|gyro yaw( velocity| rate)?|gyro",
+                 r"omega|w|angular (velocity|rate)"),
+    "roll_rate": (r"roll rate|rollrate|gyro x|gyr x|omega x|wx|w x|angular x|phi dot|dphi", r"x rate of rotation|gx|p"
+                  r"|angular velocity x|roll (vel|velocity)|wankrate"),
+    "curvature": (r"curv|curvature|kappa|path curvature|road curvature|kr(ü|ue)mmung",),
     "yaw_acceleration": (r"yaw acc(el|eleration)?|yaw rate dot|psi ddot|psiddot|ddpsi",),
     "a_x": (r"ax|a x|accx|acc x|accel x|long acc|longacc|acceleration x|linear acceleration x",
-            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|laengsbeschleunigung|längsbeschleunigung|accelx"),
+            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|laengsbeschleunigung|längsbeschleunigung|accelx"
+            r"|inline ?acc(eleration)?|lonacc", r"acc|accel|acceleration"),
     "a_y": (r"ay|a y|accy|acc y|accel y|lat acc|latacc|acceleration y|linear acceleration y",
             rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|querbeschleunigung|accely"),
     "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
-              r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"),
+              r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
+              r"|steered angle|steer(ing)? (meas|measured|actual|act)"),
     HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
                  r"|steeringwheelangle|stwhl( ang| angle)?|steering wheel position|lrw|lenkrad",),
     "motor_current": (r"motor current|current motor|i motor|current|imot|i mot|i q|iq",),
     "drive_force": (r"drive force|traction force|driving force|force x|fx",),
     "ax_cmd": (r"ax (cmd|command|target|ref)|(accel|acceleration|acc) (cmd|command|target|ref)|drive acceleration",),
+    "throttle": (r"throttle|throttle (pos|position|pedal|angle|command|cmd)|gas|gas pedal|accelerator( pedal)?",
+                 r"tps|aps|app|gaspedal|accel(erator)? pedal( pos| position)?|throttle ped( cmd)?|gas (pos|position)"
+                 r"|fahrpedal|throttleposition|throttle duty"),
+    "brake": (r"brake|brake (pos|position|pedal|pressure|press|command|cmd)|brk|brakepedal|bremse",
+              r"brake ped( cmd)?|brakepressure|pbrake( f)?|brake (pressure|press) (f|front)|bremsdruck|brk pos"
+              r"|brake pedal (pos|position)"),
     "road_slope": (r"road slope|slope|grade|road grade|incline|gradient",),
     "roll": (r"roll|roll angle|phi|wankwinkel",),
     "pitch": (r"pitch|pitch angle|theta|nickwinkel",),
@@ -56,6 +71,8 @@ RULES: dict[str, tuple[str, ...]] = {
     "longitude": (r"longitude|lon|lng|long",),
     **{f"wheel_speed_{c}": (rf"(wheel speed|wheelspeed|ws|whl spd|omega|wheel|wspd|n|drehzahl) {w}|{w} wheel speed",)
        for c, w in CORNERS.items()},
+    **{f"wheel_speed_{w}": (rf"(wheel speed|wheelspeed|ws|omega|wheel) {s}|{s} wheel( speed| vel| velocity)?",)
+       for w, s in (("left", "(left|l)"), ("right", "(right|r)"))},
 }  # fmt: skip
 """Signal -> patterns of names in plain words, most telling first."""
 AMBIGUOUS = {
@@ -69,10 +86,13 @@ AMBIGUOUS = {
 """Names that people use for something else as well: such a column is never mapped without a question, unless its
 sibling has the other meaning by name."""
 
+PLACES = ("lat", "long")
+"""Where these end a name, an acceleration or a speed is more often meant than a place."""
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
 """Words of what is asked for: such a column holds no measured speed or acceleration."""
 NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
-                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording)\b")  # fmt: skip
+                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc)"
+                   r"\b")  # fmt: skip
 WORDS_OF_UNITS = {
     "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
     "knots": "knot",
@@ -109,9 +129,16 @@ class Guess:
     else_: str = ""
 
 
+def guess_in(group: Group, column: str) -> Guess | None:
+    """What a column of a group may mean; the name of the group says whether it is asked for, as `commands/v` is."""
+    found = guess(column.removeprefix(group.prefix)) or guess(column)
+    return replace(found, wish=found.wish or bool(WISHES.search(plain_words(group.name)))) if found else None
+
+
 def guess(column: str) -> Guess | None:
     """The most telling reading of a column's name; None where it says nothing."""
     bare, stated = _bracketed(column)
+    stated = known_unit(stated) or stated
     words = plain_words(bare)
     attempts = [(words, stated)]
     parts = words.split()
@@ -149,7 +176,7 @@ def _read(words: str, unit: str) -> list[Guess]:
     parts = quiet.split()
     tails = [(words, 0), (quiet, 1), *((" ".join(parts[n:]), 1 + 2 * n) for n in range(1, len(parts)))]
     for text, cost in tails:
-        if cost > 1 and len(text) < 4:  # a last letter alone says nothing
+        if cost > 1 and (len(text) < 4 or text in PLACES):  # a last letter alone says nothing, nor does "long"
             continue
         for signal, patterns in RULES.items():
             for order, pattern in enumerate(patterns):
@@ -161,17 +188,19 @@ def _read(words: str, unit: str) -> list[Guess]:
     return found
 
 
-EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8))
-"""Counts since 1970, by unit: today's are larger than this."""
 SLOWEST, FASTEST = 1.0, 2e4
 """Sample rates of vehicle recordings in Hz lie between these."""
 
 
 def time_of(group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]) -> MapEntry | None:
     """The time of a table, from its name or as the only column that runs on in even steps; None if there is none."""
+    numbers = {name: values for name, values in numbers.items() if name in group.names}
     named = sorted((g.rank, name) for name, g in guesses.items() if g.signal == TIME and name in numbers)
     if group.clock and group.clock_unit:
         return MapEntry(TIME, group.clock, group.clock_unit, reasons=("the file's own clock",))
+    split = _split(group, numbers)
+    if split:
+        return split
     if named:
         name = named[0][1]
         return _in_unit(name, guesses[name].unit or group.units.get(name, ""), numbers[name], "its name")
@@ -181,6 +210,37 @@ def time_of(group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Ar
         if len(even) == 1
         else None
     )
+
+
+SECONDS = ("s", "sec", "secs", "seconds", "stamp sec", "stamp secs")
+NANOSECONDS = (
+    "ns",
+    "nsec",
+    "nsecs",
+    "nanosec",
+    "nanosecs",
+    "nanoseconds",
+    "stamp nsec",
+    "stamp nanosec",
+    "stamp nsecs",
+)
+
+
+def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
+    """Whole seconds and the nanoseconds that they leave, in columns of their own."""
+    words = {name: plain_words(name.removeprefix(group.prefix)) for name in numbers}
+    tails = {name: {own, " ".join(own.split()[-2:]), own.split()[-1] if own else ""} for name, own in words.items()}
+    seconds = next((name for name, own in tails.items() if own & set(SECONDS) and _whole(numbers[name], np.inf)), None)
+    rest = next((name for name, own in tails.items() if own & set(NANOSECONDS) and _whole(numbers[name], 1e9)), None)
+    if not seconds or not rest:
+        return None
+    why = f'its name; "{rest}" holds the nanoseconds'
+    return MapEntry(TIME, seconds, "s", reasons=(why,), nanoseconds=rest)
+
+
+def _whole(values: Array, below: float) -> bool:
+    known = values[np.isfinite(values)]
+    return bool(known.size and np.all(known % 1 == 0) and np.all(known >= 0) and np.all(known < below))
 
 
 def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import json
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,16 +13,16 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS, unit_of
 from ..checks import Finding, Severity, check
-from ..column_map import SEPARATORS, Column, ColumnMap
+from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
-from ..read import read
+from ..read import Part, contents_together, read, read_together
 from ..recording import Recording
-from .evidence import MapEntry, met, with_signs, with_units
-from .names import HAND_WHEEL, RUN, TIME, Guess, guess, time_of
+from ..repair import column_fields, quoted, repaired
+from .evidence import MapEntry, by_gravity, met, with_signs, with_units
+from .names import HAND_WHEEL, RUN, TIME, Guess, guess_in, time_of
+from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
-SNIFFED = 65536
-"""Bytes of a text file in which separators are looked for."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 
 
@@ -37,10 +34,11 @@ class Proposal:
     ----------
     file : what it is for.
     time : the clock; None where no column looks like one.
+    rate : rows a second, Hz, as stated for a file without a clock; 0 where it has one.
+    files : the files, where they are several of one drive.
     entries : decided and open ones.
     others : further columns with numbers that were taken for nothing.
     run : the column whose change begins a new run; empty if there is none.
-    separator, decimal : of a text file.
     findings : warnings and worse about the recording, read through what is decided.
     """
 
@@ -49,8 +47,8 @@ class Proposal:
     entries: tuple[MapEntry, ...]
     others: tuple[str, ...]
     run: str = ""
-    separator: str = ","
-    decimal: str = "."
+    rate: float = 0.0
+    files: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
 
     @property
@@ -65,57 +63,62 @@ class Proposal:
 
     def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
         """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""
-        assert self.time is not None
+        time = self.time.as_column() if self.time else Column(TIME, "", "s", "s")
         chosen: dict[str, Column] = {}
         for entry in sorted(self.entries, key=lambda e: not e.decided):
             if entry.decided or everything:
                 chosen.setdefault(entry.signal, entry.as_column())
-        return ColumnMap(
-            name, self.time.as_column(), chosen, run_column=self.run, separator=self.separator, decimal=self.decimal
-        )
+        return ColumnMap(name, time, chosen, run_column=self.run, rate=self.rate, hold_stated=False)
 
 
-def propose(path: str | Path, wheelbase: float | None = None) -> Proposal:
-    """Propose a column map for a file.
+def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = None, rate: float = 0.0) -> Proposal:
+    """Propose a column map for a file, or for several files of one drive.
 
     Parameters
     ----------
-    path : any file that `read` reads.
+    path : any file that `read` reads, or several that `data join` joins.
     wheelbase : in m, if known: steering in degrees or at the hand wheel then tells itself better.
+    rate : rows a second, Hz, of a file without a column of time; 0 looks for that column.
 
     Raises
     ------
     BadInput
-        The file cannot be read.
+        A file cannot be read.
     """
-    file = Path(path)
-    separator, decimal = _sniffed(file)
-    plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {}, separator=separator, decimal=decimal)
-    found = contents(file, plain)
-    guesses = {name: own for name in found.names if (own := guess(name))}
+    files = tuple(map(str, path)) if not isinstance(path, str | Path) else ()
+    plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {})
+    found = contents_together(files, plain) if len(files) > 1 else contents(Path(*(files or (str(path),))), plain)
+    guesses = {name: own for group in found.groups for name in group.names if (own := guess_in(group, name))}
     numbers, labels = _numbers(found, guesses)
-    time = next((t for g in found.groups if (t := time_of(g, guesses, numbers))), None)
+    clocks = [t for g in found.groups if (t := time_of(g, guesses, numbers))] if not rate else []
+    time = _one_time(found, clocks)
     run = next((n for n, own in guesses.items() if own.signal == RUN and (n in numbers or n in labels)), "")
-    taken = {run, time.column if time else ""}
+    taken = {run, *(name for clock in clocks for name in (clock.column, clock.nanoseconds))}
     chosen, rivals = _candidates(found, guesses, numbers, taken)
     others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
-    draft = Proposal(str(path), time, (*chosen, *rivals), others, run, separator, decimal)
-    if time is None or not chosen:
+    named = " ".join(files) if files else str(path)
+    draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else ())
+    if (time is None and not rate) or not chosen:
         open_ones = tuple(replace(e, decided=False, reasons=(*e.reasons, "nothing to check it with")) for e in chosen)
         return replace(draft, entries=(*open_ones, *rivals))
-    raw = _raw(path, draft, chosen)
+    raw = _raw(draft, chosen)
     chosen, raw = headings(chosen, guesses, raw)
     present = [entry for entry in chosen if entry.signal in raw and np.isfinite(raw[entry.signal]).any()]
-    decided = with_units(present, raw, wheelbase)
+    decided = by_gravity(with_units(present, raw, wheelbase), numbers)
     decided = with_signs(decided, met(_in_si(raw, decided)))
-    decided = [_asked(entry, guesses[entry.column], raw, wheelbase) for entry in decided]
+    decided = [_asked(entry, guesses[entry.column]) for entry in decided]
+    known = _in_si(raw, decided)
+    decided = [
+        with_steering(e, known, guesses[e.column].signal == HAND_WHEEL, wheelbase) if e.signal == "steer" else e
+        for e in decided
+    ]
     decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
     if len(found.groups) == 1:
         unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
         rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
         others = tuple(name for name in others if name not in {entry.column for entry in rivals})
     final = replace(draft, entries=(*decided, *rivals), others=others)
-    return replace(final, findings=_findings(path, final, wheelbase))
+    return replace(final, findings=_findings(final, wheelbase))
 
 
 def _candidates(
@@ -125,7 +128,7 @@ def _candidates(
     units = {name: unit for group in found.groups for name, unit in group.units.items()}
     by_signal: dict[str, list[str]] = {}
     for name, own in guesses.items():
-        if own.signal not in (TIME, RUN) and name in numbers and name not in taken:
+        if own.signal not in (TIME, RUN) and name in numbers and name not in taken and np.any(numbers[name]):
             by_signal.setdefault(SIGNALS_OF.get(own.signal, own.signal), []).append(name)
     chosen, rivals = [], []
     for signal, names in by_signal.items():
@@ -153,38 +156,47 @@ def _fits(unit: str, signal: str) -> bool:
     return True
 
 
-def _raw(path: str | Path, draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
+def _one_time(found: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
+    """The clock of a file, or the one name that it has in several; their further names beside it."""
+    if not clocks or len(found.groups) == 1 or not isinstance(found.groups[0], Part):
+        return clocks[0] if clocks else None
+    bare = [name for clock in clocks for name in (clock.column.partition("/")[2],)]
+    first, *others = dict.fromkeys(bare)
+    rest = clocks[0].nanoseconds.partition("/")[2]
+    return replace(clocks[0], column=first, otherwise=tuple(others), nanoseconds=rest)
+
+
+def _recorded(draft: Proposal, mapping: ColumnMap) -> Recording:
+    """The file, or the files together, through a map."""
+    return read_together(draft.files, mapping) if draft.files else read(draft.file, mapping)
+
+
+def _raw(draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
     """The signals as the file holds them: factor 1, sign 1."""
     plain = {e.signal: replace(e.as_column(), unit=e.as_column().si_unit, scale=1.0, optional=True) for e in chosen}
-    return read(path, replace(draft.mapping(), signals=plain))
+    return _recorded(draft, replace(draft.mapping(), signals=plain))
 
 
 def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{e.signal: raw[e.signal] * e.factor * e.sign for e in entries})
 
 
-def _asked(entry: MapEntry, own: Guess, raw: Recording, wheelbase: float | None) -> MapEntry:
-    """What a name alone makes doubtful: wishes instead of measurements, and hand wheels without their ratio."""
+def _asked(entry: MapEntry, own: Guess) -> MapEntry:
+    """What a name alone makes doubtful: wishes instead of measurements."""
     if own.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says it is asked for, not measured"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
-    if own.signal != HAND_WHEEL:
-        return entry
-    turned = _in_si(raw, [entry])
-    lengths = [1 / abs(m.agreed.gain) for m in met(turned) if m.pair.nodes == ("yaw_rate", "steer")]
-    why = "the hand wheel's angle: divide_by is the steering ratio"
-    if lengths and wheelbase:
-        ratio = float(f"{lengths[0] / wheelbase:.3g}")
-        why += f", about {ratio:g} if understeer is small; write the true one"
-        return replace(entry, divide_by=ratio, decided=False, reasons=(*entry.reasons, why))
-    told = f"; yaw rate and speed say ratio times wheelbase is about {lengths[0]:.3g} m" if lengths else ""
-    return replace(entry, decided=False, reasons=(*entry.reasons, why + told))
+    if any(f"which {entry.signal} cannot be" in reason for reason in entry.reasons):
+        why = "divide_by is how much of the file's unit makes one"
+        return replace(entry, decided=False, reasons=(*entry.reasons, why))
+    return entry
 
 
-def _findings(path: str | Path, proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...]:
-    if not any(entry.decided for entry in proposal.entries) or not (proposal.time and proposal.time.decided):
+def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...]:
+    clocked = proposal.rate or (proposal.time and proposal.time.decided)
+    if not any(entry.decided for entry in proposal.entries) or not clocked:
         return ()
-    found = check(read(path, proposal.mapping()), wheelbase)
+    found = check(_recorded(proposal, proposal.mapping()), wheelbase)
     return tuple(own for own in found if own.severity is not Severity.NOTE)
 
 
@@ -193,7 +205,8 @@ def _numbers(found: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, A
     numbers: dict[str, Array] = {}
     labels: set[str] = set()
     for group in found.groups:
-        wanted = [name for name in group.names if len(found.groups) == 1 or name in guesses]
+        few = len(found.groups) == 1 or isinstance(group, Part)
+        wanted = [name for name in group.names if few or name in guesses]
         table = group.load(wanted) if wanted else None
         for name in table.names if table else ():
             try:
@@ -202,23 +215,6 @@ def _numbers(found: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, A
             except (BadInput, TypeError, ValueError):
                 labels.add(name)
     return numbers, labels
-
-
-def _sniffed(file: Path) -> tuple[str, str]:
-    """How a text file separates columns and writes decimals."""
-    if not file.name.lower().endswith(".csv") or file.is_dir():
-        return ",", "."
-    try:
-        with file.open("rb") as opened:
-            head = opened.read(SNIFFED).decode("utf-8", "replace").splitlines()
-    except OSError:
-        return ",", "."  # reading says what is wrong
-    if len(head) < 2:
-        return ",", "."
-    cells = {own: len(next(csv.reader(head[:1], delimiter=own), [])) for own in SEPARATORS}
-    separator = max(SEPARATORS, key=lambda own: cells[own])
-    comma = separator != "," and any(re.fullmatch(r"\s*[+-]?\d+,\d+\s*", c) for c in head[1].split(separator))
-    return separator, "," if comma else "."
 
 
 WIDTH = 110
@@ -233,18 +229,19 @@ def as_toml(proposal: Proposal, name: str) -> str:
         "# agree with each other, not which way is left: look at one turn you know.",
         "",
         f"name = {quoted(name)}",
-        'hold = "zero"  # what commands do between rows: "zero" holds them, "linear" if they were measured',
+        '#? hold = "zero"    # commanded: steering and drive keep their value from one row to the next',
+        '#? hold = "linear"  # measured: they run on between rows. Where nothing is said, a fit weighs both.',
     ]
-    if proposal.separator != ",":
-        lines.append(f"separator = {quoted(proposal.separator)}")
-    if proposal.decimal != ".":
-        lines.append(f"decimal = {quoted(proposal.decimal)}")
-    lines += ["", "[time]", *_time(proposal.time)]
+    if proposal.rate:
+        lines.append(f"rate = {proposal.rate:g}  # rows a second: the file has no time")
+    if not proposal.rate:
+        lines += ["", "[time]", *_time(proposal.time)]
     if proposal.run:
         lines += ["", f"[runs]  # a change begins a new run\ncolumn = {quoted(proposal.run)}"]
     lines += ["", "[signals]"]
     for entry in sorted(proposal.entries, key=lambda own: (list(SIGNALS).index(own.signal), not own.decided)):
         lines += ["", *_signal(entry)]
+    lines += _proposed_repair(proposal)
     if proposal.others:
         listed, lacking = ", ".join(proposal.others), proposal.lacking
         which = "If one of them is a signal below, name it there. " if lacking else ""
@@ -253,11 +250,32 @@ def as_toml(proposal: Proposal, name: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _proposed_repair(proposal: Proposal) -> list[str]:
+    """What the check would change, as lines to be taken in place of those above."""
+    if not proposal.findings or not (proposal.time or proposal.rate):
+        return []
+    mapping = proposal.mapping()
+    better = repaired(mapping, proposal.findings)
+    if better is None:
+        return []
+    changed = [own for name, own in better.mapping.signals.items() if own != mapping.signals[name]]
+    told = next(own.sentence for own in proposal.findings if own.repair)
+    return [
+        "",
+        *_comment(f"Repair: {told}"),
+        "# Take these lines in place of those of the same name, or greybox data check --repair MAP.toml.",
+        *(f"#? {own.signal} = {{ {', '.join(column_fields(own))} }}" for own in changed),
+    ]
+
+
 def _time(time: MapEntry | None) -> list[str]:
     if time is None:
-        return ['#? column = "..."  # no column looks like a time', '#? unit = "s"']
+        return ['#? column = "..."  # no column looks like a time', '#? unit = "s"', "#? rate = 20  # or rows a second"]
     unit = f"unit = {quoted(time.unit)}" if time.decided else f'#? unit = "{time.units[0]}"'
-    return [*_comment("; ".join(time.reasons)), f"column = {quoted(time.column)}", unit]
+    names = [quoted(name) for name in (time.column, *time.otherwise)]
+    column = f"column = [{', '.join(names)}]" if time.otherwise else f"column = {names[0]}"
+    rest = [f"nanoseconds = {quoted(time.nanoseconds)}"] if time.nanoseconds else []
+    return [*_comment("; ".join(time.reasons)), column, *rest, unit]
 
 
 def _signal(entry: MapEntry) -> list[str]:
@@ -278,8 +296,3 @@ def _table(entry: MapEntry, unit: str) -> str:
 def _comment(text: str) -> Sequence[str]:
     printable = "".join(c if c.isprintable() else " " for c in text)
     return textwrap.wrap(printable, WIDTH, initial_indent="# ", subsequent_indent="#   ")
-
-
-def quoted(text: str) -> str:
-    """Text as TOML writes it; JSON's escapes are TOML's, but for what lies beyond 16 bits, which stays as it is."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -141,6 +141,13 @@ class MotionProblem:
         """The same problem with other weights of rows or readings; all that was laid out is shared."""
         other = copy(self)
         other.targets = self._targets(self.targets.robust, keep)
+        return other
+
+    def driven_by(self, inputs: Sequence[Array]) -> MotionProblem:
+        """The same problem with other inputs, (n, inputs) per run; starts and readings are shared."""
+        other = copy(self)
+        other.runs = [replace(run, inputs=own) for run, own in zip(self.runs, inputs, strict=True)]
+        other._plans = other._chain = other._tiled = None
         return other
 
     @property
@@ -283,15 +290,19 @@ class MotionProblem:
         """
         e, J = self._linearised(x, nodes)
         moving = np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
-        outputs, owner = e.shape[1], nodes.cut.owner.reshape(e.shape)
-        order, edges = nodes.cut.by_owner
-        for k, (first, last) in enumerate(zip(edges[:-1], edges[1:], strict=True)):
-            readings = np.arange(first, last) if order is None else order[first:last]
-            rows = np.unique(readings // outputs)
+        owner = nodes.cut.owner.reshape(e.shape)
+        for k, rows in enumerate(self.rows_of_intervals(nodes)):
             own = (owner[rows] == k)[:, :, None]
-            full = np.zeros((len(rows), outputs, len(self.layout.index[k])))
+            full = np.zeros((len(rows), e.shape[1], len(self.layout.index[k])))
             full[:, :, moving] = np.where(own, J[rows], 0.0)
             yield np.where(own[:, :, 0], e[rows], 0.0), full
+
+    def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
+        """Per interval, which of the N rows it predicts readings of."""
+        order, edges = nodes.cut.by_owner
+        for first, last in zip(edges[:-1], edges[1:], strict=True):
+            readings = np.arange(first, last) if order is None else order[first:last]
+            yield np.unique(readings // nodes.y.shape[1])
 
     def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""

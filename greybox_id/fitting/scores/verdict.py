@@ -23,6 +23,7 @@ from ..fit import SURPRISING, Fit
 from ..provenance import DataRecord
 from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
 from .metrics import FREE_RUN, Error, Scores, ahead
+from .misfit import misfit
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5
@@ -39,6 +40,9 @@ MANY = 100
 """More times as large than this is not told as a number."""
 MEAN = 1.0
 """Share of variance left by the mean of the readings."""
+FOREIGN_PRIOR = 10.0
+"""Estimates so many prior standard deviations off are not of the vehicle that was stated: within tolerances, what a
+model lacks moves them by up to six."""
 CORNER = 0.5
 """An optimum with more than this share of its free numbers at bounds is no vehicle's."""
 MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
@@ -72,12 +76,18 @@ def judged(
     held, unfitted, findings = held or {}, unfitted or {}, findings or {}
     comparison = _compared(own, held, unfitted)
     roles = [role for role in own if role != TRAINED] or list(own)
-    reasons = [*_trusted(fit, findings), *_found(fit), *_held_out(fit, fit.data if data is None else data), *more]
+    reasons = [
+        *_trusted(fit, findings),
+        *_found(fit),
+        *_held_out(fit, fit.data if data is None else data),
+        *more,
+    ]
     for role in roles:
         what = _called(role, roles)
         reasons += _predicted(own[role], held.get(role, {}), unfitted.get(role, {}), what)
         if role != TRAINED:
             reasons += _carried_over(own.get(TRAINED) or _trained(fit), own[role], what)
+    reasons += misfit(fit)
     if roles == [TRAINED]:
         reasons.append(Reason(WITH_CARE, "Not validated: no recording was held out; validate it on another one."))
     return weighed(reasons, comparison)
@@ -172,7 +182,13 @@ def _found(fit: Fit) -> Iterator[Reason]:
                 far.append((away, p.name))
     if far:
         said = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
-        yield Reason(WITH_CARE, f"Estimates conflict with their priors: {said}. Suspect the model structure.")
+        worst = max(away for away, _ in far)
+        yield Reason(
+            NOT_USABLE if worst > FOREIGN_PRIOR else WITH_CARE,
+            f"Estimates conflict with their priors: {said}. Suspect "
+            + ("that the data are of another vehicle, or the model structure." if worst > FOREIGN_PRIOR
+               else "the model structure."),
+        )  # fmt: skip
 
 
 def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Reason]:

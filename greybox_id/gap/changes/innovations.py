@@ -56,8 +56,8 @@ class FollowedRun:
     floors: Mapping[str, float]
 
     @classmethod
-    def of(cls, recording: Recording, read: Sequence[str]) -> FollowedRun:
-        """Keep what is in motion; of its readings, those that are far enough apart.
+    def of(cls, recording: Recording, read: Sequence[str], seconds: float = CAL.followed) -> FollowedRun:
+        """Keep what is in motion, of no more than so many seconds; of its readings, those that are far enough apart.
 
         Raises
         ------
@@ -70,7 +70,7 @@ class FollowedRun:
         if not moving.sample_time > 0:
             raise BadInput(f"{recording.name} has no two rows in motion that follow each other.")
         step = max(1, round(CAL.apart / moving.sample_time))
-        moving = _joined(excerpt([moving], round(CAL.followed / moving.sample_time)))
+        moving = _joined(excerpt([moving], round(seconds / moving.sample_time)))
         kept = np.zeros(len(moving), dtype=bool)
         for start, stop in moving.runs:
             kept[start:stop:step] = True

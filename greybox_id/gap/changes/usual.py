@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from ...base.numbers import number
 from ...base.shorthands import Array
+from ...datasets.recording import Recording
 from ...engine.motion.schedule import AT_ONCE
 from ...models.effect import Effect
 from ...models.motion_model import MotionModel
@@ -89,6 +91,35 @@ def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> 
     reach = np.stack([np.full(len(own), CAL.steered_alike), CAL.fast_alike * np.abs(own[:, 1])], axis=1)
     near = np.all(np.abs(own[:, None] - known[None]) <= reach[:, None], axis=2)
     return float(min(np.mean(np.any(near, axis=1)), np.mean(np.any(near, axis=0))))
+
+
+FAST = 95.0
+"""Percentile of speed and of lateral acceleration that is told of how hard recordings are driven."""
+
+
+def driven_elsewhere(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> str:
+    """How hard recordings are driven beside those from before, in a sentence."""
+    (v, a), (w, b) = ((_percentile(part, _speed), _percentile(part, _turning)) for part in (rides, since))
+    return (
+        f"What may have changed was driven at up to {number(v, 2)} m/s and {number(a, 2)} m/s² across, what is from "
+        f"before at up to {number(w, 2)} m/s and {number(b, 2)} m/s² ({FAST:g}th percentiles): what equations miss "
+        "where it was not driven before looks like a change, and a change must gain more to be named."
+    )
+
+
+def _percentile(rides: Sequence[FollowedRun], of: Callable[[Recording], Array]) -> float:
+    values = np.concatenate([of(ride.recording) for ride in rides])
+    return float(np.nanpercentile(values, FAST)) if np.any(np.isfinite(values)) else 0.0
+
+
+def _speed(own: Recording) -> Array:
+    return np.abs(own["v_x"]) if "v_x" in own else np.zeros(len(own))
+
+
+def _turning(own: Recording) -> Array:
+    if "a_y" in own:
+        return np.abs(own["a_y"])
+    return _speed(own) * np.abs(own["yaw_rate"]) if "yaw_rate" in own else np.zeros(len(own))
 
 
 def _seconds(ride: FollowedRun) -> Array:

@@ -29,9 +29,11 @@ from ...models.vehicle import Stated, Vehicle
 from ..estimation.calibration import CAL
 from ..gap import Budget, Closure, Gap, Ranked, Share, Where
 from .between_runs import Common, RunExplained, values_of
+from .columns import ByColumns, told_by_columns
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
-from .usual import GAINS, USUAL, acts, driven_alike, numbers_of, usual
+from .sensitivity import Visible, visible
+from .usual import GAINS, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -70,8 +72,9 @@ class Changed:
 
     @property
     def not_changed(self) -> list[dict[str, Any]]:
-        """Effects that did not, with twice the scatter within which they were."""
-        names = [name for name in self.scatter if name not in self.gap.applied]
+        """Effects that did not, with twice the scatter within which they were; none of which it is doubtful."""
+        doubted = {own.effect for own in self.gap.ranking if own.reason}
+        names = [name for name in self.scatter if name not in self.gap.applied and name not in doubted]
         return [{"effect": name, "within": 2 * self.scatter[name][1]} for name in names]
 
     def to_json(self) -> dict[str, Any]:
@@ -112,20 +115,11 @@ def diagnose_change(
         model is none of motion.
     """
     tell = say or (lambda line, **_: None)
-    if not since:
-        raise BadInput("Since when? Name recordings from before the change.")
-    if vehicle is None:
-        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
-    if not isinstance(model, MotionModel) or model.learnt:
-        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
-    _must_differ([*after, *held_out], since)
-    read = _readings(model, [*after, *held_out, *since])
-    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
-    if not own:
-        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+    model, vehicle, read, own = _begun(model, [*after, *held_out], since, effects, vehicle)
     with threadpool_limits(1):  # matrices are tiny
         full, numbers = numbers_of(model, own, vehicle)
-        before, rides, others = ([FollowedRun.of(one, read) for one in part] for part in (since, after, held_out))
+        long = seconds_followed(model)
+        before, rides, others = ([FollowedRun.of(one, read, long) for one in part] for part in (since, after, held_out))
         filtered = filtered_alike([*after, *held_out, *since])
         driven = driven_alike([*rides, *others], before) > CAL.driven
         nameless = () if filtered and driven else GAINS
@@ -135,8 +129,70 @@ def diagnose_change(
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
-        base, found = changes(known, rides, others, halves, nameless, cost)
-    return _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since)
+        direct = by_place(known, own, told_by_columns([*after, *held_out], since))
+        moved = known.x.copy()
+        for place, one in direct.items():  # whatever else changed is told beside what two columns tell
+            moved[place] += one.shift
+        base, found = changes(replace(known, x=moved), rides, others, halves, nameless, cost)
+        elsewhere = () if driven else (driven_elsewhere([*rides, *others], before),)
+    found = [one for one in found if one.place not in direct]
+    said = _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since, direct)
+    return replace(said, gap=replace(said.gap, doubts=(*said.gap.doubts, *elsewhere)))
+
+
+def visible_changes(
+    model: Diagnosed,
+    since: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    *,
+    vehicle: Vehicle | None,
+    say: Callable[..., None] | None = None,
+) -> tuple[Visible, ...]:
+    """From which size on a change would show on one further recording like those from before.
+
+    Parameters
+    ----------
+    model, since, effects, vehicle, say : as of `diagnose_change`.
+
+    Raises
+    ------
+    BadInput : as of `diagnose_change`.
+    """
+    model, vehicle, read, own = _begun(model, [], since, effects, vehicle)
+    with threadpool_limits(1):
+        full, numbers = numbers_of(model, own, vehicle)
+        rides = [FollowedRun.of(one, read, seconds_followed(model)) for one in since]
+        known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None), {})
+        names = {effect.parameter.name: name for name, effect in own.items()}
+        units = {name: effect.parameter.unit for name, effect in own.items()}
+        return visible(known, rides, names, units, CAL.cost_changed)
+
+
+def seconds_followed(model: MotionModel) -> float:
+    """Of a recording that are followed at most: a filter of one state takes a ninth of the time of one of three."""
+    return CAL.followed * (3 // len(model.states)) ** 2
+
+
+def _begun(
+    model: Diagnosed,
+    after: Sequence[Recording],
+    since: Sequence[Recording],
+    effects: Mapping[str, Effect],
+    vehicle: Vehicle | None,
+) -> tuple[MotionModel, Vehicle, tuple[str, ...], dict[str, Effect]]:
+    """Model and vehicle, what all recordings read, and the effects that may have changed and act on that."""
+    if not since:
+        raise BadInput("Since when? Name recordings from before the change.")
+    if vehicle is None:
+        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
+    if not isinstance(model, MotionModel) or model.learnt:
+        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
+    _must_differ(after, since)
+    read = _readings(model, [*after, *since])
+    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
+    if not own:
+        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+    return model, vehicle, read, own
 
 
 def _must_differ(own: Sequence[Recording], since: Sequence[Recording]) -> None:
@@ -185,15 +241,19 @@ def _answer(
     after: Sequence[Recording],
     held_out: Sequence[Recording],
     since: Sequence[Recording],
+    direct: Mapping[int, ByColumns],
 ) -> Changed:
-    """What is said of all that was found."""
+    """What is said of all that was found; direct: what two columns tell by themselves."""
     effects = {effect.parameter.name: name for name, effect in own.items()}
     weights = np.array([exp(min(one.least, 300.0)) for one in found])
     sure = weights / (1.0 + np.sum(weights))
     first = found[0] if found and found[0].least > 0 else None
     alike = [] if first is None else [effects[known.numbers[one.place].name] for one in found[1:]
                                       if first.least - one.least < CAL.alike]  # fmt: skip
-    mean, spans = known.x.copy(), list[tuple[float, float]]()
+    told, spans = known.x.copy(), list[tuple[float, float]]()
+    for place, by in direct.items():
+        told[place] += by.shift
+    mean = told.copy()
     for one in found:
         number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
         sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
@@ -217,7 +277,7 @@ def _answer(
             reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
     first_found = first
     if reasons:
-        first, mean = None, known.x
+        first, mean = None, told
         chosen, judged = (_closure(known, ones, mean, each.recordings)
                           for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
     ranking = []
@@ -230,12 +290,11 @@ def _answer(
             reason = "it would be further off than ever changes: a symptom of something else, no size"
         mates = tuple(alike) if first_found is one else ()
         ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, mates, one.total, reason))
-    applied = tuple(effects[known.numbers[one.place].name] for one in (first,) if one is not None)
-    budget = None
-    if applied:
-        low, high = judged.closed_interval
-        rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
-        budget = Budget((Share(applied[0], judged.closed, low, high),), rest, judged.recordings, bool(held_out))
+    ranking = [*(_by_columns(known, own[effects[known.numbers[place].name]], effects, place, by)
+                 for place, by in direct.items()), *ranking]  # fmt: skip
+    places = (*direct, *(one.place for one in (first,) if one is not None))
+    applied = tuple(effects[known.numbers[place].name] for place in places)
+    budget = _budget(known, others, mean, places, applied, judged, bool(held_out))
     loud = _loudness(known, rides, base)
     odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
     unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
@@ -247,11 +306,11 @@ def _answer(
             f"{one.name}: {finding.sentence}"
             for one in (*after, *since) for finding in check(one) if finding.severity is Severity.DISTRUST
         ),
-        gap_detected=first is not None or unknown > 0.5,
-        p_value=_by_chance(found, len(known.varying)),
+        gap_detected=bool(applied) or unknown > 0.5,
+        p_value=min([_by_chance(found, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
         unknown_probability=unknown,
         unknown=f"readings are {loud:.2g} times as far from what was foreseen as before" if unknown > 0.5 else "",
-        where=Where(channel=max(channels, key=lambda name: channels[name]) if first or unknown > 0.5 else "",
+        where=Where(channel=max(channels, key=lambda name: channels[name]) if applied or unknown > 0.5 else "",
                     channels=channels),
         ranking=tuple(ranking),
         applied=applied,
@@ -279,6 +338,50 @@ def _answer(
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
     return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since))
+
+
+def by_place(known: Common, own: Mapping[str, Effect], told: Sequence[ByColumns]) -> dict[int, ByColumns]:
+    """What two columns tell, by the place of the number that it is of."""
+    places = {number.name: place for place, number in enumerate(known.numbers)}
+    return {places[own[one.effect].parameter.name]: one for one in told
+            if one.effect in own and own[one.effect].parameter.name in places}  # fmt: skip
+
+
+def _by_columns(known: Common, effect: Effect, effects: Mapping[str, str], place: int, by: ByColumns) -> Ranked:
+    """An effect that two columns tell."""
+    number, at = known.numbers[place], known.x[place] + by.shift
+    low, size, high = (_within(effect, number.value(at + side * 1.96 * by.sd)) for side in (-1, 0, 1))
+    gain = 0.5 * (by.shift / by.sd) ** 2
+    return Ranked(effects[number.name], by.probability, size, effect.parameter.unit, (low, high), (), gain)
+
+
+def _budget(
+    known: Common,
+    rides: Sequence[FollowedRun],
+    mean: Array,
+    places: Sequence[int],
+    applied: Sequence[str],
+    judged: Closure,
+    held_out: bool,
+) -> Budget | None:
+    """Shares of what is applied, one after the other; what is left of the gap is unnamed."""
+    if not applied:
+        return None
+    low, high = judged.closed_interval
+    rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
+    shares, before = [], 0.0
+    for k, name in enumerate(applied):
+        upto = judged.closed
+        if k < len(applied) - 1:
+            at = known.x.copy()
+            at[[*places[: k + 1]]] = mean[[*places[: k + 1]]]
+            upto = _closure(known, rides, at, judged.recordings).closed
+        spread = 0.5 * (high - low)
+        alone = len(applied) == 1
+        shares.append(Share(name, upto - before, low if alone else upto - before - spread,
+                            high if alone else upto - before + spread))  # fmt: skip
+        before = upto
+    return Budget(tuple(shares), rest, judged.recordings, held_out)
 
 
 def _by_chance(found: Sequence[Change], tried: int) -> float:

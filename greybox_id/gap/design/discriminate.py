@@ -470,6 +470,8 @@ def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitud
 def _drive_of(model: MotionModel) -> str:
     """The signal of the drive command: of newtons, amperes and accelerations, the one that force_per_unit fits."""
     names = model.aliases.get("drive", ("drive",))
+    if "force_per_unit" not in model:  # its speed is read, not simulated
+        return names[0]
     per_unit, m = float(model["force_per_unit"].array), float(model["m"].array)
     if abs(per_unit - 1.0) < 0.05 and "drive_force" in names:
         return "drive_force"

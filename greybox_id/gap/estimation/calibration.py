@@ -204,7 +204,9 @@ class Calibration:
     tuned_on: float = _known(20.0, "s of it that sizes of noise are tuned on")
     changed_refitted: int = _known(3, "effects that are refitted: those expected to gain most")
     changed_least: float = _known(1.0, "nats that the second and third of them are expected to gain")
-    changed_starts: tuple[float, ...] = _known((-1.2, -0.6, 0.6, 1.2), "sizes tried first, in widths of what may be")
+    changed_starts: tuple[float, ...] = _known(
+        (-4.0, -2.2, -1.2, -0.6, 0.6, 1.2, 2.2), "sizes tried first, in widths of what may be: grip on ice is 3.5 off"
+    )
     matters: float = _known(0.3, "information over the prior: numbers of which an after tells less stay")
 
     # ---- what is searched

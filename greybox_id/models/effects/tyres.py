@@ -79,6 +79,7 @@ grip_scale = alteration(
     grip_r=lambda grip, q: grip * q.p.grip_scale,
     stiffness_f=lambda stiffness, q: stiffness * _kept_slope(q),
     stiffness_r=lambda stiffness, q: stiffness * _kept_slope(q),
+    road_limit=lambda limit, q: limit * q.p.grip_scale,
     others=(Parameter(
         "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
         about="how far slopes at zero slip go with it, as a power: 1 as a factor on D has it, 0 as another road does",

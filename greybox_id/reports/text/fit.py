@@ -25,6 +25,8 @@ NEGLIGIBLE = 1e-6
 """Share of an objective that is not worth telling."""
 
 
+MOST_NAMED = 6
+"""Estimates that are named in the verdict's line."""
 MOST_OPEN = 4
 """Sentences printed on what the recording leaves open."""
 PROTOCOL_WORDS = {
@@ -45,7 +47,7 @@ def parts(result: Fit, vehicle: str = "") -> Iterator[RenderableType]:
     vehicle : name of the vehicle it started from.
     """
     if result.verdict is not None:
-        yield verdict_table(result.verdict)
+        yield verdict_table(result.verdict, _from_prior(result))
         yield ""
     for record in result.data:
         yield f"{'data' if record.role == 'train' else 'held out':9}{_recorded(record)}"
@@ -99,11 +101,20 @@ def error_parts(model: Model, result: Fit) -> Iterator[RenderableType]:
     yield errors_table(result.metrics)
 
 
-def verdict_table(verdict: Verdict) -> Table:
-    """A verdict: the word, and a line for each reason."""
+def _from_prior(result: Fit) -> str:
+    """The estimates that are more prior than data, as the end of the verdict's line."""
+    names, free = result.from_prior, [p for p in result.model.parameters if p.shape == () and not p.fixed]
+    if not names:
+        return ""
+    listed = ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if names[MOST_NAMED:] else "")
+    return f"; {len(names)} of {counted(len(free), 'estimate')} more prior than data: {listed}"
+
+
+def verdict_table(verdict: Verdict, more: str = "") -> Table:
+    """A verdict: the word, what belongs beside it, and a line for each reason."""
     lines = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     lines.add_column(min_width=8)
-    lines.add_row("verdict", verdict.usability)
+    lines.add_row("verdict", f"{verdict.usability}{more}")
     for reason in verdict.reasons:
         lines.add_row("", reason)
     return lines
@@ -123,6 +134,7 @@ def as_dict(result: Fit) -> dict[str, Any]:
         "cpu_seconds": seconds | {"cross_validation": sum(s.cross_validation_seconds for s in result.stages)},
         "stages": body["stages"],
         "notes": body["notes"],
+        "from_prior": list(result.from_prior),
         "together": body["together"],
         "per_run": body["per_run"],
         "data": body["data"],

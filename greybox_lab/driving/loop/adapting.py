@@ -149,13 +149,13 @@ def foretold(
     """
     world = world_of(model, vehicle, TWIN_LANES, cap, like=units, draws=draws, seconds=TWIN_SECONDS)
     world.reset(np.ones(TWIN_LANES, dtype=bool), list(range(TWIN_LANES)))
-    begun = world.told()["s"]
+    begun = world.situation()["s"]
     going, crashed = np.ones(TWIN_LANES, dtype=bool), np.zeros(TWIN_LANES, dtype=bool)
     times = np.full(TWIN_LANES, np.nan)
     off = np.full((int(TWIN_SECONDS / world.rules.period), TWIN_LANES), np.nan)
     for k in range(len(off)):
         _, ended, cut = world.step(act(world.observe()), still=~going)
-        progress = world.told()
+        progress = world.situation()
         crashed |= ended
         over = going & ~ended & (progress["s"] - begun >= TWIN_LAPS * world.track.length)
         times[over] = (k + 1) * world.rules.period

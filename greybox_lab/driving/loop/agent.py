@@ -88,13 +88,13 @@ class AgentOutcome:
 
     Attributes
     ----------
-    asked : options.
+    scene : options.
     withheld : effect -> magnitude, that the vehicle has and nobody was told of.
     drives, trainings : one after the other, see docs/json.md.
     folder : where everything is.
     """
 
-    asked: Mapping[str, Any]
+    scene: Mapping[str, Any]
     withheld: Mapping[str, float]
     drives: tuple[Mapping[str, Any], ...]
     trainings: tuple[Mapping[str, Any], ...]
@@ -103,7 +103,7 @@ class AgentOutcome:
     def to_json(self) -> dict[str, Any]:
         """As plain data."""
         return {
-            "scene": dict(self.asked),
+            "scene": dict(self.scene),
             "withheld": dict(self.withheld),
             "drives": [dict(drive) for drive in self.drives],
             "trainings": [dict(training) for training in self.trainings],
@@ -180,8 +180,8 @@ class _Agent(Underway):
     def _hello(self, sha: str, body: bytes) -> None:
         """Tell the server who drives, and by which policy."""
         self._asked(lambda: self.client.post("/v1/policies", body))
-        target = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
-        self._asked(lambda: self.client.post("/v1/hello", target))
+        hello = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
+        self._asked(lambda: self.client.post("/v1/hello", hello))
 
     def _asked(self, ask: Callable[[], Answer]) -> Answer:
         """An answer, asked for again where nobody answers: requests are the same whether they come once or twice."""
@@ -212,10 +212,16 @@ class _Agent(Underway):
         """Send the rows that the server does not have."""
         self.buffer.send(lambda body: self.client.post(f"{self._path}/rows", body))
 
-    def _shown(self, drive: DrivenRows, known: Mapping[str, Any]) -> None:
+    def _shown(self, drive: DrivenRows, summary: Mapping[str, Any]) -> None:
         """Telemetry for the server's page."""
         events = [
-            {"kind": "telemetry", "policy": known["policy"], "cap": known["cap"], "v_x": float(v_x), "e_y": float(e_y)}
+            {
+                "kind": "telemetry",
+                "policy": summary["policy"],
+                "cap": summary["cap"],
+                "v_x": float(v_x),
+                "e_y": float(e_y),
+            }
             for episode in drive.episodes
             if episode.recording is not None
             for v_x, e_y in zip(
@@ -240,7 +246,7 @@ class _Agent(Underway):
             self._send()
         except Unanswered as error:
             self.log.write("rows wait", reason=str(error))
-        known = {
+        summary = {
             "rows": drive.rows,
             "cap": driven_at,
             "path_error_rms": drive.path_error,
@@ -250,11 +256,11 @@ class _Agent(Underway):
             "events": hands.events,
             "policy": seat.now.sha,
         }
-        self._shown(drive, known)
-        self._event("drive", number=k, **known)
-        self.state["drives"].append(known)
+        self._shown(drive, summary)
+        self._event("drive", number=k, **summary)
+        self.state["drives"].append(summary)
         self.state["cap"], self.state["clean"], self.state["part"] = cap.share, cap.clean, self.buffer.last
-        rows = sum(item["rows"] for item in self.state["drives"])
+        rows = sum(each["rows"] for each in self.state["drives"])
         counts = RowCounts(last=self.state["learned_at"])
         reason = counts.due(rows)
         if not reason and recordings and counts.allowed(rows):
@@ -265,13 +271,13 @@ class _Agent(Underway):
 
     def _train(self, seat: Seat, reason: str) -> None:
         """Ask for a policy, try it, and let it drive."""
-        entry, k = self.options, len(self.state["trainings"]) + 1
+        options, k = self.options, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
         self._event("trigger", training=k, reason=reason)
         self._asked(self._send)
-        target = {"arm": entry.arm, "seconds": entry.seconds, "steps": entry.steps, "seed": entry.seed + k,
+        request = {"arm": options.arm, "seconds": options.seconds, "steps": options.steps, "seed": options.seed + k,
                   "cap": self.state["cap"]}  # fmt: skip
-        job = self._asked(lambda: self.client.post(f"{self._path}/train", target))
+        job = self._asked(lambda: self.client.post(f"{self._path}/train", request))
         place = f"/v1/jobs/{job['id']}"
         while job["status"] not in (DONE, FAILED):
             time.sleep(POLL)
@@ -320,12 +326,12 @@ class _Agent(Underway):
 
         Before anything of the vehicle is known it may be anything in the ranges of `by_hand`.
         """
-        stated = self.state["foretold"]
-        if not stated:
+        by_cap = self.state["foretold"]
+        if not by_cap:
             result = foretold(self.nominal, self.vehicle, policy.act, self.units(cap), cap, by_hand())
             return {"path_error_rms": result.path_error, "worst": result.worst}
-        above = [item for item in stated if item["cap"] >= cap - 1e-9]
-        return min(above or stated, key=lambda item: abs(item["cap"] - cap))
+        above = [at for at in by_cap if at["cap"] >= cap - 1e-9]
+        return min(above or by_cap, key=lambda at: abs(at["cap"] - cap))
 
     def _evidence(self, recordings: Sequence[Recording]) -> str:
         """Why the last drive is not that of the vehicle that is believed: the file's at first, then the last twin."""

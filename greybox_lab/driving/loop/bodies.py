@@ -56,9 +56,9 @@ class BodyChecks:
             raise Declined(413, f"The {kind} cannot be read within {SECONDS:g} s; send less at a time.")
         if ended.how == "memory":
             raise Declined(413, f"The {kind} cannot be read within {MEMORY >> 30} GB of memory; send less at a time.")
-        if ended.how != "done" or not ended.told:
+        if ended.how != "done" or not ended.messages:
             raise Declined(422, f"The {kind} cannot be read: the process that did {ended.how:.200}.")
-        answer = ended.told[-1]
+        answer = ended.messages[-1]
         if "refused" in answer:
             raise Declined(int(answer["status"]), str(answer["refused"]))
         return int(answer["rows"])

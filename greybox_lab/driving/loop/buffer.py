@@ -72,7 +72,7 @@ class RowBuffer:
         self._folder, self._list = folder, folder / "buffer.json"
         held = read_json(self._list) if self._list.is_file() else []
         try:
-            self.parts = [RowPart(**item) for item in held]
+            self.parts = [RowPart(**part) for part in held]
         except TypeError as error:
             raise BadInput(f"{self._list} is damaged; remove it, and the rows beside it.") from error
 
@@ -134,7 +134,7 @@ def continued(recordings: Sequence[Recording]) -> list[Recording]:
             result[-1].append(recording)
         else:
             result.append([recording])
-    return [_one(item) for item in result]
+    return [_one(parts) for parts in result]
 
 
 def _like(one: Recording, other: Recording) -> bool:

@@ -23,6 +23,8 @@ from greybox_id.models.vehicle_file import parse_vehicle
 from .protocol import GZIP, LARGEST, PARQUET
 from .swap import drivers_policy
 
+NAMES = {"rows": "The body of rows", "policy": "The policy", "vehicle": "The vehicle file"}
+
 
 class TooLarge(BadInput):
     """More than a body may hold."""
@@ -41,7 +43,7 @@ def checked(job: dict[str, str], tell: Callable[[dict[str, Any]], None]) -> None
             vehicle_of(file.read_text("utf-8"))
         tell({"rows": rows})
     except BadInput as error:
-        sentence = str(error).replace(str(file), f"The {kind}").replace(file.stem, f"The {kind}")
+        sentence = str(error).replace(str(file), NAMES[kind]).replace(file.stem, NAMES[kind])
         tell({"status": 413 if isinstance(error, TooLarge) else 422, "refused": sentence})
 
 

@@ -103,7 +103,7 @@ class Demo:
         return {
             "scene": dict(self.scene),
             "withheld": dict(self.withheld),
-            "cycles": [{name: item for name, item in one.items() if name != "trace"} for one in self.cycles],
+            "cycles": [{name: value for name, value in one.items() if name != "trace"} for one in self.cycles],
             "arms": {name: dict(arm) for name, arm in self.arms.items()},
             "folder": str(self.folder),
         }
@@ -279,7 +279,7 @@ class _Running(Underway):
                 "rows": drive.rows,
                 "cap": driven_at,
                 "detected": result.twin.detected,
-                "named": [dict(item) for item in result.twin.named],
+                "named": [dict(cause) for cause in result.twin.named],
                 "applied": dict(result.twin.applied),
                 "path_error_rms": drive.path_error,
                 "path_error_foretold": before["path_error_rms"],
@@ -383,9 +383,9 @@ class Watched(Hands):
             self._log.write("watchdog", seconds=took)
         return done
 
-    def limited(self, target: Array) -> Array:
+    def limited(self, command: Array) -> Array:
         """Limited in size and rate; braking where a command came too late."""
-        return self._limits(np.array([self._limits.last[0], -self._brake]) if self._late else target)
+        return self._limits(np.array([self._limits.last[0], -self._brake]) if self._late else command)
 
     def watch(self, row: Mapping[str, float]) -> None:
         """Look whether the envelope is left."""

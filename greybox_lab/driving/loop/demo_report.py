@@ -49,9 +49,9 @@ def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:
     rows = []
     for k, one in enumerate(cycles, 1):
         named = "; ".join(
-            f"{item['effect']} {quantity(item['magnitude'], item['unit'])} ({item['probability']:.2f})"
-            + ("" if item["effect"] in one["applied"] else ", not applied")
-            for item in one["named"]
+            f"{cause['effect']} {quantity(cause['magnitude'], cause['unit'])} ({cause['probability']:.2f})"
+            + ("" if cause["effect"] in one["applied"] else ", not applied")
+            for cause in one["named"]
         )
         swapped = "swapped" if one["swapped"] else f"kept: {one['reason']}"
         driven = (

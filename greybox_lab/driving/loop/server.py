@@ -345,8 +345,11 @@ async def _refusal(request: Request, error: Exception) -> Response:
 
 
 def _status(error: Exception) -> tuple[int, str]:
-    if _is_full(error):
+    system = _of_system(error)
+    if system is not None and system.errno in FULL:
         return 507, "The disk of this server is full; nothing changed. Make room there, then send it again."
+    if system is not None:
+        return 500, f"This server cannot use its folder ({system.strerror or system}); nothing changed."
     if isinstance(error, Declined):
         return error.status, str(error)
     if isinstance(error, BadInput):
@@ -360,12 +363,13 @@ def _status(error: Exception) -> tuple[int, str]:
     return 500, f"This server has a fault ({type(error).__name__}); nothing changed."
 
 
-def _is_full(error: BaseException | None) -> bool:
-    while error is not None:
-        if isinstance(error, OSError) and error.errno in FULL:
-            return True
+def _of_system(error: BaseException | None) -> OSError | None:
+    """What the system had against it, if that is what went wrong. Declined requests are nobody's but the client's."""
+    while error is not None and not isinstance(error, Declined):
+        if isinstance(error, OSError) and not isinstance(error, TimeoutError):
+            return error
         error = error.__cause__
-    return False
+    return None
 
 
 async def _drain(request: Request) -> None:

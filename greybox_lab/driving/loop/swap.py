@@ -129,7 +129,7 @@ class Seat:
         prober, about = self._prober, list[dict[str, Any]]()
         try:
             _, numbers = of_bytes(body, folder, ".json", "The policy", lambda file: prober.ask(
-                "probed", str(file), patience=PATIENCE, most=MOST, told=about.append
+                "probed", str(file), patience=PATIENCE, most=MOST, hear=about.append
             ))  # fmt: skip
         except (Failed, Lost) as error:
             ended = f"The policy could not be probed ({error})." if isinstance(error, Lost) else str(error)

@@ -68,13 +68,14 @@ def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
     result = {
         "policy": digest_of(policy.encode()),
         "detected": value.twin.detected,
-        "named": [dict(item) for item in value.twin.named],
+        "named": [dict(cause) for cause in value.twin.named],
         "applied": dict(value.twin.applied),
         "path_error_before": before.path_error,
         "path_error": after.path_error,
         "crashes": after.crashes,
         "foretold": [
-            {"cap": cap, "path_error_rms": item.path_error, "worst": item.worst} for cap, item in by_cap.items()
+            {"cap": cap, "path_error_rms": forecast.path_error, "worst": forecast.worst}
+            for cap, forecast in by_cap.items()
         ],
         "vehicle": None if isinstance(value.twin.model, InjectedModel) else vehicle_text(value.twin.vehicle),
         "seconds": time.process_time() - began,

@@ -111,7 +111,7 @@ class Workers:
             return f"More than {MEMORY >> 30} GB of memory would be needed; send fewer rows."
         if ended.how != "done":
             return f"Its process {ended.how:.400}; ask again."
-        return next((str(body["failed"]) for body in ended.told if "failed" in body), "")
+        return next((str(body["failed"]) for body in ended.messages if "failed" in body), "")
 
     def _progressed(self, job: Job, sentence: str) -> None:
         self._progress[job.id] = sentence

@@ -122,12 +122,14 @@ def of_fit(fit: Fit) -> Draws:
             free[at] = parameter
         at += parameter.array.size
     held = np.full((at, at), np.nan) if fit.covariance is None else fit.covariance
-    free = {k: item for k, item in free.items() if np.isfinite(held[k, k])}
+    free = {k: parameter for k, parameter in free.items() if np.isfinite(held[k, k])}
     if not free:
         raise BadInput("randomise: this fit keeps no covariance of its parameters, from which they could be drawn.")
     variances, directions = np.linalg.eigh(held[np.ix_(list(free), list(free))])
     off = _normal(np.random.default_rng(0), (DRAWN, len(free))) * np.sqrt(np.maximum(variances, 0.0)) @ directions.T
-    columns = {item.name: _bounded(item, item.array + off[:, k]) for k, item in enumerate(free.values())}
+    columns = {
+        parameter.name: _bounded(parameter, parameter.array + off[:, k]) for k, parameter in enumerate(free.values())
+    }
     return of_posterior(pd.DataFrame(columns), "randomise")
 
 
@@ -141,14 +143,14 @@ def of_gap(gap: Gap, *, unseen: bool = True) -> Draws:
         as large as would not show, and no larger than is usual.
     """
     generator, columns, added = np.random.default_rng(0), dict[str, Array](), dict[str, float]()
-    for item in gap.ranking:
-        if item.effect not in gap.applied or not isinstance(gap.closed, MotionModel):
+    for cause in gap.ranking:
+        if cause.effect not in gap.applied or not isinstance(gap.closed, MotionModel):
             continue
-        parameter, low, high = gap.closed[item.effect], *item.interval
+        parameter, low, high = gap.closed[cause.effect], *cause.interval
         sd = (high - low) / (2 * NORMAL)
         off = _normal(generator, DRAWN) * (sd if np.isfinite(sd) else 0.0)
-        there = generator.random(DRAWN) < item.probability
-        columns[item.effect] = np.where(there, _bounded(parameter, parameter.array + off), _null(parameter))
+        there = generator.random(DRAWN) < cause.probability
+        columns[cause.effect] = np.where(there, _bounded(parameter, parameter.array + off), _null(parameter))
     for name, limit in gap.limits.items() if unseen else ():
         if limit.share <= 1.0 or name not in EFFECTS or not np.isfinite(null := _null(EFFECTS[name].parameter)):
             continue  # what is only felt beyond a size, as rates and forces are limited, is not told by derivatives

@@ -53,7 +53,7 @@ class TrackEnv(gymnasium.Env[Observations, Array]):
         return self.world.observe()[0], float(reward[0]), bool(ended[0]), bool(cut[0]), self._told()
 
     def _told(self) -> dict[str, Any]:
-        return {name: float(item[0]) for name, item in self.world.told().items()}
+        return {name: float(item[0]) for name, item in self.world.situation().items()}
 
 
 class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
@@ -88,7 +88,7 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
         which = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
         self.world.reset(which, seeds)
         self._over &= ~which
-        return self.world.observe(), dict(self.world.told())
+        return self.world.observe(), dict(self.world.situation())
 
     def step(self, actions: Array) -> tuple[Observations, Any, Mask, Mask, dict[str, Any]]:
         """Drive a period everywhere, but where an episode begins."""
@@ -96,7 +96,7 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
         self.world.reset(begins)
         reward, ended, cut = self.world.step(np.asarray(actions), still=begins)
         self._over = ended | cut
-        return self.world.observe(), reward, ended, cut, dict(self.world.told())
+        return self.world.observe(), reward, ended, cut, dict(self.world.situation())
 
 
 def spaces_of(world: World) -> tuple[Any, Any]:

@@ -94,15 +94,15 @@ def drive(world: World, policy: Actor, laps: int, *, seed: int = 0) -> Laps:
     )
     left = laps // lanes + (np.arange(lanes) < laps % lanes)
     world.reset(np.ones(lanes, dtype=bool), [seed + k for k in range(lanes)])
-    line, since = world.told()["s"] + RUN_IN * track.length, np.full(lanes, np.nan)
+    line, since = world.situation()["s"] + RUN_IN * track.length, np.full(lanes, np.nan)
     now, tried_for = np.zeros(lanes), np.zeros(lanes)
     times, crashes, given_up, last = [], 0, 0, np.full(lanes, np.nan)
     errors, rates, speeds = [], [], []
     while np.any(left > 0):
-        resting, before = left <= 0, world.told()["s"]
+        resting, before = left <= 0, world.situation()["s"]
         actions = np.clip(policy.act(world.observe()), -1.0, 1.0)
         _, ended, _ = world.step(actions, still=resting)
-        progress, timed = world.told(), ~resting & ~np.isnan(since) & ~ended
+        progress, timed = world.situation(), ~resting & ~np.isnan(since) & ~ended
         now, tried_for = now + T, tried_for + T
         errors.append(progress["e_y"][timed])
         rates.append((actions[:, 0] - last)[timed] * world.steer_max / T)
@@ -120,7 +120,7 @@ def drive(world: World, policy: Actor, laps: int, *, seed: int = 0) -> Laps:
         if np.any(lost):
             left = left - lost
             world.reset(lost)
-            line = np.where(lost, world.told()["s"] + RUN_IN * track.length, line)
+            line = np.where(lost, world.situation()["s"] + RUN_IN * track.length, line)
             since, last = np.where(lost, np.nan, since), np.where(lost, np.nan, last)
             tried_for = np.where(lost, 0.0, tried_for)
     e_y, steering, speed = np.abs(np.concatenate(errors)), np.concatenate(rates), np.concatenate(speeds)

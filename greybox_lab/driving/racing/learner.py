@@ -211,7 +211,7 @@ class _Learning:
         self.least = np.float32(np.log(settings.least_sd))
         np.maximum(self.log_sd, self.least, out=self.log_sd)
         largest = settings.largest_gradient
-        self._adams = [Adam(item, largest) for item in (self.policy.vector, self.log_sd, self.value.vector)]
+        self._adams = [Adam(vector, largest) for vector in (self.policy.vector, self.log_sd, self.value.vector)]
         lanes = len(world.lanes)
         world.reset(np.ones(lanes, dtype=bool), [seed + k for k in range(lanes)])
         self._seen = world.observe()
@@ -241,19 +241,19 @@ class _Learning:
 
     def _update(self, rollout: Rollout, rate: float) -> float:
         """Follow the clipped objective; the divergence from the policy before."""
-        entry, lanes = self.settings, rollout.seen.shape[1]
+        settings, lanes = self.settings, rollout.seen.shape[1]
         seen = rollout.seen.reshape(-1, self.world.size)
         values = self.value.forward(seen)[-1].reshape(-1, lanes)
-        advantages, returns = estimated(rollout, values, entry, self._beyond(rollout))
+        advantages, returns = estimated(rollout, values, settings, self._beyond(rollout))
         seen, done = seen[:-lanes], rollout.done.reshape(-1, ACTIONS)
         before, advantages, returns = rollout.log_p.ravel(), advantages.ravel(), returns.ravel()
         divergence = 0.0
-        for _ in range(entry.epochs):
+        for _ in range(settings.epochs):
             order, result = self.generator.permutation(len(seen)), []
-            for first in range(0, len(order), entry.batch):
-                rows = order[first : first + entry.batch]
+            for first in range(0, len(order), settings.batch):
+                rows = order[first : first + settings.batch]
                 by_mean, by_log_sd, off, layers = surrogate(
-                    self.policy, self.log_sd, seen[rows], done[rows], before[rows], advantages[rows], entry
+                    self.policy, self.log_sd, seen[rows], done[rows], before[rows], advantages[rows], settings
                 )
                 result.append(off)
                 self._adams[0].step(self.policy.backward(layers, by_mean), rate)
@@ -263,7 +263,7 @@ class _Learning:
                 lacking = (layers[-1] - returns[rows, None]) / np.float32(len(rows))
                 self._adams[2].step(self.value.backward(layers, lacking), rate)
             divergence = float(np.mean(result))
-            if divergence > entry.kl_stop:
+            if divergence > settings.kl_stop:
                 break
         return divergence
 

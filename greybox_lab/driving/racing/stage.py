@@ -53,7 +53,7 @@ class Period:
     def __init__(self, model: MotionModel, period: float, moving: Collection[str] = ()) -> None:
         self.equations, self.period = Equations(model, moving), period
         self.states = [state.name for state in self.equations.states]
-        self.inputs = [item.name for item in self.equations.inputs]
+        self.inputs = [one.name for one in self.equations.inputs]
         others = [name for name in self.inputs if name != "steer"]
         if not set(PLANE) <= set(self.states) or "steer" not in self.inputs or len(others) != 1:
             raise BadInput(
@@ -103,7 +103,7 @@ class Period:
     def per_drive(self, p: Array) -> tuple[float, float]:
         """Acceleration per unit of drive and per unit of braking, at half the usual speed, m/s^2 per unit."""
         x = self.begun(0.5 * self.usual_speed, p)[0][: self.motion]
-        at = [float(self.equations.ode(x, self._driven(item), p)[self._plane[0]]) for item in (-1.0, 0.0, 1.0)]
+        at = [float(self.equations.ode(x, self._driven(units), p)[self._plane[0]]) for units in (-1.0, 0.0, 1.0)]
         if not at[0] < at[1] < at[2]:
             raise BadInput(
                 f"Model {self.equations.model.name} is not accelerated by {self.drive}: look at its parameters."
@@ -130,17 +130,17 @@ class Period:
 
     def _begun(self) -> cs.Function:
         """(v_x, p) -> x straight ahead, delays of the inputs, and the largest lateral acceleration over sideslip."""
-        entry, p, nothing, v_x = self.equations, self.equations.p, np.zeros(len(self.inputs)), cs.SX.sym("v_x")
+        equations, p, nothing, v_x = self.equations, self.equations.p, np.zeros(len(self.inputs)), cs.SX.sym("v_x")
         at = cs.SX.zeros(self.motion)
         at[self._plane[0]] = v_x
-        known = entry.delays(p)
-        late = [known[entry.delayed.index(name)] if name in entry.delayed else 0.0 for name in self.inputs]
+        delays = equations.delays(p)
+        late = [delays[equations.delayed.index(name)] if name in equations.delayed else 0.0 for name in self.inputs]
         lateral = []
         for slip in SLIPS:
             x = np.zeros(self.motion)
             x[self._plane[0]], x[self._plane[1]] = self.usual_speed, -self.usual_speed * np.tan(slip)
-            lateral.append(entry.ode(entry.settled(x, nothing, p), nothing, p)[self._plane[1]])
-        result = [entry.settled(at, nothing, p), cs.vertcat(*late), cs.mmax(cs.vertcat(*lateral))]
+            lateral.append(equations.ode(equations.settled(x, nothing, p), nothing, p)[self._plane[1]])
+        result = [equations.settled(at, nothing, p), cs.vertcat(*late), cs.mmax(cs.vertcat(*lateral))]
         return cs.Function("begun", [v_x, p], result, {"cse": True})
 
     def _stable(self, speed: float) -> float:
@@ -151,8 +151,8 @@ class Period:
         straight[self._plane[0]] = speed
         straight = np.array(self.equations.settled(straight, self._driven(0.0), p)).ravel()
         A = np.array(jacobian(straight, self._driven(0.0), p))
-        entry = len(self.equations.model.states)
-        return float(STABLE / max(np.max(np.abs(np.linalg.eigvals(A[:entry, :entry]))), 1e-9))
+        size = len(self.equations.model.states)
+        return float(STABLE / max(np.max(np.abs(np.linalg.eigvals(A[:size, :size]))), 1e-9))
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

@@ -212,7 +212,7 @@ class World:
         bends = self.track.curvature
         self._bends = np.stack([bends, np.roll(bends, -1) - bends], axis=1)
         columns = [self.track.curvature * self.track.half_width, self.track.speed / self._top]
-        self._seen = np.stack([item for c in columns for item in (c, np.roll(c, -1) - c)], axis=1)
+        self._seen = np.stack([values for c in columns for values in (c, np.roll(c, -1) - c)], axis=1)
         self._turning = self.limits.grip / float(np.min(self.track.speed))
         if like is not None:
             self._drives, self._per_drive, self._turning = like._drives, like._per_drive, like._turning
@@ -260,8 +260,8 @@ class World:
         if self._lidar is None:
             seen = self.seen(motion, self.z[:, -3:], self._last)
         else:
-            entry = motion[:, [0, 2]] / [self._top, self._turning]
-            seen = _within(np.concatenate([self._ranges, entry, self._last], axis=1))
+            turning = motion[:, [0, 2]] / [self._top, self._turning]
+            seen = _within(np.concatenate([self._ranges, turning, self._last], axis=1))
         if self.rules.memory:
             seen = np.concatenate([seen, _within(self._past.reshape(len(seen), -1))], axis=1)
         return seen
@@ -336,7 +336,7 @@ class World:
         commands[:, self._drive] = self._driven(actions[:, 1], v_x, s)
         return commands
 
-    def told(self) -> dict[str, Array]:
+    def situation(self) -> dict[str, Array]:
         """What is known of every lane beside what its driver sees: s and e_y, m, and the laps driven."""
         return {"s": self.z[:, -3].copy(), "e_y": self.z[:, -2].copy(), "laps": self._laps(self.z)}
 

@@ -64,13 +64,13 @@ def world(
     if unknown:
         known = near_or_all(unknown[0], Rules.__dataclass_fields__)
         raise BadInput(f"A track has no option {unknown[0]!r}.{known}")
-    entry = vehicle if isinstance(vehicle, Vehicle) else vehicle_named(str(vehicle))
-    requested = (effects,) if isinstance(effects, str) else tuple(effects)
-    result = model if not isinstance(model, str) else Wanted(model, entry, effects=magnitudes(requested)).model()
+    stated = vehicle if isinstance(vehicle, Vehicle) else vehicle_named(str(vehicle))
+    names = (effects,) if isinstance(effects, str) else tuple(effects)
+    result = model if not isinstance(model, str) else Wanted(model, stated, effects=magnitudes(names)).model()
     moving = drivable(result)
     how = Rules(**rules)
     line = None
     if track is not None:
         line = read_track(track, limits_of(stage(moving, how.period), moving)[0], half_width)
-    steer_max = like.steer_max if like is not None else entry.steer_max or STEER_MAX
-    return World(moving, lanes, how, line=line, draws=draws(randomise), sd=entry.noise, steer_max=steer_max, like=like)
+    steer_max = like.steer_max if like is not None else stated.steer_max or STEER_MAX
+    return World(moving, lanes, how, line=line, draws=draws(randomise), sd=stated.noise, steer_max=steer_max, like=like)

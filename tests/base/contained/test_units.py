@@ -30,7 +30,7 @@ def done(nursery, name, seconds=20.0, memory=200e6):
 
 def test_a_unit_tells_what_it_found(nursery):
     ended = done(nursery, "well")
-    assert (ended.how, ended.told) == ("done", [{"a": 1}, {"told": "ä"}])
+    assert (ended.how, ended.messages) == ("done", [{"a": 1}, {"told": "ä"}])
     assert ended.peak_mb > 1
 
 
@@ -47,14 +47,14 @@ def test_what_ends_a_unit_is_told_and_the_next_one_is_done(nursery, name, how):
 
 
 def test_what_a_unit_told_before_it_ended_is_kept(nursery):
-    assert done(nursery, "crashing").told == [{"a": 1}]
+    assert done(nursery, "crashing").messages == [{"a": 1}]
 
 
 def test_what_a_unit_tells_is_heard_while_it_goes_on(nursery):
     heard = []
     ended = nursery.unit("working:slowly", {}, 20.0, 200e6, lambda body: heard.append((time.monotonic(), body)))
     (first, one), (second, two) = heard
-    assert [one, two] == ended.told == [{"at": 1}, {"at": 2}]
+    assert [one, two] == ended.messages == [{"at": 1}, {"at": 2}]
     assert second - first > 0.5
 
 

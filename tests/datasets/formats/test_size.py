@@ -95,17 +95,3 @@ def test_of_a_parquet_file_only_mapped_columns_are_laid_out(tmp_path):
     pq.write_table(pa.table({**table, "a.b": np.ones(rows)}), file)
     assert list(read(file).signals) == ["v_x"]
     assert MOST_COLUMNS > 10_000
-
-
-@pytest.mark.parametrize("separator", [";", "\t", "|"])
-def test_the_separator_that_is_advised_is_the_one_in_the_file(separator, tmp_path):
-    file, mapping = tmp_path / "lap.csv", tmp_path / "map.toml"
-    file.write_text(f"time{separator}v_x\n0{separator}1\n1{separator}2\n")
-    with pytest.raises(BadInput) as told:
-        read(file)
-    advice = str(told.value).partition("; set ")[2].partition(" in the")[0]
-    mapping.write_text(
-        f'name = "m"\n{advice}\n[time]\ncolumn = "time"\nunit = "s"\n'
-        '[signals]\nv_x = { column = "v_x", unit = "m/s" }\n'
-    )
-    assert len(read(file, mapping)) == 2

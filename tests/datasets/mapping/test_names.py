@@ -15,11 +15,20 @@ from greybox_id.datasets.mapping.names import guess
         ("velocity_x", "v_x", ""),
         ("gyro_z", "yaw_rate", ""),
         ("yaw_rate_deg_s", "yaw_rate", "deg/s"),
-        ("YawRate [°/s]", "yaw_rate", "°/s"),
+        ("YawRate [°/s]", "yaw_rate", "deg/s"),
         ("psi_dot", "yaw_rate", ""),
         ("lat_acc", "a_y", ""),
         ("ay(g)", "a_y", "g"),
         ("SWA", "hand wheel", ""),
+        ("Throttle Pos", "throttle", ""),
+        ("BRAKEPRESSURE", "brake", ""),
+        ("G Force Lat", "a_y", ""),
+        ("GPS LonAcc", "a_x", ""),
+        ("Lateral acceleration (G)", "a_y", "g"),
+        ("Gyro Yaw Velocity", "yaw_rate", ""),
+        ("curv", "curvature", ""),
+        ("roll_rate", "roll_rate", ""),
+        ("wheel_speed_left", "wheel_speed_left", ""),
         ("SteeringWheelAngle[deg]", "hand wheel", "deg"),
         ("delta", "steer", ""),
         ("time_ms", "time", "ms"),
@@ -37,7 +46,7 @@ def test_what_a_name_says(name, signal, unit):
     assert (found.signal, found.unit) == (signal, unit)
 
 
-@pytest.mark.parametrize("name", ["battery", "temperature_max", "throttle", "alpha1", "status", "from_yaw", "", "["])
+@pytest.mark.parametrize("name", ["battery", "temperature_max", "alpha1", "status", "from_yaw", "", "["])
 def test_names_that_say_nothing(name):
     assert guess(name) is None
 

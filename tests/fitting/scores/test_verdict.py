@@ -26,12 +26,10 @@ pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 def model():
     """The full-size car's, but for its front tyres; few numbers are free."""
-    found = build("lateral", {"tyre": "linear"}, {}, vehicle("full_size_car"))
-    held = [replace(found[n], fixed=True, prior=None) for n in ("m", "C_alpha_r")]
-    free = [replace(found[n], prior=None) for n in ("I_z", "C_alpha_f")]
-    return found.with_parameters(*held, *free, ).with_parameters(
-        replace(found["C_alpha_f"], prior=None, value=0.6 * float(found["C_alpha_f"].array))
-    )  # fmt: skip
+    found = build("lateral", None, {}, vehicle("full_size_car"))
+    held = [replace(p, fixed=True, prior=None) for p in found.parameters if p.name not in ("I_z", "B_f")]
+    slope = replace(found["B_f"], prior=None, value=0.6 * float(found["B_f"].array))
+    return found.with_parameters(*held, replace(found["I_z"], prior=None), slope)
 
 
 def lap(seed, **signals):
@@ -87,7 +85,7 @@ def test_what_the_checks_distrust_makes_a_fit_not_usable():
 
 def test_parameters_that_do_not_carry_over_are_said(good):
     assert carried(good.model, good, lap(3)) == []
-    wrong = good.model.with_parameters(good.model["C_alpha_f"].with_value(0.7 * float(good.model["C_alpha_f"].array)))
+    wrong = good.model.with_parameters(good.model["B_f"].with_value(0.7 * float(good.model["B_f"].array)))
     (why,) = carried(wrong, replace(good, model=wrong), lap(3))
     assert why.at_best == WITH_CARE
     assert "do not carry over" in why.sentence

@@ -12,10 +12,13 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.changes.between_runs import Told, VaryingNumber
 from greybox_id.gap.changes.search import Change, changes
-from greybox_id.gap.changes.usual import LEVER_ARM, USUAL, acts, driven_alike
-from greybox_id.gap.changes.verb import diagnose_change, drifting, filtered_alike
+from greybox_id.gap.changes.sensitivity import visible
+from greybox_id.gap.changes.usual import LEVER_ARM, USUAL, acts, driven_alike, driven_elsewhere
+from greybox_id.gap.changes.verb import Changed, diagnose_change, drifting, filtered_alike, visible_changes
 from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, Vehicle
 
 TOLERANT = Vehicle(
@@ -146,3 +149,94 @@ def test_where_nothing_may_be_named_nothing_is():
     base, found = changes(known, ["ride"], ["other"], nameless=["yaw_rate_scale"])
     assert found == []
     assert base.cost == 1.0
+
+
+def test_what_is_doubted_is_not_said_to_be_the_same():
+    doubted = Ranked("grip_scale", 0.4, 1.7, "1", (1.5, 1.9), (), 12.0, "its probability is 0.40")
+    gap = SimpleNamespace(ranking=(doubted,), applied=())
+    found = Changed(gap, TOLERANT, {"grip_scale": (1.0, 0.1), "steering_offset": (0.0, 0.005)}, ("lap1",))
+    assert [own["effect"] for own in found.not_changed] == ["steering_offset"]
+
+
+def test_where_it_was_driven_otherwise_that_is_said():
+    def ride(v, a):
+        return SimpleNamespace(
+            recording=Recording("r", np.arange(200) * 0.1, {"v_x": np.full(200, v), "a_y": np.full(200, a)})
+        )
+
+    words = driven_elsewhere([ride(3.3, -5.6)], [ride(1.5, 1.8), ride(1.5, 1.8)])
+    assert "3.3 m/s and 5.6 m/s²" in words
+    assert "1.5 m/s and 1.8 m/s²" in words
+
+
+def test_what_one_recording_tells_well_shows_from_a_smaller_size():
+    numbers = tuple(
+        VaryingNumber(name, False, 0.0, 0.1, 1e-3, -1.0, 1.0, 0.01, 0.3) for name in ("near", "far", "blind")
+    )
+    L = np.diag([1e6, 1e3, 1e-6])
+    V = np.diag([0.01**2] * 3)
+    weigher = SimpleNamespace(told=lambda ride, x: SimpleNamespace(H=L))
+    known = SimpleNamespace(weigher=weigher, of_a_run=V, x=np.zeros(3), numbers=numbers, varying=(0, 1, 2),
+                            scatter=np.full(3, 0.01))  # fmt: skip
+    names = {name: name for name in ("near", "far", "blind")}
+    near, far, blind = visible(known, [None], names, dict.fromkeys(names, "m"), 10.0)
+    assert [own.effect for own in (near, far, blind)] == ["near", "far", "blind"]
+    assert near.told == pytest.approx(1e-3, rel=0.01)
+    sd = np.hypot(0.01, 1e-3)
+    assert near.size == pytest.approx(sd * np.sqrt(2 * (10.0 + 0.5 * np.log(1 + (0.3 / sd) ** 2))), rel=0.01)
+    assert near.size < far.size < blind.size == np.inf
+
+
+@pytest.mark.slow
+def test_what_would_show_is_what_is_found_when_it_has_changed():
+    before = [lap(seconds=20.0, seed=k) for k in (1, 2)]
+    found = {own.effect: own for own in visible_changes(nominal(vehicle=TOLERANT), before, EFFECTS, vehicle=TOLERANT)}
+    assert set(found) <= set(USUAL)
+    assert 0.02 < found["grip_scale"].size < 0.4  # 0.6 is found above
+    assert found["steering_delay"].size < 0.12
+
+
+@pytest.mark.slow
+def test_a_ratio_that_two_columns_tell_is_named_where_the_motion_would_not_tell_it():
+    def recorded(ratio, seed):
+        own = lap({"steering_ratio": ratio}, seconds=20.0, seed=seed)
+        noise = 1e-3 * np.random.default_rng(seed).standard_normal(len(own))
+        return own.with_signals(steer_measured=ratio * own["steer"] + noise)
+
+    before, after = [recorded(1.0, 1), recorded(1.0, 2)], [recorded(1.05, 3)]
+    found = diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT)
+    (own,) = found.changed
+    assert own["effect"] == "steering_ratio"
+    assert own["magnitude"] / own["before"] == pytest.approx(1.05, abs=0.01)
+    assert own["interval"][1] - own["interval"][0] < 0.04
+
+
+@pytest.mark.slow
+def test_grip_is_seen_where_brakes_lock():
+    car = Vehicle(
+        "car", {"m": Stated(1500.0), "friction": Stated(1.0, 0.1), "force_per_unit": Stated(3000.0, 150.0),
+                "brake_gain": Stated(8.0, 0.8), "c_0": Stated(200.0, 20.0), "c_2": Stated(0.5, 0.05),
+                "drive_lag": Stated(0.1, 0.03)},
+        noise={"v_x": 0.1, "a_x": 0.3},
+    )  # fmt: skip
+
+    def braked(grip, seed):
+        rng, time = np.random.default_rng(seed), np.arange(0.0, 90.0, 0.05)
+        phase = np.floor(time / 6.0) % 2 == 0
+        throttle = np.where(phase, 0.9, -rng.uniform(0.1, 0.6, 15)[(time / 6.0).astype(int)])
+        v, force, read = 15.0, 0.0, []
+        for u in throttle:
+            force += 0.4 * (3000.0 * (u if u > 0 else 8.0 * u) - force)
+            pushed = float(np.clip(force, -grip * 1500.0 * 9.81, grip * 1500.0 * 9.81)) if v > 0.5 or u > 0 else 0.0
+            a = (pushed - 200.0 - 0.5 * v**2) / 1500.0
+            read.append((v, a))
+            v = max(v + 0.05 * a, 0.5)
+        noisy = np.array(read) + rng.standard_normal((len(time), 2)) * (0.1, 0.3)
+        return Recording(f"drive{seed}", time, {"v_x": noisy[:, 0], "a_x": noisy[:, 1], "throttle": throttle})
+
+    model = build("longitudinal", vehicle=car)
+    found = diagnose_change(model, [braked(0.25, 3)], [braked(1.0, 1), braked(1.0, 2)], EFFECTS, vehicle=car,
+                            held_out=[braked(0.25, 4)])  # fmt: skip
+    (own,) = found.changed
+    assert own["effect"] == "grip_scale"
+    assert own["magnitude"] / own["before"] == pytest.approx(0.25, abs=0.06)

@@ -80,6 +80,10 @@ def test_where_nothing_is_ambiguous_that_is_said(saved):
     assert said.endswith("something without a name is there with probability 0.97.")
 
 
+def test_a_model_whose_speed_is_read_has_no_drive_to_scale():
+    assert discriminate._drive_of(gb.models.lateral()) == "drive"
+
+
 def test_what_stays_likely_beside_what_is_not_sure_is_not_told_apart():
     first = Ranked("steering_delay", 0.6, 0.06, "s", (0.05, 0.07), (), 100.0)
     second = Ranked("steering_lag", 0.3, 0.06, "s", (0.05, 0.07), (), 99.0)

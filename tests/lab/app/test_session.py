@@ -93,6 +93,15 @@ def test_a_bomb_is_refused(tmp_path, monkeypatch):
         must_be_takeable(wide)
 
 
+def test_another_map_has_to_be_looked_at_again(tmp_path):
+    session = Session(tmp_path / "lap")
+    entry = {"signal": "v_x", "column": "v", "sign": 1, "use": True}
+    session.change(entries=[entry])
+    before = session.key
+    session.change(entries=[{**entry, "sign": -1}])
+    assert session.key != before
+
+
 def test_a_session_is_named_after_its_first_file(tmp_path):
     assert named_session([tmp_path / "lap 7 (wet).csv"]) == "lap_7_wet"
     assert named_session([]) == "racer"

@@ -26,12 +26,12 @@ GAP = {
 
 
 def test_steps_go_down_to_nothing():
-    found = steps(GAP)
-    assert [step.name for step in found] == ["steering_delay", "grip_scale", UNNAMED]
-    np.testing.assert_allclose([step.start for step in found], [1.0, 0.38, 0.20])
-    assert [step.applied for step in found] == [True, False, False]
-    assert found[0].words == "0.0310 [0.0280, 0.0340] s, probability 0.98"
-    bars = waterfall(found)["series"]
+    budget = steps(GAP)
+    assert [step.name for step in budget] == ["steering_delay", "grip_scale", UNNAMED]
+    np.testing.assert_allclose([step.start for step in budget], [1.0, 0.38, 0.20])
+    assert [step.applied for step in budget] == [True, False, False]
+    assert budget[0].words == "0.0310 [0.0280, 0.0340] s, probability 0.98"
+    bars = waterfall(budget)["series"]
     np.testing.assert_allclose(np.add(bars[0]["data"], [bar["value"] for bar in bars[1]["data"]]), [100, 100, 38, 20])
 
 
@@ -41,6 +41,9 @@ def test_the_headline_says_what_the_simulation_lacks():
         "3.1 times its noise."
     )
     assert headline(GAP | {"gap_detected": False}).startswith("No gap")
+    changed = GAP | {"since": ["dry1", "dry2"], "changed": [{"effect": "grip_scale"}]}
+    assert headline(changed) == "grip_scale changed since dry1, dry2."
+    assert headline(changed | {"changed": []}).startswith("Nothing changed since dry1")
     assert "no name is sure" in headline(GAP | {"applied": []})
 
 

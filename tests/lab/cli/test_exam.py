@@ -70,7 +70,6 @@ def test_a_sum_that_was_noted_is_compared(exam):
 def test_what_cannot_be_made_is_refused(exam, tmp_path):
     assert "is not empty" in refused("exam", "make", "--out", exam, "--cases", 1)
     assert "at least one case" in refused("exam", "make", "--out", tmp_path / "new", "--cases", 0)
-    assert "train.csv" in refused("exam", "make", "--out", tmp_path / "new", "--real", tmp_path)
 
 
 def test_a_small_examination_is_made(tmp_path):

@@ -71,7 +71,7 @@ def test_a_model_that_cannot_be_simulated_closes_nothing(case, closed, monkeypat
     assert held_out_closure(case, case / "recording.csv", {"closed_model": plain_model(closed)}) == -np.inf
 
 
-def test_a_case_is_diagnosed_as_the_command_does_it(case, closed, monkeypatch):
+def test_a_case_is_diagnosed_as_a_user_does_it(case, closed, monkeypatch):
     gap = Gap(
         model="single_track", recordings=("recording",), doubts=(), gap_detected=True, p_value=1e-9,
         unknown_probability=0.1, unknown="", where=Where("yaw_rate"),
@@ -80,12 +80,11 @@ def test_a_case_is_diagnosed_as_the_command_does_it(case, closed, monkeypatch):
         closed=closed,
     )  # fmt: skip
 
-    def diagnosed(recordings, vehicle=None, fit=None, columns=None):
-        assert [own.name for own in recordings] == ["recording.csv"]
-        assert vehicle.name == "car"
+    def diagnosed(vehicle, recording, since=None, *, held_out=(), columns="canonical"):
+        assert (recording.name, vehicle.name, since, columns) == ("recording.csv", "car", None, "canonical")
         return gap
 
-    monkeypatch.setattr("greybox_id.cli.gap.diagnosed", diagnosed)
+    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose", diagnosed)
     body = diagnose_case(case)
     assert body["ranking"][0]["effect"] == "steering_delay"
     assert body["closed_model"]["values"]["steering_delay"] == pytest.approx(0.031 * 1.01)

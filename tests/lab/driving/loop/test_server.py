@@ -15,17 +15,15 @@ from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlsplit
 
 import numpy as np
+import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from calling import refused
-from hand import by_hand
 from hostile_mutations import mutated
 from serving import TOKEN, serving
 
 from greybox_id.base.errors import BadInput
-from greybox_id.models.registry import motion_model_of
-from greybox_lab.driving.loop.adapting import world_of
 from greybox_lab.driving.loop.client import Client
 from greybox_lab.driving.loop.protocol import (
     CHALLENGE,
@@ -39,23 +37,23 @@ from greybox_lab.driving.loop.protocol import (
     read_token,
     signature,
 )  # fmt: skip
-from greybox_lab.driving.loop.scene import Hands, Scene, driven
+from greybox_lab.driving.loop.scene import Scene
 from greybox_lab.driving.loop.server import listening
 from greybox_lab.driving.loop.store import QUEUED, TRAINING
 from greybox_lab.driving.racing.learner import shipped_learned
 from greybox_lab.driving.racing.policy import Policy
-from greybox_lab.exam.make import write_recording
 
 SCENE = Scene(1)
 
 
 @pytest.fixture(scope="module")
-def rows(tmp_path_factory):
-    """Bytes of a drive."""
-    file = tmp_path_factory.mktemp("rows") / "rows.csv"
-    world = world_of(motion_model_of(SCENE.vehicle), SCENE.vehicle, 1, 0.6)
-    write_recording(driven(SCENE, Hands(world, by_hand().act), 400, 0).recordings[0], file)
-    return file.read_bytes()
+def rows():
+    """Bytes of 8 s of driving as of geometry alone: it is not looked at whether a car could."""
+    time = 0.02 * np.arange(400)
+    steer, v_x = 0.1 * np.sin(time), 3.0 + 0.5 * np.sin(0.3 * time)
+    yaw_rate = v_x * steer / 0.32
+    signals = {"v_x": v_x, "yaw_rate": yaw_rate, "a_y": v_x * yaw_rate, "steer": steer, "drive_force": 0.1 * steer}
+    return pd.DataFrame({"time": time, **signals}).to_csv(index=False, float_format="%.6g").encode()
 
 
 @pytest.fixture(scope="module")

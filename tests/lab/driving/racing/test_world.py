@@ -44,7 +44,7 @@ def test_a_simple_driver_gets_around_and_is_paid_for_it():
     assert not np.any(ends)
     assert not np.any(cuts)
     assert 0.3 < np.mean(rewards) < 0.7
-    assert np.all(own.told()["s"] - own._from > 60.0)
+    assert np.all(own.situation()["s"] - own._from > 60.0)
 
 
 def test_who_does_not_steer_leaves_the_track_and_is_told():

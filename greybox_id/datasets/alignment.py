@@ -1,0 +1,177 @@
+"""How one clock runs against another: by how much it is ahead, and by how much faster it runs.
+
+Both read one quantity. Over rates that quartz and operating systems reach, series are compared by cross-correlation;
+from the best, offset, rate, gain and constant are refined by least squares, and blocks left out in turn tell how sure
+they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.ndimage import gaussian_filter1d
+from scipy.signal import correlate, correlation_lags
+
+from ..base.shorthands import Array
+
+FASTEST = 0.03
+"""Share by which a clock may run fast or slow."""
+COARSE = 0.04
+"""s between the samples of the first search, at least."""
+SMOOTHING = 0.1
+"""s, standard deviation of the smoothing of the first search; a rate is tried wherever the ends move by so much."""
+REFINED = 1.5
+"""Samples of the same before refining: interpolation weakens white noise half-way between samples."""
+ALIKE = 0.9
+"""Correlation below which two series are not the same quantity on two clocks."""
+LEAST = 100
+"""Samples in common below which nothing is told."""
+BLOCKS = 20
+SURE = 2.0
+"""Standard deviations from which a rate is taken off; a smaller one may be none."""
+STEPS = 40
+SEARCHED = 300.0
+"""s of a long recording in which the search begins."""
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """t_other = t + seconds + rate (t - start).
+
+    Attributes
+    ----------
+    start : instant of the first clock that offsets refer to, s.
+    seconds, sd : by how much the other clock is ahead there, and its standard deviation, s.
+    rate, rate_sd : share by which it runs fast; 0 where it is no more than chance.
+    left : standard deviation of what is left anywhere in the time in common, the largest, s.
+    correlation : of the two series once aligned.
+    """
+
+    start: float
+    seconds: float
+    sd: float
+    rate: float
+    rate_sd: float
+    left: float
+    correlation: float
+
+    def corrected(self, time: Array) -> Array:
+        """Times of the other clock as the first has them, s."""
+        return np.asarray(self.start + (time - self.start - self.seconds) / (1 + self.rate))
+
+
+def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) -> Alignment | None:
+    """How the second clock runs against the first; None where the series are not alike enough to tell.
+
+    Parameters
+    ----------
+    t, v : (n,) instants, increasing, s, and values of the first.
+    t_other, v_other : (m,) of the second.
+    longest : offsets up to this are looked for, s.
+    """
+    step = max(float(np.median(np.diff(t))), float(np.median(np.diff(t_other))))
+    if not step > 0 or min(np.ptp(t), np.ptp(t_other)) < LEAST * step:
+        return None
+    own, other = t - t[0], t_other - t[0]
+    span, whole = min(own[-1], SEARCHED), own[-1]
+    part = own <= span
+    begun = _searched(own[part], v[part], other, v_other, max(step, COARSE), longest)
+    while begun is not None and span < whole:  # a part tells the rate well enough for one that is four times as long
+        part = own <= span
+        reached = _refined(own[part], v[part], other, v_other, step, begun, True)
+        begun, span = (None if reached is None else (reached.seconds, reached.rate)), 4 * span
+    if begun is None:
+        return None
+    free = _refined(own, v, other, v_other, step, begun, True)
+    if free is None or abs(free.rate) <= SURE * free.rate_sd:
+        free = _refined(own, v, other, v_other, step, (begun[0] if free is None else free.seconds, 0.0), False)
+    if free is None or free.correlation < ALIKE or abs(free.seconds) > longest:
+        return None
+    return Alignment(float(t[0]), free.seconds, free.sd, free.rate, free.rate_sd, free.left, free.correlation)
+
+
+def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: float) -> tuple[float, float] | None:
+    """Offset and rate at which smoothed series correlate best."""
+    grid = np.arange(t[0], t[-1], step)
+    own = _standard(gaussian_filter1d(np.interp(grid, t, v), SMOOTHING / step))
+    span = min(t[-1], u[-1]) - max(t[0], u[0])
+    if span < LEAST * step or not np.any(own):
+        return None
+    count = int(np.ceil(FASTEST * span / (2 * SMOOTHING)))
+    best: tuple[float, float, float] | None = None
+    reach = int(longest / step)
+    for rate in FASTEST * np.arange(-count, count + 1) / max(count, 1):
+        # the other clock's values where it would stand at the grid's instants without an offset
+        values = np.interp(grid * (1 + rate), u, w, left=np.nan, right=np.nan)
+        there = np.isfinite(values)
+        if np.count_nonzero(there) < LEAST:
+            continue
+        other = np.where(there, values, 0.0)
+        other = _standard(gaussian_filter1d(np.where(there, other - np.mean(values[there]), 0.0), SMOOTHING / step))
+        product = correlate(other, own, mode="full", method="fft") / len(own)
+        lags = correlation_lags(len(other), len(own), mode="full")
+        near = np.abs(lags) <= reach
+        k = int(np.argmax(np.where(near, product, -np.inf)))
+        if best is None or product[k] > best[0]:
+            best = float(product[k]), float(lags[k]) * step, float(rate)
+    return None if best is None else (best[1], best[2])
+
+
+def _refined(
+    t: Array, v: Array, u: Array, w: Array, step: float, begun: tuple[float, float], with_rate: bool
+) -> Alignment | None:
+    """Least squares over offset, rate, gain and constant from where the search ended."""
+    own_step, other_step = float(np.median(np.diff(t))), float(np.median(np.diff(u)))
+    sigma = REFINED * step
+    even = np.arange(u[0], u[-1], other_step)
+    spline = CubicSpline(even, gaussian_filter1d(np.interp(even, u, w), sigma / other_step))
+    grid = np.arange(t[0], t[-1], own_step)
+    target = gaussian_filter1d(np.interp(grid, t, v), sigma / own_step)
+    seconds, rate = begun
+    middle = 0.5 * (grid[0] + grid[-1])
+    cut = 4 * sigma
+    for _ in range(STEPS):
+        place = grid + seconds + rate * grid
+        inside = (place > even[0] + cut) & (place < even[-1] - cut) & (grid > t[0] + cut) & (grid < t[-1] - cut)
+        if np.count_nonzero(inside) < LEAST:
+            return None
+        x, y, tau = place[inside], target[inside], grid[inside] - middle
+        value, slope = spline(x), spline(x, 1)
+        a, c = np.polyfit(value, y, 1)
+        columns = [a * slope, *([a * slope * tau] if with_rate else []), value, np.ones(len(x))]
+        design = np.column_stack(columns)
+        left = y - a * value - c
+        move = np.linalg.lstsq(design, left, rcond=None)[0]
+        d_rate = float(move[1]) if with_rate else 0.0
+        seconds, rate = seconds + float(move[0]) - d_rate * middle, rate + d_rate
+        if abs(move[0]) < 1e-7 and abs(d_rate) < 1e-9:
+            break
+    if not a > 0:
+        return None
+    covariance = _jackknife(design, left)
+    at = np.array([1.0, *([-middle] if with_rate else [])])
+    ends = [np.array([1.0, *([own - middle] if with_rate else [])]) for own in (grid[inside][0], grid[inside][-1])]
+    size = len(at)
+    spread = [float(np.sqrt(own @ covariance[:size, :size] @ own)) for own in (at, *ends)]
+    rate_sd = float(np.sqrt(covariance[1, 1])) if with_rate else 0.0
+    correlation = float(np.corrcoef(value, y)[0, 1])
+    return Alignment(0.0, float(seconds), spread[0], float(rate), rate_sd, max(spread[1:]), correlation)
+
+
+def _jackknife(design: Array, left: Array) -> Array:
+    """Covariance of the last step from blocks left out in turn."""
+    edges = np.linspace(0, len(left), BLOCKS + 1).astype(int)
+    blocks = list(zip(edges, edges[1:], strict=False))
+    squares = [design[a:b].T @ design[a:b] for a, b in blocks]
+    pulls = [design[a:b].T @ left[a:b] for a, b in blocks]
+    whole, pull = np.sum(squares, axis=0), np.sum(pulls, axis=0)
+    moves = np.array([np.linalg.lstsq(whole - s, pull - p, rcond=None)[0] for s, p in zip(squares, pulls, strict=True)])
+    about = moves - np.mean(moves, axis=0)
+    return np.asarray((BLOCKS - 1) / BLOCKS * about.T @ about)
+
+
+def _standard(values: Array) -> Array:
+    spread = float(np.std(values))
+    return np.asarray((values - np.mean(values)) / spread) if spread > 0 else np.zeros(len(values))

@@ -1,0 +1,60 @@
+"""AiM's .xrk and .xrz files: every channel on a clock of its own, read by libxrk."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from ...base.units import known_unit
+from ..column_map import ColumnMap
+from .contents import Contents, Group, RawTable, needed, sound
+
+KIND = "AiM"
+CLOCK = "timecodes"
+"""What libxrk calls the time of a channel, in ms from the start of the file."""
+
+
+def contents(file: Path, _: ColumnMap) -> Contents:
+    """The channels of a file.
+
+    Raises
+    ------
+    BadInput
+        libxrk is not installed, or the file is damaged.
+    """
+    libxrk = needed("libxrk", "aim", str(file), KIND)
+    with sound(str(file), KIND):
+        log = libxrk.aim_xrk(str(file))
+        return of_log(log, str(file))
+
+
+def of_log(log: Any, where: str) -> Contents:
+    """The channels that libxrk's log holds; those that share all their instants are one group."""
+    tables = {name: table for name, table in log.channels.items() if table.num_rows}
+    by_clock: dict[bytes, list[str]] = {}
+    for name, table in tables.items():
+        by_clock.setdefault(table.column(CLOCK).to_numpy().tobytes(), []).append(name)
+    groups = tuple(_group(names, tables, where) for names in by_clock.values())
+    return Contents(where, groups, KIND)
+
+
+def _group(names: Sequence[str], tables: dict[str, Any], where: str) -> Group:
+    title = names[0]
+    clock = f"{title}/time"
+    units = {name: unit for name in names if (unit := _unit(tables[name], name))}
+
+    def load(wanted: Sequence[str]) -> RawTable:
+        chosen = [name for name in (*names, clock) if name in wanted]
+        columns = [tables[title].column(CLOCK) if name == clock else tables[name].column(name) for name in chosen]
+        return RawTable(where, tuple(chosen), tuple(pd.Series(own.to_numpy()) for own in columns), 1)
+
+    return Group(title, (*names, clock), load, f"{title}/", clock, "ms", units)
+
+
+def _unit(table: Any, name: str) -> str:
+    """The unit that a channel's metadata state, as far as it is one that column maps know."""
+    stated = (table.schema.field(name).metadata or {}).get(b"units", b"")
+    return known_unit(stated.decode("utf-8", "replace"))

@@ -1,0 +1,43 @@
+"""IPG CarMaker's .erg files, with the .erg.info beside them that names their quantities; read by cmerg."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ...base.errors import BadInput
+from ...base.units import known_unit
+from ..column_map import ColumnMap
+from .contents import Contents, Group, RawTable, needed, sound
+
+KIND = "CarMaker ERG"
+TIME = "Time"
+
+
+def contents(file: Path, _: ColumnMap) -> Contents:
+    """The quantities of a file.
+
+    Raises
+    ------
+    BadInput
+        cmerg is not installed, the .info file is missing, or the file is damaged.
+    """
+    cmerg = needed("cmerg", "carmaker", str(file), KIND)
+    info = Path(f"{file}.info")
+    if not info.is_file():
+        raise BadInput(f"{file}: {info.name}, which names its quantities, is not beside it; copy it there.")
+    with sound(str(file), KIND):
+        signals = cmerg.ERG(str(file)).signals
+    numeric = {name: own for name, own in signals.items() if np.issubdtype(own.data.dtype, np.number)}
+    if TIME not in numeric:
+        raise BadInput(f"{file} has no quantity {TIME}; write it again with {TIME} among its quantities.")
+    units = {name: unit for name, own in numeric.items() if (unit := known_unit(own.unit))}
+
+    def load(wanted: Sequence[str]) -> RawTable:
+        chosen = tuple(name for name in numeric if name in wanted)
+        return RawTable(str(file), chosen, tuple(pd.Series(numeric[name].data) for name in chosen), 1, units)
+
+    return Contents(str(file), (Group("", tuple(numeric), load, "", TIME, "s", units),), KIND)

@@ -1,0 +1,102 @@
+"""Racelogic's .vbo files: sections of text, values apart by blanks.
+
+Source: Racelogic, VBO file format (support centre): time is UTC as HHMMSS.SS, latitude and longitude are minutes, north
+and west positive. Here time is seconds from midnight and both angles are degrees, north and east positive.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...base.units import known_unit
+from ..column_map import ColumnMap
+from .contents import Contents, RawTable, few_enough, whole
+from .text import text_of_file
+
+KIND = "VBO"
+DAY = 86_400.0
+STANDARD = {"time": "s", "lat": "deg", "long": "deg", "heading": "deg", "height": "m", "velocity": "km/h"}
+"""Units of standard channels, by the short name of their column, where [header] says no other."""
+_SECTION = re.compile(r"\[([a-z ]+)\]", re.IGNORECASE)
+
+
+def contents(file: Path, _: ColumnMap) -> Contents:
+    """The channels of the [data] section, under the names of [column names].
+
+    Raises
+    ------
+    BadInput
+        A section is missing, or a row has more or fewer cells than there are names.
+    """
+    sections, first = _sections(text_of_file(file).decode(), str(file))
+    names = " ".join(sections.get("column names", [])).split()
+    if not names:
+        raise BadInput(f"{file} has no [column names]; a .vbo file names its columns there. Export it again.")
+    few_enough(len(names), str(file))
+    rows = [line.split() for line in sections["data"] if line.strip()]
+    for k, row in enumerate(rows):
+        if len(row) != len(names):
+            raise BadInput(f"{file}: row {first + k} has {len(row)} cells and [column names] {len(names)}. Mend it.")
+    columns = dict(zip(names, (pd.Series(own) for own in zip(*rows, strict=True)), strict=True)) if rows else {}
+    table = RawTable(str(file), tuple(columns) or tuple(names), tuple(columns.values()), first, _units(names, sections))
+    numbers = {name: table.numbers(name) for name in table.names} if rows else {}
+    for name, own in (("time", _seconds), ("lat", _degrees), ("long", _west_to_east)):
+        if name in numbers:
+            numbers[name] = own(numbers[name])
+    table = RawTable(table.where, table.names, tuple(pd.Series(v) for v in numbers.values()), first, table.units)
+    return whole(table, KIND, ("latitude and longitude are minutes, west positive: taken as degrees, east positive.",))
+
+
+def _sections(text: str, where: str) -> tuple[Mapping[str, list[str]], int]:
+    """Section -> its lines, and the first row of values as a person counts."""
+    sections: dict[str, list[str]] = {}
+    lines, first = sections.setdefault("", []), 0
+    for k, line in enumerate(text.splitlines(), 1):
+        found = _SECTION.fullmatch(line.strip())
+        if found:
+            lines = sections.setdefault(found[1].lower(), [])
+            first = k + 1 if found[1].lower() == "data" else first
+        else:
+            lines.append(line.strip())
+    if "data" not in sections:
+        raise BadInput(f"{where} has no section [data], and is no whole .vbo file. Export it again.")
+    return sections, first
+
+
+def _units(names: list[str], sections: Mapping[str, list[str]]) -> dict[str, str]:
+    """Units of columns: what [header] says behind a channel's name, else those of standard channels."""
+    titles = [line for line in sections.get("header", []) if line]
+    further = sections.get("channel units", [])[:]
+    while further and not further[-1]:  # what parts sections
+        further.pop()
+    units = {}
+    for k, name in enumerate(names):
+        title = titles[k].split() if len(titles) == len(names) else []
+        from_end = k - len(names) + len(further)
+        stated = further[from_end] if 0 <= from_end < len(further) else title[-1] if len(title) > 1 else ""
+        units[name] = known_unit(stated) or STANDARD.get(name.lower(), "")
+    return {name: unit for name, unit in units.items() if unit}
+
+
+def _seconds(clock: Array) -> Array:
+    """Seconds of a clock written as HHMMSS.SS; past midnight it runs on."""
+    hours, rest = np.divmod(clock, 10_000.0)
+    minutes, seconds = np.divmod(rest, 100.0)
+    found = np.round(3600 * hours + 60 * minutes + seconds, 6)
+    midnights = np.cumsum(np.concatenate([[0], np.diff(found) < -DAY / 2]))
+    return np.asarray(found + DAY * midnights)
+
+
+def _degrees(minutes: Array) -> Array:
+    return np.asarray(minutes / 60.0)
+
+
+def _west_to_east(minutes: Array) -> Array:
+    return np.asarray(-minutes / 60.0)

@@ -1,0 +1,111 @@
+"""Road wheels or the hand wheel: what a steering column holds, from the turning of the vehicle.
+
+At small lateral acceleration steer = ratio · (L + K v_x²) · yaw_rate / v_x: a regression on yaw_rate / v_x and
+yaw_rate · v_x tells ratio · L apart from understeer. Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., eq. 3.7.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.numbers import number
+from ..recording import Recording
+from .evidence import FAST, MapEntry, sizes_of
+
+RATIOS = (7.0, 30.0)
+"""Hand wheel over road wheel, from racing cars to trucks."""
+LENGTHS = (0.5, 2.0)
+"""Share of the wheelbase that ratio · L may be where road wheels are meant: tyres and scale factors err."""
+CARS = (2.0, 3.8)
+"""Wheelbases of cars, m: what is fast and has no stated wheelbase."""
+GENTLE = 4.0
+"""Lateral acceleration, m/s², up to which a tyre is taken as linear."""
+LEAST_ROWS = 100
+FACTORS = {"rad": 1.0, "deg": float(np.pi / 180)}
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One way to understand a steering column.
+
+    Attributes
+    ----------
+    unit : of the column.
+    ratio : of the hand wheel to the road wheels; 1 where road wheels are meant.
+    """
+
+    unit: str
+    ratio: float
+
+
+def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase: float | None) -> MapEntry:
+    """The entry of `steer` as the turning of the vehicle explains it; a question where that is not its plain reading.
+
+    Parameters
+    ----------
+    entry : what is proposed, with its unit if one is decided or stated.
+    known : all signals in SI units, steer as the entry has it.
+    hand_wheel : whether the column's name says so.
+    wheelbase : m, if known.
+    """
+    length = turning_length(known)
+    stated = not entry.units and any("states" in reason for reason in entry.reasons)
+    if length is None:
+        return _unknown(entry) if hand_wheel else entry
+    in_radians = length / entry.factor  # with the column's numbers taken as radians
+    units = {entry.unit: entry.factor} if stated and entry.unit in FACTORS else FACTORS
+    fast = sizes_of(known).get("v_x", 0.0) > FAST
+    shortest, longest = (wheelbase, wheelbase) if wheelbase else CARS
+    road = [Reading(u, 1.0) for u, f in units.items() if LENGTHS[0] * shortest < in_radians * f < LENGTHS[1] * longest]
+    if not wheelbase and not fast:
+        return _unknown(entry, in_radians * units[entry.unit or "rad"]) if hand_wheel else entry
+    if road and not hand_wheel:
+        return entry if any(own.unit == (entry.unit or "rad") for own in road) else _asked(entry, road, length)
+    middle = wheelbase or float(np.sqrt(shortest * longest))
+    wheel = [
+        Reading(unit, float(f"{in_radians * factor / middle:.3g}"))
+        for unit, factor in units.items()
+        if RATIOS[0] * shortest / middle < in_radians * factor / middle < RATIOS[1] * longest / middle
+    ]
+    return _asked(entry, wheel, in_radians) if wheel else _unknown(entry) if hand_wheel else entry
+
+
+def turning_length(known: Recording) -> float | None:
+    """Ratio times wheelbase, m, from steering in rad, speed and yaw rate (or curvature); None where they tell none."""
+    if not known.has("v_x", "steer") or not ("yaw_rate" in known or "curvature" in known):
+        return None
+    v, steer = known["v_x"], known["steer"]
+    turn = known["yaw_rate"] if "yaw_rate" in known else v * known["curvature"]
+    rows = np.isfinite(v) & np.isfinite(steer) & np.isfinite(turn) & (np.abs(v) > 0.1 * np.nanmax(np.abs(v)))
+    rows &= np.abs(v * turn) < GENTLE
+    if np.count_nonzero(rows) < LEAST_ROWS:
+        return None
+    v, steer, turn = v[rows], steer[rows], turn[rows]
+    design = np.column_stack([turn / v, turn * v, np.ones(len(v))])
+    best, _, rank, _ = np.linalg.lstsq(design, steer, rcond=None)
+    left = steer - design @ best
+    return float(abs(best[0])) if rank == 3 and np.var(left) < 0.5 * np.var(steer) and best[0] else None
+
+
+def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEntry:
+    """The entry as a question with its most plausible answer."""
+    best = readings[0]
+    if best.ratio == 1.0:
+        why = f"in {best.unit} it steers as far as the vehicle turns"
+    else:
+        others = f" (or {readings[1].ratio:g} in {readings[1].unit})" if len(readings) > 1 else ""
+        why = (
+            f"the hand wheel's angle: divide_by is the steering ratio, about {best.ratio:g}{others}; write the true one"
+        )
+    length = number(in_radians * FACTORS[best.unit], 2)
+    told = f"in {best.unit}, ratio times wheelbase is {length} m: {why}"
+    return replace(entry, unit=best.unit, units=(), divide_by=best.ratio, decided=False, reasons=(*entry.reasons, told))
+
+
+def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
+    """A hand wheel whose ratio nothing tells."""
+    why = "the hand wheel's angle: divide_by is the steering ratio"
+    told = f"; yaw rate and speed say ratio times wheelbase is about {number(length, 3)} m" if length else ""
+    return replace(entry, decided=False, reasons=(*entry.reasons, why + told))

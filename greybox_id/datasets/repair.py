@@ -1,0 +1,148 @@
+"""A repair that a check proposes, taken: the column map with signs, units and columns put right, and what changed."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from ..base.errors import BadInput
+from ..base.numbers import exact
+from ..base.units import to_si
+from .checks.finding import Finding
+from .column_map import Column, ColumnMap
+
+SAME = 1e-3
+"""Relative difference of two factors that mean the same unit."""
+UNITS = ("m/s", "km/h", "rad/s", "deg/s", "rpm", "rad", "deg", "m/s^2", "g", "m", "mm", "s", "ms", "us", "min")
+TIME = "time"
+
+
+@dataclass(frozen=True)
+class Repaired:
+    """A column map put right.
+
+    Attributes
+    ----------
+    mapping : the map.
+    changes : what was changed, a phrase each.
+    """
+
+    mapping: ColumnMap
+    changes: tuple[str, ...]
+
+
+def repaired(mapping: ColumnMap, findings: Sequence[Finding]) -> Repaired | None:
+    """The map with the first repair that findings propose; None where they propose none that a map can hold.
+
+    Parameters
+    ----------
+    mapping : that the recording was read through.
+    findings : of its check.
+    """
+    for finding in findings:
+        if finding.repair and all(source in (*mapping.signals, TIME) for source, _ in finding.repair.values()):
+            return _with(mapping, finding.repair)
+    return None
+
+
+def _with(mapping: ColumnMap, repair: Mapping[str, tuple[str, float]]) -> Repaired:
+    signals, time, changes = dict(mapping.signals), mapping.time, []
+    for name, (source, factor) in repair.items():
+        before = mapping.time if name == TIME else mapping.signals[name]
+        after = _turned(replace(mapping.time if source == TIME else mapping.signals[source], signal=name), factor)
+        changes.append(f"{name}: {_changed(before, after)}")
+        if name == TIME:
+            time = after
+        else:
+            signals[name] = replace(after, optional=before.optional)
+    return Repaired(replace(mapping, signals=signals, time=time), tuple(changes))
+
+
+def _turned(column: Column, factor: float) -> Column:
+    """A column whose values come out `factor` times as large: by its sign, its unit, or else its scale."""
+    sign = -1 if factor < 0 else 1
+    size = abs(factor)
+    wanted = to_si(column.unit, column.si_unit).factor * size
+    unit, scale = column.unit, column.scale
+    if abs(size - 1) > SAME:
+        unit = next((own for own in UNITS if _converts(own, column.si_unit, wanted)), column.unit)
+        scale = column.scale if unit != column.unit else column.scale * size
+    return replace(column, sign=column.sign * sign, unit=unit, scale=scale, offset=column.offset * factor)
+
+
+def _converts(unit: str, target: str, factor: float) -> bool:
+    try:
+        return abs(to_si(unit, target).factor / factor - 1) < SAME
+    except BadInput:
+        return False
+
+
+def _changed(before: Column, after: Column) -> str:
+    words = []
+    if before.column != after.column:
+        words.append(f'from column "{after.column}" instead of "{before.column}"')
+    if before.sign != after.sign:
+        words.append(f"sign = {after.sign}")
+    if before.unit != after.unit:
+        words.append(f'unit = "{after.unit}" instead of "{before.unit}"')
+    if before.scale != after.scale:
+        words.append(f"scale = {exact(after.scale)} instead of {exact(before.scale)}")
+    return ", ".join(words) or "as it was"
+
+
+def map_text(mapping: ColumnMap) -> str:
+    """A column map as TOML, from which it is read again as it is."""
+    lines = [f"{key} = {quoted(value)}" for key, value in _words(mapping).items() if value]
+    if mapping.rate:
+        lines.append(f"rate = {mapping.rate!r}")
+    else:
+        rest = [f"nanoseconds = {quoted(mapping.time.nanoseconds)}"] if mapping.time.nanoseconds else []
+        lines += ["", "[time]", *column_fields(mapping.time), *rest]
+    for title, columns in (("signals", mapping.signals), ("extra", mapping.extra)):
+        if columns:
+            lines += [
+                "",
+                f"[{title}]",
+                *(f"{_key(n)} = {{ {', '.join(column_fields(c))} }}" for n, c in columns.items()),
+            ]
+    for title, column, optional in (
+        ("runs", mapping.run_column, mapping.run_column_optional),
+        ("start", mapping.start_column, mapping.start_column_optional),
+    ):
+        if column:
+            lines += ["", f"[{title}]", f"column = {quoted(column)}", *(["optional = true"] if optional else [])]
+    for pose in mapping.poses:
+        numbers = [f"{key} = {getattr(pose, key)!r}" for key in ("forward", "left", "heading")]
+        lines += ["", "[[poses]]", *numbers, *([f"if_column = {quoted(pose.if_column)}"] if pose.if_column else [])]
+    return "\n".join(lines) + "\n"
+
+
+def _words(mapping: ColumnMap) -> dict[str, str]:
+    hold = mapping.hold if mapping.hold_stated else ""
+    return {
+        "name": mapping.name, "about": mapping.about, "source": mapping.source, "hold": hold,
+        "separator": mapping.separator, "decimal": mapping.decimal,
+    }  # fmt: skip
+
+
+def column_fields(column: Column) -> list[str]:
+    """The fields of a column's table in TOML."""
+    names = [quoted(name) for name in (column.column, *column.otherwise)]
+    listed = names[0] if len(names) == 1 else f"[{', '.join(names)}]"
+    fields = [f"column = {listed}", f"unit = {quoted(column.unit)}"]
+    fields += [f"scale = {column.scale!r}"] if column.scale != 1 else []
+    fields += [f"sign = {column.sign}"] if column.sign != 1 else []
+    fields += [f"offset = {column.offset!r}"] if column.offset else []
+    if column.lookup:
+        fields.append(f"lookup = [{', '.join(str(list(axis)) for axis in zip(*column.lookup, strict=True))}]")
+    return fields + (["optional = true"] if column.optional else [])
+
+
+def _key(name: str) -> str:
+    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else quoted(name)
+
+
+def quoted(text: str) -> str:
+    """Text as TOML writes it; JSON's escapes are TOML's, but for what lies beyond 16 bits, which stays as it is."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

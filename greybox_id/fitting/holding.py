@@ -1,0 +1,190 @@
+"""What commands did between the rows of a recording: kept their value, or ran on? Both are fitted, and weighed.
+
+A steering angle that was measured runs on between rows; a command is held. Taken wrongly, every command is half a row
+late or early, and inertia, tyres and delays make up for it. Where no map says which, the likelier is taken.
+
+Either way the instant of a row is known to a row at best. The two fits tell how parameters follow when commands come
+half a row later, and the errors at one of them how much later they would have to come: with s^2/12 of a row beforehand,
+the second moment of that is counted in every standard deviation, in those of times and of what acts like one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from math import sqrt
+from typing import Any, Literal
+
+import numpy as np
+
+from ..base.numbers import number
+from ..base.shorthands import Array
+from ..base.statistics import correlation_time
+from ..datasets.recording import Recording
+from ..engine.motion.simulator import Simulator
+from ..engine.solvers.gauss_newton import Status
+from ..models.motion_model import MotionModel
+from .attempt import Attempt, attempted, errors_at, misfit
+from .fit import Fit
+from .how import How, quiet
+from .verdict import WITH_CARE, Reason
+
+CLEAR = 3.0
+"""Nats, correlation counted, from which one is clearly likelier: odds of 20 to 1."""
+SHORTEST = 2e-3
+"""s between rows below which half a row shows in no vehicle."""
+MOST_ROWS = 50_000
+"""Rows of files whose map states what holds, above which it is not doubted: that costs a quarter of a fit."""
+ROW = 1 / sqrt(12.0)
+"""Standard deviation of an instant that is known to a row, rows."""
+Hold = Literal["zero", "linear"]
+WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "run on between rows in straight lines"}
+
+
+@dataclass(frozen=True)
+class Holding:
+    """What is held of commands between rows.
+
+    Attributes
+    ----------
+    taken : "zero" or "linear", as fitted.
+    stated : whether the column map says so.
+    gain : nats by which it is likelier than the other, correlation of residuals counted.
+    moved : parameter -> by how much the other moves it, in its unit.
+    late : root of the second moment of how late commands are beside the way taken, half rows.
+    """
+
+    taken: Hold
+    stated: bool
+    gain: float
+    moved: Mapping[str, float]
+    late: float = 0.0
+
+    @property
+    def doubt(self) -> float:
+        """Probability of the other, both as likely beforehand; 0 where the map says which."""
+        return 0.0 if self.stated else float(1 / (1 + np.exp(min(self.gain, 700.0))))
+
+    def as_dict(self) -> dict[str, Any]:
+        """As plain data, for a fit's `how`."""
+        return {"taken": self.taken, "stated": self.stated, "gain": self.gain, "late": self.late}
+
+
+def other_than(hold: str) -> Hold:
+    """The other of the two."""
+    return "linear" if hold == "zero" else "zero"
+
+
+def with_hold(recording: Recording, hold: Hold) -> Recording:
+    """The recording with commands held, or run on, between rows."""
+    return replace(recording, hold=hold)
+
+
+def as_fitted(fit: Fit, recording: Recording) -> Recording:
+    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
+    told = fit.how.get("hold")
+    taken = told.get("taken") if isinstance(told, Mapping) else None
+    if recording.hold_stated or taken not in ("zero", "linear"):
+        return recording
+    return with_hold(recording, "linear" if taken == "linear" else "zero")
+
+
+def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | None:
+    """How the fit's way between rows compares with the other; None where that cannot matter, or is not asked."""
+    model, holds = fit.model, {recording.hold for recording in recordings}
+    if not isinstance(model, MotionModel) or len(holds) != 1 or not fit.confirmed or not _matters(model, recordings):
+        return None
+    stated = all(recording.hold_stated for recording in recordings)
+    if stated and (sum(map(len, recordings)) > MOST_ROWS or not all(own.source.path for own in recordings)):
+        return None
+    (taken,) = holds
+    simulator, once = Simulator(model), replace(how, starts=1, solver="gauss-newton")
+    here = attempted(simulator, recordings, model.values, once, quiet, model.name, ())
+    there = attempted(
+        simulator, [with_hold(own, other_than(taken)) for own in recordings], model.values, once, quiet, model.name, ()
+    )
+    if here is None or there is None or not _ended(here) or not _ended(there):
+        return None
+    others = [with_hold(own, other_than(taken)) for own in recordings]
+    noise = here.problem.noise
+    gain = misfit(there, simulator, others, noise, once) - misfit(here, simulator, recordings, noise, once)
+    errors = here.problem.errors(here.problem.simulated_nodes(here.solution.x))
+    rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
+    p, q = (model.with_values(one.problem.shared(one.solution.x)) for one in (here, there))
+    moved = {
+        own.name: float(q[own.name].array - own.array) for own in p.parameters if own.shape == () and not own.fixed
+    }
+    late = _late(errors, errors_at(simulator, others, noise, once, p.values), noise, float(gain), rows)
+    return Holding(taken, stated, float(gain / rows), moved, late)
+
+
+def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> float:
+    """Root of the second moment of the delay that the errors ask for beside the way taken, in half rows.
+
+    Along the delay the objective is a parabola: its slope here is that of the errors, by the envelope theorem, and the
+    other way, half a row further, is a second point of it.
+    """
+    known = np.isfinite(here) & np.isfinite(there)
+    e, change = (np.where(known, own, 0.0) / noise for own in (here, there - here))
+    slope = float(np.sum(e * change)) / rows
+    bend = max(2 * (gain / rows - slope), 0.0)
+    told = bend + 1 / (2 * ROW) ** 2  # with what is known beforehand: a row's width, evenly
+    return float(np.hypot(slope / told, 1 / np.sqrt(told)))
+
+
+def _matters(model: MotionModel, recordings: Sequence[Recording]) -> bool:
+    """Whether the model reads a command, in rows that are far enough apart."""
+    names = {alias for name in model.commands for alias in (name, *model.aliases.get(name, ()))}
+    varies = any(np.ptp(own[name]) > 0 for own in recordings for name in names if name in own)
+    return varies and all(own.sample_time >= SHORTEST for own in recordings)
+
+
+def _ended(attempt: Attempt) -> bool:
+    return attempt.solution.status in (Status.CONVERGED, Status.SLOW, Status.STALLED) and bool(
+        np.isfinite(attempt.solution.objective)
+    )
+
+
+def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
+    """The fit with that doubt in its standard deviations, and half a row in those of every time.
+
+    Parameters
+    ----------
+    fit : as fitted with what was taken.
+    held : what was weighed.
+    step : between rows, s.
+    """
+    wider = float(np.hypot(sqrt(held.doubt * (1 - held.doubt)), held.late))
+    along = np.concatenate([np.full(own.size, held.moved.get(own.name, 0.0)) for own in fit.model.parameters])
+    sd = dict(fit.sd)
+    for parameter in fit.model.parameters:
+        if parameter.fixed or parameter.name not in held.moved:
+            continue
+        of_row = ROW * step if parameter.unit == "s" else 0.0
+        sd[parameter.name] = np.hypot(sd[parameter.name], max(wider * abs(held.moved[parameter.name]), of_row))
+    covariance = None if fit.covariance is None else fit.covariance + wider**2 * np.outer(along, along)
+    return replace(fit, sd=sd, covariance=covariance, how={**fit.how, "hold": held.as_dict()})
+
+
+def reason(fit: Fit, held: Holding) -> Reason | None:
+    """The question that is left: what the map states is unlikely, or neither is clearly likelier."""
+    unlikely = held.stated and held.gain < -CLEAR
+    unclear = not held.stated and held.gain < CLEAR
+    shares = {n: abs(v) / float(fit.sd[n]) for n, v in held.moved.items() if n in fit.sd and float(fit.sd[n]) > 0}
+    most = max(shares, key=lambda name: shares[name], default="")
+    if not (unlikely or unclear) or not most or shares[most] < 1:
+        return None
+    parameter, what = fit.model[most], " or ".join(getattr(fit.model, "commands", ()))
+    size = f"{most} by {number(held.moved[most], 2)} {parameter.unit}".strip()
+    if unlikely:
+        return Reason(
+            WITH_CARE,
+            f'The column map says hold = "{held.taken}": commands are {WORDS[held.taken]}. That they are '
+            f"{WORDS[other_than(held.taken)]} is likelier (odds e^{-held.gain:.0f}) and moves {size}: was {what} "
+            f'measured or commanded? Set hold = "{other_than(held.taken)}" if so.',
+        )
+    return Reason(
+        WITH_CARE,
+        f"Was {what} measured or commanded? The column map does not say, and the recording hardly does; taken as "
+        f'hold = "{held.taken}", the other moves {size}. State hold.',
+    )

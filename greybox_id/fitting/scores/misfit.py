@@ -1,0 +1,123 @@
+"""Reasons against a fit that its residuals give: too short, nothing moved, nothing explained, or of another form.
+
+What is measured stands in `fitting/uncertainty/form.py`; here it becomes sentences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from ...base.numbers import quantity
+from ...base.signals import unit_of
+from ...models.motion_model import MotionModel
+from ..fit import Fit
+from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason
+
+TRAINED = "train"
+FEWEST_ROWS = 80
+"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/blocks.py`), each of ten rows."""
+SHORTEST = 2.0
+"""s: the longest horizon that errors are told for (`metrics.HORIZONS`). Of a shorter recording none is."""
+MOVES = 1.5
+"""Readings that scatter by less than this times their own fast noise are of nothing that moves: of white noise alone
+the ratio is one."""
+UNEXPLAINED = 0.5
+"""Share of an output's variance beyond its noise that may be left unexplained in half of the outputs."""
+OF_FORM, FOREIGN_FORM = 0.1, 0.2
+"""Error of form over an output's spread that has to be known, and that leaves no vehicle: good fits of vehicles within
+tolerances, of other forms of tyres and with delays of milliseconds, have up to 0.12 (median 0.06)."""
+TIMES_NOISE = 5.0
+"""Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
+ALSO = 0.25
+"""Of what explains most of the residuals, the part that is named beside it."""
+HALVES, CLEARLY = 0.1, 10.0
+"""Error over the spread that other parameters in the second half explain; log of how much likelier that has to be."""
+
+
+def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reason]:
+    """Reasons against a fit of equations of motion.
+
+    Parameters
+    ----------
+    fit : the fit.
+    stated : output -> standard deviation of its sensor, where it is known.
+    """
+    if not isinstance(fit.model, MotionModel) or "imported" in fit.how:
+        return
+    yield from _short(fit)
+    form: Mapping[str, Any] = fit.how.get("form", {})
+    outputs: Mapping[str, Mapping[str, Any]] = form.get("outputs", {})
+    if not outputs:
+        return
+    moving = {name: one for name, one in outputs.items() if not one["spread"] < MOVES * one["noise"]}
+    if not moving:
+        yield Reason(
+            NOT_USABLE,
+            f"Nothing moves: {_listed(list(outputs))} scatter as their noise does. Record a drive that excites them.",
+        )
+        return
+    unknown = [name for name, one in moving.items() if _unexplained(one) > UNEXPLAINED]
+    if unknown and len(unknown) >= 0.5 * len(moving):
+        shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
+        yield Reason(
+            NOT_USABLE,
+            f"The fit leaves {_listed(shares)} unexplained beyond noise: what moves the vehicle is not in its inputs, "
+            "or they are of another vehicle. See greybox data check.",
+        )
+    worst = max(moving, key=lambda name: _of_form(moving[name]))
+    yield from _dependence(worst, moving[worst], stated or {})
+    size = (form.get("halves", 0.0) * max((one["residual"] / one["spread"]) ** 2 for one in moving.values())) ** 0.5
+    if size > HALVES and form.get("halves_gain", 0.0) > CLEARLY:
+        yield Reason(
+            NOT_USABLE,
+            "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
+            "or of another. Fit each half, and compare them with greybox gap --since.",
+        )
+
+
+def _short(fit: Fit) -> Iterator[Reason]:
+    trained = [one for one in fit.data if one.role == TRAINED]
+    rows, seconds = sum(one.samples for one in trained), sum(one.duration for one in trained)
+    if trained and (rows < FEWEST_ROWS or seconds < SHORTEST):
+        yield Reason(
+            NOT_USABLE,
+            f"{rows} rows, {seconds:.2g} s, are too short: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
+            "s. Record more.",
+        )
+
+
+def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:
+    """What residuals depend on, where it matters."""
+    error, noise = _of_form(one), stated.get(name, one["noise"])
+    times = one["residual"] / noise if noise > 0 else 0.0
+    on = [word for word, part in one["on"].items() if part > ALSO * max(one["on"].values())][:2]
+    against = f", {times:.2g} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
+    left = quantity(one["residual"], unit_of(name), 2)
+    if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
+        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"That goes with {_listed(on)}"
+        yield Reason(
+            NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
+            f"{name} is missed by {left}{against}. {depends}: the model lacks an effect. Intervals count it; "
+            "greybox gap looks for it.",
+        )
+    else:
+        yield Reason(
+            USABLE, f"What the model lacks is {100 * error:.0f} % of {name} at most, counted in the intervals."
+        )
+
+
+def _of_form(one: Mapping[str, Any]) -> float:
+    """Error of form over the output's spread."""
+    return float((one["explained"] ** 0.5) * one["residual"] / one["spread"]) if one["spread"] > 0 else 0.0
+
+
+def _unexplained(one: Mapping[str, Any]) -> float:
+    """Share of an output's variance beyond its noise that is left."""
+    noise = one["noise"] if one["noise"] == one["noise"] else 0.0
+    left, all_of_it = (max(one[key] ** 2 - noise**2, 0.0) for key in ("residual", "spread"))
+    return left / all_of_it if all_of_it > 0 else 0.0
+
+
+def _listed(words: list[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))

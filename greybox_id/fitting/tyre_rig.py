@@ -1,0 +1,321 @@
+"""A magic formula fitted to what a tyre rig measured: slip angle, load and side force.
+
+F_y = F_z (D sin(C atan(B a - E (B a - atan(B a)))) + S_v), a = alpha + S_h, with PCY1, PDY1, PDY2, PEY1, PEY2, PKY1,
+PKY2, PHY1 and PVY1 of version 5.2 (PKY4 = 2). Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.3.2. One
+formula is fitted to all rows near no camber; friction and stiffness are then scaled for each temperature and pressure,
+and how far these lie apart is their spread.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+
+from ..base.errors import BadInput
+from ..base.shorthands import Array
+from ..base.statistics import correlation_time
+from ..base.units import known_unit, to_si
+from ..datasets.column_map import Column, ColumnMap
+from ..datasets.formats import contents
+from ..datasets.formats.contents import RawTable
+
+COLUMNS: Mapping[str, tuple[str, str]] = {
+    "slip": (r"sa|slip ?angle|alpha|schr(ä|ae)glaufwinkel", "rad"),
+    "load": (r"fz|normal (force|load)|vertical (force|load)|load|radlast", "N"),
+    "force": (r"fy|lateral force|side force|seitenkraft", "N"),
+    "camber": (r"ia|inclination( angle)?|camber( angle)?|gamma|sturz", "rad"),
+    "pressure": (r"p|((inflation|tyre|tire) )?pressure", "kPa"),
+    "temperature": (r"tst[cio]|((tread|tyre|tire) )?temp(erature)?", "degC"),
+}
+"""What a rig records -> names of its column, and the unit it is wanted in."""
+DISPLAYED: Mapping[str, Callable[[Array], Array]] = {
+    "kPa": lambda pascal: pascal / 1e3,
+    "degC": lambda kelvin: kelvin - 273.15,
+}
+"""Units in which people know pressures and temperatures, from SI."""
+NEEDED = ("slip", "load", "force")
+UPRIGHT = 0.01
+"""Camber, rad, that counts as none."""
+MOST_SLIP, LARGEST_PRESSURE = 1.2, 1e3
+FEWEST = 200
+"""Rows below which nothing is fitted."""
+SWEPT = 0.03
+"""Slip angle, rad, that must be reached to both sides together: a curve that never bends tells no friction."""
+BANDS = 3
+"""Bands of temperature, each of as many rows."""
+NEAR_PRESSURE = 0.08
+"""Pressures closer than this share are one."""
+SMALLEST_BAND = 100
+FREE = ("PCY1", "PDY1", "PDY2", "PEY1", "PEY2", "PKY1", "PKY2", "PHY1", "PVY1")
+START = (1.4, 1.5, -0.1, -0.5, 0.0, 25.0, 1.5, 0.0, 0.0)
+BOUNDS: Mapping[str, tuple[float, float]] = {
+    "PCY1": (1.0, 2.2), "PDY1": (0.1, 5.0), "PDY2": (-2.0, 2.0), "PEY1": (-10.0, 1.0), "PEY2": (-5.0, 5.0),
+    "PKY1": (1.0, 150.0), "PKY2": (0.3, 10.0), "PHY1": (-0.05, 0.05), "PVY1": (-0.5, 0.5),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Band:
+    """Rows of one temperature and pressure.
+
+    Attributes
+    ----------
+    words : which.
+    rows : how many.
+    friction, stiffness : factors on the formula of all rows.
+    """
+
+    words: str
+    rows: int
+    friction: float
+    stiffness: float
+
+
+@dataclass(frozen=True)
+class TyreFit:
+    """A magic formula and how well it holds.
+
+    Attributes
+    ----------
+    numbers : KEY -> coefficient, FNOMIN among them.
+    sd : KEY -> standard deviation.
+    rmse : N.
+    explained : share of the side force's variance.
+    rows, left_out : used, and of another camber or without numbers.
+    bands : temperatures and pressures.
+    friction_spread, stiffness_spread : standard deviation of the bands' factors; NaN with fewer than two.
+    notes : what was done to the file.
+    largest_slip : rad, reached by 99 % of the rows.
+    """
+
+    numbers: Mapping[str, float]
+    sd: Mapping[str, float]
+    rmse: float
+    explained: float
+    rows: int
+    left_out: int
+    bands: tuple[Band, ...]
+    friction_spread: float
+    stiffness_spread: float
+    largest_slip: float
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def usable(self) -> bool:
+        """Whether it describes what was measured."""
+        return self.explained > 0.9
+
+
+def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
+    """Fit a magic formula to rig recordings.
+
+    Parameters
+    ----------
+    files : text or other tables with slip angle, load and side force, in stated units or such as sizes tell.
+
+    Raises
+    ------
+    BadInput : a column is missing, rows are too few, or the tyre was never led to both sides.
+    """
+    parts = [_read(Path(file)) for file in files]
+    data = {
+        name: np.concatenate([own[name] for own, _ in parts]) for name in COLUMNS if all(name in p for p, _ in parts)
+    }
+    known = np.all(np.isfinite([data[name] for name in NEEDED]), axis=0) & (
+        np.abs(data["load"]) > 0.02 * np.nanmax(np.abs(data["load"]))
+    )
+    upright = np.abs(data["camber"]) <= UPRIGHT if "camber" in data else np.ones(len(known), bool)
+    rows = known & upright
+    if np.count_nonzero(rows) < FEWEST:
+        raise BadInput(
+            f"{files[0]}: {np.count_nonzero(rows)} rows at no camber have slip, load and force; record {FEWEST}."
+        )
+    slip, load, force = (data[name][rows] for name in NEEDED)
+    load = np.abs(load)
+    if not (np.quantile(slip, 0.02) < -SWEPT and np.quantile(slip, 0.98) > SWEPT):
+        raise BadInput(
+            f"{files[0]}: slip angles must reach {SWEPT:g} rad to both sides; record a sweep of the slip angle."
+        )
+    near = np.abs(slip) < np.quantile(np.abs(slip), 0.3)
+    force = force * np.sign(np.polyfit(slip[near], force[near], 1)[0])  # positive for positive slip, whatever the axes
+    nominal = float(f"{np.median(load):.3g}")
+    x, sd = _fitted(slip, load, force, nominal)
+    left = force - _force(x, slip, load, nominal)
+    bands = tuple(_bands({name: values[rows] for name, values in data.items()}, x, slip, load, force, nominal))
+    friction, stiffness = (
+        float(np.std(factors, ddof=1)) if len(factors) > 1 else float("nan")
+        for factors in ([own.friction for own in bands], [own.stiffness for own in bands])
+    )
+    return TyreFit(
+        numbers={"FNOMIN": nominal, **dict(zip(FREE, x.tolist(), strict=True))},
+        sd=dict(zip(FREE, sd.tolist(), strict=True)),
+        rmse=float(np.sqrt(np.mean(left**2))),
+        explained=float(1 - np.var(left) / np.var(force)),
+        rows=len(slip),
+        left_out=int(len(known) - len(slip)),
+        bands=bands,
+        friction_spread=friction,
+        stiffness_spread=stiffness,
+        largest_slip=float(np.quantile(np.abs(slip), 0.99)),
+        notes=tuple(dict.fromkeys(note for _, notes in parts for note in notes)),
+    )
+
+
+def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
+    """Columns of a file by what they hold, in SI units (pressure in kPa, temperature in degC), and sentences."""
+    found = contents(file, ColumnMap("none", Column("time", "time", "s", "s"), {}))
+    group = found.groups[0]
+    words = {
+        name: re.sub(r"[\s_\-./]+", " ", re.sub(r"[\[(].*", "", name.removeprefix(group.prefix))).strip().lower()
+        for name in group.names
+    }
+    chosen = {}
+    for what, (pattern, _) in COLUMNS.items():
+        name = next((name for name, own in words.items() if re.fullmatch(pattern, own)), None)
+        if name:
+            chosen[what] = name
+    lacking = [what for what in NEEDED if what not in chosen]
+    if lacking:
+        raise BadInput(
+            f"{file}: no column is called like the {' or the '.join(lacking)} of a tyre rig (SA, FZ, FY); it has "
+            f"{', '.join(group.names[:12])}. Name the columns so."
+        )
+    table = group.load(list(chosen.values()))
+    notes, data = list(found.notes), {}
+    for what, name in chosen.items():
+        values = table.numbers(name)
+        unit = _stated(table, group.units, name) or _likely(what, values)
+        wanted = COLUMNS[what][1]
+        conversion = to_si(unit, None if wanted in DISPLAYED else wanted)
+        data[what] = DISPLAYED.get(wanted, np.asarray)(conversion.factor * values + conversion.offset)
+        notes.append(f"{what} from column {name} in {unit}.")
+    return data, notes
+
+
+def _stated(table: RawTable, units: Mapping[str, str], name: str) -> str:
+    """The unit that the file, or the name, states."""
+    bracket = re.search(r"[\[(]\s*([^\])]*)", name)
+    return units.get(name, "") or table.units.get(name, "") or (known_unit(bracket[1]) if bracket else "")
+
+
+def _likely(what: str, values: Array) -> str:
+    """The unit by size, where a file states none."""
+    size = float(np.nanquantile(np.abs(values), 0.99)) if np.isfinite(values).any() else 0.0
+    if what in ("slip", "camber"):
+        return "rad" if size < MOST_SLIP / 2 else "deg"
+    if what in ("load", "force"):
+        return "kN" if size < 50 else "N"
+    if what == "pressure":
+        return "bar" if size < 8 else "psi" if size < 60 else "kPa"
+    return "degC"
+
+
+def _curve(x: Array, slip: Array, load: Array, nominal: float) -> tuple[Array, Array, Array, Array, Array, Array]:
+    """D, C, E, stiffness K, S_h and S_v for each row."""
+    C, D_1, D_2, E_1, E_2, K_1, K_2, H_1, V_1 = x
+    df = load / nominal - 1
+    D = np.maximum(D_1 + D_2 * df, 1e-3)
+    E = np.minimum(E_1 + E_2 * df, 1.0)
+    K = K_1 * nominal * np.sin(2 * np.arctan(load / nominal / K_2))
+    one = np.ones(len(slip))
+    return D, C * one, E, K, H_1 * one, V_1 * one
+
+
+def _force(x: Array, slip: Array, load: Array, nominal: float, friction: float = 1.0, stiffness: float = 1.0) -> Array:
+    """F_y, N; friction and stiffness are factors as LMUY and LKY."""
+    D, C, E, K, S_h, S_v = _curve(x, slip, load, nominal)
+    D, K = D * friction, K * stiffness
+    a = slip + S_h
+    Ba = K / (C * D * load) * a
+    return np.asarray(load * (D * np.sin(C * np.arctan(Ba - E * (Ba - np.arctan(Ba)))) + S_v * friction))
+
+
+def _fitted(slip: Array, load: Array, force: Array, nominal: float) -> tuple[Array, Array]:
+    """Coefficients and their standard deviations, residuals of a band of neighbouring rows counted as one."""
+    low, high = (np.array([BOUNDS[key][k] for key in FREE]) for k in (0, 1))
+    scale = np.where(np.array(START) == 0, 0.1, np.abs(START))
+    noise = 0.05 * float(np.quantile(np.abs(force), 0.95))
+    best: Any = None
+
+    def errors(x: Array) -> Array:
+        return np.asarray((_force(x, slip, load, nominal) - force) / noise)
+
+    for friction in (1.0, 1.6, 2.4):
+        start = np.array([friction if key == "PDY1" else value for key, value in zip(FREE, START, strict=True)])
+        found = least_squares(
+            errors, start, bounds=(low, high), x_scale=scale, loss="soft_l1",
+        )  # fmt: skip
+        best = found if best is None or found.cost < best.cost else best
+    left = _force(best.x, slip, load, nominal) - force
+    together = correlation_time(left[:, None])  # a sweep's hysteresis outlasts its rows
+    J = best.jac * noise
+    covariance = np.linalg.pinv(J.T @ J) * float(np.mean(left**2)) * together
+    return np.asarray(best.x), np.sqrt(np.maximum(np.diag(covariance), 0.0))
+
+
+def _bands(data: Mapping[str, Array], x: Array, slip: Array, load: Array, force: Array, nominal: float) -> list[Band]:
+    """Friction and stiffness of each temperature and pressure, as factors."""
+    labels = [np.zeros(len(slip), int), np.zeros(len(slip), int)]
+    names: list[list[str]] = [[""], [""]]
+    if "pressure" in data and np.isfinite(data["pressure"]).all():
+        labels[0], names[0] = _pressures(data["pressure"])
+    if "temperature" in data and np.isfinite(data["temperature"]).all() and np.ptp(data["temperature"]) > 1:
+        edges = np.quantile(data["temperature"], np.linspace(0, 1, BANDS + 1))
+        labels[1] = np.clip(np.searchsorted(edges[1:-1], data["temperature"], side="right"), 0, BANDS - 1)
+        names[1] = [f"{a:.0f} to {b:.0f} °C" for a, b in zip(edges, edges[1:], strict=False)]
+    if len(names[0]) * len(names[1]) < 2:
+        return []
+    bands = []
+    for i, j in np.ndindex(len(names[0]), len(names[1])):
+        rows = (labels[0] == i) & (labels[1] == j)
+        if np.count_nonzero(rows) < SMALLEST_BAND or np.quantile(np.abs(slip[rows]), 0.9) < SWEPT:
+            continue
+
+        def errors(factors: Array, rows: NDArray[np.bool_] = rows) -> Array:
+            return _force(x, slip[rows], load[rows], nominal, *factors) - force[rows]
+
+        found = least_squares(errors, np.ones(2), bounds=([0.2, 0.2], [3.0, 3.0]), loss="soft_l1",
+                              f_scale=0.05 * float(np.quantile(np.abs(force), 0.95)))  # fmt: skip
+        words = ", ".join(filter(None, (names[0][i], names[1][j])))
+        bands.append(Band(words, int(np.count_nonzero(rows)), *map(float, found.x)))
+    return bands
+
+
+def _pressures(values: Array) -> tuple[NDArray[np.int64], list[str]]:
+    """Pressures that were set, by gaps between them."""
+    order = np.sort(values)
+    edges = order[1:][np.diff(order) > NEAR_PRESSURE * order[:-1]]
+    labels = np.searchsorted(edges, values, side="right")
+    return labels, [f"{np.median(values[labels == k]):.0f} kPa" for k in range(len(edges) + 1)]
+
+
+SECTIONS: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "MDI_HEADER": (("FILE_TYPE", "'tir'"), ("FILE_VERSION", "3.0"), ("FILE_FORMAT", "'ASCII'")),
+    "UNITS": (
+        ("LENGTH", "'meter'"),
+        ("FORCE", "'newton'"),
+        ("ANGLE", "'radians'"),
+        ("MASS", "'kg'"),
+        ("TIME", "'second'"),
+    ),
+    "MODEL": (("PROPERTY_FILE_FORMAT", "'PAC2002'"), ("FITTYP", "52"), ("USE_MODE", "2")),
+}
+
+
+def tyre_text(found: TyreFit, source: str) -> str:
+    """A tyre property file of the formula; comments say how far temperatures and pressures lie apart."""
+    well = f"RMSE {found.rmse:.1f} N, {100 * found.explained:.1f} % explained"
+    lines = [f"$ Magic formula of {source}: {found.rows} rows, {well}"]
+    lines += [f"$ {own.words}: friction x {own.friction:.3f}, stiffness x {own.stiffness:.3f}" for own in found.bands]
+    for section, keys in SECTIONS.items():
+        lines += [f"[{section}]", *(f"{key} = {value}" for key, value in keys)]
+    lines += ["[VERTICAL]", f"FNOMIN = {found.numbers['FNOMIN']:g}", "[LATERAL_COEFFICIENTS]"]
+    lines += [f"{key} = {found.numbers[key]:.8g}" for key in FREE]
+    return "\n".join([*lines, "PKY4 = 2"]) + "\n"

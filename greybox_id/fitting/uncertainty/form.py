@@ -1,0 +1,432 @@
+"""What the form of a model leaves open: how residuals depend on the drive, and what that costs its parameters.
+
+A model of the right form leaves residuals that depend on nothing: not on speed, steering, the size, sign or rate of
+what is predicted, nor on time. Of a model that lacks something they do, and what they show is only the part of its
+error that no parameter could take up. How large the other part is, which moved the parameters, cannot be seen; but both
+are of one error, so that the one tells the size of the other. Here the error of every output is a sum of functions of
+the drive (`_functions`), each with a size of normal distribution about none, all of one spread: a share of the output's
+own. What drives the vehicle may err as well, and then all outputs at once: a sensor's offset, a ratio that varies, a
+command that comes late. So every input has such functions too (`_of_inputs`), which the model itself passes on. The
+share under which the residuals are likeliest is taken (empirical Bayes); it is zero where nothing is left to be
+explained. Parameters have a wider covariance beside such an error, and another optimum: intervals count both.
+
+Sources: Kennedy & O'Hagan, Bayesian calibration of computer models, J. R. Statist. Soc. B 63 (2001); Brynjarsdottir &
+O'Hagan, Learning about physical parameters: the importance of model discrepancy, Inverse Problems 30 (2014).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import scipy.linalg as la
+
+from ...base.shorthands import Array, Index, Mask
+from ...base.statistics import correlation_time, white_noise_sd
+from ...engine.motion.shooting import MotionProblem, SimulatedRuns
+
+QUARTERS = 4
+"""Of the rows, in order of time: what changes within a drive shows between them."""
+SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0)
+"""Shares that are compared: of an output's spread, that one function of the drive adds to its error."""
+SWEEPS = 3
+MOST_ROWS = 50_000
+"""Rows that are looked at, evenly spread: what they depend on shows in fewer, and memory is bounded."""
+STEP = 0.01
+"""Of an input's spread, by which it is moved to see what follows."""
+RIDGE = 1e-9
+"""Of a column's own power: on some drives one function is a sum of others."""
+
+
+@dataclass(frozen=True)
+class OutputForm:
+    """The residuals of one output.
+
+    Attributes
+    ----------
+    residual : their root mean square, in the output's unit.
+    spread : standard deviation of the readings.
+    noise : standard deviation of the readings' fast part, NaN where it cannot be told.
+    share : size of one function of the drive in the error, over the spread.
+    explained : part of the residuals' mean square that functions of the drive explain.
+    on : what they depend on, in words, the strongest first, with the part that it explains.
+    gain : log of how much likelier the residuals are with such functions.
+    independent : number of independent residuals.
+    """
+
+    residual: float
+    spread: float
+    noise: float
+    share: float
+    explained: float
+    on: Mapping[str, float]
+    gain: float
+    independent: float
+
+
+@dataclass(frozen=True)
+class FormError:
+    """What a form leaves open.
+
+    Attributes
+    ----------
+    outputs : name -> its residuals.
+    covariance : (unknowns, unknowns) what the error of the form adds to the covariance of the unknowns.
+    halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
+        functions of the drive.
+    halves_gain : log of how much likelier the residuals are with other parameters there.
+    """
+
+    outputs: Mapping[str, OutputForm]
+    covariance: Array
+    halves: float
+    halves_gain: float
+
+    def as_dict(self) -> dict[str, Any]:
+        """All but the covariance, as plain data."""
+        outputs = {name: asdict(one) for name, one in self.outputs.items()}
+        return {"outputs": outputs, "halves": self.halves, "halves_gain": self.halves_gain}
+
+
+def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
+    """Look at the residuals of a fit.
+
+    Parameters
+    ----------
+    problem : the problem.
+    x : (unknowns,) an optimum of it.
+    nodes : the problem's simulation there.
+    """
+    every = max(1, -(-len(nodes.y) // MOST_ROWS))
+    drives = list(_drives(problem, nodes, every))
+    passed = _of_inputs(problem, x, nodes, every)
+    low, high = problem.bounds
+    kept = problem.free & (x > low) & (x < high)
+    kept[problem.parameters.size :] = False
+    H, g = _normal_equations(problem, x, nodes, drives, passed, kept, every)
+    count, halves = int(np.sum(kept)), len(drives) + len(passed)
+    sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
+    owner = np.repeat(np.arange(halves + 1), sizes_of)
+    unit = np.ones(len(owner))
+    power = np.diag(H)[-count:] if count else np.zeros(0)
+    whole = sum(float(np.sum((one.columns**2).max(axis=1))) / one.alone for one in drives)
+    unit[owner == halves] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
+    joint = _Joint(H, g, count)
+    shares, gains = _likeliest(joint, owner, unit, halves + 1)
+    widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
+    covariance = np.zeros((len(x), len(x)))
+    covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
+    of_inputs = [(one, sizes[owner == len(drives) + k]) for k, one in enumerate(passed)]
+    outputs = {
+        one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs)
+        for k, one in enumerate(drives)
+    }
+    own = sizes[owner == halves]
+    total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
+    explained = float(own @ H[-count:, -count:] @ own) / max(total, 1e-300) if count else 0.0
+    return FormError(outputs, covariance, min(1.0, explained), float(gains[halves]))
+
+
+@dataclass(frozen=True)
+class _Passed:
+    """What follows where one input is another than recorded.
+
+    Attributes
+    ----------
+    name : of the input.
+    words : how it is another, function by function.
+    effect : (N, outputs, functions) change of the predictions, for a change as large as the input's own spread.
+    """
+
+    name: str
+    words: Sequence[str]
+    effect: Array
+
+
+@dataclass(frozen=True)
+class _Drive:
+    """One output along all intervals, row by row.
+
+    Attributes
+    ----------
+    name, place : of the output.
+    error, reading : (N,) in its unit, zero where nothing was read.
+    read : (N,) whether it was.
+    weight : (N,) of a residual.
+    columns : (N, functions) weighted, each as large as the output's spread; zero where it was not read.
+    words : what each function is of.
+    edges : where intervals begin and end.
+    alone : squared weighted residual times its correlation time, of what no function of the drive explains.
+    """
+
+    name: str
+    place: int
+    error: Array
+    reading: Array
+    read: Mask
+    weight: Array
+    columns: Array
+    words: Sequence[str]
+    edges: Array
+    alone: float
+    correlation: float
+
+    def seen(self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_Passed, Array]]) -> OutputForm:
+        """What its residuals say, if functions of the drive and errors of inputs have these sizes in them."""
+        unit = 1.0 / self.weight[self.read]
+        square = max(float(np.mean(self.error[self.read] ** 2)), 1e-300)
+        parts, words = [self.columns[self.read] * sizes * unit[:, None]], list(self.words)
+        for one, own in of_inputs:
+            parts.append(one.effect[self.read, self.place] * own)
+            words += one.words
+        table = np.hstack(parts)
+        on = {
+            word: float(np.mean(table[:, [own == word for own in words]].sum(axis=1) ** 2)) / square
+            for word in dict.fromkeys(words)
+        }
+        readings = np.where(self.read, self.reading, np.nan)
+        pieces = [readings[a:b] for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
+        return OutputForm(
+            float(np.sqrt(square)), float(np.std(self.reading[self.read])), white_noise_sd(pieces, held=True), share,
+            min(1.0, float(np.mean(table.sum(axis=1) ** 2)) / square),
+            dict(sorted(on.items(), key=lambda item: -item[1])), gain,
+            float(np.count_nonzero(self.read)) / self.correlation,
+        )  # fmt: skip
+
+
+def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
+    model, runs = problem.model, problem.runs
+    errors = problem.errors(nodes)[::every]
+    inputs = np.vstack([runs[i.run].inputs[i.start : i.stop] for i in problem.intervals])
+    time = np.concatenate([runs[i.run].time[i.start : i.stop] for i in problem.intervals])
+    edges = np.concatenate([[0], np.cumsum([i.stop - i.start for i in problem.intervals])])
+    predicted = np.where(np.isfinite(nodes.y), nodes.y, 0.0)
+    table = {name: predicted[:, k] for k, name in enumerate(model.outputs)}
+    table |= {name: inputs[:, k] for k, name in enumerate(model.inputs)}
+    rates = {name: _rate(values, time, edges)[::every] for name, values in table.items()}
+    table, edges = {name: values[::every] for name, values in table.items()}, -(-edges // every)
+    predicted, count = predicted[::every], len(errors)
+    quarter = QUARTERS * np.arange(count) // count
+    for k, name in enumerate(model.outputs):
+        read = np.isfinite(errors[:, k])
+        if not np.any(read):
+            continue
+        error = np.where(read, errors[:, k], 0.0)
+        reading = np.where(read, predicted[:, k] - error, 0.0)
+        weight = np.where(read, problem.weight[::every, k], 0.0)
+        spread = float(np.std(reading[read]))
+        columns, words = [np.zeros(count)], ["nothing"]
+        for word, values in _functions(name, table, rates, quarter, model.inputs):
+            power = float(np.sqrt(np.mean(values[read] ** 2)))
+            if np.isfinite(power) and power > 1e-9 * float(np.max(np.abs(values), initial=0.0)):
+                columns.append(values * (spread / power) * weight)
+                words.append(word)
+        table_of = np.column_stack(columns)
+        alone, correlation = _unexplained(table_of[read], (error * weight)[read])
+        yield _Drive(name, k, error, reading, read, weight, table_of, words, edges, alone, correlation)
+
+
+def _functions(
+    name: str, table: Mapping[str, Array], rates: Mapping[str, Array], quarter: Index, inputs: Sequence[str]
+) -> Iterator[tuple[str, Array]]:
+    """What the error of an output may be proportional to: words and (N,) values."""
+    y, dy, v = table[name], rates[name], table.get("v_x")
+    yield "none of the drive", np.ones(len(y))
+    for power in (1, 3):
+        yield f"the size of {name}", y**power
+    yield f"the sign of {name}", np.abs(y)
+    yield f"the size of {name}", y * np.abs(y)
+    yield f"the rate of {name}", dy
+    for q in range(1, QUARTERS):
+        yield "time", (quarter >= q).astype(float)
+        yield "time", (quarter >= q) * y
+    if v is not None and name != "v_x":
+        pace = v - np.mean(v)
+        for values in (pace, y * pace, y * pace**2):
+            yield "v_x", values
+        yield f"the rate of {name}", dy * pace
+    for other in inputs:
+        if other != "v_x":
+            u = table[other]
+            for values in (u, np.abs(u), u * np.abs(u)):
+                yield other, values
+            yield f"the rate of {other}", rates[other]
+
+
+def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: int) -> list[_Passed]:
+    """What follows of each input's error: it is moved a little, and all is simulated again."""
+    runs, found = problem.runs, list[_Passed]()
+    edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
+    time = np.concatenate([run.time for run in runs])
+    inputs = np.vstack([run.inputs for run in runs])
+    table = {name: inputs[:, k] for k, name in enumerate(problem.model.inputs)}
+    for k, name in enumerate(problem.model.inputs):
+        u, spread = inputs[:, k], float(np.std(inputs[:, k]))
+        if not spread > 1e-9 * max(1.0, float(np.max(np.abs(u)))):
+            continue
+        words, effects = [], []
+        for word, values in _errors_of_input(name, table, _rate(u, time, edges), spread):
+            power = float(np.sqrt(np.mean(values**2)))
+            if not 0.0 < power < np.inf:
+                continue
+            moved = inputs.copy()
+            moved[:, k] += STEP * spread / power * values
+            other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
+            change = (other.simulated_nodes(x).y[::every] - nodes.y[::every]) / STEP
+            words.append(word)
+            effects.append(np.where(np.isfinite(change), change, 0.0))
+        if effects:
+            found.append(_Passed(name, words, np.stack(effects, axis=2)))
+    return found
+
+
+def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: float) -> Iterator[tuple[str, Array]]:
+    """How an input may be another than recorded: words and (n,) values."""
+    u, v = table[name], table.get("v_x")
+    yield f"an offset of {name}", np.ones(len(u))
+    yield f"a gain on {name}", u
+    yield f"a gain on {name} that varies with it", u * np.abs(u)
+    yield f"a gain on {name} that varies with it", u**3
+    yield f"the sign of {name}", np.abs(u)
+    yield f"the rate of {name}", du
+    if v is not None and name != "v_x" and float(np.std(v)) > 1e-3 * float(np.mean(np.abs(v))):
+        yield f"a gain on {name} that varies with v_x", u * (v - np.mean(v)) / np.std(v)
+
+
+def _rate(values: Array, time: Array, edges: Array) -> Array:
+    """(N,) derivative by time, interval by interval; zero in intervals of one row."""
+    found = np.zeros(len(values))
+    for a, b in zip(edges[:-1], edges[1:], strict=True):
+        if b - a > 1:
+            found[a:b] = np.gradient(values[a:b], time[a:b])
+    return found
+
+
+def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
+    """Mean square that functions of the drive leave of residuals, times its correlation time; and that time, rows.
+
+    Of fewer than twice as many rows as functions nothing is explained.
+    """
+    left, count = residuals, len(residuals)
+    if count > 2 * columns.shape[1]:
+        left = residuals - columns @ np.linalg.lstsq(columns, residuals, rcond=1e-6)[0]
+        count -= columns.shape[1]
+    correlation = correlation_time(left[:, None])
+    return max(float(np.sum(left**2)) / count, 1e-300) * correlation, correlation
+
+
+def _normal_equations(
+    problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
+    kept: Mask, every: int,
+) -> tuple[Array, Array]:  # fmt: skip
+    """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
+    kept parameters of the second half of the rows.
+
+    Residuals count as so many independent ones. Starts of intervals are eliminated, interval by interval.
+    """
+    place, count = np.cumsum(kept) - 1, int(np.sum(kept))
+    firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in drives])]).astype(int)
+    common = np.dstack([one.effect for one in passed]) if passed else np.zeros((*nodes.y[::every].shape, 0))
+    last = int(firsts[-1]) + common.shape[2]
+    H, g = np.zeros((last + count, last + count)), np.zeros(last + count)
+    half = len(drives[0].error) // 2
+    H[:count, :count] = problem.believed[np.ix_(kept, kept)]
+    g[:count] = problem.pull_of_priors(x)[kept]
+    first_loose = problem.parameters.size
+    for k, (rows, (residuals, J)) in enumerate(
+        zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
+    ):
+        chosen = rows % every == 0
+        rows, residuals, J = rows[chosen] // every, residuals[chosen], J[chosen]
+        index = problem.layout.index[k]
+        loose, there = index >= first_loose, kept[index]
+        few = int(np.sum(loose))
+        own, by_loose = np.zeros_like(H), np.zeros((few, few))
+        pull, coupled, toward = np.zeros_like(g), np.zeros((few, len(g))), np.zeros(few)
+        at = place[index[there]]
+        for one, first in zip(drives, firsts[:-1], strict=True):
+            scale = 1.0 / np.sqrt(one.alone)
+            r, by_p, by_z = residuals[:, one.place] * scale, J[:, one.place] * scale, one.columns[rows] * scale
+            wide = np.zeros((len(rows), len(g)))
+            wide[:, at] = by_p[:, there]
+            wide[:, first : first + by_z.shape[1]] = by_z
+            wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows] * scale)[:, None]
+            wide[:, last + at] = by_p[:, there] * (rows >= half)[:, None]
+            own += wide.T @ wide
+            pull += wide.T @ r
+            by_loose += by_p[:, loose].T @ by_p[:, loose]
+            coupled += by_p[:, loose].T @ wide
+            toward += by_p[:, loose].T @ r
+        if few:
+            inverse = la.pinvh(by_loose + np.diag(RIDGE * np.maximum(np.diag(by_loose), 1e-300)))
+            own -= coupled.T @ inverse @ coupled
+            pull -= coupled.T @ (inverse @ toward)
+        H += own
+        g += pull
+    return H, g
+
+
+class _Joint:
+    """Parameters beside functions of the drive.
+
+    Parameters
+    ----------
+    H, g : curvature and gradient by both, parameters first, at the parameters' optimum and no function.
+    count : how many parameters.
+    """
+
+    def __init__(self, H: Array, g: Array, count: int) -> None:
+        P, self.C, S = H[:count, :count], H[:count, count:], H[count:, count:]
+        self.P = P + np.diag(RIDGE * np.maximum(np.diag(P), 1e-300))
+        self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
+        self.g = g[:count]
+        self.S = S - self.C.T @ self.inverse @ self.C
+        self.S = 0.5 * (self.S + self.S.T)
+        self.pull = g[count:] - self.C.T @ (self.inverse @ self.g)
+
+    def evidence(self, variances: Array) -> float:
+        """Log of how much likelier the residuals are with functions of such variances than with none."""
+        root = np.sqrt(variances)
+        inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
+        factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
+        scaled = root * self.pull
+        gained = 0.5 * float(scaled @ la.cho_solve(factor, scaled))
+        return gained - float(np.sum(np.log(np.diag(factor[0]))))
+
+    def beside(self, variances: Array) -> tuple[Array, Array, Array]:
+        """What functions add to the parameters' covariance, where they move the optimum, and the functions' sizes."""
+        root = np.sqrt(variances)
+        inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
+        of_sizes = root[:, None] * la.solve(inner, np.diag(root), assume_a="pos")
+        sizes, follow = -of_sizes @ self.pull, self.inverse @ self.C
+        return follow @ of_sizes @ follow.T, -follow @ sizes, sizes
+
+
+def _likeliest(joint: _Joint, owner: Index, unit: Array, count: int) -> tuple[Array, Array]:
+    """The share of each group under which all residuals are likeliest; what each gains beside none, in log.
+
+    Parameters
+    ----------
+    owner, unit : (functions,) the group of each function, and what a share of one is in its size.
+    """
+    shares = np.zeros(count)
+    best = 0.0
+    for _ in range(SWEEPS):
+        before = shares.copy()
+        for k in range(count):
+            tried = []
+            for share in SHARES:
+                shares[k] = share
+                tried.append(joint.evidence((shares[owner] * unit) ** 2))
+            shares[k] = SHARES[int(np.argmax(tried))]
+            best = max(tried)
+        if np.array_equal(before, shares):
+            break
+    gains = np.zeros(count)
+    for k in range(count):
+        without = shares.copy()
+        without[k] = 0.0
+        gains[k] = best - joint.evidence((without[owner] * unit) ** 2)
+    return shares, gains

@@ -1,0 +1,73 @@
+"""What a change would have to be to show on a recording like those there are: asked before anything is driven."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import log, sqrt
+
+import numpy as np
+
+from ..estimation.calibration import CAL
+from .between_runs import Common
+from .innovations import FollowedRun
+
+
+@dataclass(frozen=True)
+class Visible:
+    """From which size on a change would show.
+
+    Attributes
+    ----------
+    effect : name.
+    size : distance from what is usual, in the effect's unit; relative where it is a factor. Infinite where none that
+        an effect of its kind has would show.
+    scatter, told : standard deviations of its two parts: how runs differ to which nothing is done, and how well one
+        recording tells it.
+    usual : of a factor, the mean of the runs; else its magnitude.
+    factor : whether it is one.
+    unit : of the effect.
+    """
+
+    effect: str
+    size: float
+    scatter: float
+    told: float
+    usual: float
+    factor: bool
+    unit: str
+
+
+def visible(
+    known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str], units: Mapping[str, str], cost: float
+) -> tuple[Visible, ...]:
+    """What would show on one further recording like these, smallest share of what may change first.
+
+    A change of c sd gains c^2 / 2 nats, less Occam's factor for a prior as wide as changes are; it shows from where
+    that is what a change must gain (`search.Change`).
+
+    Parameters
+    ----------
+    known : of the recordings from before.
+    rides : those, of which each stands for one that is to come.
+    effects, units : number of the model -> effect; effect -> unit.
+    cost : what a change must gain, in nats.
+    """
+    each = [known.weigher.told(ride, known.x).H for ride in rides]
+    L, V = np.median(each, axis=0), known.of_a_run
+    precise = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
+    found = []
+    for place in known.varying:
+        number = known.numbers[place]
+        sd = 1.0 / sqrt(max(float(precise[place, place]), 1e-12))
+        away = sd * sqrt(2.0 * (cost + 0.5 * log(1.0 + (number.change / sd) ** 2)))
+        size = away if away < CAL.reach_sd * number.change else float("inf")
+        alone = sqrt(max(sd**2 - float(V[place, place]), 0.0))
+        name = effects[number.name]
+        found.append(
+            Visible(name, size, float(known.scatter[place]), alone, number.value(known.x[place]), number.logarithmic,
+                    units[name])
+        )  # fmt: skip
+    order = {number.name: number.change for number in known.numbers}
+    names = {effect: name for name, effect in effects.items()}
+    return tuple(sorted(found, key=lambda own: own.size / order[names[own.effect]]))

@@ -1,0 +1,185 @@
+"""Text files as loggers write them: names, units and values are found behind preambles, whatever separates them."""
+
+import numpy as np
+import pytest
+
+from greybox_id.datasets.column_map import column_map, parse_column_map
+from greybox_id.datasets.formats import contents
+from greybox_id.datasets.formats.layout import layout_of
+from greybox_id.datasets.read import read
+
+ROWS = [[0.02 * k, 54.5 + k, -0.5 * k, 0.002 * k] for k in range(30)]
+TEXT = [[f"{value:.4f}" for value in row] for row in ROWS]
+MOTEC = """"Format","MoTeC CSV File",,,"Workbook",""
+"Venue","test",,,"Worksheet",""
+"Sample Rate","50.000","Hz",,"End Time","30.000","s"
+"Range","entire outing",,,"End Distance","600","m"
+
+
+"Time","Ground Speed","Steered Angle","G Force Lat"
+"s","km/h","deg","G"
+
+
+"""
+AIM = """"Format","AIM CSV File"
+"Session","Test"
+"Racer","A, B"
+"Sample Rate","50"
+"Beacon Markers","12.3","60.1"
+
+"Time","GPS Speed","Steer_Pos","GPS LatAcc"
+"s","km/h","deg","g"
+
+"""
+RACECHRONO_3 = """This file is created using RaceChrono Pro ( http://racechrono.com/ ).
+Format,3
+Session title,"X, Y"
+Created,01/01/2025,00:00
+
+timestamp,speed,bearing,speed
+unix time,km/h,deg,m/s
+,100: gps,100: gps,200: obd
+"""
+RACECHRONO_2 = """This file is created using RaceChrono v7.
+Session title,X
+Track name,"Y"
+
+Time (s),Speed (km/h),Bearing (deg),Lateral acceleration (G)
+"""
+COMMENTED = "# RaceRender Data: TrackAddict\n# Vehicle: car\n# Mode: 1\nTime [s],Speed [km/h],Steer [deg],Ay [g]\n"
+UNITS_ROW = "TIME,SPEED,STEERINGANGLE,LATACC\ns,km/h,°,g\n"
+MATLAB = "% time speed steer ay\n"
+
+
+@pytest.mark.parametrize(
+    ("head", "names", "units"),
+    [
+        (MOTEC, ("Time", "Ground Speed", "Steered Angle", "G Force Lat"), ("s", "km/h", "deg", "g")),
+        (AIM, ("Time", "GPS Speed", "Steer_Pos", "GPS LatAcc"), ("s", "km/h", "deg", "g")),
+        (RACECHRONO_3, ("timestamp", "speed gps", "bearing", "speed obd"), ("s", "km/h", "deg", "m/s")),
+        (RACECHRONO_2, ("Time (s)", "Speed (km/h)", "Bearing (deg)", "Lateral acceleration (G)"), ("", "", "", "")),
+        (COMMENTED, ("Time [s]", "Speed [km/h]", "Steer [deg]", "Ay [g]"), ("", "", "", "")),
+        (UNITS_ROW, ("TIME", "SPEED", "STEERINGANGLE", "LATACC"), ("s", "km/h", "deg", "g")),
+        ("t,v,steer,v\n", ("t", "v", "steer", "v 2"), ("", "", "", "")),
+        ("# t,v,steer,ay\n", ("t", "v", "steer", "ay"), ("", "", "", "")),
+    ],
+)
+@pytest.mark.parametrize("separator", [",", ";", "\t"])
+def test_names_and_units_are_found_by_width(head, names, units, separator):
+    quoted = head.replace('"A, B"', '"A"').replace('"X, Y"', '"X"')
+    lines = [*(quoted if separator != "," else head).replace(",", separator).splitlines(), *map(separator.join, TEXT)]
+    found = layout_of(lines, "", "")
+    assert (found.separator, found.names, found.units) == (separator, names, units)
+    assert lines[found.first] == separator.join(TEXT[0])
+
+
+def test_blanks_between_columns_are_a_separator():
+    lines = [MATLAB.strip(), *("  ".join(row) for row in TEXT)]
+    found = layout_of(lines, "", "")
+    assert (found.names, found.first) == (("time", "speed", "steer", "ay"), 1)
+
+
+def test_labels_among_values_are_no_line_of_names(tmp_path):
+    file = tmp_path / "lap.csv"
+    file.write_text("time,phase,v_x\n" + "".join(f"{k},turn {k % 2},{k}\n" for k in range(20)))
+    np.testing.assert_array_equal(read(file)["v_x"], np.arange(20))
+
+
+def test_rows_are_counted_as_in_the_file(tmp_path):
+    file = tmp_path / "lap.csv"
+    rows = [",".join(row) for row in TEXT]
+    rows[4] = rows[4].replace("58.5000", "")
+    file.write_text(MOTEC + "\n".join(rows))
+    mapping = parse_column_map(
+        '[time]\ncolumn="Time"\nunit="s"\n[signals]\nv_x={column="Ground Speed",unit="km/h"}', "m.toml"
+    )
+    recording = read(file, mapping)
+    assert recording["v_x"][1] == pytest.approx(55.5 / 3.6)
+    from greybox_id.datasets.checks.finding import file_row
+
+    assert file_row(recording, 4) == f"row {1 + file.read_text().splitlines().index(rows[4])} of the file"
+
+
+def test_comments_among_rows_are_passed_over(tmp_path):
+    file = tmp_path / "lap.csv"
+    file.write_text("time,v_x\n0,1\n# Lap 1: 00:01:03\n1,2\n2,3\n")
+    np.testing.assert_array_equal(read(file)["v_x"], [1, 2, 3])
+
+
+def test_a_degree_sign_in_windows_letters_is_read(tmp_path):
+    file = tmp_path / "lap.csv"
+    file.write_bytes(UNITS_ROW.encode("cp1252") + "\n".join(",".join(row) for row in TEXT).encode())
+    (group,) = contents(file, column_map("canonical")).groups
+    assert group.units["STEERINGANGLE"] == "deg"
+
+
+VBO = """File created on 01/01/2025 at 10:01:45
+
+[header]
+satellites
+time
+latitude
+longitude
+velocity kmh
+long accel g
+yaw rate
+
+[channel units]
+deg/s
+
+[comments]
+Log Rate (Hz) : 20.00
+
+[column names]
+sats time lat long velocity longacc yawrate
+
+[data]
+011 235959.95 +3120.0 -00060.0 036.0 -0.5 1.0E+01
+011 000000.00 +3120.6 -00060.6 072.0 +0.5 2.0E+01
+"""
+
+
+def test_racelogic_writes_minutes_west_positive_and_a_clock(tmp_path):
+    file = tmp_path / "lap.vbo"
+    file.write_text(VBO)
+    (group,) = contents(file, column_map("canonical")).groups
+    table = group.load(group.names)
+    assert group.units["velocity"] == "km/h"
+    assert (group.units["yawrate"], group.units["longacc"]) == ("deg/s", "g")
+    np.testing.assert_allclose(np.diff(table.numbers("time")), [0.05], atol=1e-6)
+    np.testing.assert_allclose(table.numbers("lat"), [52.0, 52.01])
+    np.testing.assert_allclose(table.numbers("long"), [1.0, 1.01])
+
+
+@pytest.mark.parametrize("kind", ["long.csv", "trace.json", "list.json"])
+def test_a_row_for_every_reading_becomes_a_group_for_every_channel(tmp_path, kind):
+    file = tmp_path / kind
+    readings = [
+        (1.5e9 + 0.01 * k, name, 0.1 * k)
+        for k in range(200)
+        for name in (("vehicle_speed",), ("vehicle_speed", "yaw_rate"))[k % 2]
+    ]
+    readings.insert(3, (1.5e9, "gear", "first"))
+    if kind == "long.csv":
+        text = "timestamp,name,value\n" + "".join(f"{t},{n},{v}\n" for t, n, v in readings)
+    else:
+        import json
+
+        lines = [json.dumps({"timestamp": t, "name": n, "value": v}) for t, n, v in readings]
+        text = "\n".join(lines) if kind == "trace.json" else f"[{','.join(lines)}]"
+    file.write_text(text)
+    mapping = parse_column_map(
+        '[time]\nunit="s"\n[signals]\nv_x={column="vehicle_speed",unit="km/h"}\nyaw_rate={column="yaw_rate",unit="deg/s"}',
+        "m.toml",
+    )
+    recording = read(file, mapping)
+    assert recording.sample_time == pytest.approx(0.01, rel=1e-3)
+    np.testing.assert_allclose(recording["v_x"][50], recording.time[50] * 10 / 3.6, rtol=1e-3)
+    assert any("gear" in note for note in recording.notes)
+
+
+def test_a_file_without_time_is_read_at_its_rate(tmp_path):
+    file = tmp_path / "lap.csv"
+    file.write_text("v_x,steer\n" + "1,0\n" * 10)
+    mapping = parse_column_map('rate = 20\n[signals]\nv_x={unit="m/s"}', "m.toml")
+    np.testing.assert_allclose(read(file, mapping).time, np.arange(10) / 20)

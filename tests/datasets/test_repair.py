@@ -1,0 +1,78 @@
+"""Repairs that a check proposes: the map with them reads the recording as it is, and is the same as text."""
+
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from calling import greybox
+from motion import recorded
+
+from greybox_id.datasets.checks import check
+from greybox_id.datasets.column_map import column_map, parse_column_map
+from greybox_id.datasets.read import read
+from greybox_id.datasets.repair import map_text, repaired
+
+MAP = """name = "mine"
+about = "an IMU"
+hold = "linear"
+[time]
+column = "t"
+unit = "s"
+[signals]
+v_x = { column = "v", unit = "m/s" }
+steer = { column = "delta", unit = "rad" }
+yaw_rate = { column = "gz", unit = "rad/s" }
+a_y = { column = "ay", unit = "m/s^2" }
+[extra]
+"a battery" = { column = "u", unit = "V", optional = true }
+"""
+
+
+@pytest.fixture
+def lap(tmp_path):
+    """A drive with its columns called otherwise, and a change made to it."""
+
+    def lap(change):
+        drive = recorded("lateral", seconds=20.0)
+        table = pd.DataFrame({"t": drive.time, "v": drive["v_x"], "delta": drive["steer"], "gz": drive["yaw_rate"],
+                              "ay": drive["a_y"]})  # fmt: skip
+        change(table).to_csv(tmp_path / "lap.csv", index=False)
+        (tmp_path / "mine.toml").write_text(MAP)
+        return tmp_path / "lap.csv", tmp_path / "mine.toml", drive
+
+    return lap
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (lambda d: d.assign(gz=np.degrees(d.gz)), 'unit = "deg/s"'),
+        (lambda d: d.assign(ay=-d.ay), "sign = -1"),
+    ],
+)
+def test_a_map_is_mended_and_the_recording_is_then_as_it_was(lap, change, line):
+    file, mapping, drive = lap(change)
+    mended = mapping.with_name("mended.toml")
+    done = greybox("data", "check", file, "--columns", mapping, "--repair", mended)
+    assert done.code == 0, done.out
+    assert line in mended.read_text()
+    after = read(file, mended)
+    for name in ("yaw_rate", "a_y", "steer", "v_x"):
+        assert np.corrcoef(after[name], drive[name])[0, 1] > 0.999
+    assert after.hold == "linear"
+
+
+def test_where_nothing_is_wrong_nothing_is_written(lap):
+    file, mapping, _ = lap(lambda table: table)
+    assert repaired(column_map(mapping), check(read(file, mapping))) is None
+    done = greybox("data", "check", file, "--columns", mapping, "--repair", mapping.with_name("mended.toml"))
+    assert "no finding has a repair" in done.out
+    assert not mapping.with_name("mended.toml").exists()
+
+
+@pytest.mark.parametrize("name", ["canonical", "dart", "roboracer", "truck", "revs_250lm"])
+def test_a_map_as_text_is_read_again_as_it_is(name):
+    mapping = column_map(name)
+    again = parse_column_map(map_text(mapping), "again.toml")
+    assert again == replace(mapping, where=again.where, text=again.text)

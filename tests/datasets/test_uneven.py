@@ -1,0 +1,45 @@
+"""Uneven stamps: rows that were sampled evenly are put so, rows whose stamps are true are laid on a grid."""
+
+import numpy as np
+import pytest
+
+from greybox_id.datasets.uneven import evened
+
+STEP, ROWS = 0.005, 2000
+
+
+def motion(time, noise=0.02, seed=0):
+    scatter = noise * np.random.default_rng(seed).standard_normal(len(time))
+    return {"yaw_rate": 0.4 * np.sin(3 * time) + 0.2 * np.sin(7.3 * time + 1) + scatter}
+
+
+@pytest.mark.parametrize("stamps", ["by_turns", "packets", "at_once"])
+@pytest.mark.parametrize("gap", [0.0, 3.0])
+def test_stamps_of_receipt_are_regressed_on_the_row(stamps, gap):
+    rows = np.arange(ROWS)
+    true = STEP * rows + np.where(rows >= ROWS // 2, gap, 0.0)
+    last = (rows // 8 * 8 + 7) * STEP + true - STEP * rows
+    stamped = {
+        "by_turns": true + np.where(rows % 2, 0.003, 0.0),
+        "packets": last + 1e-4 * (rows % 8),
+        "at_once": last,
+    }[stamps]
+    found = evened(stamped, motion(true), "zero")
+    assert len(found.rows) == ROWS
+    assert np.ptp(found.time - true) < 0.1 * STEP
+    assert "regressed on the row" in found.note
+
+
+def test_true_stamps_are_laid_on_an_even_grid():
+    both = np.unique(np.round(np.concatenate([np.arange(0, 26, 0.04), np.arange(0, 26, 0.05)]), 6))  # 25 and 20 Hz
+    found = evened(both, motion(both, 1e-3), "zero")
+    assert np.allclose(np.diff(found.time), np.mean(np.diff(both)), rtol=1e-2)
+    assert found.resampled["yaw_rate"].method == "linear"
+    exact = motion(found.time, 0.0)["yaw_rate"]
+    assert np.sqrt(np.mean((found.signals["yaw_rate"] - exact) ** 2)) < 5e-3
+    assert evened(both, motion(both, 1e-3), "zero", keep_rows=True) is None
+
+
+def test_an_even_clock_with_gaps_and_restarts_is_left_alone():
+    time = np.concatenate([STEP * np.arange(300), 5 + STEP * np.arange(300), STEP * np.arange(400)])
+    assert evened(time, motion(time), "zero") is None

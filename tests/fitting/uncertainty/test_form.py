@@ -1,0 +1,87 @@
+"""What residuals depend on, what that costs the parameters, and fits that must never pass for usable."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driven import driven
+
+from greybox_id.fitting.how import How
+from greybox_id.fitting.verb import fit
+from greybox_id.fitting.verdict import NOT_USABLE
+from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
+
+QUICK = How(solver="gauss-newton", horizon=1.0, start_from="measured")
+
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+
+
+def model(*free):
+    """The full-size car's, a few numbers of it free."""
+    found = build("lateral", None, {}, vehicle("full_size_car"))
+    return found.with_parameters(*(replace(p, fixed=p.name not in free, prior=None) for p in found.parameters))
+
+
+def changed(recording, **signals):
+    return recording.with_signals(**{name: change(recording[name]) for name, change in signals.items()})
+
+
+def truth(name):
+    return float(model()[name].array)
+
+
+def test_a_right_form_leaves_next_to_nothing_and_costs_no_width():
+    found = fit(model("B_f", "I_z"), [driven(runs=1, seconds=20.0)], how=QUICK)
+    outputs = found.how["form"]["outputs"]
+    assert all(one["explained"] ** 0.5 * one["residual"] < 0.05 * one["spread"] for one in outputs.values())
+    assert 0.95 * truth("B_f") < float(found.model["B_f"].array) < 1.05 * truth("B_f")
+    assert float(found.sd["B_f"]) < 0.05 * truth("B_f")
+
+
+def test_a_steering_offset_is_named_and_counts_in_the_intervals():
+    turned = changed(driven(runs=1, seconds=20.0), steer=lambda v: v + 0.03)
+    found = fit(model("B_f", "I_z"), [turned], how=QUICK)
+    low, high = found.interval("B_f")
+    assert found.verdict.usability == NOT_USABLE or low < truth("B_f") < high
+    (sentence,) = [own for own in found.verdict.reasons if "lacks an effect" in own]
+    assert "an offset of steer" in sentence
+    assert "greybox gap" in sentence
+
+
+def test_gains_that_change_with_the_steering_are_named_and_count():
+    seen = changed(driven(runs=1, seconds=20.0), steer=lambda v: v * (1 + 60.0 * v**2))
+    found = fit(model("B_f", "I_z"), [seen], how=QUICK)
+    low, high = found.interval("B_f")
+    assert found.verdict.usability == NOT_USABLE or low < truth("B_f") < high
+    assert any("a gain on steer that varies with it" in own for own in found.verdict.reasons)
+
+
+def shuffled(v):
+    return np.random.default_rng(1).permutation(v)
+
+
+def noise(sd):
+    return lambda v: sd * np.random.default_rng(2).standard_normal(len(v))
+
+
+LONG = {"runs": 1, "seconds": 20.0}
+STANDING = {"v_x": noise(0.02), "v_y": noise(0.02), "yaw_rate": noise(0.005), "a_y": noise(0.1)}
+UNEXCITED = STANDING | {"v_x": lambda v: np.full(len(v), 18.0), "steer": noise(1e-4)}
+
+
+@pytest.mark.parametrize(
+    ("recording", "why"),
+    [
+        (lambda: driven(**LONG).rows(20, 23), "too short"),
+        (lambda: driven(**LONG).rows(20, 50), "too short"),
+        pytest.param(lambda: changed(driven(**LONG), **STANDING), "Nothing moves", marks=pytest.mark.slow),
+        pytest.param(lambda: changed(driven(**LONG), **UNEXCITED), "Nothing moves", marks=pytest.mark.slow),
+        (lambda: changed(driven(**LONG), steer=shuffled), "unexplained"),
+    ],
+    ids=["3 rows", "30 rows", "standing", "unexcited", "shuffled"],
+)
+def test_poor_data_are_refused_with_their_reason_though_a_good_lap_was_held_out(recording, why):
+    found = fit(model("B_f", "I_z"), [recording()], validate=driven(**LONG, seed=7), how=QUICK)
+    assert found.verdict.usability == NOT_USABLE
+    assert any(why in own for own in found.verdict.reasons)
