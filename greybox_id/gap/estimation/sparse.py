@@ -178,7 +178,7 @@ class Sets:
                         tried.append(swap)
             scores = [self.score(own) for own in tried]
             k = int(np.argmax(scores))
-            if scores[k] <= score + 1e-6:
+            if not scores[k] > score + 1e-6:  # nor where nothing is a number
                 return best
             best, score = tried[k], scores[k]
 

@@ -75,6 +75,8 @@ class Whitening:
 
     def left(self, about: Linearised | None, e: Array) -> Whitener:
         """Of what is left, but no smaller than usual: small extras would live on that."""
+        if not np.all(np.isfinite(e)):  # simulations that spin leave nothing to tell it by
+            return self.usual(about, 1.0)
         if about is None:
             return colour(e, self.problem.good, self.problem.bench.rows)
         found = estimated(about, e, self.problem.good, self.prior)
