@@ -205,7 +205,7 @@ def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesi
         tried.sort(key=lambda each: each[0])
         rest = best.only(set(best.names) - {problem.causes[k].name})
         for off, other, swap in tried[: CAL.exchanged]:
-            if off > CAL.exchange_look:
+            if off > CAL.exchange_look and problem.causes[k].gradual:  # of the others first order tells little
                 break
             cause, state = problem.causes[other], stage.state
             form = cause.forms[state.form[other]]

@@ -239,7 +239,7 @@ class Calibration:
     sweeps: int = _known(4000, "of the sampler of sets, a quarter of which are not counted", SEARCHED)
     stages: tuple[float, ...] = _known((8.0, 3.0, 1.0), "times as rough as usual: each is a hypothesis", DEFINED)
     steps_of_stage: tuple[int, ...] = _known((3, 2, 3), "of the search in each of them", SEARCHED)
-    against: float = _known(3.5, "log-odds against a cause before anything was read: of 40, one or two", DEFINED)
+    against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
     rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
     refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
     likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
