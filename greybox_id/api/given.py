@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from glob import glob, has_magic
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..base.errors import BadInput, near_or_all
-from ..datasets.column_map import ColumnMap
-from ..datasets.read import read as read_file
 from ..datasets.recording import Recording
 from ..fitting.choices.parameters import Choices, magnitudes, wanted_vehicle
 from ..fitting.choices.wanted import Wanted
@@ -20,11 +17,10 @@ from ..models.model import Model
 from ..models.own import is_place, own_effect, own_model
 from ..models.registry import MODELS, install
 from ..models.vehicle import Vehicle
+from .given_recordings import Columns, Recordings, files, of_type, recording, recordings
 
-Columns: TypeAlias = str | Path | ColumnMap
-"""A column map: the name of a shipped one, the path of a TOML file, or the map itself."""
-Recordings: TypeAlias = Recording | str | Path | Sequence[Recording | str | Path]
-"""One recording or several, read or named by their files; a name may be a pattern such as "lap*.csv"."""
+__all__ = ["Columns", "Recordings", "files", "recording", "recordings"]
+
 VehicleLike: TypeAlias = Vehicle | str | Path | None
 """What is stated of a vehicle: read, or named as a shipped one or by its file."""
 ModelLike: TypeAlias = Model | str
@@ -33,26 +29,6 @@ Effects: TypeAlias = str | Effect | Iterable[str | Effect]
 """Effects, or their names as on the command line: "steering_delay", "steering_delay=30ms"."""
 Numbers: TypeAlias = Mapping[str, Any]
 """Parameter -> number in the SI unit, or text with a unit: {"m": 3.5} or {"m": "3500 g"}."""
-
-
-def recordings(given: Recordings, columns: Columns = "canonical", argument: str = "recordings") -> list[Recording]:
-    """All that is meant, read where files are named."""
-    several = [given] if isinstance(given, Recording | str | Path) else given
-    if not isinstance(several, Sequence) or hasattr(several, "columns"):
-        raise BadInput(
-            f"{argument}: a Recording, a path or a list of them is needed, not {_what(given)}.{_frame(given)}"
-        )
-    found: list[Recording] = []
-    for own in several:
-        if isinstance(own, Recording):
-            found.append(own)
-        elif isinstance(own, str | Path):
-            found += [read_file(path, columns) for path in files(own, argument)]
-        else:
-            raise BadInput(f"{argument}: a Recording or a path is needed, not {_what(own)}.{_frame(own)}")
-    if not found:
-        raise BadInput(f"{argument}: there is no recording; hand one over, or name a file.")
-    return found
 
 
 def seen_by(fit: Fit, given: Recordings | None, columns: Columns) -> list[Recording]:
@@ -65,32 +41,13 @@ def seen_by(fit: Fit, given: Recordings | None, columns: Columns) -> list[Record
     return list(seen("train"))
 
 
-def recording(given: Recording | str | Path, columns: Columns = "canonical", argument: str = "recording") -> Recording:
-    """The one that is meant."""
-    found = recordings(given, columns, argument)
-    if len(found) > 1:
-        raise BadInput(f"{argument}: one recording is needed, and {len(found)} are given; take them one by one.")
-    return found[0]
-
-
-def files(pattern: str | Path, argument: str) -> list[Path]:
-    """The files of a path or a pattern, in the order of their names."""
-    text = str(pattern)
-    if Path(text).exists() or not has_magic(text):
-        return [Path(text)]
-    found = sorted(glob(text, recursive=True))
-    if not found:
-        raise BadInput(f"{argument}: no file is called like {text!r}, seen from {Path.cwd()}.")
-    return [Path(path) for path in found]
-
-
 def vehicle(given: VehicleLike) -> Vehicle | None:
     """The vehicle that is meant; None where none is."""
     if given is None or isinstance(given, Vehicle):
         return given
     if isinstance(given, str | Path):
         return wanted_vehicle(str(given))
-    raise BadInput(f"vehicle: a Vehicle, a shipped name or a path is needed, not {_what(given)}.")
+    raise BadInput(f"vehicle: a Vehicle, a shipped name or a path is needed, not {of_type(given)}.")
 
 
 def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
@@ -98,7 +55,7 @@ def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
     several = (given,) if isinstance(given, str) else tuple(given)
     for own in several:
         if not isinstance(own, str):
-            raise BadInput(f"{argument}: names are needed, as in {argument}=['I_z'], not {_what(own)}.")
+            raise BadInput(f"{argument}: names are needed, as in {argument}=['I_z'], not {of_type(own)}.")
     return several
 
 
@@ -151,7 +108,7 @@ def model(given: ModelLike | Fit, vehicle_given: VehicleLike = None, effects: Ef
     if isinstance(given, Model):
         objects, written = _effects(effects)
         return added(given, objects)
-    raise BadInput(f"model: a Model, its name or a Fit is needed, not {_what(given)}.")
+    raise BadInput(f"model: a Model, its name or a Fit is needed, not {of_type(given)}.")
 
 
 def added(model: Model, effects: Iterable[Effect]) -> Model:
@@ -171,7 +128,7 @@ def _effects(given: Effects) -> tuple[list[Effect], list[str]]:
         elif isinstance(own, str):
             names.append(own_effect(own).name if is_place(own) else own)
         else:
-            raise BadInput(f"effects: an Effect or its name is needed, not {_what(own)}.")
+            raise BadInput(f"effects: an Effect or its name is needed, not {of_type(own)}.")
     return objects, names
 
 
@@ -182,7 +139,7 @@ def _pairs(given: Numbers, argument: str) -> list[str]:
             found.append(name)
             continue
         if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise BadInput(f"{argument}: {name} needs a number or a text such as '3.5kg', not {_what(value)}.")
+            raise BadInput(f"{argument}: {name} needs a number or a text such as '3.5kg', not {of_type(value)}.")
         found.append(f"{name}={value if isinstance(value, str) else repr(float(value))}")
     return found
 
@@ -197,18 +154,10 @@ def _belief(given: Any, name: str) -> str:
     return f"{mean!r}±{sd!r}"
 
 
-def _what(given: object) -> str:
-    return f"the {type(given).__name__} {given!r:.40}" if not hasattr(given, "columns") else f"a {type(given).__name__}"
-
-
-def _frame(given: object) -> str:
-    return " Make one of it: gb.Recording.from_pandas(table)." if hasattr(given, "columns") else ""
-
-
 def effect(name: str) -> Effect:
     """The effect of a name, or of FILE.py:NAME."""
     if not isinstance(name, str):
-        raise BadInput(f"effects: an Effect or its name is needed, not {_what(name)}.")
+        raise BadInput(f"effects: an Effect or its name is needed, not {of_type(name)}.")
     if is_place(name):
         return own_effect(name)
     install()

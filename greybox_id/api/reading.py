@@ -12,8 +12,8 @@ from ..datasets.checks import check as check_recording
 from ..datasets.read import read as read_file
 from ..datasets.recording import Recording
 from ..models.vehicle_file import shipped_vehicles
-from . import given
-from .given import Columns
+from . import given_recordings as given
+from .given_recordings import Columns
 
 
 @understood

@@ -272,6 +272,7 @@ def _stop(pool: ProcessPoolExecutor) -> None:
 
 def _begin(work: Callable[[int], Any]) -> None:
     _child["work"] = work
+    os.environ["GREYBOX_THREADS"] = "1"  # others work beside
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # a terminal sends it to everyone; the one who began passes it on
     signal.signal(signal.SIGUSR1, _interrupted)
 

@@ -93,12 +93,32 @@ def correlation_time(residuals: Array) -> float:
     residuals, share = residuals[:, share > 0.0], share[share > 0.0]
     if residuals.size == 0:
         return 1.0
-    power = np.abs(np.fft.rfft(residuals, 2 * rows, axis=0)) ** 2
-    products = np.fft.irfft(power, 2 * rows, axis=0)[:rows]
-    times = 2.0 * np.cumsum(products / products[0], axis=0) - 1.0
-    enough = np.arange(rows)[:, None] * share >= 5.0 * times
-    last = np.where(np.any(enough, axis=0), np.argmax(enough, axis=0), rows - 1)
+    lags = min(rows, FIRST_LAGS)
+    while True:
+        products = np.column_stack([_products(own, lags) for own in residuals.T])
+        times = 2.0 * np.cumsum(products / products[0], axis=0) - 1.0
+        enough = np.arange(lags)[:, None] * share >= 5.0 * times
+        if lags == rows or np.all(np.any(enough, axis=0)):
+            break
+        lags = min(rows, MORE_LAGS * lags)
+    last = np.where(np.any(enough, axis=0), np.argmax(enough, axis=0), lags - 1)
     return max(1.0, float(np.max(times[last, np.arange(len(share))] / share)))
+
+
+FIRST_LAGS, MORE_LAGS = 4096, 8
+"""Lags over which products are summed at first, and times so many more until their sum ends: a day of readings then
+takes no more memory than a minute."""
+
+
+def _products(values: Array, lags: int) -> Array:
+    """(lags,) sums of the products of a series, (n,), with itself so many rows later, part by part."""
+    size = 1 << (4 * lags - 1).bit_length()
+    found, step = np.zeros(lags), size - lags
+    for first in range(0, len(values), step):
+        part, ahead = values[first : first + step], values[first : first + size]
+        spectrum = np.conj(np.fft.rfft(part, size)) * np.fft.rfft(ahead, size)
+        found += np.fft.irfft(spectrum, size)[:lags]
+    return found
 
 
 def resampled(sums: Array, of: Callable[[Array], Any], draws: int) -> Array:

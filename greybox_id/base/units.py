@@ -85,6 +85,8 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
         spelled = "g_0"  # to pint a plain g is a gram
     if spelled == target or (target is None and spelled in _COHERENT):  # as most files have it: no registry for that
         return Conversion(spelled, 1.0)
+    if target is not None and (plain := _plain_factor(spelled, target)) is not None:
+        return Conversion(target, plain)
     base = _base(spelled, unit)
     if target is None:
         factor, offset = _affine(spelled, base, unit)
@@ -93,6 +95,38 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
     if base != _base(target, target):
         raise BadInput(f'unit "{unit}" does not measure what is wanted here; the SI unit is {target}')
     return Conversion(target, *_affine(spelled, target, unit))
+
+
+_TURN = math.pi / 180.0
+_COMMON: dict[str, tuple[float, str]] = {
+    "1": (1.0, ""), "%": (0.01, ""), "m": (1.0, "m"), "mm": (1e-3, "m"), "cm": (1e-2, "m"), "km": (1e3, "m"),
+    "s": (1.0, "s"), "ms": (1e-3, "s"), "h": (3600.0, "s"), "kg": (1.0, "kg"), "g_0": (9.80665, "m s^-2"),
+    "rad": (1.0, "rad"), "mrad": (1e-3, "rad"), "deg": (_TURN, "rad"), "\u00b0": (_TURN, "rad"),
+    "rpm": (math.tau / 60.0, "rad s^-1"), "N": (1.0, "kg m s^-2"), "kN": (1e3, "kg m s^-2"), "A": (1.0, "A"),
+    "Hz": (1.0, "s^-1"), "V": (1.0, "kg m^2 s^-3 A^-1"), "W": (1.0, "kg m^2 s^-3"), "kW": (1e3, "kg m^2 s^-3"),
+}  # fmt: skip
+"""Units that most files are in, over SI: known without pint, which takes longer to load than such a file to read."""
+
+
+def _plain_factor(unit: str, target: str) -> float | None:
+    """Factor to a target of the same kind, both products of common units; None where that is to be looked up."""
+    (factor, powers), (over, wanted) = _product(unit), _product(target)
+    return factor / over if powers is not None and powers == wanted else None
+
+
+def _product(unit: str) -> tuple[float, dict[str, int] | None]:
+    """Size over SI and powers of base units; no powers where not all of its units are common."""
+    size, powers = 1.0, dict[str, int]()
+    for sign, name, power in re.findall(r"([*/\s]*)([^\s*/^]+)(?:\s*(?:\^|\*\*)\s*(-?\d))?", unit):
+        if name not in _COMMON:
+            return size, None
+        factor, parts = _COMMON[name]
+        exponent = int(power or 1) * (-1 if "/" in sign else 1)
+        size *= factor**exponent
+        for part in parts.split():
+            base, _, of_base = part.partition("^")
+            powers[base] = powers.get(base, 0) + exponent * int(of_base or 1)
+    return size, {base: power for base, power in powers.items() if power}
 
 
 SPELLINGS = {

@@ -14,12 +14,12 @@ from rich.text import Text
 
 from ..base.json_data import finite
 from ..base.processes import duration
-from ..fitting.verdict import NOT_USABLE, Verdict
 from ..reports.text.screen import WIDTH, Screen, as_text
 from .terminal import clean_json, tell
 
 if TYPE_CHECKING:
     from ..fitting.how import Say
+    from ..fitting.verdict import Verdict
 
 
 def console() -> Console:
@@ -87,8 +87,11 @@ UNUSABLE = 3
 
 def end_by(verdict: Verdict | None) -> None:
     """End the command with the exit code that a verdict has."""
-    if verdict is not None and verdict.usability == NOT_USABLE:
-        sys.exit(UNUSABLE)
+    if verdict is not None:
+        from ..fitting.verdict import NOT_USABLE  # loads all of fitting, which many commands do without
+
+        if verdict.usability == NOT_USABLE:
+            sys.exit(UNUSABLE)
 
 
 def print_json(body: Mapping[str, Any]) -> None:

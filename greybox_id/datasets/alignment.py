@@ -10,11 +10,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
-from scipy.signal import correlate, correlation_lags
 
 from ..base.shorthands import Array
+from ..base.windows import smoothed
 
 FASTEST = 0.03
 """Share by which a clock may run fast or slow."""
@@ -94,8 +92,10 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
 
 def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: float) -> tuple[float, float] | None:
     """Offset and rate at which smoothed series correlate best."""
+    from scipy.signal import correlate, correlation_lags  # which takes longer to load than most files to read
+
     grid = np.arange(t[0], t[-1], step)
-    own = _standard(gaussian_filter1d(np.interp(grid, t, v), SMOOTHING / step))
+    own = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
     span = min(t[-1], u[-1]) - max(t[0], u[0])
     if span < LEAST * step or not np.any(own):
         return None
@@ -109,7 +109,7 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
         if np.count_nonzero(there) < LEAST:
             continue
         other = np.where(there, values, 0.0)
-        other = _standard(gaussian_filter1d(np.where(there, other - np.mean(values[there]), 0.0), SMOOTHING / step))
+        other = _standard(smoothed(np.where(there, other - np.mean(values[there]), 0.0), SMOOTHING / step))
         product = correlate(other, own, mode="full", method="fft") / len(own)
         lags = correlation_lags(len(other), len(own), mode="full")
         near = np.abs(lags) <= reach
@@ -123,12 +123,14 @@ def _refined(
     t: Array, v: Array, u: Array, w: Array, step: float, begun: tuple[float, float], with_rate: bool
 ) -> Alignment | None:
     """Least squares over offset, rate, gain and constant from where the search ended."""
+    from scipy.interpolate import CubicSpline  # which takes longer to load than most files to read
+
     own_step, other_step = float(np.median(np.diff(t))), float(np.median(np.diff(u)))
     sigma = REFINED * step
     even = np.arange(u[0], u[-1], other_step)
-    spline = CubicSpline(even, gaussian_filter1d(np.interp(even, u, w), sigma / other_step))
+    spline = CubicSpline(even, smoothed(np.interp(even, u, w), sigma / other_step))
     grid = np.arange(t[0], t[-1], own_step)
-    target = gaussian_filter1d(np.interp(grid, t, v), sigma / own_step)
+    target = smoothed(np.interp(grid, t, v), sigma / own_step)
     seconds, rate = begun
     middle = 0.5 * (grid[0] + grid[-1])
     cut = 4 * sigma

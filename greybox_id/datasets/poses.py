@@ -26,7 +26,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize
-from scipy.stats import norm
+from scipy.special import ndtri
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
@@ -301,7 +301,7 @@ def _without_glitches(
     poses: _Poses, levels: _Levels, notes: list[str]
 ) -> tuple[_Poses, _Levels, tuple[_Smoothed, _Smoothed]]:
     """Leave out poses that all others speak against, the worst of a neighbourhood first; then the levels anew."""
-    limit = float(norm.isf(GLITCHES / (2 * 3 * len(poses.time))))
+    limit = -float(ndtri(GLITCHES / (2 * 3 * len(poses.time))))
     before = told = int(np.count_nonzero(poses.fresh))
     for _ in range(PASSES):
         yaw = _through(poses, ("yaw",), levels.yaw, None)

@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from ..base.numbers import exact
 from ..base.shorthands import Array
@@ -106,6 +105,8 @@ def _share_of_stamps(
     time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], step: float, half: int
 ) -> tuple[float, float]:
     """The factor on slope · (stamp - even place) that explains the values best, 1 where stamps are true; and its sd."""
+    from scipy.signal import savgol_filter  # which takes longer to load than most files to read
+
     moments = np.zeros(2)
     for values in signals.values():
         sums, count = np.zeros(3), 0

@@ -16,7 +16,7 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from pathlib import Path
 
 import casadi as cs
@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.shorthands import Array
 from .against import Against, led, square
 from .compiler import CannotCompile, library, tell_slow
+from .threads import shared_out
 from .vectors import FEW, WIDE, narrow_source, scratch_size, source
 from .virtual import VirtualMachine
 
@@ -111,11 +112,16 @@ class Kernel:
         y = np.empty((lanes, readings, self._model.outputs))
         few = lanes % WIDE if hasattr(self._library, "simulate_few") else 0
         whole = lanes - few if few <= FEW else lanes
-        for run, first, last in (("simulate", 0, whole), ("simulate_few", whole, lanes)):
-            if first < last:
-                own = [array[first:last] for array in (*given[:3], z, y)]
-                places = _places(*own[:3], given[3], keep, *own[3:])
-                getattr(self._library, run)(last - first, segments, readings, kept, apart, *places)
+
+        def run(name: str, first: int, last: int) -> None:
+            own = [array[first:last] for array in (*given[:3], z, y)]
+            places = _places(*own[:3], given[3], keep, *own[3:])
+            getattr(self._library, name)(last - first, segments, readings, kept, apart, *places)
+
+        if whole:
+            shared_out(whole, segments, partial(run, "simulate"))
+        if whole < lanes:
+            run("simulate_few", whole, lanes)
         return z, y
 
     def along(self, s: ArrayLike, p: ArrayLike) -> Callable[[Array, int, int], Array]:
@@ -233,8 +239,7 @@ class Kernel:
         H = np.empty((lanes, packed + count))
         held = [whole(own, dtype=float) for own in (seed, against.target, against.weight)]
         r = None if residuals is None else whole(residuals, dtype=float)
-        scratch = np.empty(scratch_size(count, outputs))
-        self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H, scratch)
+        self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H)
         return Z, square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
 
     def _placed(self, chosen: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
@@ -259,10 +264,18 @@ class Kernel:
     ) -> None:
         """The compiled function that linearises: readings' derivatives are laid out, or added up."""
         z0, s, p, reads = given
-        counts = *s.shape[:2], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
-        arrays = moving, z0, s, p, reads, seed, z, Z, y, Y, *(others or [None] * 5)
-        assert self._library is not None
-        self._library.linearise(*counts, np.inf if robust is None else robust, *_places(*arrays))
+        counts = s.shape[1], np.count_nonzero(reads), seed.shape[2], s.strides[0] // s.itemsize
+        robust = np.inf if robust is None else robust
+        adds, size = bool(others), scratch_size(seed.shape[2], self._model.outputs)
+
+        def run(first: int, last: int) -> None:
+            own = [None if array is None else array[first:last] for array in (z0, s, p, seed, z, Z, y, Y, *others)]
+            arrays = [moving, *own[:3], reads, *own[3:], *([] if adds else [None] * 4)]
+            scratch = np.empty(size) if adds else None
+            assert self._library is not None
+            self._library.linearise(last - first, *counts, robust, *_places(*arrays, scratch))
+
+        shared_out(len(z0), s.shape[1], run)
 
     def _checked(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike

@@ -117,20 +117,21 @@ def attempted(
     short: Sequence[int] = SHORT_HORIZONS,
 ) -> Attempt | None:
     """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
-    reached: list[Attempt] = []
+    reached: Attempt | None = None  # the last alone: each holds layouts of all rows
     try:
         for attempt in _on_the_way(simulator, recordings, p, how, say, name, short):
             if attempt.solution.status is Status.NOT_FINITE:
                 return None
-            reached.append(attempt)
+            reached = attempt
             if attempt.solution.status is Status.INTERRUPTED:
                 break
         else:
-            return reached[-1]
+            return reached
     except KeyboardInterrupt:
-        if not reached:
+        if reached is None:
             raise
-    problem, p, solution = reached[-1].problem, reached[-1].about, reached[-1].solution
+    assert reached is not None
+    problem, p, solution = reached.problem, reached.about, reached.solution
     if problem.horizon != how.horizon:  # of what is wanted, not of what is on the way to it
         p = problem.shared(solution.x)
         problem = _problem(simulator, recordings, problem.noise, how, p)
@@ -183,7 +184,7 @@ def _on_the_way(
         if settled and (moved < SAME_NOISE or rounds_left == 0):
             break
         settled, p = moved < SAME_NOISE or rounds_left == 1, problem.shared(x)
-        problem = _problem(simulator, recordings, noise, how, p)
+        problem = _problem(simulator, recordings, noise, how, p, problem)
     say(f"{name}: {solution.status.value} after {solution.steps} steps")
 
 
@@ -235,13 +236,19 @@ def _walled(problem: MotionProblem, solution: Solution) -> bool:
 
 
 def _problem(
-    simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How, about: Array
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    noise: Array,
+    how: How,
+    about: Array,
+    like: MotionProblem | None = None,
 ) -> MotionProblem:
     outputs = simulator.trace.model.outputs
     noise = np.array([how.noise.get(name, own) for name, own in zip(outputs, noise, strict=True)])
     return MotionProblem(
-        simulator, recordings, noise=noise, horizon=how.horizon, starts=how.start_from, robust=how.robust, about=about
-    )
+        simulator, recordings, noise=noise, horizon=how.horizon, starts=how.start_from, robust=how.robust, about=about,
+        like=like,
+    )  # fmt: skip
 
 
 def misfit(

@@ -27,8 +27,6 @@ USUAL_UNITS = {
 }
 """SI unit -> units that loggers write, where nothing tells which: offered in this order."""
 TIME_UNITS = ("s", "ms", "us", "ns")
-KEPT = ("hold", "separator", "decimal", "runs")
-"""What a map says beside time and signals."""
 
 
 def entries_of(answer: Mapping[str, Any], prefix: str = "") -> list[Entry]:
@@ -48,12 +46,13 @@ def base_of(proposed: Path, answer: Mapping[str, Any]) -> dict[str, Any]:
         text = tomllib.loads(proposed.read_text("utf-8"))
     except (OSError, tomllib.TOMLDecodeError):
         text = {}
-    base: dict[str, Any] = {key: text[key] for key in KEPT if key in text}
+    base = {key: value for key, value in text.items() if key not in ("name", "signals", "extra")}
     time = answer["time"]
-    if time is not None:
+    if time is not None and not {"column", "unit"} <= base.get("time", {}).keys():
         base["time"] = {"column": time["column"], "unit": time["unit"] or (time["units"] or ["s"])[0]}
-        if not time["decided"]:
-            base["time_units"] = list(time["units"] or TIME_UNITS)
+        base["time_units"] = list(time["units"] or TIME_UNITS)
+    elif time is None:
+        base.pop("time", None)
     return base
 
 
@@ -89,14 +88,15 @@ def table_of(
     base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Any]:
     """The column map as plain data."""
-    table = {key: base[key] for key in ("hold", "separator", "decimal", "time", "runs") if key in base}
+    table = {key: value for key, value in base.items() if key not in ("time_units", "extra")}
     signals = {entry["signal"]: column_of(entry) for entry in entries if entry["use"]}
-    return {"name": "map", **table, "signals": signals, **({"extra": dict(extra)} if extra else {})}
+    more = {**base.get("extra", {}), **extra}
+    return {"name": "map", **table, "signals": signals, **({"extra": more} if more else {})}
 
 
 def column_of(entry: Entry, unit: str = "") -> dict[str, Any]:
     """One column as a map has it."""
-    column: dict[str, Any] = {"column": entry["column"], "unit": unit or units_for(entry)[0]}
+    column: dict[str, Any] = {**entry.get("more", {}), "column": entry["column"], "unit": unit or units_for(entry)[0]}
     if entry["sign"] != 1:
         column["sign"] = -1
     if entry["divide_by"] != 1.0:
@@ -134,6 +134,8 @@ def _value(value: Any) -> str:
         return f"{value!r}"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{name} = {_value(each)}' for name, each in value.items())} }}"
     return f"[{', '.join(_value(each) for each in value)}]"
 
 
@@ -216,12 +218,13 @@ def _signals(text: str) -> Iterable[str]:
 def entries_of_map(path: Path) -> tuple[dict[str, Any], list[Entry]]:
     """Base and entries of a map that lies in a file, such as one that a person edited."""
     text = tomllib.loads(path.read_text("utf-8"))
-    base: dict[str, Any] = {key: text[key] for key in (*KEPT, "time") if key in text}
+    base = {key: value for key, value in text.items() if key not in ("name", "about", "source", "signals")}
     entries = [
         {
             "signal": name, "column": column.get("column", name), "unit": column["unit"], "units": [],
             "sign": int(column.get("sign", 1)), "divide_by": float(column.get("divide_by", 1.0)), "decided": True,
             "reasons": [], "use": True,
+            "more": {key: value for key, value in column.items() if key not in ("column", "unit", "sign", "divide_by")},
         }
         for name, column in text.get("signals", {}).items()
     ]  # fmt: skip

@@ -31,7 +31,7 @@ async def prepare(page: Page) -> dict[str, Any]:
     """Open questions, with the little plot of each."""
     session = page.session
     entries = questions(session["entries"]) if session["columns"] == MAP else []
-    if not entries or "time" not in session["map"]:
+    if not entries or not {"time", "rate"} & session["map"].keys():
         return {"open": entries, "strips": {}}
     return {"open": entries, "strips": await page.off(_strips, page, entries)}
 
@@ -159,7 +159,7 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
 
 def _map(page: Page, data: dict[str, Any]) -> None:
     session = page.session
-    if "time" not in session["map"] or session["map"].get("time_units"):
+    if not {"time", "rate"} & session["map"].keys() or session["map"].get("time_units"):
         _time(page)
     for k, entry in enumerate(data["open"]):
         _question(page, entry, data["strips"].get(k))

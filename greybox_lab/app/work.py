@@ -5,7 +5,7 @@ Nothing here draws; nothing here computes what `gb` or a command computes.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -57,13 +57,14 @@ class Work:
     def look(self) -> None:
         """Ask `greybox data map` of the first recording what its columns may be."""
         files = self.session.files()
-        if files and not self.session["columns"]:
+        looking = any(job.kind == "map" for job in self.session.jobs.running())
+        if files and not self.session["columns"] and not looking:
             self._map(files[0])
 
-    def _map(self, file: str) -> None:
+    def _map(self, file: str, kind: str = "map") -> None:
         number = len(self.session.jobs.all()) + 1
         target = f"jobs/proposed_{number}.toml"
-        self.session.jobs.start("map", ["data", "map", file, "--out", target], target)
+        self.session.jobs.start(kind, ["data", "map", file, "--out", target], target)
         self.session.version += 1
 
     def map_done(self, job: Job) -> None:
@@ -71,11 +72,11 @@ class Work:
         answer = job.answer
         if answer is None:
             return
-        if self.session["joining"]:
-            self._joined(job, answer)
+        maps = self._maps_that_fit()
+        if self.session["joining"] or self.session["columns"]:  # decided otherwise meanwhile
             return
         base, entries = mapping.base_of(self.session.folder / job.target, answer), mapping.entries_of(answer)
-        more = {"others": answer["others"], "maps": self._maps_that_fit()}
+        more = {"others": answer["others"], "maps": maps}
         self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
         self.write_map()
 
@@ -124,7 +125,7 @@ class Work:
     def write_map(self) -> None:
         """Write `map.toml`, where there is a time and a signal."""
         entries, base = self.session["entries"], self.session["map"]
-        if "time" in base and any(entry["use"] for entry in entries):
+        if {"time", "rate"} & base.keys() and any(entry["use"] for entry in entries):
             mapping.write_map(self.session.folder / MAP, base, entries)
 
     @property
@@ -135,7 +136,7 @@ class Work:
         if not self.session["columns"]:
             return "The columns are being looked at."
         if self.session["columns"] == MAP:
-            if "time" not in self.session["map"]:
+            if not {"time", "rate"} & self.session["map"].keys():
                 return "Say which column is the time."
             if self.session["map"].get("time_units"):
                 return "Say in which unit the time is."
@@ -156,9 +157,13 @@ class Work:
         """Ask of every file what its columns may be, to join them on one clock."""
         self.session.change(joining=self.session.files(), entries=[], map={}, others=[], columns=MAP)
         for file in self.session.files():
-            self._map(file)
+            self._map(file, "part")
 
-    def _joined(self, job: Job, answer: Mapping[str, Any]) -> None:
+    def part_done(self, job: Job) -> None:
+        """Take a proposal for a file that is going to be joined."""
+        answer = job.answer
+        if answer is None:
+            return
         base = {**mapping.base_of(self.session.folder / job.target, answer), **self.session["map"]}
         prefix = f"{Path(answer['path']).name.split('.')[0]}/"
         new = mapping.entries_of(answer, prefix)
@@ -279,7 +284,7 @@ class Work:
 
     # ---- what runs
 
-    DONE = {"map": map_done, "join": join_done}  # noqa: RUF012
+    DONE = {"map": map_done, "part": part_done, "join": join_done}  # noqa: RUF012
 
     def watch(self) -> bool:
         """Look after what runs; whether something ended since the last time."""

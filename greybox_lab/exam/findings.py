@@ -23,6 +23,8 @@ IN_A_CLASS = 0.05
 """Probability from which on a member of a class of causes, stated as what is applied, counts as named with it."""
 LIBRARY = ("single", "double", "many")
 """Kinds of cases whose effects are all of the vocabulary."""
+SCATTERING = ("timestamp_jitter", "dropped_samples")
+"""Effects that scatter readings: there is nothing of them that a simulation could add, so that to name them is all."""
 NEEDED = ("gap_detected", "unknown_probability", "ranking", "applied", "gap")
 
 
@@ -59,7 +61,7 @@ class ExamFinding:
     first, first_strictly : the first choice is right, up to what cannot be distinguished, and by name.
     among_three : every effect that is there stands among the first three, up to what cannot be distinguished.
     sizes : of effects that are there and rank as high as there are effects, by name.
-    applied : names that were applied.
+    applied : names that were applied, or named where nothing can be, see `SCATTERING`.
     beside : of these, the ones that are not there, up to what cannot be distinguished; of a case outside the
         vocabulary, also any that was given a probability of one half.
     applied_right : how many of the effects that are there were applied, each by a name of its own.
@@ -162,7 +164,7 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
     ranking = [own for own in diagnosis["ranking"] if isinstance(own, Mapping)]
     detected = bool(diagnosis["gap_detected"])
     names = [str(own["effect"]) for own in ranking] if detected else []
-    applied = tuple(str(name) for name in diagnosis["applied"])
+    applied = _stood_by(diagnosis, ranking if detected else [])
     stands_for = _stands_for(diagnosis)
     first = names[0] if names else ""
     return ExamFinding(
@@ -202,6 +204,12 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
     )
 
 
+def _stood_by(diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """Names that were applied, and those named of which nothing can be."""
+    named = [str(own["effect"]) for own in ranking if own["effect"] in SCATTERING and own["probability"] >= NAMED]
+    return tuple(dict.fromkeys([*map(str, diagnosis["applied"]), *named]))
+
+
 def _stands_for(diagnosis: Mapping[str, Any]) -> dict[str, set[str]]:
     """Applied name -> itself, and the likely members of the class of causes of which it is the one applied."""
     found = {str(name): {str(name)} for name in diagnosis["applied"]}
@@ -223,7 +231,7 @@ def _matched(answer: Answer, names: Sequence[str], stands_for: Mapping[str, set[
 
 def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """Names that the diagnosis stands by and that are not there."""
-    given = [str(name) for name in diagnosis["applied"]]
+    given = [*_stood_by(diagnosis, ranking)]
     if answer.kind == "outside":
         given += [str(own["effect"]) for own in ranking if float(own["probability"]) >= NAMED]
     right, stands_for = _right(answer), _stands_for(diagnosis)

@@ -73,6 +73,15 @@ def test_importing_it_loads_no_library():
     assert found.stdout.strip() == "[]"
 
 
+def test_reading_and_checking_a_file_in_common_units_load_neither_units_nor_solvers():
+    code = (
+        "import sys, greybox_id as gb; gb.check(gb.read(gb.shipped('racer_train'), columns='roboracer'));"
+        "print(sorted({'casadi', 'numba', 'pint', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
 def test_verbs_keep_their_names_when_modules_of_the_same_name_are_imported():
     code = (
         "import greybox_id as gb; import greybox_id.fitting.fit, greybox_id.export.verb, greybox_id.models.registry;"

@@ -11,8 +11,7 @@ from driven import driven, without, written
 from made_gaps import CASES, clear, none, unknown
 from rich.console import Console
 
-from greybox_id.base.errors import BadInput
-from greybox_id.cli.gap import diagnosed, show
+from greybox_id.cli.gap import show
 from greybox_id.fitting.how import How
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
@@ -177,11 +176,11 @@ def test_the_vehicle_s_own_model_is_taken_unless_another_is_named(laps, asked, t
     numbers = "\n".join(f"{name} = {value.value}" for name, value in stated.items())
     model = '[model]\nname = "lateral"\ntyre = "brush"\neffects = { yaw_rate_bias = 0.01 }'
     own.write_text(f"{model}\n[parameters]\n{numbers}")
-    diagnosed([laps[0]], own)
+    assert greybox("gap", laps[0], "--vehicle", own).code == 0
     assert (asked.model.name, asked.model.settings["tyre"]) == ("lateral", "brush")
-    diagnosed([laps[0]], own, model="lateral")
+    assert greybox("gap", laps[0], "--vehicle", own, "--model", "lateral").code == 0
     assert asked.model.effects == ("yaw_rate_bias",)
-    diagnosed([str(laps[0])], read_vehicle(own), model="single_track")
+    assert greybox("gap", laps[0], "--vehicle", own, "--model", "single_track").code == 0
     assert (asked.model.name, asked.model.effects) == ("single_track", ())
 
 
@@ -214,8 +213,7 @@ def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
     assert "lacks steer" in refused("gap", no_steer, *car)
     nothing_read = written(without(drive, "v_x", "v_y", "yaw_rate", "a_x", "a_y"), tmp_path / "blind.csv")
     assert "none of v_x, v_y, yaw_rate" in refused("gap", nothing_read, *car)
-    with pytest.raises(BadInput, match="at least one file"):
-        diagnosed([], "full_size_car")
+    assert "at least one file" in refused("gap", *car)
 
 
 def test_a_vehicle_that_cannot_be_the_one_recorded_is_doubted(laps, asked, tmp_path):
@@ -310,3 +308,12 @@ def test_a_fit_that_would_take_up_changes_says_what_tells_them(laps, asked, fitt
     asked.said = replace(none(), absorbed=("grip_scale",))
     assert "since recordings from before" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
     assert "from before" not in greybox("gap", laps[0], "--vehicle", "full_size_car").out
+
+
+def test_what_would_show_is_asked_before_a_run(tmp_path):
+    lap = tmp_path / "lap.csv"
+    lap.write_text("time,v_x,yaw_rate,steer\n0,5,0,0\n0.02,5,0,0\n")
+    for words in (("--sensitivity",), (str(lap), "--since", str(lap), "--sensitivity")):
+        called = greybox("gap", *words, "--vehicle", "full_size_car")
+        assert called.code == 2
+        assert "before a run" in called.err

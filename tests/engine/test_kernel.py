@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from greybox_id.base import scratch
-from greybox_id.engine import compiler, emit, kernel
+from greybox_id.engine import compiler, emit, kernel, threads
 from greybox_id.engine.against import Against
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
@@ -233,6 +233,21 @@ def test_normal_equations_are_those_of_the_jacobian(lanes, robust, compiled):
     assert_same((Z_again, g), (Z, np.einsum("lrc,lr->lc", J, others.reshape(lanes, -1))))
     assert nothing.size == 0
     assert against.misfit(y) == pytest.approx(huber(np.where(weight > 0, y - against.target, 0.0) * weight, robust))
+
+
+@needs_compiler
+@pytest.mark.parametrize("lanes", [16, 21, 40])
+def test_two_threads_give_the_same_digits(lanes, monkeypatch):
+    monkeypatch.setattr(threads, "PAYS", 1)
+    (*given, reads), made = driven(lanes, 30), Kernel(*single_track(), compiled=True)
+    against = Against(*np.random.default_rng(1).random((2, lanes, int(np.sum(reads)), 3)))
+    seed, found = np.tile(np.eye(3, 5), (lanes, 1, 1)), []
+    for count in ("1", "2", "3"):
+        monkeypatch.setenv("GREYBOX_THREADS", count)
+        normal = made.normal_equations(*given, reads, [1, 4], seed, [3, 4], against)
+        found.append([*made.simulate(*given, reads), *made.linearise(*given, reads, [7, 3]), *normal])
+    for other in found[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(found[0], other, strict=True))
 
 
 def huber(r, robust):

@@ -20,7 +20,9 @@ from . import wire
 
 START = "import sys; sys.path[:] = {!r}; from greybox_id.base.contained.inside import main; main()"
 """What a process runs: it finds modules where this one does, and imports no script of a user's."""
-QUIET = dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS"), "1")
+QUIET = dict.fromkeys(
+    ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "GREYBOX_THREADS"), "1"
+)
 """Processes run side by side, and one that forks has no threads of its own."""
 TIME = "time"
 """How a process ended that was not done in time."""

@@ -10,6 +10,7 @@ from ..recording import Recording
 from .consistency import check_consistency
 from .delays import check_delays
 from .duplicates import check_duplicates
+from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
@@ -54,5 +55,6 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
         found = pairs(recording)
         findings += [*check_duplicates(recording), *check_rest(recording)]
         findings += [*check_consistency(recording, found, wheelbase), *check_delays(recording, found)]
+        findings = with_sizes(recording, findings)
     gravest = list(Severity)[::-1]
     return sorted(findings, key=lambda finding: gravest.index(finding.severity))

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.ndimage import gaussian_filter1d
 
 from ...base.shorthands import Array
+from ...base.windows import CubicSpline, smoothed
 from .agreement import standard
 
 BLOCK_SECONDS = 1.0
@@ -84,15 +83,15 @@ def _lag(left: Array, right: Array, dt: float, sigma: float, longest: float) -> 
     if len(left) < 6 * reach + 2 * trim:
         return None
     # Centred and scaled: the sums below would lose digits to a large mean.
-    left, left_scale = standard(gaussian_filter1d(left, sigma)[trim:-trim])
-    right, right_scale = standard(gaussian_filter1d(right, sigma)[trim:-trim])
+    left, left_scale = standard(smoothed(left, sigma)[trim:-trim])
+    right, right_scale = standard(smoothed(right, sigma)[trim:-trim])
     step = max(1.0, STEP / dt)
     margin = reach + 2 * int(np.ceil(step))
     if len(left) < 2 * margin + 30 or left_scale == 0.0 or right_scale == 0.0:
         return None
     search = _Search(left, right, margin, max(1, int(round(BLOCK_SECONDS / dt))))
     grid = np.linspace(-reach, reach, min(4 * reach, 80) + 1)
-    costs = np.array([search.misfit(search.sums(delay).sum(axis=1)) for delay in grid])
+    costs = np.array([search.misfit(search.whole(delay)) for delay in grid])
     best = int(np.argmin(costs))
     if best in (0, len(grid) - 1) or _ambiguous(costs, best, len(left) / (3.5 * sigma)):
         return None
@@ -106,7 +105,7 @@ def _lag(left: Array, right: Array, dt: float, sigma: float, longest: float) -> 
             break
     left_out = search.vertex(delay, step)[1:]
     error = float(np.sqrt((len(left_out) - 1) * np.var(left_out)))
-    covariance, power, energy = search.moments(search.sums(delay).sum(axis=1))
+    covariance, power, energy = search.moments(search.whole(delay))
     if power <= 0 or energy <= 0:
         return None
     correlation = float(covariance / np.sqrt(power * energy))
@@ -127,17 +126,29 @@ class _Search:
     """Misfit of two series as a function of the delay, from sums over blocks."""
 
     def __init__(self, left: Array, right: Array, margin: int, block: int) -> None:
-        self.rows = np.arange(float(margin), len(right) - margin)
         self.left = left[margin : len(left) - margin]
-        self.spline = CubicSpline(np.arange(len(right)), right)
-        count = int(np.clip(len(self.rows) // block, *BLOCKS))
-        self.starts = np.linspace(0, len(self.rows), count + 1).astype(int)[:-1]
+        self.margin, self.spline = margin, CubicSpline(right)
+        count = int(np.clip(len(self.left) // block, *BLOCKS))
+        self.starts = np.linspace(0, len(self.left), count + 1).astype(int)[:-1]
+        ends = np.append(self.starts[1:], len(self.left))
+        self.of_left = np.stack([ends - self.starts, *self._by_block(self.left, self.left**2)])
+        self.of_all = np.sum(self.of_left, axis=1)
 
     def sums(self, delay: float) -> Array:
         """(6, blocks) count and sums of l, r, l², r², l·r in each block."""
-        left, right = self.left, self.spline(self.rows - delay)
-        series = np.stack([np.ones_like(left), left, right, left * left, right * right, left * right])
-        return np.add.reduceat(series, self.starts, axis=1)
+        right = self.spline.shifted(self.margin, len(self.left), -delay)
+        count, left, left_2 = self.of_left
+        mean, power, both = self._by_block(right, right * right, self.left * right)
+        return np.stack([count, left, mean, left_2, power, both])
+
+    def whole(self, delay: float) -> Array:
+        """(6,) the same of all blocks together."""
+        right = self.spline.shifted(self.margin, len(self.left), -delay)
+        count, left, left_2 = self.of_all
+        return np.array([count, left, np.sum(right), left_2, np.vdot(right, right), np.vdot(self.left, right)])
+
+    def _by_block(self, *series: Array) -> list[Array]:
+        return [np.add.reduceat(own, self.starts) for own in series]
 
     @staticmethod
     def moments(sums: Array) -> tuple[Array, Array, Array]:

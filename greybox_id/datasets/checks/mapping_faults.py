@@ -43,6 +43,8 @@ GRAVITY, ABOUT, STEADILY = 9.81, 1.3, 2.5
 """m/s^2: what an accelerometer reads that points up, to within so much on average and about it."""
 SIDEWAYS = 1.0
 """|v_y| over |v_x|, of the median row in motion, beyond which a vehicle moves sideways."""
+REVERSING = 0.5
+"""Share of rows below zero from which v_x may have the wrong sign."""
 RPM = 30 / np.pi
 SMALLEST_WHEEL = 0.025
 """Wheel radius over wheelbase; it is 0.09 to 0.18, and understeer makes the wheelbase look up to three times longer."""
@@ -158,12 +160,16 @@ def _as_finding(named: Sequence[Explained]) -> Finding:
     return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair)
 
 
+IMU = ("a_x", "a_y", "yaw_rate")
+"""What undoing a turn of the IMU reads, whichever of them it changes."""
+
+
 def _repair(fault: Fault) -> dict[str, tuple[str, float]]:
     """What undoing a fault makes of each signal: another one's column, a factor; empty where it mixes columns.
 
     Undoing is linear: what it makes of one signal alone is asked of unit signals, one after the other.
     """
-    names = fault.channels
+    names = tuple(dict.fromkeys((*fault.channels, *IMU))) if fault.channels else ()
     repair: dict[str, tuple[str, float]] = {}
     for source in names:
         unit = Recording("unit", np.arange(3.0), {name: np.full(3, float(name == source)) for name in names})
@@ -250,13 +256,15 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
 
 
 def _velocities(r: Recording) -> Iterator[Fault]:
-    if r.has("v_x"):
+    backwards = r.has("v_x") and float(np.nanmean(r["v_x"] < 0.0)) > REVERSING  # nobody reverses for a whole drive
+    if backwards:
         yield Fault("v_x has the wrong sign", _turn(("v_x",)), ("v_x",), _scaled(-1.0, "v_x"))
     if not r.has("v_x", "v_y"):
         return
     yield Fault("v_y has the wrong sign", _turn(("v_y",)), ("v_y",), _scaled(-1.0, "v_y"))
     both = ("v_x", "v_y")
-    yield Fault("v_x and v_y have the wrong sign", _turn(both), both, _scaled(-1.0, *both))
+    if backwards:
+        yield Fault("v_x and v_y have the wrong sign", _turn(both), both, _scaled(-1.0, *both))
     for along, across in product((1, -1), (1, -1)):
         wrong = [name for name, sign in (("v_x", along), ("v_y", across)) if sign < 0]
         remedy = f"Map each to the other's column{f', and then turn the sign of {listed(wrong)}' if wrong else ''}."

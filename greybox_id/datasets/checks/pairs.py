@@ -8,9 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from ...base.shorthands import Array
+from ...base.windows import moving_mean
 from ..recording import Recording
 
 EARTH = 6.371e6
@@ -250,8 +250,8 @@ def smooth(recording: Recording, values: Array, seconds: float) -> Array:
         if stop - start >= width:
             run = values[start:stop]
             holes = ~np.isfinite(run)
-            mean = uniform_filter1d(np.where(holes, 0.0, run), width)
+            mean = moving_mean(np.where(holes, 0.0, run), width)
             if holes.any():
-                mean[uniform_filter1d(holes.astype(float), width) > 0.5 / width] = np.nan
+                mean[moving_mean(holes.astype(float), width) > 0.5 / width] = np.nan
             out[start + half : stop - half] = mean[half : len(run) - half]
     return out

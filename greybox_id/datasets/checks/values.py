@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d, median_filter
 
 from ...base.numbers import exact, quantity, with_unit
 from ...base.shorthands import Array
 from ...base.signals import ANGLES_AROUND, COMMANDS
+from ...base.windows import median_of_five, moving_maximum
 from ..recording import Recording
 from .agreement import standard
 from .finding import Finding, FoundAt, Severity, file_rows
@@ -194,10 +194,10 @@ def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:
         if len(run) < 12 or not np.isfinite(run).all():
             continue
         # Mirrored at the ends: a spike in the first row of a run must show as well.
-        departure = np.abs(run - median_filter(run, 5, mode="mirror"))
+        departure = np.abs(run - median_of_five(run))
         departures[start:stop] = departure
         ends[[start, stop - 1]] = True
-        sides = maximum_filter1d(departure, 21, mode="constant")
+        sides = moving_maximum(departure, 21)
         nearby[start:stop] = np.maximum(_shifted(sides, 13), _shifted(sides, -13))
     usual = values[np.isfinite(values)]
     low, high = np.quantile(usual, [0.005, 0.995])

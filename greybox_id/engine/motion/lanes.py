@@ -52,16 +52,17 @@ class Lanes:
     interval: Index
     first: NDArray[np.bool_]
     offset: Index
-    lane: Index
-    rank: Index
+    lane: NDArray[np.int32]
+    rank: NDArray[np.int32]
     rows: Index
 
     @cached_property
     def flat(self) -> Index:
         """(N * outputs,) where each reading stands among those of all lanes laid out in one row."""
         outputs = self.lane.shape[1]
-        place = (self.lane * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
-        return np.asarray(np.where(self.lane >= 0, place, 0).ravel())
+        place = (self.lane.astype(np.intp) * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
+        place[self.lane < 0] = 0
+        return np.asarray(place.ravel())
 
     @cached_property
     def ends(self) -> NDArray[np.bool_]:
@@ -178,8 +179,8 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
     )
-    lane = np.where(read >= 0, where[np.maximum(read, 0)], -1)
-    rank = np.where(lane >= 0, (np.cumsum(reads) - 1)[np.where(lane >= 0, read - begin[lane], 0)], -1)
+    lane = np.where(read >= 0, where[np.maximum(read, 0)], -1).astype(np.int32)
+    rank = np.where(lane >= 0, (np.cumsum(reads) - 1)[np.where(lane >= 0, read - begin[lane], 0)], -1).astype(np.int32)
     return Lanes(
         segments=np.broadcast_to(segments, (len(begin), *segments.shape[1:])),
         reads=reads,
@@ -280,8 +281,15 @@ class Chain:
         return None
 
 
-def chained(lanes: Lanes, ends: Array, starts_by_p: Array, loose: Index) -> Array:
-    """Derivative of every lane's beginning by the moving parameters and its interval's free starts, (L, nz, q).
+def chained(
+    lanes: Lanes,
+    ends: Array,
+    starts_by_p: Array,
+    loose: Index,
+    own: slice = slice(None),
+    before: tuple[Array, Array] | None = None,
+) -> Array:
+    """Derivative of lanes' beginnings by the moving parameters and their intervals' free starts, (L, nz, q).
 
     Parameters
     ----------
@@ -289,12 +297,15 @@ def chained(lanes: Lanes, ends: Array, starts_by_p: Array, loose: Index) -> Arra
     ends : (L, nz, nz + moving) derivative of their ends by their beginnings and by the parameters.
     starts_by_p : (intervals, nz, moving) derivative of where intervals start.
     loose : states that start freely.
+    own : the lanes in question, where they are not all; ends are theirs.
+    before : what this is for the lane before the first of them, and its ends; None where that begins an interval.
     """
-    size, moving = ends.shape[1], starts_by_p.shape[2]
-    G = np.zeros((len(lanes.interval), size, moving + len(loose)))
-    G[lanes.first, :, :moving] = starts_by_p
-    G[:, loose, moving + np.arange(len(loose))] = lanes.first[:, None]
-    for lane in np.flatnonzero(~lanes.first):
-        G[lane] = ends[lane - 1, :, :size] @ G[lane - 1]
-        G[lane, :, :moving] += ends[lane - 1, :, size:]
+    size, moving, first = ends.shape[1], starts_by_p.shape[2], lanes.first[own]
+    G = np.zeros((len(first), size, moving + len(loose)))
+    G[first, :, :moving] = starts_by_p[lanes.interval[own][first]]
+    G[:, loose, moving + np.arange(len(loose))] = first[:, None]
+    for lane in np.flatnonzero(~first):
+        beginning, end = (G[lane - 1], ends[lane - 1]) if lane or before is None else before
+        G[lane] = end[:, :size] @ beginning
+        G[lane, :, :moving] += end[:, size:]
     return G

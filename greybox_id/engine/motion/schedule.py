@@ -16,9 +16,9 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter1d
 
 from ...base.shorthands import Array, Index
+from ...base.windows import moving_maximum
 from .runs import MotionRun
 from .trace import MotionTrace
 
@@ -78,7 +78,7 @@ def schedule(
     """
     rows, delays = len(run), len(trace.delayed)
     cuts = [k for k, shift in enumerate(shifts) if moving is None or moving[k] or shift != 0]
-    parts = np.maximum(1, np.ceil(run.sample_time / np.broadcast_to(longest, rows) - 1e-9).astype(np.intp))
+    parts = np.broadcast_to(segments_of_rows(run, longest), rows)
     steps = np.append(np.diff(run.time), run.sample_time)
     inside = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
     within = [run.time[own] + steps[own] * k / parts[own] for k, own in enumerate(inside, 1)]
@@ -127,6 +127,11 @@ def schedule(
     reads = np.zeros(len(kind), dtype=bool)
     reads[taken[taken >= 0]] = True
     return Schedule(segments, row_segment, taken, reads)
+
+
+def segments_of_rows(run: MotionRun, longest: float | Array) -> NDArray[np.intp]:
+    """Segments that each row is cut into, that none be longer than this, s."""
+    return np.maximum(1, np.ceil(run.sample_time / np.asarray(longest) - 1e-9).astype(np.intp))
 
 
 def _in_time(instant: Array, rank: Index) -> Index:
@@ -201,7 +206,7 @@ def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) ->
         fastest = _fastest(trace, run, np.arange(len(run)), p)
         fastest = np.where(np.isfinite(fastest), fastest, ACCURATE / usual)
         near = 2 * max(1, round(ABOUT / run.sample_time)) + 1
-        fastest = np.maximum(maximum_filter1d(fastest, near), 1e-9)
+        fastest = np.maximum(moving_maximum(fastest, near), 1e-9)
         found.append(np.clip(ACCURATE / fastest, usual, run.sample_time))
     return found
 

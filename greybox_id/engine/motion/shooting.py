@@ -27,13 +27,15 @@ from ..against import Against
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
 from .lanes import Chain, Interval, Lanes, chained, lay
 from .runs import MotionRun, motion_runs
-from .schedule import Schedule, longest_segment, schedule
+from .schedule import Schedule, longest_segment, schedule, segments_of_rows
 from .simulator import Simulator
 from .starts import IntervalStarts
 from .targets import Targets, targets, where_valid
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
+LANE = 4000
+"""Segments of a lane of a recording of hours: what `LANES` of them are linearised in takes some 20 MB."""
 MOST_SEGMENTS = 600_000
 """Segments that one call simulates where many points are simulated at once: some 50 MB of them."""
 Starts = Literal["free", "measured"]
@@ -85,6 +87,7 @@ class MotionProblem:
     keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
     about : (parameters,) near what will be found: how long segments may be, and where what nothing reads is when a
         horizon starts, is settled there once; None takes the model's values.
+    like : a problem of the same simulator and recordings: what is the same in both is laid out once.
 
     Attributes
     ----------
@@ -107,9 +110,11 @@ class MotionProblem:
         robust: float | None = None,
         keep: Sequence[Array] | None = None,
         about: Array | None = None,
+        like: MotionProblem | None = None,
     ) -> None:
         self.simulator, self.trace, self.model = simulator, simulator.trace, simulator.trace.model
-        self.runs: list[MotionRun] = [run for recording in recordings for run in motion_runs(self.model, recording)]
+        stated = () if like is not None else (motion_runs(self.model, recording) for recording in recordings)
+        self.runs: list[MotionRun] = [run for own in stated for run in own] if like is None else like.runs
         self.noise = np.asarray(noise, dtype=float)
         self.horizon = horizon
         every = 1 if most_rows is None else max(1, sum(len(run) for run in self.runs) // most_rows)
@@ -132,8 +137,9 @@ class MotionProblem:
         self._interval_starts = IntervalStarts(simulator, self.runs, self.intervals)
         if horizon is not None:
             self._interval_starts.carry(about, self._scheduled(np.tile(simulator.shifts(about), (len(self.runs), 1))))
-        self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = None
-        self._chain: Chain | None = None
+        alike = like is not None and self.intervals == like.intervals and self._steps() == like._steps()
+        self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = like._plans if like and alike else None
+        self._chain: Chain | None = like._chain if like and alike and len(like.free) == len(self.free) else None
         self._tiled: tuple[Lanes, Array] | None = None
         self._laid: list[tuple[Lanes, Targets, Against]] = []
 
@@ -288,13 +294,14 @@ class MotionProblem:
         p are the interval's unknowns as the layout lists them; by held ones the derivative is zero. What was not read
         counts as zero. Rows are those of which the interval predicts a reading: late ones reach into the next.
         """
-        e, J = self._linearised(x, nodes)
-        moving = np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
-        owner = nodes.cut.owner.reshape(e.shape)
+        cut, against = nodes.cut, self.against(nodes.along)
+        J = cut.gathered(np.concatenate([own for _, own in self._linearised(x, nodes)]), 0.0)
+        e = nodes.along.gathered(against.weighted(nodes.read)[0], 0.0)
+        owner = cut.owner.reshape(e.shape)
         for k, rows in enumerate(self.rows_of_intervals(nodes)):
             own = (owner[rows] == k)[:, :, None]
             full = np.zeros((len(rows), e.shape[1], len(self.layout.index[k])))
-            full[:, :, moving] = np.where(own, J[rows], 0.0)
+            full[:, :, self._chosen] = np.where(own, J[rows], 0.0)
             yield np.where(own[:, :, 0], e[rows], 0.0), full
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
@@ -302,7 +309,34 @@ class MotionProblem:
         order, edges = nodes.cut.by_owner
         for first, last in zip(edges[:-1], edges[1:], strict=True):
             readings = np.arange(first, last) if order is None else order[first:last]
-            yield np.unique(readings // nodes.y.shape[1])
+            yield np.unique(readings // nodes.cut.lane.shape[1])
+
+    def parts(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[int, int, Array, Array]]:
+        """Interval, row in it where a part begins, and the part's residuals and derivatives as of `residuals`.
+
+        Intervals cut into many lanes come so many lanes at a time: what is linearised of a day then takes no more
+        memory than of an hour. A row read in two lanes is in two parts, zero where the other one has it.
+        """
+        cut = nodes.cut
+        if len(cut.interval) <= LANES or cut is nodes.lanes:
+            yield from ((k, 0, e, J) for k, (e, J) in enumerate(self.residuals(x, nodes)))
+            return
+        e, _ = self.against(nodes.along).weighted(nodes.read)
+        e, place = nodes.along.gathered(e, 0.0), cut.flat.reshape(cut.lane.shape)
+        begins = np.full(len(self.intervals), -1)
+        for own, J in self._linearised(x, nodes):
+            flat, before = J.reshape(-1, J.shape[-1]), own.start * J.shape[1] * J.shape[2]
+            readings = np.flatnonzero(np.any((cut.lane >= own.start) & (cut.lane < own.stop), axis=1))
+            rows = np.arange(readings[0], readings[-1] + 1) if len(readings) else readings
+            lane = cut.lane[rows]
+            owner = np.where((lane >= own.start) & (lane < own.stop), cut.interval[lane], -1)
+            for k in np.unique(owner[owner >= 0]).tolist():
+                here = np.flatnonzero(np.any(owner == k, axis=1))
+                theirs, mine = rows[here[0] : here[-1] + 1], owner[here[0] : here[-1] + 1] == k
+                begins[k] = theirs[0] if begins[k] < 0 else begins[k]
+                full = np.zeros((*mine.shape, len(self.layout.index[k])))
+                full[:, :, self._chosen] = flat[np.where(mine, place[theirs] - before, 0)] * mine[:, :, None]
+                yield k, int(theirs[0] - begins[k]), np.where(mine, e[theirs], 0.0), full
 
     def prior_residuals(self, x: Array) -> Array:
         """Residuals of the priors, in standard deviations."""
@@ -318,7 +352,7 @@ class MotionProblem:
         if self._plans is None or not np.array_equal(self._plans[0], shifts):
             plans = self._scheduled(shifts)
             lanes = lay(plans, self.intervals)
-            cuts = max(1, LANES // len(self.intervals))
+            cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
             self._plans = (shifts, plans, lanes, lay(plans, self.intervals, cuts) if cuts > 1 else lanes)
         return self._plans[2], self._plans[3]
 
@@ -372,6 +406,10 @@ class MotionProblem:
             kept = [own * valid for own, valid in zip(wide, kept, strict=True)]
         return targets(self.runs, self.intervals, self.noise, robust, kept)
 
+    def _steps(self) -> list[int]:
+        """Segments of a row, run by run: all that schedules take from how long segments may be."""
+        return [int(segments_of_rows(run, self.longest)) for run in self.runs]
+
     def _scheduled(self, shifts: Array) -> list[Schedule]:
         return [schedule(self.trace, run, own, self.longest) for run, own in zip(self.runs, shifts, strict=True)]
 
@@ -388,8 +426,12 @@ class MotionProblem:
     @cached_property
     def _moving_index(self) -> Index:
         """(intervals, q) where the moving parameters and free starts of each interval stand."""
-        chosen = np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
-        return np.asarray(self.layout.index)[:, chosen]
+        return np.asarray(self.layout.index)[:, self._chosen]
+
+    @cached_property
+    def _chosen(self) -> Index:
+        """(q,) where the moving parameters and free starts stand among an interval's unknowns."""
+        return np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
 
     def against(self, lanes: Lanes) -> Against:
         """What the readings of lanes are held against, laid out like them; the last two layouts are kept."""
@@ -430,23 +472,26 @@ class MotionProblem:
         of_parameters = np.broadcast_to(np.eye(count, G.shape[2]), (len(G), count, G.shape[2]))
         return np.concatenate((G, of_parameters), axis=1), H, g
 
-    def _linearised(self, x: Array, nodes: SimulatedRuns) -> tuple[Array, Array]:
-        """Weighted residuals (N, outputs), and their derivative by the moving parameters and the free starts."""
-        cut, p, size = nodes.cut, self.of_intervals(x), self.trace.size
+    def _linearised(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[slice, Array]]:
+        """Lanes, some at a time, and the derivative of their weighted residuals by what `_moving_index` names."""
+        cut, p, size, count = nodes.cut, self.of_intervals(x)[nodes.cut.interval], self.trace.size, len(self.moving)
         _, starts_by_p = self.starts(x)
-        _, Z_end, _, Y = self.simulator.kernel.linearise(
-            nodes.starts, cut.segments, p[cut.interval], cut.reads, self.moving
-        )
-        G = chained(cut, Z_end, starts_by_p[:, :, self.moving], self.loose)
-        self._chain = Chain(x.copy(), self._moving_index, nodes.starts, G, Z_end[:, :, :size])
-        lanes, reads, outputs, _ = Y.shape
-        J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
-        J[:, :, : len(self.moving)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
-        J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
-        against = self.against(nodes.along)
-        e, weight = (nodes.along.gathered(own, 0.0) for own in against.weighted(nodes.read))
-        J *= weight[:, :, None]
-        return e, J
+        read = nodes.read if nodes.along is cut else cut.scattered(nodes.y)
+        _, weight = self.against(cut).weighted(read)
+        before: tuple[Array, Array] | None = None
+        for first in range(0, len(p), max(LANES, 1)):
+            own = slice(first, min(first + LANES, len(p)))
+            _, Z, _, Y = self.simulator.kernel.linearise(
+                nodes.starts[own], cut.segments[own], p[own], cut.reads, self.moving
+            )
+            G = chained(cut, Z, starts_by_p[:, :, self.moving], self.loose, own, before)
+            before = G[-1], Z[-1]
+            lanes, reads, outputs, _ = Y.shape
+            J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
+            J[:, :, :count] += Y[..., size:].reshape(lanes, reads * outputs, -1)
+            J = J.reshape(lanes, reads, outputs, -1)
+            J *= weight[own, ..., None]
+            yield own, J
 
 
 def _add(H: Array | None, g: Array, index: Index, inner: Array | None, pull: Array) -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import lapack
-from scipy.stats import t as student
+from scipy.special import stdtrit
 
 from ...base.shorthands import Array, Index
 from ...datasets.recording import Recording
@@ -184,7 +184,7 @@ def foretold(pieces: Array, seconds: float, unit: float = 1.0, between: float = 
     longer = pieces[: count * length].reshape(count, length).mean(axis=1)
     spread = float(np.std(np.log(np.maximum(longer, 1e-300)), ddof=1))
     ahead = max(seconds / (length * SHORT), 1.0)
-    reach = float(student.ppf(0.5 + CONFIDENCE / 2, count - 1))
+    reach = float(stdtrit(count - 1, 0.5 + CONFIDENCE / 2))
     reach *= np.sqrt(spread**2 * (1 / count + 1 / ahead) + 2 * (2 * between) ** 2)
     middle = float(np.mean(longer))
     return unit * float(np.sqrt(middle * np.exp(-reach))), unit * float(np.sqrt(middle * np.exp(reach)))

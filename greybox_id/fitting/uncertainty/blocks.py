@@ -8,6 +8,7 @@ about the others (Frisch, Waugh & Lovell), nor about their corrections where a p
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ from numpy.typing import NDArray
 from ...base.shorthands import Array, Mask
 from ...base.statistics import correlation_time
 from ...engine.least_squares import LeastSquares, Matched
+from ...engine.motion.shooting import MotionProblem
 
 LONGER = 10
 """A block is this many correlation times long: its sum misses a twentieth of the variance then."""
@@ -98,7 +100,7 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     count, size, few = len(plan.edges) - 1, int(np.sum(kept)), int(np.sum(local))
     H, scores = np.zeros((count, size, size)), np.zeros((count, size))
     pull, alone, independent, dof = np.zeros((few, size)), np.zeros((few, few)), np.zeros((few, few)), np.ones(few)
-    for k, (residuals, J) in enumerate(problem.residuals(x, nodes)):
+    for k, start, residuals, J in _parts(problem, x, nodes):
         of = problem.layout.index[k]
         by_kept, by_local, theirs = J[:, :, kept[of]], J[:, :, local[of]], of[local[of]]
         if len(theirs):
@@ -111,7 +113,7 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
             alone[np.ix_(own, own)] = inverse @ (plan.variance * plan.correlation * informed + believed) @ inverse
             dof[own] = max(1.0, len(residuals) / plan.correlation)
             by_kept = by_kept - by_local @ pull[own][:, everything]
-        cuts = np.clip(plan.edges - plan.first[k % problem.copies], 0, len(residuals))
+        cuts = np.clip(plan.edges - plan.first[k % problem.copies] - start, 0, len(residuals))
         among = place[of[kept[of]]]
         for g in np.flatnonzero(np.diff(cuts)):
             rows = slice(cuts[g], cuts[g + 1])
@@ -140,27 +142,41 @@ class _Plan:
 def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
     size, index = problem.layout.size, problem.layout.index
     curvature, telling, pieces = (problem.R.T @ problem.R).diagonal(), np.zeros(size), np.zeros(size)
-    series: list[Array] = []
-    squares = 0.0
-    for k, (residuals, J) in enumerate(problem.residuals(x, nodes)):
+    series: list[list[tuple[int, Array]]] = [[] for _ in range(problem.copies)]
+    squares, seen, in_parts = 0.0, set[int](), np.zeros(size, dtype=bool)
+    for k, start, residuals, J in _parts(problem, x, nodes):
         curvature[index[k]] += np.einsum("rop,rop->p", J, J)
         squares += float(np.sum(residuals**2))
-        pieces[index[k]] += 1
+        pieces[index[k]] += k not in seen
+        in_parts[index[k]] |= k in seen
+        seen.add(k)
         if k < problem.copies:
-            series.append(residuals)
-            telling[index[k]] += len(residuals)
-    together = np.vstack(series)
+            series[k].append((start, residuals))
+    lengths = np.array([max(start + len(own) for start, own in parts) for parts in series])
+    for k in range(problem.copies):
+        telling[index[k]] += lengths[k]
+    first = np.concatenate([[0], np.cumsum(lengths)])
+    together = np.zeros((int(first[-1]), series[0][0][1].shape[1]))
+    for k, parts in enumerate(series):
+        for start, own in parts:  # a row in two parts is zero in one of them
+            together[first[k] + start : first[k] + start + len(own)] += own
     total, correlation = len(together), correlation_time(together)
-    local = (pieces == 1) & (telling < LOCAL * total) & (curvature > 0.0) & problem.free & ~keep
+    local = (pieces == 1) & ~in_parts & (telling < LOCAL * total) & (curvature > 0.0) & problem.free & ~keep
     short = np.array([np.any(local[index[k]]) for k in range(problem.copies)])
-    lengths = np.array([len(piece) for piece in series])
     fewest = float(np.min(telling[problem.free & ~local & (telling > 0.0)], initial=total))
     longest = float(np.max(lengths[short], initial=1))
     least = max(LONGER * correlation, min(total / MOST, fewest / FEWEST), longest)
-    first = np.concatenate([[0], np.cumsum(lengths)])
     count = max(1, round(total / max(1.0, min(least, total / FEWEST))))
     edges = np.round(total * np.arange(count + 1) / count).astype(np.intp)
     piece = np.clip(np.searchsorted(first, edges, "right") - 1, 0, len(lengths) - 1)
     begin, end = first[piece], first[piece + 1]
     edges = np.unique(np.where(short[piece], np.where(edges - begin < end - edges, begin, end), edges))
     return _Plan(local, edges, first, correlation, squares / max(1, int(np.count_nonzero(together))))
+
+
+def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[tuple[int, int, Array, Array]]:
+    """Piece, row in it, residuals and derivatives; long pieces part by part where a problem offers that."""
+    if isinstance(problem, MotionProblem):
+        yield from problem.parts(x, nodes)
+    else:
+        yield from ((k, 0, residuals, J) for k, (residuals, J) in enumerate(problem.residuals(x, nodes)))

@@ -6,6 +6,7 @@ from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.datasets.recording import Recording
+from greybox_id.engine.motion import shooting
 from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
@@ -109,6 +110,39 @@ def test_residuals_and_normal_equations_say_the_same():
     for index, (e, J) in zip(stated.layout.index, stated.residuals(stated.start, nodes), strict=True):
         g[index] += np.einsum("ro,rop->p", e, J)
     np.testing.assert_allclose(g[stated.free], equations.g[stated.free], rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize("effects", [(), ("sensor_latency_imu", 0.025)])
+def test_a_long_interval_in_parts_is_the_same_as_whole(effects, monkeypatch):
+    recordings = [driven(duration=2.0, noise=1.0), driven(duration=1.0, noise=1.0, seed=1)]
+    model = car("single_track", effects, free=effects[:1]) if effects else car()
+    whole = problem(model, recordings)
+    monkeypatch.setattr(shooting, "LANE", 4)
+    cut = problem(model, recordings)
+    x = whole.start
+    nodes = cut.simulated_nodes(x)
+    expected = list(whole.residuals(x, whole.simulated_nodes(x)))
+    found = [(np.zeros_like(e), np.zeros_like(J)) for e, J in expected]
+    parts = list(cut.parts(x, nodes))
+    assert len(parts) > len(expected)
+    for k, start, e, J in parts:
+        found[k][0][start : start + len(e)] += e
+        found[k][1][start : start + len(e)] += J
+    for (e, J), (e_found, J_found) in zip(expected, found, strict=True):
+        np.testing.assert_allclose(e_found, e, atol=1e-6)
+        np.testing.assert_allclose(J_found, J, atol=1e-6 * np.max(np.abs(J)))
+
+
+def test_a_problem_stated_again_for_another_noise_is_laid_out_once():
+    first = problem(car(), [driven(duration=2.0, noise=1.0)])
+    first.simulated_nodes(first.start)
+    stated = {"noise": 2.0 * first.noise, "about": first.model.values}
+    again = MotionProblem(first.simulator, [driven(duration=2.0, noise=1.0)], **stated, like=first)
+    afresh = MotionProblem(first.simulator, [driven(duration=2.0, noise=1.0)], **stated)
+    x = first.start
+    assert again.lanes(x)[1] is first.lanes(x)[1]
+    one, other = (own.normal_equations(x, own.simulated_nodes(x)) for own in (again, afresh))
+    np.testing.assert_allclose(one.H, other.H, rtol=1e-9)
 
 
 def test_lanes_matched_side_by_side_are_the_simulation_one_after_the_other():

@@ -4,7 +4,17 @@ import numpy as np
 import pytest
 
 import greybox_id as gb
-from greybox_lab.app.mapping import answered, as_toml, questions, repaired, repairs_of, table_of, units_for, write_map
+from greybox_lab.app.mapping import (
+    answered,
+    as_toml,
+    entries_of_map,
+    questions,
+    repaired,
+    repairs_of,
+    table_of,
+    units_for,
+    write_map,
+)
 
 TIME = {"time": {"column": "t", "unit": "s"}}
 
@@ -100,3 +110,15 @@ def test_what_a_check_asks_for_makes_the_recording_right(tmp_path, fault, kind):
 def _map(folder, name, entries):
     write_map(folder / name, TIME, entries)
     return folder / name
+
+
+@pytest.mark.parametrize("name", ["roboracer", "dart", "truck", "revs_250lm"])
+def test_a_shipped_map_keeps_all_it_says_when_it_is_mended(tmp_path, name):
+    from greybox_id.datasets.column_map import column_map
+    from greybox_lab.app.work import _shipped
+
+    base, entries = entries_of_map(_shipped(name))
+    write_map(tmp_path / "map.toml", base, entries)
+    was, now = column_map(name), column_map(tmp_path / "map.toml")
+    assert (now.signals, now.extra, now.time, now.poses) == (was.signals, was.extra, was.time, was.poses)
+    assert (now.hold, now.run_column, now.start_column) == (was.hold, was.run_column, was.start_column)

@@ -228,3 +228,12 @@ def test_many_effects_are_counted_one_by_one():
     assert told["extra"].value == pytest.approx(1 / 3)
     assert told["of_truth"].value == 1.0
     assert told["causes"].passed is False
+
+
+def test_what_scatters_readings_counts_as_applied_where_it_is_named():
+    shaky = Answer("s", "single", "clean", {"timestamp_jitter": 0.004}, {"timestamp_jitter": 0.0})
+    own = finding(shaky, says("timestamp_jitter"))
+    assert (own.applied, own.right) == (("timestamp_jitter",), True)
+    unsure = finding(shaky, diagnosis(gap_detected=True, ranking=[ranked("timestamp_jitter", probability=0.3)]))
+    assert unsure.applied == ()
+    assert finding(NULL, says("timestamp_jitter")).beside == ("timestamp_jitter",)

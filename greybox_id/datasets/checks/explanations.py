@@ -1,0 +1,434 @@
+"""Faults that have a size: offsets, scales, turned and early sensors, clocks, frozen channels, half of another car.
+
+Signs, axes and units are asked for by undoing them (`mapping_faults`). Here there is no list of values: each relation
+between channels is a sum of what motion makes of it and of what each fault would add, and least squares tells the size
+of every fault from the relations in which it stands, over the scatter between blocks of rows. What explains most of a
+conflict is named first, with its size; what would explain nearly as much stands beside it.
+
+    a_y = k v_x yaw_rate + b v_x + s dv_x/dt + c      b: offset of yaw_rate; s: a turned IMU; c: offset, roll, a bank
+    a_x = dv_x/dt + s v_x yaw_rate + c                s: a turned IMU, the other way round
+    v_x steer = L yaw_rate + K v_x^2 yaw_rate + d v_x    d: offset of steer
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...base.numbers import number, percent, quantity, signed
+from ...base.shorthands import Array
+from ..recording import Recording
+from .finding import Finding, FoundAt, Severity, listed
+from .lag import estimate_lag
+from .pairs import course_and_speed, grounds, rate, smooth
+from .relations import thinned
+
+SMOOTHING = 0.5
+"""s, of the moving average under which relations are compared."""
+BLOCKS = 12
+"""Stretches of a recording over whose scatter a size is held."""
+SURE = 6.0
+"""Standard errors: many sizes are looked at in a recording, and vehicles are no rigid bodies on flat roads."""
+FITS = 0.9
+"""Share of a relation's variance that has to be explained before its coefficients are sizes of anything."""
+ALSO = 0.6
+"""An explanation with so much of the best one's gain is named beside it."""
+TURN_RATE, ACCELERATION, ANGLE, SCALE, STEERING = 0.04, 0.8, 0.08, 0.12, 0.01
+"""Least offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), turn of an IMU in rad
+(5 degrees), relative error of a scale and offset of steer in rad that are told; drives on usual roads with usual
+sensors have less."""
+HELD_TOGETHER = 0.5
+"""Share of v_x steer that yaw_rate has to explain before halves are compared."""
+HALF_LEFT = 0.5
+"""Share of a cause's acceleration at the usual speed that others may not undo."""
+ONE_WAY = 0.2
+"""Share of the rows that has to turn the other way before steer is said to have an offset."""
+GENTLE, HALF_GRIP = 5.0, 0.5
+"""m/s^2, and share of the hardest turns, up to which tyres are about linear."""
+HALF = 0.2
+"""Relative change of v_x steer / yaw_rate between halves that no load or tyre makes within a drive."""
+RUNS_FAST, FASTEST, LONGEST = 0.004, 0.04, 2.0
+"""Least and largest relative error of a clock that is looked for, and the largest delay beside it, s."""
+RESPONSE, PER_ROOT = 0.12, 0.12
+"""s, and s per root of a metre: the longest that yaw_rate follows steer by, over the wheelbase; yaw takes as long as
+tyres take to turn an inertia that grows with length."""
+NEAR_RIGHT = 8.0
+"""Degrees about 90 within which an IMU is put right by its map."""
+FROZEN, TIMES = 1.5, 20.0
+"""Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """A fault of some size.
+
+    Attributes
+    ----------
+    sentence : what it is, and what to do.
+    channel : signal concerned.
+    value, error, unit : its size.
+    gain : how much of the conflict it explains, in squared standard errors.
+    """
+
+    sentence: str
+    channel: str
+    value: float
+    error: float
+    unit: str
+    gain: float
+
+
+def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Finding]:
+    """Findings, and faults with their sizes: where signs, axes and units hold, or only an IMU was to be turned by 90°.
+
+    An IMU that is turned by another angle looks as if it were turned by 90°, of all that a map may say.
+    """
+    wrong = [own for own in findings if own.kind in ("mapping", "sign", "unit")]
+    if not wrong:
+        return [*findings, *check_explanations(recording)]
+    strange = [own for own in wrong if own.kind == "mapping" and "follows neither" in own.sentence]
+    if strange and len(strange) == len(wrong) and recording.has("v_x"):
+        clocks = [own for own in _clocks(recording) if own.channel == strange[0].where.channel]
+        return [*(_finding(own) for own in clocks[:1]), *(own for own in findings if not clocks or own not in wrong)]
+    turned = [own for own in wrong if own.kind == "mapping" and "turned by 90°" in own.sentence]
+    short = thinned(recording) if turned else recording
+    if not turned or len(short) < 10 * BLOCKS or not short.has("v_x", "a_x", "a_y", "yaw_rate"):
+        return list(findings)
+    sized = [own for own in _turned(short, None) if abs(abs(own.value) - 90.0) > NEAR_RIGHT]
+    if not sized:
+        return list(findings)
+    return [_finding(sized[0]), *(own for own in findings if own not in wrong)]
+
+
+def _finding(one: Explanation, also: str = "") -> Finding:
+    place, sentence = FoundAt(one.channel), one.sentence + also
+    return Finding("explained", Severity.DISTRUST, place, sentence, one.value, one.error, one.unit)
+
+
+def check_explanations(recording: Recording) -> list[Finding]:
+    """Faults with their sizes, the most plausible first."""
+    found = _frozen(recording)
+    short = thinned(recording)
+    if len(short) < 10 * BLOCKS or not short.has("v_x"):
+        return found
+    explained = _sideways(short)
+    offset = next((own.value for own in explained if own.channel == "yaw_rate" and own.unit == "rad/s"), 0.0)
+    explained += _steered(short.with_signals(yaw_rate=short["yaw_rate"] - offset)) if "yaw_rate" in short else []
+    explained = sorted(explained + _clocks(recording), key=lambda own: -own.gain)
+    findings = list(found)
+    if explained:
+        first, *others = explained
+        near = [own.sentence.split(":")[0].split(" (")[0] for own in others if own.gain > ALSO * first.gain]
+        findings.append(_finding(first, f" Nearly as likely: {listed(near, 3)}." if near else ""))
+    return findings
+
+
+@dataclass(frozen=True)
+class _Regression:
+    """Coefficients of a relation, their standard errors over blocks, and the share of variance that is explained."""
+
+    values: Array
+    errors: Array
+    explained: float
+    parts: Array
+
+    def sure(self, k: int, least: float) -> bool:
+        """Whether a coefficient is beyond a size, and beyond chance."""
+        return bool(abs(self.values[k]) > least and abs(self.values[k]) > SURE * self.errors[k])
+
+
+def _regression(left: Array, columns: Sequence[Array]) -> _Regression | None:
+    """Least squares, jackknifed over blocks of rows; None where a recording does not tell the columns apart."""
+    table = np.column_stack(columns)
+    rows = np.isfinite(left) & np.all(np.isfinite(table), axis=1)
+    y, X = left[rows], table[rows]
+    if len(y) < 5 * BLOCKS:
+        return None
+    size = np.sqrt(np.mean(X**2, axis=0))
+    if not np.all((size > 1e-9) & np.isfinite(size)) or np.linalg.cond(X / size) > 50.0:
+        return None
+    edges = np.linspace(0, len(y), BLOCKS + 1).astype(int)
+    H = [X[a:b].T @ X[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    g = [X[a:b].T @ y[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    whole, pull = np.sum(H, axis=0), np.sum(g, axis=0)
+    values = np.linalg.solve(whole, pull)
+    left_out = np.array([np.linalg.lstsq(whole - h, pull - p, rcond=None)[0] for h, p in zip(H, g, strict=True)])
+    errors = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+    rest = y - X @ values
+    explained = 1.0 - float(np.sum(rest**2) / max(float(np.sum((y - y.mean()) ** 2)), 1e-300))
+    return _Regression(values, np.maximum(errors, 1e-12), explained, values**2 * np.mean(X**2, axis=0))
+
+
+def _sideways(r: Recording) -> list[Explanation]:
+    """Faults that show where a_y meets v_x · yaw_rate, and a_x meets dv_x/dt."""
+    if not r.has("a_y", "yaw_rate"):
+        return []
+    v, turn = r["v_x"], r["yaw_rate"]
+    dv = rate(r, v)
+    aside = [v * turn, v, dv, np.ones(len(v))]
+    aside[0] = aside[0] + rate(r, r["v_y"]) if r.has("v_y") else aside[0]
+    smoothed = [smooth(r, own, SMOOTHING) for own in aside]
+    a_y = smooth(r, r["a_y"], SMOOTHING)
+    both = _regression(a_y, smoothed)
+    steady = both is None
+    if both is None:  # at one speed an offset of yaw_rate is the same as one of a_y
+        both = _regression(a_y, [smoothed[0], smoothed[2], smoothed[3]])
+        if both is None or both.explained < FITS:
+            return []
+        gain, turned, constant, bias = 0, 1, 2, -1
+    else:
+        gain, bias, turned, constant = 0, 1, 2, 3
+    if both.explained < FITS:
+        return []
+    found = []
+    strength: Callable[[int], float] = lambda k: float((both.values[k] / both.errors[k]) ** 2)  # noqa: E731
+    scale = float(both.values[gain])
+    usual = float(np.nanmean(v))
+    by_bias = float(both.values[bias]) * usual if bias >= 0 else 0.0
+    by_constant = float(both.values[constant])
+    net = abs(by_bias + by_constant)  # of one cause; two that undo each other are a curve over speed
+    if bias >= 0 and both.sure(bias, TURN_RATE) and net > HALF_LEFT * abs(by_bias):
+        size, error = -float(both.values[bias]) / scale, float(both.errors[bias])
+        found.append(
+            Explanation(
+                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x. Set "
+                f"offset = {number(-size, 3)} rad/s for it in the column map.",
+                "yaw_rate", size, error, "rad/s", strength(bias),
+            )
+        )  # fmt: skip
+    if both.sure(constant, ACCELERATION) and net > HALF_LEFT * abs(by_constant):
+        size = by_constant
+        bank = np.degrees(np.arcsin(np.clip(size / 9.81, -1.0, 1.0)))
+        also = f", or yaw_rate one of {signed(-size / usual, 2)} rad/s" if steady else ""
+        found.append(
+            Explanation(
+                f"a_y has a constant of {signed(size, 2)} m/s²: the road is banked, or the IMU rolled, by "
+                f"{number(abs(float(bank)), 2)}°, or a_y has an offset{also}. Fit with road_bank, or subtract it.",
+                "a_y", size, float(both.errors[constant]), "m/s^2", strength(constant),
+            )
+        )  # fmt: skip
+    found += _turned(r, float(both.values[turned]))
+    relative = abs(np.log(max(scale, 1e-9)))
+    if SCALE < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not found:
+        found.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
+    return found
+
+
+def _turned(r: Recording, aside: float | None) -> list[Explanation]:
+    """An IMU that is turned about its vertical axis: each accelerometer reads some of the other's.
+
+    `aside` is how much of dv_x/dt a_y reads, None where that is not asked.
+    """
+    if not r.has("a_x"):
+        return []
+    v, turn = r["v_x"], r["yaw_rate"]
+    ahead = _regression(
+        smooth(r, r["a_x"], SMOOTHING),
+        [smooth(r, own, SMOOTHING) for own in (rate(r, v), v * turn, np.ones(len(v)))],
+    )
+    if ahead is None:
+        return []
+    angle = float(np.arctan2(ahead.values[1], ahead.values[0]))
+    other = np.sin(angle) if aside is None else -aside
+    if not ahead.sure(1, ANGLE) or not abs(other - np.sin(angle)) < max(0.5 * abs(np.sin(angle)), 0.1):
+        return []
+    degrees = float(np.degrees(angle))
+    side = "left" if degrees < 0 else "right"
+    return [
+        Explanation(
+            f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x reads {percent(abs(np.sin(angle)))} "
+            f"of v_x · yaw_rate, and a_y as much of dv_x/dt. Turn a_x and a_y back, or fit with imu_mount_yaw.",
+            "a_x", degrees, float(np.degrees(ahead.errors[1])), "deg",
+            float((ahead.values[1] / ahead.errors[1]) ** 2),
+        )
+    ]  # fmt: skip
+
+
+def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explanation:
+    """Which of a_y, yaw_rate and v_x has the wrong scale: the one that others contradict as well."""
+    blamed = {"a_y": scale}
+    witnesses = []
+    for place in grounds(r):
+        turn, speed = course_and_speed(r, place)
+        witnesses += [("yaw_rate", place.turning(r), turn), ("v_x", smooth(r, np.abs(r["v_x"]), place.seconds), speed)]
+    if r.has("yaw"):
+        right = smooth(r, rate(r, r["yaw"], True), SMOOTHING)
+        witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
+    for name, left, right in witnesses:
+        found = _regression(left, [right])
+        if found is not None and found.explained > FITS and abs(np.log(abs(found.values[0]))) > 0.5 * SCALE:
+            blamed = {name: float(found.values[0])}
+    (name, by), *_ = blamed.items()
+    others = [own for own in ("a_y", "yaw_rate", "v_x") if own != name]
+    doubt = "" if witnesses else f" (or {listed(others)} as much too {'large' if scale < 1 else 'small'})"
+    return Explanation(
+        f"{name} is {number(by, 3)} times what the motion says{doubt}: a_y against v_x · yaw_rate has gain "
+        f"{number(scale, 3)}. Check its scale in the column map.",
+        name, by, error, "1", strength,
+    )  # fmt: skip
+
+
+def _steered(r: Recording) -> list[Explanation]:
+    """Faults that show where yaw_rate meets v_x · steer: an offset of steer, another car in the second half."""
+    if not r.has("steer", "yaw_rate"):
+        return []
+    v, turn, steer = (smooth(r, r[name], SMOOTHING) for name in ("v_x", "yaw_rate", "steer"))
+    moving = np.abs(v) > 0.2 * float(np.nanquantile(np.abs(v), 0.9))
+    pushed = np.abs(v * turn)
+    gentle = moving & (pushed < min(GENTLE, HALF_GRIP * float(np.nanquantile(pushed, 0.99))))
+    columns = [turn, v**2 * turn, v]
+    left = np.where(gentle, v * steer, np.nan)
+    found: list[Explanation] = []
+    whole = _regression(left, columns)
+    left_turns = float(np.mean(turn[gentle & np.isfinite(turn)] > 0.0)) if np.any(gentle) else 0.0
+    both_ways = ONE_WAY < left_turns < 1.0 - ONE_WAY  # round one way, tyres that give way look like an offset
+    explained = whole is not None and whole.explained > HELD_TOGETHER and whole.values[0] > 0
+    if whole is not None and explained and both_ways and whole.sure(2, STEERING):
+        size = float(whole.values[2])
+        found.append(
+            Explanation(
+                f"steer has an offset of {signed(1000 * size, 2)} mrad: v_x · steer is {signed(size, 2)} v_x where "
+                f"yaw_rate is none. Set offset = {number(-size, 3)} rad for it, or fit with steering_offset.",
+                "steer", size, float(whole.errors[2]), "rad", float((whole.values[2] / whole.errors[2]) ** 2),
+            )
+        )  # fmt: skip
+    second = np.arange(len(v)) >= len(v) // 2
+    halves = _regression(left, [turn, turn * second, v**2 * turn, v * ~second, v * second])
+    if halves is not None and halves.explained > HELD_TOGETHER and halves.values[0] > 0:
+        pace = float(np.nanmedian(np.abs(v[gentle])))
+        apart, error = float(halves.values[1]), float(halves.errors[1])
+        lengths = [float(halves.values[0] + halves.values[2] * pace**2) + own for own in (0.0, apart)]
+        if min(lengths) > 0 and abs(np.log(lengths[1] / lengths[0])) > HALF and abs(apart) > SURE * error:
+            found.append(
+                Explanation(
+                    f"The second half is of another car, or steer of another scale there: v_x · steer over yaw_rate is "
+                    f"{quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the second, at "
+                    f"{quantity(pace, 'm/s')}. Fit the halves apart.",
+                    "steer", apart, error, "m", (apart / error) ** 2,
+                )
+            )  # fmt: skip
+    return found
+
+
+def _clocks(r: Recording) -> list[Explanation]:
+    """Channels that come early, and clocks that run fast."""
+    found: list[Explanation] = []
+    longest = max(r.runs, key=lambda run: run[1] - run[0])
+    rows, dt = slice(*longest), r.sample_time
+    count = longest[1] - longest[0]
+    if count * dt < 12.0:
+        return []
+    if r.has("steer", "yaw_rate"):
+        turn, steered = r["yaw_rate"][rows], (r["v_x"] * r["steer"])[rows]
+        lag = estimate_lag(turn, steered, dt, 0.05, 1.0)
+        if lag is not None and lag.error * dt < 0.05 and lag.gain > 0:
+            late = lag.samples * dt
+            most = RESPONSE + PER_ROOT * np.sqrt(np.clip(1.0 / lag.gain, 0.05, 15.0))
+            if late > most or late < -0.03:
+                word = "early" if late > 0 else "late"
+                found.append(
+                    Explanation(
+                        f"steer is {word}: yaw_rate follows v_x · steer by {number(1000 * late, 3)} ms, where up to "
+                        f"{number(1000 * float(most), 2)} ms are a vehicle's response. Delay steer in the map, or "
+                        "fit with steering_delay.",
+                        "steer", late, lag.error * dt, "s", (late / max(lag.error * dt, 1e-3)) ** 2,
+                    )
+                )  # fmt: skip
+    r = thinned(r)
+    rows = slice(*max(r.runs, key=lambda run: run[1] - run[0]))
+    if r.has("a_y", "yaw_rate"):
+        found += _runs_fast(r, rows, "a_y", r["a_y"], r["v_x"] * r["yaw_rate"])
+    if r.has("a_x"):
+        found += _runs_fast(r, rows, "a_x", r["a_x"], rate(r, r["v_x"]))
+    return found
+
+
+def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) -> list[Explanation]:
+    """A channel whose clock runs at another rate: stretched, it goes with what it should go with, and not before."""
+    dt, count = r.sample_time, rows.stop - rows.start
+    u, v = (np.nan_to_num(smooth(r, own, SMOOTHING)[rows]) for own in (left, right))
+    grid = np.arange(count, dtype=float)
+    size = 1 << (2 * count).bit_length()
+    reach = min(int(LONGEST / dt), count // 4)
+    power = np.conj(np.fft.rfft(v - v.mean(), size))
+
+    def best(stretch: float) -> tuple[float, float]:
+        """Largest correlation over delays, and its delay in s."""
+        moved = np.interp(grid * (1.0 + stretch), grid, u)
+        moved = moved - moved.mean()
+        products = np.fft.irfft(np.fft.rfft(moved, size) * power, size)
+        near = np.concatenate([products[-reach:], products[: reach + 1]])
+        k = int(np.argmax(near))
+        scale = float(np.sqrt(np.sum(moved**2) * np.sum((v - v.mean()) ** 2)))
+        return float(near[k]) / max(scale, 1e-300), (k - reach) * dt
+
+    step = SMOOTHING / max(count * dt, 1e-9) / 4.0  # over the drive, a quarter of what is smoothed
+    tries = step * np.arange(-int(FASTEST / step), int(FASTEST / step) + 1)
+    found = [best(float(stretch))[0] for stretch in tries]
+    k = int(np.argmax(found))
+    plain, stretch = best(0.0)[0], float(tries[k])
+    if abs(stretch) < RUNS_FAST or found[k] < FITS or 1.0 - plain < 2.0 * (1.0 - found[k]) or found[k] - plain < 0.05:
+        return []
+    word, apart = "fast" if stretch > 0 else "slow", abs(stretch) * count * dt
+    independent = count * dt / (2.0 * SMOOTHING)
+    return [
+        Explanation(
+            f"The clock of {name} runs {percent(abs(stretch))} {word}: within the drive it gains "
+            f"{number(apart, 2)} s. Join it by its own stamps (greybox data join).",
+            name, stretch, step, "1", independent * (1.0 - plain) / max(1.0 - found[k], 1e-3),
+        )
+    ]  # fmt: skip
+
+
+def _frozen(r: Recording) -> list[Finding]:
+    """Channels that stand still for a while though others move."""
+    findings = []
+    for name in ("yaw_rate", "v_x", "a_x", "a_y", "v_y", "steer", "yaw"):
+        if not r.has(name):
+            continue
+        values = r[name]
+        same = np.concatenate([[False], np.diff(values) == 0.0]) & np.isfinite(values)
+        same[[start for start, _ in r.runs]] = False
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
+        begins, ends = edges[::2] - 1, edges[1::2]
+        if not len(begins):
+            continue
+        lengths = ends - begins
+        longest = int(np.argmax(lengths))
+        a, b = int(begins[longest]), int(ends[longest])
+        usual = float(np.median(np.delete(lengths, longest))) if len(lengths) > 1 else 1.0
+        seconds = lengths[longest] * r.sample_time
+        if (
+            seconds < FROZEN
+            or lengths[longest] < TIMES * max(usual, 1.0)
+            or values[a] == 0.0
+            or not _moves(r, name, a, b)
+        ):
+            continue
+        sentence = (
+            f"{name} is stuck at {quantity(float(values[a]), r.unit(name))} from t = {number(float(r.time[a]), 4)} to "
+            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out (--where, --between)."
+        )
+        place = FoundAt(name, rows=tuple(range(a, b)))
+        findings.append(Finding("stuck", Severity.DISTRUST, place, sentence, seconds, None, "s"))
+    return findings
+
+
+def _moves(r: Recording, name: str, a: int, b: int) -> bool:
+    """Whether what a channel goes with moves between two rows about as much as elsewhere."""
+    beside = {
+        "yaw_rate": ("a_y", "steer"),
+        "a_y": ("yaw_rate", "steer"),
+        "steer": ("yaw_rate", "a_y"),
+        "v_x": ("a_x", "yaw_rate"),
+        "a_x": ("a_y", "yaw_rate"),
+        "v_y": ("yaw_rate",),
+        "yaw": ("yaw_rate",),
+    }
+    for other in beside[name]:
+        if r.has(other):
+            part, whole = r[other][a:b], r[other]
+            return bool(np.nanstd(part) > 0.2 * np.nanstd(whole))
+    return False

@@ -1,0 +1,92 @@
+"""Faults that have a size: named first, with that size, and never where there is none."""
+
+import numpy as np
+import pytest
+
+from greybox_id.datasets.checks import Severity, check
+from greybox_id.datasets.recording import Recording
+
+LENGTH, UNDERSTEER = 2.7, 0.003
+
+
+def drive(seed=0, seconds=60.0, rate=50.0, length=LENGTH):
+    """A car of two linear tyres that answers its steering after a tenth of a second, with noise; no code of ours."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, 1.0 / rate)
+
+    def waves(*frequencies):
+        return sum(np.sin(2 * np.pi * f * time + rng.uniform(0, 6)) for f in frequencies)
+
+    v = 16.0 + 3.0 * waves(0.04) + 0.8 * waves(0.15)
+    steer = 0.012 * waves(0.09, 0.21, 0.43)
+    due = v * steer / (length + UNDERSTEER * v**2)
+    turn = np.zeros(len(time))
+    for k in range(1, len(time)):
+        turn[k] = turn[k - 1] + (due[k - 1] - turn[k - 1]) / (0.1 * rate)
+    signals = {"v_x": (v, 0.03), "yaw_rate": (turn, 0.004), "a_x": (np.gradient(v, time), 0.1), "a_y": (v * turn, 0.1)}
+    noisy = {name: values + sd * rng.standard_normal(len(time)) for name, (values, sd) in signals.items()}
+    return Recording("drive", time, {**noisy, "steer": steer})
+
+
+def turned(r, degrees):
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return r.with_signals(a_x=c * r["a_x"] + s * r["a_y"], a_y=c * r["a_y"] - s * r["a_x"])
+
+
+def stuck(r, name, begin, end):
+    values, rows = r[name].copy(), (r.time > begin) & (r.time < end)
+    values[rows] = values[np.argmax(rows)]
+    return r.with_signals(**{name: values})
+
+
+def joined(r, other):
+    half = len(r) // 2
+    return Recording("both", r.time, {n: np.concatenate([r[n][:half], other[n][half:]]) for n in r.signals})
+
+
+def early(r, name, seconds):
+    return r.with_signals(**{name: np.interp(r.time + seconds, r.time, r[name])})
+
+
+def moved(r, name, scale=1.0, by=0.0):
+    return r.with_signals(**{name: scale * r[name] + by})
+
+
+FAULTS = {
+    "yaw rate's offset": (lambda r: moved(r, "yaw_rate", by=0.15), "yaw_rate has an offset of +0.15 rad/s", 0.15),
+    "a smaller one": (lambda r: moved(r, "yaw_rate", by=-0.08), "yaw_rate has an offset of −0.08", -0.08),
+    "IMU at 15 degrees": (lambda r: turned(r, 15.0), "The IMU is turned by 1", 15.0),
+    "IMU at -30 degrees": (lambda r: turned(r, -30.0), "to the left", -30.0),
+    "IMU at 60 degrees": (lambda r: turned(r, 60.0), "The IMU is turned by", 60.0),
+    "a_y's scale": (lambda r: moved(r, "a_y", scale=0.8), "a_y is 0.798 times", 0.8),
+    "bank": (lambda r: moved(r, "a_y", by=1.2), "the road is banked", 1.2),
+    "steering's offset": (lambda r: moved(r, "steer", by=0.02), "steer has an offset of +20 mrad", 0.02),
+    "early steering": (lambda r: early(r, "steer", 0.4), "steer is early", 0.5),
+    "fast clock": (
+        lambda r: r.with_signals(a_y=np.interp(0.98 * r.time, r.time, r["a_y"])),
+        "The clock of a_y",
+        0.0204,
+    ),
+    "frozen gyro": (lambda r: stuck(r, "yaw_rate", 10.0, 40.0), "yaw_rate is stuck at", 30.0),
+    "another car": (lambda r: joined(r, drive(9, length=4.5)), "The second half is of another car", 1.8),
+}
+
+
+@pytest.mark.parametrize("name", FAULTS)
+def test_a_fault_is_named_first_with_its_size(name):
+    fault, words, size = FAULTS[name]
+    first = check(fault(drive(3)))[0]
+    assert first.severity is Severity.DISTRUST
+    assert words in first.sentence
+    assert first.value == pytest.approx(size, rel=0.25)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_nothing_is_said_of_a_clean_drive(seed):
+    assert not [own for own in check(drive(seed)) if own.severity is Severity.DISTRUST]
+
+
+def test_who_drives_ahead_is_never_said_to_reverse():
+    r = moved(drive(1), "yaw_rate", scale=-1.0)
+    r = Recording("drive", r.time, {n: r[n] for n in ("v_x", "steer", "yaw_rate")})
+    assert "v_x has the wrong sign" not in check(r)[0].sentence
