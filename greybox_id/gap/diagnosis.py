@@ -10,6 +10,7 @@ import numpy as np
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
+from ..base.errors import BadInput
 from ..base.numbers import pretty_unit
 from ..base.statistics import NORMAL
 from ..datasets.checks import Severity, check
@@ -20,12 +21,13 @@ from ..fitting.scores.horizons import by_horizon
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
 from .advice import advice, limits, not_excited, unread
-from .budget import budget
+from .budget import budget, subsets
 from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
 from .estimation.axes import ActingRows, scalars
 from .estimation.calibration import CAL
-from .estimation.free_runs import freed_tolerances, misfit, of_subsets, plain, refitted_tolerances
+from .estimation.constancy import Spread
+from .estimation.free_runs import at_their_best, freed_tolerances, misfit, of_subsets, plain, refitted_tolerances
 from .estimation.hypothesis import Hypothesis
 from .estimation.noise import white_noise
 from .estimation.observer import PULLED
@@ -204,6 +206,39 @@ def _without_forces(found: Examined) -> float:
 
 def _budget(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
     """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
+    names = found.best.names
+    if len(names) > CAL.few:
+        return _budget_of_many(found, held_out, tell)
+    if held_out:
+        tell(f"sharing out the gap among {listed(names)} on {listed([own.name for own in held_out])}, held out")
+        full = with_effects(found, found.best)
+        there = found.selection.search.values(found.best)
+        whole, bench = refitted_tolerances(full, held_out, found.vehicle, found.effects, found.sd, there)
+        misfits = {frozenset(names): whole}
+        for own in subsets(names)[:-1]:
+            model = with_effects(found, found.best, own)
+            try:
+                misfits[own], _ = refitted_tolerances(
+                    model, held_out, found.vehicle, found.effects, found.sd, whole.values, whole.trust
+                )
+            except BadInput:  # some effects without the others may leave the range of numbers
+                if not own:
+                    raise
+                misfits[own] = misfits[frozenset()]
+        good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
+        return budget(misfits, names, found.sd, good, bench, tuple(own.name for own in held_out), True)
+    search = found.selection.search
+    known = {frozenset(own.names): own for own in found.selection.tried}
+    more = [own for own in subsets(names) if own not in found.freed]
+    parts = [known.get(own) or refitted(search, found.best.only(own)) for own in more]
+    free = dict(zip(more, at_their_best(search, parts, found.sd, found.good), strict=True))
+    misfits = {own: misfit(search, {**free, **found.freed}[own]) for own in subsets(names)}
+    good = plain(misfits[frozenset(names)].e, found.good, found.bench)
+    return budget(misfits, names, found.sd, good, found.bench, tuple(own.name for own in found.recordings), False)
+
+
+def _budget_of_many(found: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
+    """The same of many effects: what each does adds up, to first order, in sets that are neither none nor all."""
     best, names = found.best, found.best.names
     search = found.selection.search
     if held_out:
@@ -256,17 +291,26 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
     shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
     """
     best, reasons = found.best, dict[str, str]()
+    varying = found.varying
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
         share = shared.of(name) if shared is not None else None
         sure = _of_class(found, name)
-        if found.unnamed is not None and _mimics(found, best, name) > CAL.present:
+        spread = varying.get(name)
+        if spread is not None and spread.relative > CAL.varies:
+            reasons[name] = (
+                f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % "
+                f"{spread.place}, that of a cause does not"
+            )
+        elif found.unnamed is not None and _mimics(found, best, name) > CAL.present:
             reasons[name] = (
                 f"an effect that mimics it: beside it stated tolerances are off by chi-square "
                 f"{found.unnamed.tolerances:.0f}, where {found.unnamed.expected:.0f} is usual, and it gains little more"
             )
         elif sure <= CAL.present:
-            reasons[name] = f"its probability is {sure:.2f}, no more than one half"
+            alike = _alike(found, name, CAL.alike)
+            beside = f", and as much speaks for {listed(alike)}" if alike else ""
+            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, no size"
         elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
@@ -276,7 +320,7 @@ def _causes(found: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[st
                 f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
             )
         else:  # several doubts, each of them below one half
-            told = (1.0 - CAL.nothing_unknown) * sure * _itself(found, best, name) * _closes(shared, name)
+            told = (1.0 - CAL.nothing_unknown) * sure * _itself(found, best, name, spread) * _closes(shared, name)
             if told <= CAL.present:
                 reasons[name] = f"its probability is {told:.2f}, no more than one half"
     if not reasons:
@@ -305,21 +349,23 @@ def _mimics(found: Examined, hypothesis: Hypothesis, name: str) -> float:
 
 def by_no_name(found: Examined) -> float:
     """The probability that an effect of the best explanation is there and is not what it is called."""
+    varying, tried = found.varying, found.selection.tried
     others = [
-        probability(found.evidence, found.selection.tried, name) * (1.0 - _itself(found, found.best, name))
+        probability(found.evidence, tried, name) * (1.0 - _itself(found, found.best, name, varying.get(name)))
         for name in found.best.names
     ]
     return float(1.0 - np.prod([1.0 - own for own in others]))
 
 
-def _itself(found: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """The probability that what an effect explains is its own, and no strain of tolerances."""
-    return 1.0 - _mimics(found, hypothesis, name)
+def _itself(found: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
+    """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
+    return _constant(spread) * (1.0 - _mimics(found, hypothesis, name))
 
 
 def _of_class(found: Examined, name: str) -> float:
     """The probability that an effect is there, or one that these recordings cannot tell from it."""
-    return probability(found.evidence, found.selection.tried, name, *_alike(found, name, CAL.alike))
+    within = CAL.alike if found.selection.at_once else CAL.twins
+    return probability(found.evidence, found.selection.tried, name, *_alike(found, name, within))
 
 
 def _classes(found: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:
@@ -350,7 +396,7 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
     reasons : why effects of the best hypothesis are not applied, by name.
     shared : what these close.
     """
-    known = 1.0 - CAL.nothing_unknown
+    known, varying = 1.0 - CAL.nothing_unknown, found.varying
     selection, weighed = found.selection, found.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for own in tried for name in own.names))
@@ -364,7 +410,10 @@ def _ranking(found: Examined, reasons: Mapping[str, str], shared: Budget | None)
         ranked.append(
             Ranked(
                 name,
-                known * probability(weighed, tried, name) * _itself(found, most, name) * _closes(shared, name),
+                known
+                * probability(weighed, tried, name)
+                * _itself(found, most, name, varying.get(name))
+                * _closes(shared, name),
                 magnitude,
                 most.main(name)[0].unit,
                 interval,
@@ -421,6 +470,14 @@ def _p_value(found: Examined, unexplained: bool) -> float:
     if unexplained:
         p.append(float(len(found.sd) * ndtr(-CAL.surely)))  # at most: the loudest channel is further off than that
     return min(p, default=1.0)
+
+
+def _constant(spread: Spread | None) -> float:
+    """The probability that a magnitude that differs so between parts of a recording is a cause's."""
+    if spread is None:
+        return 1.0
+    x = (spread.relative - CAL.varies) / CAL.varies_width
+    return float(1 / (1 + exp(min(x, 30.0))))
 
 
 def _closes(shared: Budget | None, name: str) -> float:

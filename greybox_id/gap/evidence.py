@@ -32,6 +32,8 @@ Costs = Callable[[str], float]
 
 
 NONE: Mapping[str, float] = MappingProxyType({})
+Stretches = Callable[[Hypothesis], Sequence[float]]
+"""By what the variance of each effect's magnitude exceeds what is expected: by how much more it costs."""
 
 
 def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
@@ -69,7 +71,7 @@ class Evidence:
 
 
 def evidence(
-    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, stretches: Mapping[str, float] | None = None
+    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, stretches: Stretches | None = None
 ) -> Evidence:
     """Weigh hypotheses.
 
@@ -79,14 +81,14 @@ def evidence(
     rough : whether tolerances are stated.
     cost : of effects.
     left : mean square over that of noise, less one, of what the best of them leaves.
-    stretches : effect -> what multiplies its cost; None: all are one.
+    stretches : of hypotheses' effects; None: all are one.
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
     gained = [temper / search.trust * (selection.base.cost - own.cost) for own in selection.tried]
     least = [price(own, cost) for own in selection.tried]
     worth = [gain - asked for gain, asked in zip(gained, least, strict=True)]
-    grown = stretches or {}
+    grown = _stretches(selection, worth, cost, stretches) if stretches is not None else {}
     prices = _as_dear(selection.tried, [price(own, cost, grown) for own in selection.tried] if grown else least)
     scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
     most = max([*scores, 0.0])
@@ -114,6 +116,28 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     """What gains in log-likelihood are multiplied with."""
     each = CAL.rough_reading + CAL.misfit_share * max(left, 0.0) / 2
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
+
+
+def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, stretches: Stretches) -> dict[str, float]:
+    """Effect -> by what its cost grows: as the best hypothesis that holds it has it, if that is worth its least price.
+
+    The same in all of them: else a partner beside which a large effect differs a little less would seem to gain that.
+    It says whether an effect is there, not which: where one gains more than it must by far, up to twice as much, its
+    cost falls back, for names that explain the same surely are told apart by what they gain.
+    """
+    tried, best = selection.tried, dict[str, int]()
+    for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
+        for name in tried[k].names:
+            best.setdefault(name, k)
+    told = {k: dict(zip(tried[k].names, stretches(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
+    found = dict[str, float]()
+    for name, k in best.items():
+        if k in told:
+            others = set(tried[k].names) - {name}
+            without = min([selection.base.cost, *(own.cost for own in tried if set(own.names) == others)])
+            by, gained = told[k][name], (without - tried[k].cost) / selection.search.trust
+            found[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
+    return found
 
 
 def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = NONE) -> float:

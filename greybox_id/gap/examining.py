@@ -16,6 +16,8 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
+from .at_once import Stretches as Stretched
+from .at_once import select_at_once
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
 from .estimation.axes import candidates, nuisances, shifting
@@ -36,7 +38,7 @@ from .estimation.together import Together, Whitening
 from .estimation.unknown_forces import knows_unknown_forces
 from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
 from .estimation.wandering import Wander, wandering
-from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
+from .evidence import Evidence, Stretches, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Firmly, Selection, select
@@ -103,6 +105,8 @@ class Examined:
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
         """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
+        if self.selection.at_once:  # paid for already
+            return {}
         if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
             return {}
         return varies(self.selection.search, self.best, self.seen)
@@ -140,34 +144,29 @@ def examine(
     rough = bench.learnt or any(not axis.abrupt for axis in believed)
     forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
     tempered = rough and not forces
-    tempering_by = tempering(int(np.sum(good)), tempered)
+    search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
-    prior = believed_amplitudes(sd, told, not rough, known)
-    tolerances = [axis for axis in believed if not axis.narrow]
-    everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
-    problem = Problem(bench, tolerances, everything, good)
-    together = Together(problem, Whitening(problem, sd, prior, forces, tempering_by), tell)
+    whiten = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
     cost = costs(forces, own)
-    whiten = _whitener(bench, good, prior, sd)
-    stretches = dict[str, float]()
-
-    def stretched(search: Search, of: Hypothesis) -> list[float]:
-        if forces:
-            seen = signals(search.bench, np.where(bench.counted, of.e + bench.measured, 0.0))
-            orders = orders_of(seen, len(bench.measured))
-            stretches.update({name: stretch(search, of, orders, k) for k, name in enumerate(of.names)})
-        return [stretches.get(name, 1.0) for name in of.names]
-
     firmly = _firmly(bench, start, sd, good)
-    selection = select(together, believed, cost, stretched, tempering_by, firmly)
+    if rough and forces:  # model error that is annealed: where numbers are exact, or are weights, there is none
+        tolerances = [axis for axis in believed if not axis.narrow]
+        everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
+        problem = Problem(bench, tolerances, everything, good)
+        prior = believed_amplitudes(sd, told, not rough, known)
+        together = Together(problem, Whitening(problem, sd, prior, forces, search.trust), tell)
+        selection = select_at_once(together, believed, cost, _stretched(bench), search.trust, firmly)
+        search = selection.search
+    else:
+        selection = select(search, own, whiten, cost, firmly)
     selection = with_beginnings(selection, own, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
     least = min((selection.base, *selection.tried), key=lambda own: own.cost)
-    search = selection.search
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
+    stretches = _stretches(selection.search, seen) if forces else None
     weighed = evidence(selection, tempered, cost, left, stretches)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
@@ -206,6 +205,27 @@ def examine(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
     )  # fmt: skip
+
+
+def _stretched(bench: FreeRuns) -> Stretched:
+    """By what each effect of a hypothesis must gain more than it costs."""
+
+    def stretched(search: Search, own: Hypothesis) -> list[float]:
+        seen = signals(bench, np.where(bench.counted, own.e + bench.measured, 0.0))
+        orders = orders_of(seen, len(bench.measured))
+        return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
+
+    return stretched
+
+
+def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
+    """By what a cost grows of each effect of a hypothesis."""
+    orders = orders_of(seen, len(search.bench.measured))
+
+    def stretches(own: Hypothesis) -> list[float]:
+        return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
+
+    return stretches
 
 
 def _whitener(

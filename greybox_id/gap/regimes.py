@@ -11,7 +11,7 @@ from ..base.shorthands import Array
 from ..engine.simulation import FreeRuns
 from ..models.effect import Effect
 from .estimation.calibration import CAL
-from .estimation.hypothesis import Promise
+from .estimation.shortlist import Promise
 from .estimation.strip import running
 from .gap import Where
 

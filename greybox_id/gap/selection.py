@@ -1,29 +1,25 @@
-"""From everything at once to hypotheses: the set of causes, without each of them, and with others in their places.
+"""Forward selection: single effects first, then pairs about the best of them, then a third.
 
-The search of all coordinates together (`estimation.together`) says how rough the equations are and which causes are
-there. Each of them is then taken away, and everything else is refitted: it stays if it gains what a cause must, by as
-much more as its magnitude differs between parts of the drive.
+Twice: first with white noise of the stated size, which finds an explanation; then with the noise that is left once that
+explanation is in the model. Noise estimated before would contain the effect and hide it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ..base.errors import BadInput
-from ..base.shorthands import Array, Mask
-from .estimation.axes import Axis, Candidate
+from ..base.shorthands import Array
+from .estimation.axes import Candidate
 from .estimation.calibration import CAL
-from .estimation.hypothesis import Hypothesis, Promise, Start, by_cost
-from .estimation.problem import FORM
+from .estimation.hypothesis import Hypothesis, Start, by_cost
+from .estimation.noise import Whitener
 from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
-from .estimation.together import Stage, Together
-
-Stretches = Callable[[Search, Hypothesis], list[float]]
-"""By what each effect of a hypothesis must gain more than it costs, for its magnitude differs between parts."""
+from .estimation.shortlist import Promise, from_where_best, promises
 
 
 @dataclass(frozen=True)
@@ -48,16 +44,16 @@ class Selection:
     ----------
     search : what refitted them.
     base : nothing but nuisances.
-    tried : sets of effects, best first.
-    promised : of every effect that is not there, what it would gain beside the base, and how small it could be.
-    rough : times as rough as usual, that equations are.
+    tried : single effects, pairs and triples, best first.
+    promised : of every single candidate beside the base.
+    at_once : whether everything was looked for at once: how magnitudes differ between parts was paid for there.
     """
 
     search: Search
     base: Hypothesis
     tried: tuple[Hypothesis, ...]
     promised: tuple[Promise, ...]
-    rough: float = 1.0
+    at_once: bool = False
 
     def of(self, size: int) -> list[Hypothesis]:
         """Hypotheses of so many effects, best first."""
@@ -65,189 +61,361 @@ class Selection:
 
 
 def select(
-    together: Together,
-    believed: Sequence[Axis],
-    costs: Callable[[str], float],
-    stretches: Stretches,
-    trust: float,
+    search: Search,
+    candidates: Sequence[Candidate],
+    whitener: Callable[[Search, Hypothesis | None], Whitener],
+    cost: Callable[[str], float],
     firmly: Firmly | None = None,
 ) -> Selection:
     """Refit what may explain the recording.
 
     Parameters
     ----------
-    together : the search of everything at once.
-    believed : nuisances, zones of indifference among them.
-    costs : log-likelihood that effects must gain, by name.
-    stretches : by what more.
-    trust : as how many readings one counts.
+    search : with white noise of the stated size.
+    candidates : what may be the cause.
+    whitener : how residuals are whitened about a hypothesis; None: before any is known.
+    cost : log-likelihood that a further effect must gain, by its name.
     firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
-    problem = together.problem
+    worth = max((cost(own.effect) for own in candidates), default=0.0)
     if firmly is not None:
-        problem.nominal[firmly.index] = firmly.rate
-    prices = np.array([
-        costs(own.name) + CAL.second_parameter * len(own.forms[0].seconds) for own in problem.causes
-    ])  # fmt: skip
-    stage = together.explained()
+        search.nominal[firmly.index] = firmly.rate
+    search.recoloured(whitener(search, None))
+    best, started = _rough(search, candidates)
     if firmly is not None:
-        stage = _let_loose(together, stage, firmly)
-    stage, gains = together.pruned(stage, prices)
-    axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
-            for a in believed]  # fmt: skip
-    search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
-    search.nominal[:] = problem.nominal
-    search.about(None)
-    best = _refitted(search, _placed(search, together, stage))
-    grown = dict(zip(best.names, stretches(search, best), strict=True))
-    names = [own.name for own in problem.causes]
-    dear = prices * [max(grown.get(name, 1.0), 1.0) for name in names]
-    if np.any(stage.there & (gains < dear)):
-        stage, gains = together.pruned(stage, dear)
-        best = _refitted(search, _placed(search, together, stage))
+        search.nominal[firmly.index] = 0.0
+        if not _stands(search, best):
+            search.nominal[firmly.index] = firmly.rate
+    search.recoloured(whitener(search, refitted(search, best)))
     base = _base(search, best)
-    if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
-        gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
-    alike = _exchanged(search, together, stage, best) if best.names else []
-    tried, offered = [best, *_without_each(best, stage, names, gains), *alike], promised(together, stage)
-    if len({name for own in tried for name in own.names}) < CAL.listed:
-        first = offered[: CAL.listed]
-        starts = [Start((_as_refitted(own.candidate),), own.start, base.theta, base.linear) for own in first]
-        for own in refit(search, starts):
-            tried.append(own)
-            if base.cost - own.cost > costs(own.names[0]):
-                stretches(search, with_slopes(search, [own])[0])
-    alone = {frozenset(own.names): own for own in reversed(tried) if own.names}
-    found = sorted(alone.values(), key=by_cost)
-    if found:
-        found = [*with_slopes(search, found[:1]), *found[1:]]
-    return Selection(search, base, tuple(found), offered, stage.rough)
+    promised = promises(search, base, started if firmly is None else candidates)
+    hopeful = [own for k, own in enumerate(promised) if k < CAL.fewest or own.gain > CAL.hope * promised[0].gain]
+    singles = _with_each(search, base, hopeful[: CAL.singles])
+    known = refitted(search, best)
+    for own in (known,) if len(best.candidates) == 1 else _without_each(search, known):
+        singles = _better(singles, own)
+    for own in _from_beliefs(search, base, candidates, singles, worth):
+        singles = _better(singles, own)
+    tried = {frozenset(own.names): own for own in singles}
+    if len(best.candidates) == 2:
+        tried[frozenset(best.names)] = known
+    if tried:
+        _combine(search, base, singles, tried, best, from_where_best(promised, candidates, singles), cost)
+    found = sorted(tried.values(), key=by_cost)
+    base, found = _polished(search, base, found, found[: CAL.polished + CAL.rivals], worth)
+    if _far(search, base):
+        with search.elsewhere():
+            search.about(base)
+            for own in _let_go(search, base, candidates):
+                found = _better(found, own)
+    replacing = _in_each_place(search, found, candidates, worth)
+    costs = {frozenset(own.names): own.cost for own in found}
+    replacing = [own for own in replacing if own.cost < costs.get(frozenset(own.names), np.inf) - CAL.enough]
+    if replacing and replacing[0].cost < found[0].cost + worth:
+        base, found = _polished(search, base, found, replacing, worth, 1)
+    elif replacing:
+        names = {frozenset(own.names) for own in replacing}
+        found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
+    base, found = _from_each_other(search, base, _gaps(search, found), worth)
+    found = _from_believed_lags(search, found)
+    better = sum(own.cost < base.cost for own in found)  # of these more is told than what they cost
+    found = [*with_slopes(search, found[:better]), *found[better:]]
+    by_effect = {own.candidate.effect: own for own in reversed(promised)}  # of forms the most promising
+    return Selection(search, base, tuple(found), tuple(sorted(by_effect.values(), key=lambda own: -own.gain)))
 
 
-def _let_loose(together: Together, firm: Stage, firmly: Firmly) -> Stage:
-    """A stage that was found beside firm observers without them, where its simulations, and nominal ones, stand."""
-    problem = together.problem
-    problem.nominal[firmly.index] = 0.0
-    problem.forget()
-    ways = [problem.vector(own) for own in (firm.state, problem.roughly(firm.rough, problem.begin()) or firm.state)]
-    if np.all(np.isfinite(problem.residuals(ways))):
-        loose = together.settled(firm.state, firm.rough, together.variance(firm.there), rounds=2)
-        if loose.sets.cost(loose.there) <= CAL.rather * firm.sets.cost(firm.there):
-            return loose
-    problem.nominal[firmly.index] = firmly.rate
-    problem.forget()
-    return firm
+def _polished(
+    search: Search,
+    base: Hypothesis,
+    found: list[Hypothesis],
+    rivals: Sequence[Hypothesis],
+    worth: float,
+    rounds: int = CAL.polished,
+) -> tuple[Hypothesis, list[Hypothesis]]:
+    """The base, and hypotheses, best first, of which the best had nuisances linearised about where these are beside it.
 
-
-def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
-    """A stage's explanation as a hypothesis that is not simulated yet."""
-    problem, state = together.problem, stage.state
-    p = problem.vector(state)
-    values = {axis.name: float(p[axis.index]) for axis in search.moving}
-    for k in np.flatnonzero(stage.there):
-        values.pop(problem.causes[k].main.name, None)
-    own = search.at_values(values)
-    candidates, m = [], list[float]()
-    for k in np.flatnonzero(stage.there):
-        cause = problem.causes[k]
-        candidates.append(_as_refitted(problem.causes[k].forms[state.form[k]].candidate))
-        at = float(state.m[k]) if state.on[k] or problem.smooth[k] else float(cause.main.null)
-        seconds = [
-            axis.value(x)
-            for axis, x in zip(cause.forms[state.form[k]].candidate.axes[1:], state.seconds[k], strict=True)
-        ]
-        m += [at, *seconds]
-    count = sum(len(each.axes) for each in candidates)
-    assert count == len(m)
-    return replace(own, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*own.e.shape, count)))
-
-
-def _as_refitted(candidate: Candidate) -> Candidate:
-    """A candidate with second parameters in their own units."""
-    axes = []
-    for axis in candidate.axes:
-        if axis.relative:
-            low, high, null = (axis.value(own) for own in (axis.low, axis.high, axis.null))
-            axis = replace(axis, relative=False, low=low, high=high, null=null, mean=null, scale=axis.scale * abs(null))
-        axes.append(axis)
-    return replace(candidate, axes=tuple(axes))
-
-
-def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
-    """A hypothesis refitted about where it is."""
-    search.about(own)
-    found = refit(search, [replace(search.start_of(own), slopes=None)])
-    if not found:
-        found = refit(search, [search.start_of(search.at_means())])
-    if not found:
-        raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    return settled(search, found[0], 1)
-
-
-def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
-    """The best explanation without each of its effects, and what that costs."""
-    places = {name: k for k, name in enumerate(names)}
-    return [
-        replace(best.only(set(best.names) - {name}), cost=best.cost + float(gains[places[name]])) for name in best.names
-    ]
-
-
-def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesis) -> list[Hypothesis]:
-    """The best explanation with others in the place of each effect, as far as they may explain as much."""
-    problem, found, sets = together.problem, list[Hypothesis](), stage.sets
-    here = sets.cost(stage.there)
-    for k in np.flatnonzero(stage.there):
-        tried = list[tuple[float, int, Mask]]()
-        for new in np.flatnonzero(~stage.there):
-            swap = stage.there.copy()
-            swap[k], swap[new] = False, True
-            tried.append((sets.cost(swap) - here, int(new), swap))
-        tried.sort(key=lambda each: each[0])
-        rest = best.only(set(best.names) - {problem.causes[k].name})
-        for off, other, swap in tried[: CAL.exchanged]:
-            if off > CAL.exchange_look and problem.causes[k].gradual:  # of the others first order tells little
+    Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too,
+    and the base: what is compared must have had the same chance. Then the next best, until none gains by it.
+    """
+    if not (search.moving or search.shifts) or not found:
+        return base, found
+    better = {frozenset(own.names): own for own in sorted((*found, *rivals, base), key=by_cost, reverse=True)}
+    nothing = frozenset[str]()
+    rivalling, done = {frozenset(own.names) for own in rivals}, set[frozenset[str]]()
+    with search.elsewhere():
+        for turn in range(rounds):
+            itself = next((names for names in _near(better, rivalling, CAL.near * worth) if names not in done), nothing)
+            best = better[itself]
+            if better[nothing].cost - best.cost <= CAL.worthy * worth:
                 break
-            cause, state = problem.causes[other], stage.state
-            form = cause.forms[state.form[other]]
-            candidate = _as_refitted(form.candidate)
-            seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[other], strict=True)]
-            size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
-            start = Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
-            again = refit(search, [start])
-            found += [min(again[0], replace(again[0], cost=best.cost + max(off, 0.0)), key=by_cost)] if again else []
-    return found
+            beside = _near(better, rivalling, (CAL.close if done else CAL.near) * worth)
+            done.add(itself)
+            search.about(best)
+            starts = [search.start_of(better[names]) for names in (nothing, *dict.fromkeys((*beside, itself)))]
+            again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
+            bases = [own for own in again if not own.names]
+            new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
+            new += sorted(bases, key=by_cost)[:1]  # it may cost more once settled, as rivals may, which are not
+            new += [settled(search, own) for own in new[-1:] if turn == 0 and not own.names]
+            gained = max((better[frozenset(own.names)].cost - own.cost for own in new), default=0.0)
+            for own in sorted(new, key=by_cost, reverse=True):
+                if own.cost < better[names := frozenset(own.names)].cost:
+                    better[names] = own
+            if gained < CAL.enough:
+                break
+    base = better.pop(nothing)
+    return base, sorted(better.values(), key=by_cost)
+
+
+def _from_each_other(
+    search: Search, base: Hypothesis, found: list[Hypothesis], worth: float
+) -> tuple[Hypothesis, list[Hypothesis]]:
+    """The base and the best hypothesis, each refitted from where the other one has nuisances, until neither gains.
+
+    Curves of tyres have several optima: what an effect seems to gain may be the way from one to another.
+    """
+    if not (search.moving or search.shifts):
+        return base, found
+    for _ in range(CAL.polished):
+        if not found or base.cost - found[0].cost <= CAL.worthy * worth:
+            break
+        best = found[0]
+        with search.elsewhere():
+            search.about(best)
+            starts = [search.start_of(base), Start((), np.empty(0), best.theta, best.linear)]
+            bases = [settled(search, own) for own in sorted(refit(search, starts), key=by_cost)[:1]]
+            search.about(base)
+            beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes), slopes=best.J)
+            again = [settled(search, own) for own in _gaps(search, refit(search, [beside]))]
+        gained = max(0.0, *(old.cost - own.cost for old, new in ((base, bases), (best, again)) for own in new))
+        base = min([base, *bases], key=by_cost)
+        found = sorted((min([best, *again], key=by_cost), *found[1:]), key=by_cost)
+        if gained < CAL.enough:
+            break
+    return base, found
+
+
+def _near(
+    found: Mapping[frozenset[str], Hypothesis], among: Iterable[frozenset[str]], cost: float
+) -> list[frozenset[str]]:
+    """Those of them that cost no more than the best of all by so much, best first."""
+    least = min(own.cost for own in found.values())
+    return sorted((names for names in among if found[names].cost - least < cost), key=lambda names: found[names].cost)
+
+
+def _in_each_place(
+    search: Search, found: Sequence[Hypothesis], candidates: Sequence[Candidate], worth: float
+) -> list[Hypothesis]:
+    """What may stand in the place of each effect of the best pair, if that gains what two effects must.
+
+    Partners were promised beside an effect, and refitted, while nuisances had taken up what had no name yet. Where
+    these are beside the pair, others may do better.
+    """
+    pair = min((own for own in found if len(own.candidates) == 2), key=by_cost, default=None)
+    alone = min((own.cost for own in found if len(own.candidates) == 1), default=np.inf)
+    if pair is None or alone - pair.cost <= worth or not (search.moving or search.shifts):
+        return []
+    replacing = list[Hypothesis]()
+    with search.elsewhere():
+        search.about(pair)
+        for parent in _without_each(search, pair):
+            promised = promises(search, parent, candidates)[: CAL.replacing]
+            replacing += _with_each(search, parent, [own for own in promised if own.gain > CAL.partner_least])
+    return list(_best_of_each(replacing).values())
+
+
+def _stands(search: Search, best: Hypothesis) -> bool:
+    """Whether simulations do without firm observers: the best explanation, and none at all."""
+    loosely = refit(search, [search.start_of(best)])
+    nothing = Start((), np.empty(0), best.theta, best.linear)
+    return bool(loosely) and loosely[0].cost <= CAL.rather * best.cost and bool(refit(search, [nothing]))
 
 
 def _base(search: Search, best: Hypothesis) -> Hypothesis:
     """Nothing but nuisances, as well as they can do."""
+    search.about(best)
     nothing = Start((), np.empty(0), best.theta, best.linear)
     found = refit(search, [search.start_of(search.at_means()), nothing])
     if not found:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    return settled(search, min(found, key=by_cost), 1)
+    base = min(found, key=by_cost)
+    return settled(search, base)
 
 
-def refitted(search: Search, own: Hypothesis) -> Hypothesis:
-    """A hypothesis refitted where it stands; itself where that fails."""
-    found = refit(search, [replace(search.start_of(own), slopes=None)])
-    return found[0] if found else own
+def _from_beliefs(
+    search: Search, base: Hypothesis, candidates: Sequence[Candidate], singles: Sequence[Hypothesis], worth: float
+) -> list[Hypothesis]:
+    """Single effects from where nuisances are believed to be, if some went far from there to do without an effect.
+
+    Those that went far are let go, where they may be effects themselves. What has taken a cause's place may hold it:
+    from there a refit finds a little of the cause, and no way back. Nuisances are linearised again beside those that
+    may yet be the best.
+    """
+    if not _far(search, base):
+        return []
+    themselves = _let_go(search, base, candidates)
+    with search.elsewhere():
+        search.about(None)
+        believed = search.at_means()
+        (e,) = search.residuals([search.vector(believed)])
+        believed = replace(believed, e=e, J=np.zeros((*e.shape, 0)))
+        if not np.all(np.isfinite(e)):
+            return themselves
+        promised = promises(search, believed, candidates)[: CAL.replacing]
+        found = _with_each(search, believed, promised)
+        least = min((own.cost for own in (*singles, *themselves, *found)), default=np.inf)
+        enough = least + max(CAL.close * worth, CAL.nearly * (base.cost - least))
+        found = _gaps(search, [settled(search, own) if own.cost < enough else own for own in found])
+    return [*themselves, *found]
 
 
-def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
-    """Of every effect what it would gain by itself beside nuisances, to first order, most first."""
-    problem, sets = together.problem, stage.sets
-    found = []
-    nothing = np.zeros(len(problem.causes), dtype=bool)
-    here = sets.score(nothing)
-    mains = np.flatnonzero(sets.main)
-    for k, cause in enumerate(problem.causes):
-        alone = nothing.copy()
-        alone[k] = True
-        gain = sets.score(alone) - here + sets.odds[k]
-        size, sd = (own[k] for own in sets.sizes(alone))
-        candidate = cause.forms[stage.state.form[k]].candidate
-        told = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
-        seconds = (axis.value(x) for axis, x in zip(candidate.axes[1:], stage.state.seconds[k], strict=True))
-        start = np.array([float(np.clip(size, cause.main.low, cause.main.high)), *seconds])
-        found.append(Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, float(sd), told))
-    return tuple(sorted(found, key=lambda own: -own.gain))
+def _far(search: Search, base: Hypothesis) -> set[int]:
+    """Parameters that are tolerances and further off than these reach."""
+    axes = (*search.moving, *search.shifts)
+    return {own.index for own, off in zip(axes, search.far(base), strict=True) if off > CAL.tolerated_sd}
+
+
+def _let_go(search: Search, base: Hypothesis, candidates: Sequence[Candidate]) -> list[Hypothesis]:
+    """Effects that the base has as tolerances, further off than these reach, from where it has them; best first."""
+    far = _far(search, base)
+    starts = [
+        Start((own,), np.array([search.where(base, main), *(axis.null for axis in others)]), base.theta, base.linear)
+        for own in candidates
+        for main, *others in [own.axes]
+        if main.index in far
+    ]
+    return _gaps(search, refit(search, starts))
+
+
+def _combine(
+    search: Search,
+    base: Hypothesis,
+    singles: list[Hypothesis],
+    tried: dict[frozenset[str], Hypothesis],
+    best: Hypothesis,
+    likely: Sequence[Candidate],
+    cost: Callable[[str], float],
+) -> None:
+    """Add pairs about the best singles to what was tried, what is left of the best pair without each, and triples."""
+    least = min(own.cost for own in tried.values())
+    first = [own for own in singles if own.names[0] in best.names]
+    hopeful = [own for own in singles[: CAL.pairs] if base.cost - own.cost > CAL.hope * (base.cost - least)]
+    for parent in [*first, *(own for own in hopeful if own not in first)]:
+        behind = CAL.nearly * (parent.cost - least)
+        promised = promises(search, parent, likely)[: CAL.partners]
+        needed = {own.candidate.effect: cost(own.candidate.effect) for own in promised}
+        needed = {name: max(own, behind - own) for name, own in needed.items()}
+        enough = [own for own in promised if own.gain > needed[own.candidate.effect]]
+        explained = not enough and parent is singles[0] and len(best.candidates) < 2  # by one effect
+        if parent is singles[0]:  # what comes next is named, however little speaks for it
+            enough = [own for own in promised if own.gain > min(needed[own.candidate.effect], CAL.partner_least)]
+        new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
+        tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
+        if explained:
+            return
+        least = min(own.cost for own in tried.values())
+    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=by_cost)
+    if not pairs:
+        return
+    for own in _without_each(search, pairs[0]):
+        name = frozenset(own.names)
+        if name not in tried or own.cost < tried[name].cost:
+            tried[name] = own
+    alone = min(own.cost for own in tried.values() if len(own.candidates) == 1)
+    if alone - pairs[0].cost > min(cost(name) for name in pairs[0].names):
+        promised = promises(search, pairs[0], likely)[: CAL.triples]
+        enough = [own for own in promised if own.gain > cost(own.candidate.effect)]
+        tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
+
+
+def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis, list[Candidate]]:
+    """The best explanation by one or two effects, with noise as it is stated; candidates, from where they are best."""
+    search.about(None)
+    base = refitted(search, search.at_means())
+    base = settled(search, base, 1)
+    promised = promises(search, base, candidates)
+    known = from_where_best(promised, candidates)
+    best = min([base, *_with_each(search, base, promised[: CAL.rough_singles])], key=by_cost)
+    if best.candidates:
+        more = [own for own in promises(search, best, known)[:2] if own.gain > CAL.much * best.cost]
+        best = min([best, *_with_each(search, best, more)], key=by_cost)
+    return best, known
+
+
+def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
+    """The hypothesis without one of its effects, for each, from where it stood."""
+    starts = [search.start_of(whole.only(set(whole.names) - {name})) for name in whole.names]
+    return _gaps(search, refit(search, starts))
+
+
+def _gaps(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Those of which every effect is larger than its tolerance, best first."""
+    return sorted((own for own in found if not search.tolerated(own)), key=by_cost)
+
+
+def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
+    """Singles with one that was known before, in place of the same one if it is better."""
+    others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
+    new = others if any(own.names == known.names for own in others) else [*others, known]
+    return sorted(new, key=by_cost)
+
+
+def refitted(search: Search, again: Hypothesis) -> Hypothesis:
+    """A hypothesis, from where it stood."""
+    found = refit(search, [search.start_of(again)])
+    return found[0] if found else again
+
+
+def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) -> list[Hypothesis]:
+    """The parent with one more effect, for each of those that promise something, in its best form; best first."""
+    starts = []
+    for own in promised:
+        candidate, m = own.candidate, np.append(parent.m, own.start)
+        null = np.append(parent.m, [search.where(parent, candidate.axes[0]), *own.start[1:]])
+        way_back = (parent, null) if candidate.gradual else None
+        count = len(parent.theta)
+        theta, linear = own.nuisances[:count], own.nuisances[count:]
+        starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back, parent.J))
+    return list(_best_of_each(_gaps(search, refit(search, starts))).values())
+
+
+def _best_of_each(found: Iterable[Hypothesis]) -> dict[frozenset[str], Hypothesis]:
+    """The best hypothesis of the same effects, for each; best first."""
+    best: dict[frozenset[str], Hypothesis] = {}
+    for own in sorted(found, key=by_cost):
+        best.setdefault(frozenset(own.names), own)
+    return best
+
+
+def _from_believed_lags(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Hypotheses, best first; those with delays or lags again from where the lags that are stated are believed to be.
+
+    These have taken up what is late before it had a name, each as much as it may. Beside a delay too short by as
+    much they stay there: a delay moves by rows, and no derivative leads on.
+    """
+    stated = [k for k, axis in enumerate(search.shifts) if axis.unit == "s"]
+    better = list(found)
+    if not stated:
+        return better
+    with search.elsewhere():
+        for k, own in enumerate(better[: CAL.late]):
+            late = [j for j, axis in enumerate(own.axes) if axis.abrupt and axis.unit == "s"]
+            if not late:
+                continue
+            freed = replace(own, linear=_unmoved(search, own.linear))
+            search.about(freed)
+            taken = float(sum(abs(own.linear[j] - search.shifts[j].null) for j in stated))
+            starts = [Start(own.candidates, own.m, own.theta, freed.linear)]
+            for j in late:
+                m = own.m.copy()
+                m[j] = min(m[j] + taken, own.axes[j].high)
+                starts.append(Start(own.candidates, m, own.theta, freed.linear))
+            again = refit(search, starts)
+            better[k] = min([own, *again], key=by_cost)
+    return sorted(better, key=by_cost)
+
+
+def _unmoved(search: Search, linear: Array) -> Array:
+    """Linear nuisances with abrupt tolerances where they are believed to be; starts of runs stay."""
+    count, moving = 2 * len(search.shifts), len(search.moving)
+    return np.concatenate([search.means[moving : moving + count], linear[count:]])

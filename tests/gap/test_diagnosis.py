@@ -15,6 +15,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.gap import diagnosis
 from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
 from greybox_id.gap.estimation.calibration import CAL
+from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import CHANNELS, REGIMES, Ranked, Unnamed
 from greybox_id.models.effects import EFFECTS
@@ -194,14 +195,17 @@ def test_what_a_refused_name_explains_is_unnamed():
     best = SimpleNamespace(names=("lag",), cost=-30.0)
     selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=[best])
 
-    def unnamed(own, sure=0.98):
+    def unnamed(varying, own=calm, sure=0.98):
         evidence = SimpleNamespace(weights=(sure, 1.0 - sure))
-        return by_no_name(SimpleNamespace(unnamed=own, best=best, selection=selection, evidence=evidence))
+        return by_no_name(
+            SimpleNamespace(varying=varying, unnamed=own, best=best, selection=selection, evidence=evidence)
+        )
 
-    strained = replace(calm, tolerances=96.0)
-    assert unnamed(calm) == 0.0
-    assert unnamed(strained) > 0.9
-    assert unnamed(strained, sure=0.3) < 0.3
+    differs = Spread("along speed", 3 * CAL.varies, 1e-6, (1.0, 2.0, 3.0))
+    assert unnamed({}) == 0.0
+    assert unnamed({"lag": differs}) > 0.9
+    assert unnamed({"lag": differs}, sure=0.3) < 0.3
+    assert unnamed({}, replace(calm, tolerances=96.0)) > 0.9
 
 
 def test_the_picture_covers_the_lap(delayed):
@@ -437,9 +441,10 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={})
     monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.9)
     monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
     assert diagnosis._causes(found, None) == (best, {})
-    monkeypatch.setattr(diagnosis, "_closes", lambda *_: 0.5)
+    spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0, 1.0)  # one half, and 0.9 of that
+    found.varying = {own.effect: spread}
     assert diagnosis._causes(found, None) == (nothing, {own.effect: "its probability is 0.45, no more than one half"})

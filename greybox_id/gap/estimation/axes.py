@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import product
-from math import exp, inf, isinf, log
+from math import exp, inf, isinf, log, pi
 from sys import float_info
 from types import SimpleNamespace
 
@@ -15,12 +15,13 @@ from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
 from ...models.memory_model import MemoryModel
 from ...models.parameter import Parameter
+from .calibration import CAL
 
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""
+DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
 SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7, 2.9)}
-"""By unit, where searches begin in a second parameter, over its usual value; else there. A body of a 1:10 car rolls
-three times as fast as a usual one."""
+"""By unit, of a second parameter's usual value; else where it is."""
 SHARE = (0.0, 1.0)
 """Bounds of a second parameter that says how much of something goes along."""
 
@@ -124,6 +125,7 @@ class Candidate:
     ----------
     effect : its name.
     axes : its magnitude first, then second parameters.
+    starts : coordinates that the search begins from; empty where the derivative at the null tells all.
     gradual : whether what a small magnitude does tells what a larger one will.
     part : where it acts; None: everywhere.
     never_beside : effects that are other forms of it.
@@ -131,6 +133,7 @@ class Candidate:
 
     effect: str
     axes: tuple[Axis, ...]
+    starts: tuple[tuple[float, ...], ...] = ()
     gradual: bool = True
     part: ActingRows | None = None
     never_beside: frozenset[str] = frozenset()
@@ -183,11 +186,20 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
         index, parameter = places[effect.parameter.name]
         main = _axis(parameter, index, effect.parameter.name in shifting, effect.typical)
         seconds = [_second(*places[other.name]) for other in effect.others]
+        gradual = effect.gradual and not main.shift
+        if gradual and not seconds:
+            found.append(Candidate(name, (main,)))
+            continue
         if any(own.unit == "rad" for own in seconds):  # with a direction, the magnitude has no sign
             main = replace(main, low=max(main.low, 0.0))
-        gradual = effect.gradual and not main.shift
+        typical = main.coordinate(effect.typical)
+        if gradual:
+            firsts = [main.null + CAL.gradual_start * (typical - main.null)]
+        else:
+            firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
         for form in product(*(_forms(own) for own in seconds)):
-            found.append(Candidate(name, (main, *form), gradual, never_beside=frozenset(effect.instead_of)))
+            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(own) for own in form)))
+            found.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
     return tuple(found)
 
 
@@ -233,6 +245,13 @@ def _forms(second: Axis) -> tuple[Axis, ...]:
     if (second.low, second.high) != SHARE:
         return (second,)
     return tuple(replace(second, null=at, low=at, high=at) for at in SHARE)
+
+
+def _ways(second: Axis) -> tuple[float, ...]:
+    """Where searches begin in a second parameter."""
+    if second.unit == "rad":
+        return DIRECTIONS
+    return tuple(second.null * f for f in SECONDS.get(second.unit, (1.0,)))
 
 
 def _second(index: int, parameter: Parameter) -> Axis:

@@ -302,7 +302,7 @@ class Bench:
 
     def _scheduled(self, shifts: tuple[float, ...]) -> list[Schedule]:
         if shifts not in self._schedules:
-            while len(self._schedules) > 8 * CAL.lanes:
+            while len(self._schedules) > 2 * CAL.lanes:
                 del self._schedules[next(iter(self._schedules))]
             still = [False] * len(shifts)
             self._schedules[shifts] = [

@@ -83,6 +83,10 @@ class Calibration:
     untempered: float = _known(10.0, "gains are taken as they are where misfits gain well below so much")
     alike: float = _known(3.0, "nats, tempered, below which two explanations are not distinguished: a factor of 20")
     twins: float = _known(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
+    varies: float = _known(
+        0.12, "spread of a size between thirds of a drive, channels: causes 0 to .05, others .2", DRAWN
+    )
+    varies_width: float = _known(0.02, "width of that threshold", DRAWN)
     surely_varies: float = _known(
         1e-4, "p of a spread by chance from which it counts: a cause had 8e-4, mimics 1e-5", FOREIGN
     )
@@ -210,14 +214,40 @@ class Calibration:
     matters: float = _known(0.3, "information over the prior: numbers of which an after tells less stay")
 
     # ---- what is searched
+    starts: tuple[float, ...] = _known(
+        tuple(2.0**k / 16 for k in (0.0, 7 / 6, 14 / 6, 3.5, 28 / 6, 35 / 6, 7.0)),
+        "of an effect's usual size: where the search for one begins whose derivative vanishes", SEARCHED,
+    )  # fmt: skip
+    delay_starts: tuple[float, ...] = _known((0.47, 1.9), "the same for delays: none a usual sample time", SEARCHED)
+    gradual_start: float = _known(0.3, "the same of what a small magnitude does tells of a larger one", SEARCHED)
+    few_starts: int = _known(3, "starts of a candidate not expected to gain alone: beside another it may", SEARCHED)
+    between: float = _known(1.1, "of the factor between starts, by which a better one may lie beside one", SEARCHED)
+    start_near: float = _known(1.2, "factor within which a start stays where it is", SEARCHED)
+    doubt: float = _known(0.3, "share of a gain that is doubted at the furthest from a start", SEARCHED)
+    powers: tuple[float, float] = _known((0.5, 3.0), "of its size that an effect may grow with, as two starts tell it")
+    singles: int = _known(8, "single effects that are refitted: those expected to gain most", SEARCHED)
+    pairs: int = _known(3, "of the best singles that pairs are about", SEARCHED)
+    partners: int = _known(4, "that each of them is given", SEARCHED)
+    triples: int = _known(3, "effects that are tried beside the best pair", SEARCHED)
+    polished: int = _known(3, "of the best are refitted with nuisances linearised beside them", SEARCHED)
+    worthy: float = _known(0.3, "of what an effect must gain: what gains less is not", SEARCHED)
     rivals: int = _known(3, "more are refitted there", SEARCHED)
+    near: float = _known(30.0, "times what an effect must gain: so near to the best are rivals", SEARCHED)
+    close: float = _known(10.0, "the same about the next best", SEARCHED)
+    partner_least: float = _known(1.0, "nats that a partner of the best single is expected to gain", SEARCHED)
     places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
     least_part: float = _known(0.05, "of the rows that it acts in at least, and does not: of less, few tell", DEFINED)
     least_told: float = _known(
         0.1, "of what is told of an effect, before and after it begins; nulls' grip had .01, .02, causes .26", BEGUN
     )
     begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
+    replacing: int = _known(4, "effects that are tried in each place of the best pair", SEARCHED)
     nearly: float = _known(0.5, "of the best pair's gain, that one is expected to have: to first order", SEARCHED)
+    fewest: int = _known(4, "singles that are refitted whatever their expected gain", SEARCHED)
+    hope: float = _known(0.1, "of the best expected gain: singles of less are not refitted", SEARCHED)
+    late: int = _known(3, "of the best are refitted from the mean of the prior of lags", SEARCHED)
+    rough_singles: int = _known(6, "singles refitted while noise is not known yet", SEARCHED)
+    much: float = _known(0.01, "of a cost that a second effect must explain there", SEARCHED)
     rather: float = _known(2.0, "times as much a good explanation costs where an observer stays firm", SEARCHED)
     firm: float = _known(2.0, "rate of that observer, 1/s: slower than a vehicle's yaw, faster than a spin", SEARCHED)
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
@@ -229,6 +259,8 @@ class Calibration:
     )
     trusts: tuple[float, ...] = _known((0.05, 0.25, 1.0), "as how many readings one counts, the prior first", SEARCHED)
 
+    # ---- everything at once
+    few: int = _known(3, "effects of which every set is refitted for its share: eight sets", DEFINED)
     gradual_sizes: tuple[float, ...] = _known((0.3,), "of its usual size at which an effect is looked at", SEARCHED)
     abrupt_sizes: tuple[float, ...] = _known(
         (0.12, 0.3, 0.7, 1.7), "the same of effects whose derivative vanishes at the null", SEARCHED
@@ -242,20 +274,20 @@ class Calibration:
     against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
     rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
     refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
-    likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
-    much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
     listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
+    much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
+    likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
     doubted: float = _known(
         4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
     )
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
-    moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
     as_rough: float = _known(1.3, "times as rough forms are believed to be, where forces say more", DEFINED)
     as_rough_again: int = _known(2, "times at most", SEARCHED)
     second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
     still: float = _known(0.03, "of its scale, below which nothing moves any more", SEARCHED)
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
+    moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
     second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)
 
     # ---- how numbers are found

@@ -11,7 +11,7 @@ import numpy as np
 
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
-from .axes import SECONDS, Axis, Candidate, candidates
+from .axes import DIRECTIONS, SECONDS, Axis, Candidate, candidates
 from .calibration import CAL
 from .preparing import usual_size
 
@@ -129,7 +129,7 @@ def _form(candidate: Candidate, usual: float) -> Form:
 def _believed(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
     """A second parameter with a belief as wide as the values that it is tried at, and these."""
     if axis.unit == "rad":
-        return replace(axis, mean=0.0, sd=pi, scale=0.3), (0.0, pi / 2, pi, -pi / 2)
+        return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS
     factors = SECONDS.get(axis.unit, (1.0,))
     own = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
     if not own.relative:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from typing import NamedTuple
 
 import numpy as np
 
@@ -72,24 +72,25 @@ def by_cost(own: Hypothesis) -> float:
     return own.cost
 
 
-@dataclass(frozen=True)
-class Promise:
-    """What a candidate promises beside a hypothesis.
+class Projection(NamedTuple):
+    """What single columns would gain, (K,) each.
 
     Attributes
     ----------
-    candidate : which.
-    gain : in log-likelihood, to first order.
-    start : coordinates from which to refit it.
-    sd : of its magnitude's coordinate on this recording, to first order.
-    told : share of the information on it that is left once nuisances are refitted.
+    gain : in log-likelihood.
+    step : along each.
+    curve : information on each, nuisances refitted.
+    raw : the same with nuisances held.
+    nuisances : (n, K) where nuisances would go, moving ones first, per unit of each column; from `rest`.
+    rest : (n,) where they would go without any.
     """
 
-    candidate: Candidate
-    gain: float
-    start: Array
-    sd: float = inf
-    told: float = 1.0
+    gain: Array
+    step: Array
+    curve: Array
+    raw: Array
+    nuisances: Array
+    rest: Array
 
 
 @dataclass(frozen=True)

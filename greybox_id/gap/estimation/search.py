@@ -20,7 +20,7 @@ from ...engine.simulation import FreeRuns
 from .axes import Axis
 from .calibration import CAL
 from .form import rough_curves
-from .hypothesis import Hypothesis, Start
+from .hypothesis import Hypothesis, Projection, Start
 from .noise import Whitener, blocks
 
 
@@ -44,7 +44,7 @@ class Search:
 
     def __init__(
         self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0, rough: float = 1.0
-    ) -> None:  # fmt: skip
+    ) -> None:
         self.bench = bench
         self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt], rough)
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
@@ -292,6 +292,29 @@ class Search:
         return np.where(self.bench.counted, y - self.bench.measured, 0.0)
 
     # ---- to first order
+
+    def project(self, e: Array, columns: Array, theta: Array, linear: Array) -> Projection:
+        """What single columns would gain, nuisances refitted to first order.
+
+        Parameters
+        ----------
+        e : (N, channels) residuals.
+        columns : (N, channels, K) their derivatives by K coordinates.
+        theta, linear : where nuisances stand.
+        """
+        W = self.weighed(columns).reshape(-1, columns.shape[2])
+        r = self.weighed(e[:, :, None]).ravel()
+        u = np.concatenate([theta, linear])
+        H = self.gram + self.precision
+        g = self.white.T @ r + self.precision @ (u - self.means)
+        C = (W.T @ self.white).T
+        free = ~(((u <= self.low) & (g > 0)) | ((u >= self.high) & (g < 0)))  # the others would leave their bounds
+        solved = np.zeros((len(g), 1 + W.shape[1]))
+        solved[free] = np.linalg.solve(H[np.ix_(free, free)], np.column_stack([g, C])[free])
+        slope, raw = W.T @ r - C.T @ solved[:, 0], np.sum(W**2, axis=0)
+        curve = np.maximum(raw - np.sum(C * solved[:, 1:], axis=0), 1e-12 * raw + 1e-300)
+        rest = u - solved[:, 0]
+        return Projection(0.5 * slope**2 / curve, -slope / curve, curve, raw, -solved[:, 1:], rest)
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
         """(m, m) of a hypothesis' coordinates, nuisances refitted, if residuals are noise."""

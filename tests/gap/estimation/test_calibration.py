@@ -11,8 +11,7 @@ from greybox_id.gap.estimation.calibration import CAL, provenance
 from greybox_lab.exam.answers import SIZABLE
 
 MATHEMATICS = {
-    "axes": {"SECONDS", "SHARE"},  # usual values of units
-    "problem": {"LEAST_ZONE"},
+    "axes": {"DIRECTIONS", "SECONDS", "SHARE"},  # a circle's quarters; usual values of units
     "closed_vehicle": {"NORMAL"},  # quantile of a normal distribution
     "diagnosis": {"NINETY_FIVE"},
     "evidence": {"NEVER"},  # guards against numbers without meaning
@@ -21,6 +20,7 @@ MATHEMATICS = {
     "innovations": {"G", "NO_GATE"},
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
+    "problem": {"LEAST_ZONE"},
 }
 
 
