@@ -20,6 +20,7 @@ from ..datasets.result_table import target_of, write_table
 from ..filters.how import How
 from ..filters.track import tracked_vehicle
 from ..filters.verb import track as track_recording
+from ..filters.verdict import verdict
 from ..fitting.choices.parameters import named, number
 from ..fitting.choices.wanted import Wanted
 from ..models.effects import EFFECTS
@@ -28,7 +29,7 @@ from ..reports.text.track import as_dict, parts
 from ..reports.track.digest import TrackMade, as_text
 from .defaults import command_line
 from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, wanted
-from .output import console, print_json, progress, show
+from .output import console, end_by, print_json, progress, show
 
 FROM_STDIN = "-"
 
@@ -98,7 +99,8 @@ def track(
     Forces named as parameters replace the tyre model. An input that was not recorded, such as the driving force,
     follows from the readings. What is free with a stated belief (sd) is uncertain, and widens the bands.
 
-    Beside the table a .json of the same name is left, of which greybox report makes a report.
+    Beside the table a .json of the same name is left, of which greybox report makes a report. Exit code 3: the
+    estimates are written, but the filter has lost the vehicle; the verdict says where.
     """  # fmt: skip
     chosen = wanted(**asked)
     meant = _model(chosen, fit_file)
@@ -144,10 +146,11 @@ def track(
             written += [str(path) for path in write_drawings(drawings(told), figures)]
     if as_json:
         print_json(as_dict(found, told) | {"written": written})
-        return
-    show(parts(found, told))
-    for path in written:
-        console().print(f"written  {path}")
+    else:
+        show(parts(found, told))
+        for path in written:
+            console().print(f"written  {path}")
+    end_by(verdict(found))
 
 
 def _model(chosen: Wanted, fit_file: str | None) -> TrackSetup:

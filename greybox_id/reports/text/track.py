@@ -13,7 +13,9 @@ from ...base.numbers import alike, counted, pretty_unit
 from ...base.numbers import number as decimal
 from ...base.signals import unit_of
 from ...filters.track import Track
+from ...filters.verdict import verdict
 from ..track.digest import Digest
+from .fit import verdict_table
 from .screen import plain_table
 
 COVERED = 0.8
@@ -22,6 +24,8 @@ COVERED = 0.8
 
 def parts(found: Track, told: Digest) -> Iterator[RenderableType]:
     """What a track says, part by part."""
+    yield verdict_table(verdict(found))
+    yield ""
     how = f"{found.kind.upper()}{' and smoother' if found.smoothed else ''}"
     yield f"{how}: {counted(len(found.rows), 'row')} in {counted(len(np.unique(found.run)), 'run')}\n"
     quantiles = ("5 %", "median", "95 %", "± median sd")
@@ -69,7 +73,10 @@ def beside_truth(told: Digest) -> list[str]:
 
 def as_dict(found: Track, told: Digest) -> dict[str, Any]:
     """A track as plain data."""
+    judged = verdict(found)
     return {
+        "verdict": judged.usability,
+        "reasons": list(judged.reasons),
         "filter": found.kind,
         "smoothed": found.smoothed,
         "rows": len(found.rows),

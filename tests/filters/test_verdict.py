@@ -1,0 +1,59 @@
+"""The verdict on a track: innovations that are what was said of them, and those that are not."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from greybox_id.filters.findings import consistency
+from greybox_id.filters.verdict import verdict
+from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE
+
+
+def tracked(**channels):
+    """What a filter leaves of channels: innovations (n,) of each, where it expected a standard deviation of one."""
+    judged = {name: consistency(off, np.ones(len(off)), 100, 5.0) for name, off in channels.items()}
+    return SimpleNamespace(
+        consistency=judged, innovations=channels, expected={name: np.ones(len(off)) for name, off in channels.items()},
+        sentences=(), widened=1.0, recording=SimpleNamespace(sample_time=0.02),
+    )  # fmt: skip
+
+
+def white(sd, seed=0, count=3000):
+    return sd * np.random.default_rng(seed).standard_normal(count)
+
+
+def hanging(count=3000):
+    off = white(1.0, 1, count)
+    for k in range(1, count):
+        off[k] = 0.9 * off[k - 1] + np.sqrt(1 - 0.81) * off[k]
+    return off
+
+
+def test_innovations_that_are_what_the_filter_expects_are_usable():
+    found = verdict(tracked(yaw_rate=white(1.0), a_y=white(1.0, 1)))
+    assert found.usability == USABLE
+    assert "NIS 1" in found.reasons[0] or "NIS 0.9" in found.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("off", "words"),
+    [(white(0.2), "bands are too wide"), (white(1.8), "bands were widened"), (hanging(), "hang together")],
+    ids=["NIS .04", "NIS 3", "coloured"],
+)
+def test_innovations_outside_their_band_are_to_be_used_with_care(off, words):
+    found = verdict(tracked(yaw_rate=white(1.0), a_y=off))
+    assert found.usability == WITH_CARE
+    assert any(words in own and own.startswith("a_y") for own in found.reasons)
+
+
+def test_a_filter_that_has_lost_the_vehicle_is_not_usable():
+    found = verdict(tracked(yaw_rate=white(1.0), a_y=6.0 + white(1.0)))
+    assert found.usability == NOT_USABLE
+    assert "lost the vehicle" in found.reasons[0]
+
+
+def test_what_the_data_check_says_counts():
+    track = tracked(yaw_rate=white(1.0))
+    track.sentences = ("Data check: yaw_rate is stuck.",)
+    assert verdict(track).usability == WITH_CARE
