@@ -21,6 +21,7 @@ from ..export.equations import entries
 from ..fitting.combined import reach
 from ..fitting.fit import Fit
 from ..fitting.provenance import DataRecord
+from ..fitting.restated import as_fitted
 from ..fitting.uncertainty.profile import Profile
 from ..reports.recordings import matched
 from ..reports.text.fit import parts
@@ -251,7 +252,8 @@ class FitResult(Fit):
         """
         records = [own for own in self.data if role in ("", own.role)]
         if self.recordings:
-            return tuple(own for own, record in zip(self.recordings, self.data, strict=True) if record in records)
+            pairs = zip(self.recordings, self.data, strict=True)
+            return tuple(as_fitted(self, recording) for recording, record in pairs if record in records)
         found = [read(found_again(own, self.file), own.mapping) for own in records]
         return tuple(_matched(self, records, found))
 

@@ -16,6 +16,7 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
 from ..fitting.choices.wanted import must_be_recorded
 from ..fitting.fit import Fit
+from ..fitting.restated import as_fitted
 from ..fitting.scores.metrics import FREE_RUN
 from ..fitting.scores.metrics import score as score_model
 from ..fitting.scores.prediction import predict as predict_rows
@@ -225,6 +226,8 @@ def _both(
     model: ModelLike | Fit, recording: Recording | str | Path, vehicle: VehicleLike, effects: Effects, columns: Columns
 ) -> tuple[Model, Recording]:
     chosen, own = given.model(model, vehicle, effects), given.recording(recording, columns)
+    if isinstance(model, Fit):
+        own = as_fitted(model, own)
     must_be_recorded(chosen, [own])
     return chosen, own
 

@@ -23,6 +23,7 @@ HEAD = 1 << 16
 MARK = "greybox-id"
 """What every picture, report and vehicle file that is written here bears."""
 VEHICLE_MARK = f"# Vehicle file written by {MARK}"
+PAGE_MARK = f"<!-- Page written by {MARK} -->"
 RECORDING = "data that may exist nowhere else"
 _MODEL = re.compile(rb'"model":\s*\{\s*"name":\s*"([^"\\]*)"')
 _HOLDS = re.compile(rb"greybox-id: (a table of [a-z]{1,20})")
@@ -189,6 +190,8 @@ def content_of(file: Path) -> FileContent:
         return _measurements(file, head)
     if head.startswith(VEHICLE_MARK.encode()):
         return FileContent("a vehicle file that greybox wrote", derived=True)
+    if head.startswith(PAGE_MARK.encode()):
+        return FileContent("a report", derived=True)
     saved = _FORMAT.match(head)
     if saved:
         kind = saved[1].decode()

@@ -23,7 +23,7 @@ else:  # not every click that will do has generic types
     _Type = click.ParamType
 
 OVERWRITE = "--overwrite"
-WRITTEN = ("--out", "--apply", "--figures", "--report")
+WRITTEN = ("--out", "--apply", "--figures", "--report", "--repair")
 """Options that name a file or folder to be written."""
 
 

@@ -71,7 +71,10 @@ def fetch_command(name: str, out: str | None, as_json: bool) -> None:
     for path in paths:
         screen.print(path)
     screen.print(f"they are their authors' ({dataset.licence}); cite: {dataset.reference}")
-    screen.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
+    if dataset.columns:
+        screen.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
+    else:
+        screen.print(f"next: greybox data map {paths[0]} proposes a column map; greybox bench reads them as they are")
 
 
 @datasets.command("make")

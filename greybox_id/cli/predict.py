@@ -17,6 +17,8 @@ from ..datasets.result_table import target_of, write_table
 from ..engine.simulation import Prediction
 from ..fitting.choices.parameters import Choices, state_values, with_choices
 from ..fitting.choices.wanted import doubts_of_drive, must_be_recorded
+from ..fitting.fit import Fit
+from ..fitting.restated import as_fitted
 from ..fitting.scores.metrics import as_dict, prediction_errors
 from ..fitting.scores.prediction import as_table, assumed, predicted_how
 from ..fitting.scores.prediction import predict as predict_rows
@@ -90,7 +92,7 @@ def predict(
     if posterior is not None and open_loop:
         raise click.UsageError("--open-loop is for models with memory, which have no --posterior.")
     with working(f"predicting {file}"):
-        recording = read_part(file, columns)
+        recording = as_fitted(fit, read_part(file, columns))
         must_be_recorded(model, [recording])
         if seconds is not None:
             timing = calibrated_timing(fit, recording, seconds)
@@ -152,9 +154,12 @@ def simulate(
             if asks
             else "Name a FIT and a RECORDING, or a RECORDING and --model NAME."
         )
-    model = wanted(**asked, fix=fix).or_single_track().model() if asks else _of_fit(paths[0], fix)
+    fitted = None if asks else fit_of(paths[0])
+    model = wanted(**asked, fix=fix).or_single_track().model() if fitted is None else _changed(fitted, fix)
     with working(f"reading {paths[-1]}"):
         recording = read_part(paths[-1], columns)
+    if fitted is not None:
+        recording = as_fitted(fitted, recording)
     must_be_recorded(model, [recording])
     start = state_values(start_state, model)
     warnings = [*assumed(model, recording, start), *doubts_of_drive(model, [recording])]
@@ -166,8 +171,8 @@ def simulate(
     _tell(model, recording, found, target, "free run", {"start": start, "warnings": warnings}, as_json)
 
 
-def _of_fit(fit_file: str, fix: Sequence[str]) -> Model:
-    return with_choices(fit_of(fit_file).model, Choices(fix=fix))
+def _changed(fit: Fit, fix: Sequence[str]) -> Model:
+    return with_choices(fit.model, Choices(fix=fix))
 
 
 def _tell(

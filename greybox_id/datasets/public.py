@@ -52,7 +52,7 @@ class PublicDataset:
     source : the authors' page.
     licence : as the authors state it.
     reference : what to cite.
-    columns : the shipped column map that fits.
+    columns : the shipped column map that fits; empty where a bench reads the files as they are.
     files : what can be fetched; empty where the files have no known address.
     joined : name of a CSV file whose columns the files are, one each; empty where each is a recording.
     """
@@ -71,10 +71,13 @@ _ROBORACER = (
     "https://raw.githubusercontent.com/tonegas/nnodely-applications/ba4e6e4e3125192a37b55eeb90c93112176abbe1/"
     "vehicle/model_combined_vehicle_dynamics_RoboRacer/Dataset/"
 )
+_APPLICATIONS = "https://raw.githubusercontent.com/tonegas/nnodely-applications/main/vehicle/"
 _REVS = (
     "https://raw.githubusercontent.com/MBDS/sideslip-angle-vehicle-estimation/"
     "2a427a76c5eb41321e50c32d14ec54aa05a3b03e/datasets/20140222_01_01_03_250lm/"
 )
+
+_A2RL = _APPLICATIONS + "control_steer_dynamics_A2RL/A2RL_Data/"
 
 PUBLIC: dict[str, PublicDataset] = {
     dataset.name: dataset
@@ -117,6 +120,54 @@ PUBLIC: dict[str, PublicDataset] = {
                 for column in ("t", "delta", "vx", "vy", "beta_true", "yawRate", "axCG", "ayCG")
             ),
             joined="run1.csv",
+        ),
+        PublicDataset(
+            name="a2rl",
+            about="full-size autonomous racer, 20 Hz: two laps, steering commanded and measured",
+            source="https://github.com/tonegas/nnodely-applications",
+            licence="none stated for the recordings: they are their authors'",
+            reference="Model-Structured Neural Networks to Control the Steering Dynamics of Autonomous Race Cars, "
+            "arXiv 2507.20427",
+            columns="",
+            files=(
+                Remote("training_lap.csv", _A2RL + "Training/Large/training_single_lap.csv"),
+                Remote("validation_lap.csv", _A2RL + "Validation/Medium/Validation_single_lap.csv"),
+            ),
+        ),
+        PublicDataset(
+            name="revs_telemetry",
+            about="Ferrari 250 LM on a race track, 20 Hz, further drives: hand wheel, accelerations, yaw",
+            source="https://github.com/tonegas/nnodely-applications",
+            licence="none stated there; recorded in Stanford's REVS programme",
+            reference="Kegelman, Harbott, Gerdes, Insights into vehicle trajectories at the handling limits: analysing "
+            "open data from race car drivers, 2017",
+            columns="",
+            files=tuple(
+                Remote(f"{name}.csv", f"{_APPLICATIONS}vehicle_lateral_dynamics_estimation/telemetries/{place}")
+                for name, place in (
+                    ("train_0", "training/telemetry_train_0.csv"),
+                    ("train_1", "training/telemetry_train_1.csv"),
+                    ("valid_0", "validation/telemetry_valid_0.csv"),
+                    ("test_0", "test/telemetry_test_0.csv"),
+                )
+            ),
+        ),
+        PublicDataset(
+            name="abs",
+            about="simulated car with anti-lock brakes on dry road and on ice, 20 Hz",
+            source="https://github.com/tonegas/nnodely-applications",
+            licence="none stated for the recordings: they are their authors'",
+            reference="A Road Friction-Aware Anti-Lock Braking System Based on Model-Structured Neural Networks",
+            columns="",
+            files=tuple(
+                Remote(f"{name}.csv", f"{_APPLICATIONS}road_friction_aware_ABS/datasets/data_{place}.csv")
+                for name, place in (
+                    ("dry", "dry_noise/dry_noise"),
+                    ("ice", "ice_noise/ice_noise"),
+                    ("test", "test/test_noise"),
+                    ("grip", "grip/grip_condition_variation"),
+                )
+            ),
         ),
         PublicDataset(
             name="truck",

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -27,6 +27,7 @@ from ..models.motion_model import MotionModel
 from .attempt import Attempt, attempted, errors_at, misfit
 from .fit import Fit
 from .how import How, quiet
+from .restated import Hold, with_hold
 from .verdict import WITH_CARE, Reason
 
 CLEAR = 3.0
@@ -37,7 +38,6 @@ MOST_ROWS = 50_000
 """Rows of files whose map states what holds, above which it is not doubted: that costs a quarter of a fit."""
 ROW = 1 / sqrt(12.0)
 """Standard deviation of an instant that is known to a row, rows."""
-Hold = Literal["zero", "linear"]
 WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "run on between rows in straight lines"}
 
 
@@ -52,6 +52,7 @@ class Holding:
     gain : nats by which it is likelier than the other, correlation of residuals counted.
     moved : parameter -> by how much the other moves it, in its unit.
     late : root of the second moment of how late commands are beside the way taken, half rows.
+    values : (parameters,) where the other leads, from which it is fitted if it is likelier.
     """
 
     taken: Hold
@@ -59,6 +60,7 @@ class Holding:
     gain: float
     moved: Mapping[str, float]
     late: float = 0.0
+    values: Array | None = None
 
     @property
     def doubt(self) -> float:
@@ -73,20 +75,6 @@ class Holding:
 def other_than(hold: str) -> Hold:
     """The other of the two."""
     return "linear" if hold == "zero" else "zero"
-
-
-def with_hold(recording: Recording, hold: Hold) -> Recording:
-    """The recording with commands held, or run on, between rows."""
-    return replace(recording, hold=hold)
-
-
-def as_fitted(fit: Fit, recording: Recording) -> Recording:
-    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
-    told = fit.how.get("hold")
-    taken = told.get("taken") if isinstance(told, Mapping) else None
-    if recording.hold_stated or taken not in ("zero", "linear"):
-        return recording
-    return with_hold(recording, "linear" if taken == "linear" else "zero")
 
 
 def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | None:
@@ -115,7 +103,7 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | No
         own.name: float(q[own.name].array - own.array) for own in p.parameters if own.shape == () and not own.fixed
     }
     late = _late(errors, errors_at(simulator, others, noise, once, p.values), noise, float(gain), rows)
-    return Holding(taken, stated, float(gain / rows), moved, late)
+    return Holding(taken, stated, float(gain / rows), moved, late, q.values)
 
 
 def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> float:
@@ -163,6 +151,9 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
         of_row = ROW * step if parameter.unit == "s" else 0.0
         sd[parameter.name] = np.hypot(sd[parameter.name], max(wider * abs(held.moved[parameter.name]), of_row))
     covariance = None if fit.covariance is None else fit.covariance + wider**2 * np.outer(along, along)
+    if covariance is not None:  # half a row is a doubt of each time by itself: it goes with nothing else
+        wanted = np.concatenate([np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters])
+        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * wanted**2)
     return replace(fit, sd=sd, covariance=covariance, how={**fit.how, "hold": held.as_dict()})
 
 

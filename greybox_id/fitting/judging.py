@@ -10,8 +10,8 @@ from ..datasets.recording import Recording
 from ..models.kinds import by_kind
 from ..models.model import Model
 from .fit import Fit
-from .holding import as_fitted
 from .provenance import DataRecord
+from .restated import as_fitted
 from .scores.metrics import Scores, score_beside_hold, unfitted_scores
 from .scores.verdict import HELD_OUT, TRAINED, judged
 from .verdict import USABLE, Reason, Verdict

@@ -1,9 +1,11 @@
-"""The problem that a fit solved, stated again."""
+"""The problem that a fit solved, stated again, on recordings taken as the fit took them."""
 
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
 
 from ..base.errors import BadInput, near_or_all
 from ..base.shorthands import Array
@@ -15,6 +17,21 @@ from ..models.model import Model
 from .fit import Fit
 
 TOLERANCE = 1e-10
+Hold = Literal["zero", "linear"]
+
+
+def with_hold(recording: Recording, hold: Hold) -> Recording:
+    """The recording with commands held, or run on, between rows."""
+    return replace(recording, hold=hold)
+
+
+def as_fitted(fit: Fit, recording: Recording) -> Recording:
+    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
+    told = fit.how.get("hold")
+    taken = told.get("taken") if isinstance(told, Mapping) else None
+    if recording.hold_stated or taken not in ("zero", "linear"):
+        return recording
+    return with_hold(recording, "linear" if taken == "linear" else "zero")
 
 
 @by_kind
@@ -37,7 +54,7 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, S
     ------
     BadInput : its kind of model solves no such problem, or it finds no optimum on these recordings.
     """
-    problem, x = stated_again(fit.model, fit, recordings)
+    problem, x = stated_again(fit.model, fit, [as_fitted(fit, recording) for recording in recordings])
     solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="levenberg_marquardt")
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

@@ -128,7 +128,9 @@ def _between_rows(found: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | No
         recordings = [with_hold(recording, hold) for recording in task.recordings]
         validate = None if task.validate is None else with_hold(task.validate, hold)
         task = replace(task, recordings=recordings, validate=validate)
-        found = estimated(task.structures[0], task)
+        first, nominal = found, task.structures[0]
+        found = estimated(nominal if held.values is None else nominal.with_values(held.values), task)
+        found = replace(found, how={**found.how, "unfitted": first.how.get("unfitted", {})})
         held = weighed(found, task.recordings, task.how) or held
     return in_doubt(found, held, step), task, held
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -22,19 +23,75 @@ def bench() -> None:
     """Make the tables of published papers again, on the authors' recordings, beside what greybox-id reaches.
 
     \b
+    greybox bench a2rl --data a2rl --quick
     greybox bench msnn --data roboracer --quick
-    greybox bench truck --data truck --quick
     greybox bench loop --quick --out black_box
     """  # fmt: skip
+
+
+def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
+    """A command for a bench whose module has `measure`: rows beside published ones, one page."""
+
+    @bench.command(name, help=f"{about}\n\n\b\ngreybox bench {name}{f' --data {folder}' if folder else ''} --quick")
+    @click.option(
+        "--data", required=bool(folder), metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings."
+    )
+    @click.option("--quick", is_flag=True, help="Fewer seeds, rows and targets: about a CPU minute.")
+    @click.option(
+        "--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page."
+    )
+    @json_option
+    def command(data: Path | None, quick: bool, report: str | None, as_json: bool) -> None:
+        from ..papers.bench import on_screen
+        from ..papers.kept import pages_of, write_pages
+
+        pages = pages_of(report, name)
+        with progress() as say:
+            found = import_module(f"greybox_lab.papers.{module}").measure(data, quick, say)
+            document = found.document()
+            written = write_pages(document, pages, _command(name, data is not None, quick))
+        _say(found.as_dict(), on_screen(document), None, written, as_json)
+
+
+def _command(name: str, data: bool, quick: bool) -> str:
+    """What makes a page again."""
+    return f"greybox bench {name}{' --data DIR' if data else ''}{' --quick' if quick else ''}"
+
+
+for _name, _module, _folder, _about in (
+    (
+        "a2rl",
+        "a2rl",
+        "a2rl",
+        "Steering of a full-size racer: an inverse single track beside a published network, and its servo.",
+    ),
+    (
+        "ferrari",
+        "ferrari",
+        "revs_telemetry",
+        "Yaw of a Ferrari 250 LM: a single track beside structured and black-box networks.",
+    ),
+    (
+        "abs",
+        "brakes",
+        "abs",
+        "Grip under brakes, tracked along a lap whose grip steps, on another simulator's recordings.",
+    ),
+    (
+        "emps",
+        "emps",
+        "",
+        "A servo axis with friction, no car: this package and other tools on the same rows, in one run.",
+    ),
+):
+    _on_others_ground(_name, _module, _folder, _about)
 
 
 @bench.command("msnn")
 @click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
 @click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
 @click.option("--out", default=None, metavar="FILE", help="Write the rows there too, as they come: a .json file.")
-@click.option(
-    "--report", default=None, metavar="FOLDER", help="Write tables and figures there: msnn.html and msnn.pdf."
-)
+@click.option("--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
 @json_option
 def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
     """Tables 1 to 3 of the paper on model-structured networks: a 1:10 car, baselines, ablations and adaptation.
@@ -46,18 +103,19 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     \b
     greybox bench msnn --data roboracer --quick --report msnn
     """  # fmt: skip
-    from ..papers.kept import KeptBench, page_folder, write_pages
+    from ..papers.bench import on_screen
+    from ..papers.kept import KeptBench, pages_of, write_pages
     from ..papers.msnn import measure
-    from ..papers.msnn_report import msnn_report, tables
+    from ..papers.msnn_report import msnn_report
 
-    kept = KeptBench("msnn", out)
-    folder = None if report is None else page_folder(report, "msnn")
+    kept, pages = KeptBench("msnn", out), pages_of(report, "msnn")
     with progress() as say:
         found = measure(data, quick=quick, say=say, keep=lambda rows: kept.keep(quick=quick, rows=rows))
         kept.keep(quick=quick, rows=found.rows)
-        pages = [] if folder is None else write_pages(msnn_report(found), folder, "msnn")
+        document = msnn_report(found)
+        written = write_pages(document, pages, _command("msnn", True, quick))
     told = {"paper": "msnn", "quick": quick, "rows": found.rows, "comparisons": found.comparisons}
-    _say(told, tables(found.rows), kept.file, pages, as_json)
+    _say(told, on_screen(document), kept.file, written, as_json)
 
 
 @bench.command("truck")
@@ -67,7 +125,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 @click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
 @click.option("--out", default=None, metavar="FILE", help="Keep trainings there; the next run goes on from it.")
 @click.option("--minutes", type=click.FloatRange(min=0), help="Begin no training after so many; see --out.")
-@click.option("--report", default=None, metavar="FOLDER", help="Write tables and figures there: truck.html, truck.pdf.")
+@click.option("--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
 @json_option
 def truck_command(
     data: Path,
@@ -88,16 +146,17 @@ def truck_command(
     greybox bench truck --data truck --quick --json
     greybox bench truck --data truck --out truck.json --minutes 60 --report truck
     """  # fmt: skip
-    from ..papers.kept import KeptBench, page_folder, write_pages
+    from ..papers.bench import on_screen
+    from ..papers.kept import KeptBench, pages_of, write_pages
     from ..papers.truck import TruckOptions, truck_tables
-    from ..papers.truck_report import tables, truck_report
+    from ..papers.truck_report import truck_report
 
-    kept = KeptBench("truck", out, minutes)
-    folder = None if report is None else page_folder(report, "truck")
+    kept, pages = KeptBench("truck", out, minutes), pages_of(report, "truck")
     with progress() as say:
         found = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
-        pages = [] if folder is None else write_pages(truck_report(found), folder, "truck")
-    _say(found, tables(found), kept.file, pages, as_json)
+        document = truck_report(found)
+        written = write_pages(document, pages, _command("truck", True, quick))
+    _say(found, on_screen(document), kept.file, written, as_json)
 
 
 @bench.command("loop")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,8 @@ from greybox_id.base.saved import Kind
 from greybox_id.reports.document import Document
 from greybox_id.reports.html import write_html
 from greybox_id.reports.pdf import write_pdf
+
+from .bench import markdown
 
 BENCH = Kind("greybox-bench", 1, "a bench", "greybox bench", "run it again")
 
@@ -83,15 +85,32 @@ def _file_of(out: Path, paper: str) -> Path:
     return out if out.suffix.lower() == ".json" else out / f"{paper}.json"
 
 
-def page_folder(report: str | Path, name: str) -> Path:
-    """The folder of a report's pages, with the right to write them. Raises `BadInput` where there is none."""
-    folder = Path(report)
-    for kind in ("html", "pdf"):
-        claim(folder / f"{name}.{kind}", becomes="the report of a bench")
-    ensure_writable(folder)
-    return folder
+def pages_of(report: str | Path | None, name: str) -> tuple[Path, ...]:
+    """Where pages go, with the right to write them: a .md file as it is named, or NAME.html and NAME.pdf in a folder.
+
+    Raises
+    ------
+    BadInput : it cannot be written, or something else is there.
+    """
+    if report is None:
+        return ()
+    place = Path(report)
+    pages = (place,) if place.suffix.lower() == ".md" else (place / f"{name}.html", place / f"{name}.pdf")
+    for page in pages:
+        claim(page, "‹report›", becomes="a report")
+    ensure_writable(pages[0].parent)
+    return pages
 
 
-def write_pages(document: Document, folder: Path, name: str) -> list[Path]:
-    """Write one page for a browser and one PDF into a folder, each atomically."""
-    return [write_html(document, folder / f"{name}.html"), write_pdf(document, folder / f"{name}.pdf")]
+def write_pages(document: Document, pages: Iterable[Path], command: str) -> list[Path]:
+    """Write a page for a browser, as PDF or for the documentation, by its suffix, each atomically."""
+    written = []
+    for page in pages:
+        match page.suffix.lower():
+            case ".md":
+                written.append(write_atomically(page, markdown(document, command)))
+            case ".html":
+                written.append(write_html(document, page))
+            case _:
+                written.append(write_pdf(document, page))
+    return written

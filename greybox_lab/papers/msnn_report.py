@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
-from rich.console import RenderableType
 
 from greybox_id.base.numbers import number, pretty_unit
 from greybox_id.base.version import __version__
@@ -18,7 +16,6 @@ from greybox_id.models.kinds import must_be
 from greybox_id.models.memory_model import MemoryModel
 from greybox_id.reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from greybox_id.reports.noise import noise
-from greybox_id.reports.text.screen import plain_table
 
 from .msnn import OURS, PHYSICAL, MsnnBench, Row, one_output
 from .msnn_figures import adapted, criterion, densities, handling, predicted, responses, speed_ranges
@@ -267,23 +264,3 @@ def _after(found: MsnnBench, car: str, kind: str, rest: Recording, output: str) 
     model = must_be(MemoryModel, own.fit.model)
     delays = {0: list(own.delays.values())[-1][output]} if own.delays else {}
     return timed(model, rest, delays)
-
-
-def tables(rows: Sequence[dict[str, Any]]) -> Iterator[RenderableType]:
-    """Rows as tables: one a table of the paper, both protocols beneath each other, the paper's figures beside ours."""
-    for own_table in dict.fromkeys(row["table"] for row in rows):
-        title = f"Table {own_table}" if isinstance(own_table, int) else "Coupled networks, closed loop"
-        table = plain_table(title, "train", "on", "protocol", "output", "RMSE", "FVU", "paper", "parameters", "CPU s")
-        for row in (own for own in rows if own["table"] == own_table):
-            paper = "–" if row["paper"] is None else f"{row['paper']:.3f}"
-            if row["paper_fvu"] is not None:
-                paper += f" ({row['paper_fvu']:.3f})"
-            error = row["stderr"]
-            spread = f" ± {error:.3f}" if error == error else ""
-            table.add_row(
-                row["model"], f"{row['share']} %", row["split"], row["protocol"],
-                f"{row['output']} [{UNITS[row['output']]}]", f"{row['rmse']:.4f}{spread}", f"{row['fvu']:.3f}", paper,
-                str(row["parameters"]), f"{row['cpu_seconds']:.1f}",
-            )  # fmt: skip
-        yield table
-        yield ""

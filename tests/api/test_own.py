@@ -64,7 +64,7 @@ def test_they_go_all_the_way_in_python(folder, lap):
 def test_they_go_all_the_way_on_the_command_line(folder):
     recording = (str(SHIPPED / "racer_valid.csv"), "--columns", "roboracer")
     asked = ("--model", "my_car.py:own_model", "--with", "my_effects.py:soft_steering")
-    assert greybox("fit", *asked, *recording, "--out", "run").code == 0
+    assert greybox("fit", *asked, *recording, "--out", "run").code in {0, 3}  # a rough model: its verdict may be that
     record = json.loads(Path("run/fit.json").read_text(encoding="utf-8"))["model"]["origins"]
     assert {name: own["file"] for name, own in record.items()} == {
         "slow_turner": "my_car.py", "soft_steering": "my_effects.py",
@@ -75,7 +75,7 @@ def test_they_go_all_the_way_on_the_command_line(folder):
         ("report", "run/fit.json", "--out", "run/fit.html"),
         ("export", "run/fit.json", "--target", "c", "--out", "run/car"),
     ):
-        assert greybox(*command, *OWN).code == 0
+        assert greybox(*command, *OWN).code in {0, 3}
 
 
 @pytest.mark.slow

@@ -47,7 +47,7 @@ def test_a_fit_finds_what_the_vehicle_file_has_wrong(fitted):
     for name, truth in (("B_f", 9.3 * STIFF), ("steering_delay", 0.06)):
         own = told["parameters"][name]
         assert own["interval"][0] < truth < own["interval"][1]
-        assert own["sd"] < 0.1 * truth
+        assert own["sd"] < (0.25 if name == "steering_delay" else 0.1) * truth  # rows of 50 ms: half a row is 14 ms
 
 
 def test_json_is_one_object_with_what_a_fit_is(fitted):
@@ -100,7 +100,7 @@ def test_a_person_sees_data_fit_parameters_and_errors(laps, tmp_path):
 
 def test_without_a_vehicle_a_fit_says_what_it_assumed(laps, tmp_path):
     called = greybox("fit", "--model", "kinematic", laps[0], "--solver", "gauss-newton", "--out", tmp_path, "--json")
-    assert called.code == 0, called.err
+    assert called.code == 3, called.err  # a wheelbase of 2.76 m is not that of the car
     (warning,) = called.told["warnings"]
     assert "kinematic starts from numbers of its own (l_f + l_r = 2.76 m)" in warning
     assert warning in called.err

@@ -72,6 +72,10 @@ FORMS = {
 FLEET = {f"fleet {name}" for name in ("run", "status", "estimate", "report")}  # held by tests/fleet
 ELSEWHERE = {
     "app",
+    "bench a2rl",
+    "bench abs",
+    "bench emps",
+    "bench ferrari",
     "fit, tyre",  # held by tests/fitting/test_tyre_rig.py
     "bench loop",
     "bench msnn",

@@ -37,7 +37,8 @@ def test_a_profile_agrees_with_the_covariance_where_the_model_is_nearly_linear(f
     assert own["by_profile"] == pytest.approx(own["by_covariance"], rel=0.02)
     fit = json.loads(fitted.read_text())["parameters"]["C_alpha_f"]
     assert own["estimate"] == fit["value"]
-    assert own["by_covariance"] == pytest.approx(fit["interval"], rel=1e-3)
+    low, high = fit["interval"]  # half a row between commands, and what the form lacks, widen it
+    assert low <= own["by_covariance"][0] < own["by_covariance"][1] <= high
     curve = pd.read_csv(out)
     assert list(curve) == ["parameter", "value", "rise", "allowed"]
     assert np.array_equal(curve["value"], own["values"])

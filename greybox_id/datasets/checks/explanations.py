@@ -39,6 +39,8 @@ TURN_RATE, ACCELERATION, ANGLE, SCALE, STEERING = 0.04, 0.8, 0.08, 0.12, 0.01
 """Least offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), turn of an IMU in rad
 (5 degrees), relative error of a scale and offset of steer in rad that are told; drives on usual roads with usual
 sensors have less."""
+ROLLS = 0.2
+"""Share by which a_y may read more than the motion says: a body that rolls reads gravity, 11 degrees per g at most."""
 HELD_TOGETHER = 0.5
 """Share of v_x steer that yaw_rate has to explain before halves are compared."""
 HALF_LEFT = 0.5
@@ -56,6 +58,8 @@ RESPONSE, PER_ROOT = 0.12, 0.12
 tyres take to turn an inertia that grows with length."""
 NEAR_RIGHT = 8.0
 """Degrees about 90 within which an IMU is put right by its map."""
+STEADY = 0.9
+"""Share of an unbroken run beyond which a channel that stands still was meant to: a speed that a controller keeps."""
 FROZEN, TIMES = 1.5, 20.0
 """Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
 
@@ -70,6 +74,7 @@ class Explanation:
     channel : signal concerned.
     value, error, unit : its size.
     gain : how much of the conflict it explains, in squared standard errors.
+    witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
     """
 
     sentence: str
@@ -78,6 +83,7 @@ class Explanation:
     error: float
     unit: str
     gain: float
+    witnessed: bool = True
 
 
 def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Finding]:
@@ -104,7 +110,8 @@ def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Findin
 
 def _finding(one: Explanation, also: str = "") -> Finding:
     place, sentence = FoundAt(one.channel), one.sentence + also
-    return Finding("explained", Severity.DISTRUST, place, sentence, one.value, one.error, one.unit)
+    severity = Severity.DISTRUST if one.witnessed else Severity.WARNING
+    return Finding("explained", severity, place, sentence, one.value, one.error, one.unit)
 
 
 def check_explanations(recording: Recording) -> list[Finding]:
@@ -211,7 +218,7 @@ def _sideways(r: Recording) -> list[Explanation]:
         )  # fmt: skip
     found += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
-    if SCALE < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not found:
+    if (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not found:
         found.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
     return found
 
@@ -266,7 +273,7 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
     return Explanation(
         f"{name} is {number(by, 3)} times what the motion says{doubt}: a_y against v_x · yaw_rate has gain "
         f"{number(scale, 3)}. Check its scale in the column map.",
-        name, by, error, "1", strength,
+        name, by, error, "1", strength, bool(witnesses),
     )  # fmt: skip
 
 
@@ -275,6 +282,8 @@ def _steered(r: Recording) -> list[Explanation]:
     if not r.has("steer", "yaw_rate"):
         return []
     v, turn, steer = (smooth(r, r[name], SMOOTHING) for name in ("v_x", "yaw_rate", "steer"))
+    if not np.any(np.isfinite(v)) or not np.any(np.isfinite(v * turn)):
+        return []
     moving = np.abs(v) > 0.2 * float(np.nanquantile(np.abs(v), 0.9))
     pushed = np.abs(v * turn)
     gentle = moving & (pushed < min(GENTLE, HALF_GRIP * float(np.nanquantile(pushed, 0.99))))
@@ -404,12 +413,13 @@ def _frozen(r: Recording) -> list[Finding]:
             seconds < FROZEN
             or lengths[longest] < TIMES * max(usual, 1.0)
             or values[a] == 0.0
+            or any(b - a > STEADY * (end - start) for start, end in r.runs if start <= a < end)
             or not _moves(r, name, a, b)
         ):
             continue
         sentence = (
             f"{name} is stuck at {quantity(float(values[a]), r.unit(name))} from t = {number(float(r.time[a]), 4)} to "
-            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out (--where, --between)."
+            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out."
         )
         place = FoundAt(name, rows=tuple(range(a, b)))
         findings.append(Finding("stuck", Severity.DISTRUST, place, sentence, seconds, None, "s"))

@@ -263,7 +263,7 @@ def _proposed_repair(proposal: Proposal) -> list[str]:
     return [
         "",
         *_comment(f"Repair: {told}"),
-        "# Take these lines in place of those of the same name, or greybox data check --repair MAP.toml.",
+        "# Take these lines in place of those of the same name, or let greybox data check repair the map.",
         *(f"#? {own.signal} = {{ {', '.join(column_fields(own))} }}" for own in changed),
     ]
 

@@ -302,7 +302,8 @@ def chained(
     """
     size, moving, first = ends.shape[1], starts_by_p.shape[2], lanes.first[own]
     G = np.zeros((len(first), size, moving + len(loose)))
-    G[first, :, :moving] = starts_by_p[lanes.interval[own][first]]
+    order = np.cumsum(lanes.first) - 1  # lanes that begin an interval, or a run of pieces, come as those do
+    G[first, :, :moving] = starts_by_p[order[own][first]]
     G[:, loose, moving + np.arange(len(loose))] = first[:, None]
     for lane in np.flatnonzero(~first):
         beginning, end = (G[lane - 1], ends[lane - 1]) if lane or before is None else before

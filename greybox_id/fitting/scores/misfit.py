@@ -50,7 +50,9 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
     outputs: Mapping[str, Mapping[str, Any]] = form.get("outputs", {})
     if not outputs:
         return
-    moving = {name: one for name, one in outputs.items() if not one["spread"] < MOVES * one["noise"]}
+    moving = {
+        name: one for name, one in outputs.items() if one["spread"] > 0 and not one["spread"] < MOVES * one["noise"]
+    }
     if not moving:
         yield Reason(
             NOT_USABLE,
@@ -67,12 +69,12 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
     yield from _dependence(worst, moving[worst], stated or {})
-    size = (form.get("halves", 0.0) * max((one["residual"] / one["spread"]) ** 2 for one in moving.values())) ** 0.5
+    size = form.get("halves", 0.0) ** 0.5 * _of_form(moving[worst])
     if size > HALVES and form.get("halves_gain", 0.0) > CLEARLY:
         yield Reason(
             NOT_USABLE,
             "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
-            "or of another. Fit each half, and compare them with greybox gap --since.",
+            "or of another. Fit each half, and ask greybox gap what changed.",
         )
 
 

@@ -50,7 +50,7 @@ class OutputForm:
     spread : standard deviation of the readings.
     noise : standard deviation of the readings' fast part, NaN where it cannot be told.
     share : size of one function of the drive in the error, over the spread.
-    explained : part of the residuals' mean square that functions of the drive explain.
+    explained : part of the residuals' mean square that is gone beside functions of the drive and errors of inputs.
     on : what they depend on, in words, the strongest first, with the part that it explains.
     gain : log of how much likelier the residuals are with such functions.
     independent : number of independent residuals.
@@ -105,7 +105,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     low, high = problem.bounds
     kept = problem.free & (x > low) & (x < high)
     kept[problem.parameters.size :] = False
-    H, g = _normal_equations(problem, x, nodes, drives, passed, kept, every)
+    H, g, alone = _normal_equations(problem, x, nodes, drives, passed, kept, every)
     count, halves = int(np.sum(kept)), len(drives) + len(passed)
     sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
     owner = np.repeat(np.arange(halves + 1), sizes_of)
@@ -119,8 +119,9 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
     of_inputs = [(one, sizes[owner == len(drives) + k]) for k, one in enumerate(passed)]
+    both = np.concatenate([moved, sizes])
     outputs = {
-        one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs)
+        one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs, alone[k].less(both))
         for k, one in enumerate(drives)
     }
     own = sizes[owner == halves]
@@ -173,7 +174,9 @@ class _Drive:
     alone: float
     correlation: float
 
-    def seen(self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_Passed, Array]]) -> OutputForm:
+    def seen(
+        self, share: float, sizes: Array, gain: float, of_inputs: Sequence[tuple[_Passed, Array]], explained: float
+    ) -> OutputForm:
         """What its residuals say, if functions of the drive and errors of inputs have these sizes in them."""
         unit = 1.0 / self.weight[self.read]
         square = max(float(np.mean(self.error[self.read] ** 2)), 1e-300)
@@ -190,10 +193,29 @@ class _Drive:
         pieces = [readings[a:b] for a, b in zip(self.edges[:-1], self.edges[1:], strict=True)]
         return OutputForm(
             float(np.sqrt(square)), float(np.std(self.reading[self.read])), white_noise_sd(pieces, held=True), share,
-            min(1.0, float(np.mean(table.sum(axis=1) ** 2)) / square),
-            dict(sorted(on.items(), key=lambda item: -item[1])), gain,
+            explained, dict(sorted(on.items(), key=lambda item: -item[1])), gain,
             float(np.count_nonzero(self.read)) / self.correlation,
         )  # fmt: skip
+
+
+@dataclass
+class _Squares:
+    """Squares of one output's residuals: curvature and gradient by all that may explain them, and their sum."""
+
+    H: Array
+    g: Array
+    total: float
+
+    def add(self, wide: Array, residuals: Array) -> None:
+        """Take in rows."""
+        self.H += wide.T @ wide
+        self.g += wide.T @ residuals
+        self.total += float(residuals @ residuals)
+
+    def less(self, sizes: Array) -> float:
+        """Part of the sum that is gone where all that explains it has these sizes."""
+        gone = -float(sizes @ (2.0 * self.g + self.H @ sizes))
+        return float(np.clip(gone / max(self.total, 1e-300), 0.0, 1.0))
 
 
 def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
@@ -320,9 +342,9 @@ def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
 def _normal_equations(
     problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
     kept: Mask, every: int,
-) -> tuple[Array, Array]:  # fmt: skip
+) -> tuple[Array, Array, list[_Squares]]:  # fmt: skip
     """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
-    kept parameters of the second half of the rows.
+    kept parameters of the second half of the rows; and the squares of each output alone.
 
     Residuals count as so many independent ones. Starts of intervals are eliminated, interval by interval.
     """
@@ -335,6 +357,7 @@ def _normal_equations(
     H[:count, :count] = problem.believed[np.ix_(kept, kept)]
     g[:count] = problem.pull_of_priors(x)[kept]
     first_loose = problem.parameters.size
+    alone = [_Squares(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in drives]
     for k, (rows, (residuals, J)) in enumerate(
         zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
     ):
@@ -346,7 +369,7 @@ def _normal_equations(
         own, by_loose = np.zeros_like(H), np.zeros((few, few))
         pull, coupled, toward = np.zeros_like(g), np.zeros((few, len(g))), np.zeros(few)
         at = place[index[there]]
-        for one, first in zip(drives, firsts[:-1], strict=True):
+        for one, first, squares in zip(drives, firsts[:-1], alone, strict=True):
             scale = 1.0 / np.sqrt(one.alone)
             r, by_p, by_z = residuals[:, one.place] * scale, J[:, one.place] * scale, one.columns[rows] * scale
             wide = np.zeros((len(rows), len(g)))
@@ -354,6 +377,7 @@ def _normal_equations(
             wide[:, first : first + by_z.shape[1]] = by_z
             wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows] * scale)[:, None]
             wide[:, last + at] = by_p[:, there] * (rows >= half)[:, None]
+            squares.add(wide, r)
             own += wide.T @ wide
             pull += wide.T @ r
             by_loose += by_p[:, loose].T @ by_p[:, loose]
@@ -365,7 +389,7 @@ def _normal_equations(
             pull -= coupled.T @ (inverse @ toward)
         H += own
         g += pull
-    return H, g
+    return H, g, alone
 
 
 class _Joint:
@@ -383,14 +407,18 @@ class _Joint:
         self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
         self.g = g[:count]
         self.S = S - self.C.T @ self.inverse @ self.C
-        self.S = 0.5 * (self.S + self.S.T)
+        size, along = la.eigh(0.5 * (self.S + self.S.T))  # what cancels must not leave curvature below zero
+        self.S = (along * np.maximum(size, 0.0)) @ along.T
         self.pull = g[count:] - self.C.T @ (self.inverse @ self.g)
 
     def evidence(self, variances: Array) -> float:
         """Log of how much likelier the residuals are with functions of such variances than with none."""
         root = np.sqrt(variances)
         inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
-        factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
+        try:
+            factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
+        except la.LinAlgError:  # so large a variance that rounding hides the rest: not to be chosen
+            return -np.inf
         scaled = root * self.pull
         gained = 0.5 * float(scaled @ la.cho_solve(factor, scaled))
         return gained - float(np.sum(np.log(np.diag(factor[0]))))

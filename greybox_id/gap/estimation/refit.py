@@ -230,7 +230,10 @@ class _Work:
         fresh = None
         if self._beside_too and sane:
             own = white[:, 1:].copy()
-            fresh = _Slopes(self.at[0], slopes.copy(), own, own.T @ own, cross[:, 1:].copy())
+            with np.errstate(over="ignore"):  # a motion that spins has slopes whose squares no number holds
+                gram = own.T @ own
+            if np.all(np.isfinite(gram)):
+                fresh = _Slopes(self.at[0], slopes.copy(), own, gram, cross[:, 1:].copy())
         if self._renews:
             self._renews = False
             if fresh is None or self.best is None:  # beside it, it spins: no step leads on

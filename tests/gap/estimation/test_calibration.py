@@ -21,7 +21,7 @@ MATHEMATICS = {
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
     "problem": {"LEAST_ZONE"},
-    "usual": {"FAST"},  # a percentile that is told
+    "usual": {"FAST"},  # a percentile that a sentence names
 }
 
 

@@ -12,7 +12,7 @@ from greybox_id.fitting.how import How
 from greybox_id.fitting.scores.memory import errors, predictions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
-from greybox_lab.papers.kept import write_pages
+from greybox_lab.papers.kept import pages_of, write_pages
 from greybox_lab.papers.msnn import ENTRIES, PAPER, MsnnBench, as_the_authors, compared, measure
 from greybox_lab.papers.msnn_figures import WHEELBASE, quasi_steady
 from greybox_lab.papers.msnn_report import msnn_report
@@ -95,7 +95,7 @@ def test_models_are_compared_at_the_same_rows(found):
 
 
 def test_the_report_holds_tables_and_figures_beside_the_papers(found, tmp_path):
-    page, paper = write_pages(msnn_report(found), tmp_path, "msnn")
+    page, paper = write_pages(msnn_report(found), pages_of(tmp_path, "msnn"), "greybox bench msnn")
     text = page.read_text(encoding="utf-8")
     for words in ("Table 1", "Table 2", "Table 3", "0.200", "0.100 (0.020)", "0.100 ± 0.010", "yaw rate"):
         assert words in text

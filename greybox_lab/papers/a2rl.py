@@ -1,0 +1,175 @@
+"""Steering of a full-size racer: the inverse model of a published network, and the servo behind the target.
+
+Source: "Model-Structured Neural Networks to Control the Steering Dynamics of Autonomous Race Cars" (arXiv 2507.20427);
+recordings and `Results.txt` in tonegas/nnodely-applications, vehicle/control_steer_dynamics_A2RL.
+
+The first 1 001 rows of the authors' validation lap are rows of their training lap, to the last digit;
+rows are compared, and what is new is scored beside what is published.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+import greybox_id as gb
+from greybox_id.base.shorthands import Array, Say
+
+from .bench import Bench, Row, clocked, frame, rmse
+from .equations import AHEAD, inverse_steering, steering_servo
+
+COLUMNS = ("ay", "ax", "vx", "curv", "steer_target", "steer_meas")
+STEP = 0.05
+"""s: the files have no time; 20 Hz is their authors' word."""
+PUBLISHED = ((1.694230712018907e-3, 155), (2.301451051607728e-3, 190), (2.23118020221591e-3, 225))
+"""`Results.txt`: RMSE on the validation lap and weights, of the networks of the grid that are printed."""
+TARGETS = {"steer_target": "commanded", "steer_meas": "measured"}
+
+
+def measure(data: Path, quick: bool, say: Say) -> Bench:
+    """Fit to the training lap, score on the validation lap. Raises `BadInput` where a lap is not there."""
+    laps = {name: frame(data, name, COLUMNS, "a2rl") for name in ("training_lap", "validation_lap")}
+    train, valid = laps.values()
+    fresh = ~seen_before(train, valid)
+    rows: list[Row] = []
+    found: dict[str, Any] = {"rows_of_validation_in_training": int(np.sum(~fresh))}
+    for column, word in TARGETS.items() if not quick else list(TARGETS.items())[:1]:
+        say(f"inverse model of the {word} steering")
+        with clocked() as spent:
+            fit = gb.fit(inverse_steering(), [turned(train, column)], options=gb.FitOptions(solver="gauss-newton"))
+        off = errors(fit, valid, column)
+        free, new = fit.model.size, fresh[: len(off)]
+        common: dict[str, Any] = {"parameters": free, "cpu_seconds": spent[0]}
+        task = f"Inverse steering, {word}, validation lap: RMSE"
+        rows.append(Row(task, "inverse single track", 1e3 * rmse(off), "mrad", **common))
+        if column == "steer_target":
+            rows += [
+                Row(task, "MS-NN-steer", 1e3 * value, "mrad", parameters=count, published=True)
+                for value, count in PUBLISHED
+            ]
+        if not new.all():
+            rows.append(
+                Row(
+                    f"{task}, rows that the training lap lacks",
+                    "inverse single track",
+                    1e3 * rmse(off[new]),
+                    "mrad",
+                    **common,
+                )
+            )
+        found[f"inverse_{column}"] = fit.params.to_dict()
+    rows += servo(train, valid, fresh, found)
+    best = min(value for value, _ in PUBLISHED)
+    own = next(row for row in rows if not row.published)
+    verdict = "is" if own.value <= 1e3 * best else "is not"
+    answers = (
+        f"The inverse single track needs {own.parameters} parameters where the published network has 155 to 225; its "
+        f"error {verdict} below the best one printed ({own.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
+        f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}).",
+        servo_words(found),
+        f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too: published figures "
+        "are partly in sample; the table of fresh rows is not.",
+    )  # fmt: skip
+    protocol = (
+        "Steering from curvature, speed and accelerations of the same and the next nine samples, as published; target "
+        "steer_target, and steer_meas in a full run.",
+        "Fitted to the training lap alone; its terms were chosen by blocked cross-validation of that lap. The authors "
+        "chose structure and seed on the validation lap.",
+        "RMSE pooled over all windows; theirs is a mean over batches. Servo: whole laps simulated from the target, "
+        "which runs straight between rows; intervals of 95 % from the residuals' own correlation.",
+    )
+    about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."
+    return Bench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, found)
+
+
+def servo_words(found: Mapping[str, Any]) -> str:
+    """What a reader takes the servo for."""
+    own, other = (found[f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap"))
+    middle, agree = 5e2 * sum(own), own[0] <= other[1] and other[0] <= own[1]
+    return (
+        f"Take the servo as {middle:.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'}, "
+        f"[{1e3 * own[0]:.0f}, {1e3 * own[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms. Whether "
+        "it is a delay or a lag, rows 50 ms apart do not separate."
+    )
+
+
+def seen_before(train: pd.DataFrame, valid: pd.DataFrame) -> NDArray[np.bool_]:
+    """(n,) whether a row of the validation lap is one of the training lap."""
+    known = set(map(tuple, train.round(9).to_numpy()))
+    return np.array([tuple(row) in known for row in valid.round(9).to_numpy()])
+
+
+def turned(lap: pd.DataFrame, column: str) -> gb.Recording:
+    """The lap backwards: what a window of the past holds are the samples to come.
+
+    The target moves by a sample, since a model with memory predicts the sample after its newest input: that of row k
+    then follows from the inputs of rows k to k + 9.
+    """
+    angle = np.append(lap[column].to_numpy()[1:], np.nan)
+    names = {"curv": "curvature", "vx": "v_x", "ax": "a_x", "ay": "a_y"}
+    signals = {name: lap[own].to_numpy()[:-1][::-1] for own, name in names.items()} | {"steering": angle[:-1][::-1]}
+    time: Array = STEP * np.arange(len(lap) - 1.0)
+    return gb.Recording(column, time, signals, extra_units={"curvature": "1/m", "steering": "rad"})
+
+
+def errors(fit: gb.Fit, lap: pd.DataFrame, column: str) -> Array:
+    """(n - 9,) predicted less recorded steering of rows 0 to n - 10, rad."""
+    padded = pd.concat([lap.iloc[:1], lap], ignore_index=True)  # so that row 0 has one before it
+    back = turned(padded, column)
+    made = gb.predict(fit, back, open_loop=True)["steering"][::-1]
+    off = made - back["steering"][::-1]
+    return off[: len(lap) - AHEAD + 1]
+
+
+def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], found: dict[str, Any]) -> list[Row]:
+    """How late the wheels are in either lap, as a pure delay and as a lag; the error of the one on the other.
+
+    Free together, the two are told apart by neither lap: at 20 Hz only their sum is.
+    """
+    laps = {"training lap": followed(train), "validation lap": followed(valid[fresh] if fresh.any() else valid)}
+    rows: list[Row] = []
+    fits: dict[tuple[str, str], gb.Fit] = {}
+    for symbol, held in (("steering_delay", {"lag": INSTANT}), ("lag", {"steering_delay": 0.0})):
+        model = steering_servo() + gb.effects.steering_delay.free()
+        for name, lap in laps.items():
+            with clocked() as spent:
+                fit = gb.fit(model, [lap], fix=held, options=gb.FitOptions(solver="gauss-newton"))
+            low, high = map(float, fit.conf_int(0.95).loc[symbol].to_numpy())
+            task = f"Servo as a {symbol.removeprefix('steering_')}, with 95 % interval"
+            rows.append(
+                Row(
+                    task,
+                    f"{name}, fresh rows" if name[0] == "v" else name,
+                    5e2 * (low + high),
+                    "ms",
+                    5e2 * (high - low),
+                    3,
+                    spent[0],
+                )
+            )
+            fits[name, symbol] = fit
+            found[f"servo, {name}, {symbol}"] = [low, high]
+    lap, task = laps["validation lap"], "Servo, fresh rows of the validation lap: RMSE of the measured angle"
+    for symbol in ("steering_delay", "lag"):
+        off = gb.simulate(fits["training lap", symbol], lap)["steer_measured"] - lap["steer_measured"]
+        rows.append(
+            Row(task, f"{symbol.removeprefix('steering_')} of the training lap", 1e3 * rmse(off), "mrad", parameters=3)
+        )
+    return [*rows, Row(task, "target as it is", 1e3 * rmse(lap["steer"] - lap["steer_measured"]), "mrad", parameters=0)]
+
+
+INSTANT = 2e-3
+"""s: a lag that cannot be seen in rows 50 ms apart."""
+
+
+def followed(lap: pd.DataFrame) -> gb.Recording:
+    """Target and measured angle."""
+    signals = {"steer": lap["steer_target"].to_numpy(), "steer_measured": lap["steer_meas"].to_numpy()}
+    return gb.Recording(
+        "servo", STEP * np.arange(len(lap), dtype=float), signals, extra_units={"steer_measured": "rad"}, hold="linear"
+    )

@@ -1,0 +1,198 @@
+"""The frame of all benches: rows that stand beside published ones, and a page of them, the same for every bench."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from rich.console import RenderableType
+
+from greybox_id.base.errors import BadInput
+from greybox_id.base.guard import PAGE_MARK
+from greybox_id.base.numbers import number
+from greybox_id.base.shorthands import Array
+from greybox_id.base.version import __version__
+from greybox_id.reports.document import Document, Part, Points, Section, Table, Text, Together, titled
+from greybox_id.reports.text.screen import plain_table
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure of a bench.
+
+    Attributes
+    ----------
+    task : what is measured, and on what.
+    model : whose figure it is.
+    value : in `unit`.
+    unit : SI, or as the source prints it.
+    spread : standard error, or half an interval of 95 % where `task` says so; None where there is none.
+    parameters : free numbers of the model; None where that means nothing.
+    cpu_seconds : of this machine, for fitting; None for what was not run.
+    published : whether it is the authors' printed figure.
+    """
+
+    task: str
+    model: str
+    value: float
+    unit: str
+    spread: float | None = None
+    parameters: int | None = None
+    cpu_seconds: float | None = None
+    published: bool = False
+
+
+@dataclass(frozen=True)
+class Bench:
+    """What a bench measured.
+
+    Attributes
+    ----------
+    name : as the command calls it.
+    title, about : the head of its page.
+    protocol : sentences: the task, what chose what, what is scored.
+    rows : in order; those of one task stand in one table.
+    answers : sentences that say first what a reader does with the tables.
+    found : further plain data, for --json.
+    """
+
+    name: str
+    title: str
+    about: str
+    protocol: tuple[str, ...]
+    rows: tuple[Row, ...]
+    answers: tuple[str, ...] = ()
+    found: Mapping[str, Any] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data."""
+        rows = [asdict(row) for row in self.rows]
+        return {"bench": self.name, "answers": list(self.answers), "rows": rows, "found": dict(self.found)}
+
+    def document(self) -> Document:
+        """The page."""
+        tasks = dict.fromkeys(row.task for row in self.rows)
+        parts: tuple[Part, ...] = (
+            *titled("Answer", Points(self.answers)),
+            *(part for task in tasks for part in titled(task, table([row for row in self.rows if row.task == task]))),
+            *titled("How it was measured", Points(self.protocol)),
+        )
+        return Document(self.title, self.about, "a bench", f"greybox-id {__version__}", parts)
+
+
+def table(rows: Sequence[Row]) -> Table:
+    """Rows of one task, the authors' marked."""
+    body = tuple(
+        (f"{row.model} (published)" if row.published else row.model, _with_spread(row),
+         "–" if row.parameters is None else str(row.parameters),
+         "–" if row.cpu_seconds is None else number(row.cpu_seconds, 2))
+        for row in rows
+    )  # fmt: skip
+    return Table(("model", rows[0].unit, "parameters", "CPU s"), body, "lrrr")
+
+
+def _with_spread(row: Row) -> str:
+    value = number(row.value, 3)
+    return value if row.spread is None else f"{value} ± {number(row.spread, 2)}"
+
+
+def on_screen(document: Document) -> Iterator[RenderableType]:
+    """A page without its figures, for a terminal."""
+    for part in _flat(document.parts):
+        match part:
+            case Section():
+                yield f"\n{part.title}"
+            case Points():
+                yield from (f"  {item}" for item in part.items)
+            case Text():
+                yield f"{part.lead} {part.words}".strip()
+            case Table():
+                right = [title for title, letter in zip(part.head, part.letters, strict=True) if letter == "r"]
+                shown = plain_table(*part.head, right=right)
+                for row in part.rows:
+                    shown.add_row(*row)
+                yield shown
+
+
+def markdown(document: Document, command: str) -> str:
+    """A page without its figures, for the documentation; `command` made it."""
+    lines = [PAGE_MARK, "", f"# {document.title}", "", document.about, "", f"    {command}", ""]
+    for part in _flat(document.parts):
+        match part:
+            case Section():
+                lines += [f"## {part.title}", ""]
+            case Points():
+                lines += [*(f"- {item}" for item in part.items), ""]
+            case Text():
+                lines += [f"{f'**{part.lead}** ' if part.lead else ''}{part.words}", ""]
+            case Table():
+                rules = [":---" if letter.lower() == "l" else "---:" for letter in part.letters]
+                cells = [part.head, tuple(rules), *part.rows]
+                lines += [*(f"| {' | '.join(one.replace('|', '∣') for one in row)} |" for row in cells), ""]
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _flat(parts: Sequence[Part]) -> Iterator[Part]:
+    for part in parts:
+        if isinstance(part, Together):
+            yield from _flat(part.parts)
+        else:
+            yield part
+
+
+def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.DataFrame:
+    """A recording's columns as the authors wrote them.
+
+    Parameters
+    ----------
+    data : folder.
+    name : of the file, without .csv or .csv.gz.
+    columns : that it must have, as numbers.
+    fetched : the dataset that `greybox datasets fetch` knows it by.
+
+    Raises
+    ------
+    BadInput : it is not there, or is none of these.
+    """
+    if not data.is_dir():
+        raise BadInput(f"{data} is no folder; name the one that holds {name}.csv (‹data›).")
+    path = next((own for own in (data / f"{name}.csv.gz", data / f"{name}.csv") if own.is_file()), None)
+    if path is None:
+        raise BadInput(
+            f"{data / name}.csv is not there; greybox datasets fetch {fetched} brings it, or name its folder."
+        )
+    try:
+        found = pd.read_csv(path)
+        missing = [column for column in columns if column not in found]
+        if missing:
+            raise BadInput(f"{path} has no column {missing[0]}; its columns are {', '.join(map(str, found.columns))}.")
+        values = found[list(columns)].astype(float)
+    except (OSError, ValueError, EOFError) as error:
+        raise BadInput(f"{path} cannot be read as a table of numbers ({error}); fetch it again.") from error
+    if len(values) < LEAST_ROWS or not np.isfinite(values.to_numpy()).all():
+        raise BadInput(f"{path} needs {LEAST_ROWS} rows or more, all of them numbers; it has {len(values)}.")
+    return values
+
+
+LEAST_ROWS = 200
+"""Ten seconds at 20 Hz."""
+
+
+def rmse(errors: Array) -> float:
+    """Root mean square of what is known."""
+    return float(np.sqrt(np.nanmean(errors**2)))
+
+
+@contextmanager
+def clocked() -> Iterator[list[float]]:
+    """CPU seconds of this process, appended at the end."""
+    spent: list[float] = []
+    start = time.process_time()
+    yield spent
+    spent.append(time.process_time() - start)

@@ -1,0 +1,159 @@
+"""A grey box that is no car, and the tools beside this one: a servo axis with friction, on one recording, in one run.
+
+The axis is that of the EMPS benchmark (Janot, Gautier, Brunot, nonlinearbenchmark.org, 2019): its equations, with the
+magnitudes that its reference model has to two digits, in a loop of position and velocity, on trapezoids of 0.2 m. Where
+DATA holds no recording of it, it is simulated here with an integrator that no tool in the table uses. What is published
+for the recording is not set beside a simulated one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from scipy.integrate import solve_ivp
+
+import greybox_id as gb
+from greybox_id.base.shorthands import Array, Say
+
+from .bench import Bench, Row, clocked, frame, rmse
+from .equations import servo_axis
+from .peers import PEERS, simulated
+
+TRUTH = {"M": 95.0, "F_v": 203.0, "F_c": 20.0, "F_0": -3.2}
+"""kg, N s/m, N, N."""
+GAINS = 160.0, 243.0, 35.15
+"""1/s, V s/m, N/V: position and velocity loop, force of a volt."""
+STEP, SECONDS, TURN = 5e-3, 25.0, 1e-5
+"""s, s, m: rows, their length, scatter of the position (a count of the encoder)."""
+SHAKE = 0.2
+"""N: scatter of the recorded force."""
+MOST_AXIS = 0.3
+"""m/s: of the trapezoids."""
+
+
+def measure(data: Path | None, quick: bool, say: Say) -> Bench:
+    """Identify the axis with every tool that is installed. Raises `BadInput` where DATA lacks axis.csv."""
+    columns = ("time", "force", "position")
+    lap, other = (
+        (made(1), made(2)) if data is None else (frame(data, name, columns, "emps") for name in ("axis", "axis_test"))
+    )
+    time, force, position = (lap[name].to_numpy() for name in columns)
+    nominal = {name: float(servo_axis()[name].array) for name in TRUTH}
+    rows: list[Row] = []
+    notes: list[str] = []
+    speed: dict[str, float] = {}
+
+    def add(name: str, spent: float, estimates: dict[str, float], count: int) -> None:
+        start = float(other["position"].iloc[0])
+        theta = np.array([estimates[own] for own in TRUTH])
+        off = simulated(theta, start, other["force"].to_numpy(), STEP) - other["position"].to_numpy()
+        rows.append(
+            Row(
+                "Position of an axis run that nothing was fitted to, free run of 25 s: RMSE",
+                name,
+                1e3 * rmse(off),
+                "mm",
+                None,
+                4,
+                spent,
+            )
+        )
+        if data is None:
+            away = max(abs(estimates[own] / true - 1.0) for own, true in TRUTH.items())
+            rows.append(Row("Largest error of a parameter", name, 100.0 * away, "%", None, 4, spent))
+        speed[name] = count * len(TRUTH) / spent
+
+    say("greybox-id")
+    recording = gb.Recording(
+        "axis", time, {"force": force, "position": position}, extra_units={"force": "N", "position": "m"}
+    )
+    for name in ("greybox-id, first call", "greybox-id"):
+        with clocked() as spent:
+            fit = gb.fit(servo_axis(), [recording], options=gb.FitOptions(solver="gauss-newton"))
+        estimates = {own: float(fit.params[own]) for own in TRUTH}
+        add(name, spent[0], estimates, len(time))
+    add("greybox-id, its search alone", sum(stage.cpu_seconds for stage in fit.stages), estimates, len(time))
+    for name, (peer, most) in PEERS.items():
+        count = min(len(time), most // 5 if quick else most)
+        say(f"{name}, {count} rows")
+        theirs, spent_there, why = tried(peer, time[:count], force[:count], position[:count], nominal)
+        if theirs is None:
+            notes.append(f"{name} is left out: {why}")
+        else:
+            add(name, spent_there, dict(zip(TRUTH, theirs, strict=True)), count)
+    task = "Samples × parameters per CPU second"
+    rows += [Row(task, name, value, "1/s", None, 4) for name, value in speed.items()]
+    others = {name: value for name, value in speed.items() if not name.startswith("greybox")}
+    fastest = max(others, key=lambda name: others[name]) if others else ""
+    answers = [
+        f"{name} takes {speed['greybox-id'] / value:.2g} times the CPU time of greybox-id, per row."
+        for name, value in others.items()
+    ]
+    if fastest:
+        answers.insert(
+            0,
+            f"Beside the fastest other tool here, {fastest}, the search of greybox-id is "
+            f"{speed['greybox-id, its search alone'] / others[fastest]:.2g} times as fast, and a whole fit, with "
+            f"intervals and errors over horizons, {speed['greybox-id'] / others[fastest]:.2g} times.",
+        )
+    protocol = (
+        "Four parameters from position and force, 5 000 rows at 200 Hz, from the same start; every tool gets the same "
+        "rows, or as many of the first ones as its row limit says, and its CPU seconds hold all that it does, "
+        "compiling too (greybox-id: the first call beside a later one).",
+        "Tools use the same equations; friction's sign is tanh of the velocity over 1 mm/s. Runge-Kutta of fourth "
+        "order, a step a row, where a tool does not bring its own integrator.",
+        "Other tools are set as their examples are; nobody tuned them, and somebody who knows them may reach more.",
+        *notes,
+    )
+    about = "Servo axis in the form of the EMPS benchmark: M q'' = F − F_v q' − F_c sign(q') − F_0."
+    return Bench(
+        "emps", "A servo axis, and other tools", about, protocol, tuple(rows), tuple(answers), {"speed": speed}
+    )
+
+
+def tried(
+    peer: Callable[..., Array], time: Array, force: Array, position: Array, nominal: dict[str, float]
+) -> tuple[Array | None, float, str]:
+    """What another tool estimates, and its CPU seconds; or why it does not."""
+    try:
+        with clocked() as spent:
+            found = peer(time, force, position, np.array(list(nominal.values())))
+    except ImportError as error:
+        return None, 0.0, f"it is not installed ({error})"
+    except Exception as error:  # whatever another library raises is told, not raised
+        return None, 0.0, f"it fails ({type(error).__name__}: {error})"
+    if not np.all(np.isfinite(found)):
+        return None, 0.0, "its estimates are no numbers"
+    return np.asarray(found), spent[0], ""
+
+
+def made(seed: int) -> pd.DataFrame:
+    """The axis in its loop, on trapezoids of random height: time s, force N, position m."""
+    random = np.random.default_rng(seed)
+    k_p, k_v, volt = GAINS
+    goals = np.concatenate([[0.0], random.uniform(0.05, 0.2, 20) * np.where(np.arange(20) % 2, 0.0, 1.0)])
+
+    def wanted(t: float) -> float:
+        k = min(int(t / 1.25), len(goals) - 2)
+        share = np.clip((t - 1.25 * k) * MOST_AXIS / max(abs(goals[k + 1] - goals[k]), 1e-9), 0.0, 1.0)
+        return float(goals[k] + (goals[k + 1] - goals[k]) * share * share * (3.0 - 2.0 * share))
+
+    time = STEP * np.arange(round(SECONDS / STEP))
+    state, force, position = np.zeros(2), np.zeros(len(time)), np.zeros(len(time))
+    for k, t in enumerate(time):  # the controller holds its force for a row, as its converter does
+        position[k] = state[0]
+        force[k] = np.clip(volt * k_v * (k_p * LOOP * (wanted(t) - state[0]) - state[1]) * LOOP, -300.0, 300.0)
+
+        def moved(_: float, x: Array, F: float = force[k]) -> list[float]:
+            return [x[1], (F - TRUTH["F_v"] * x[1] - TRUTH["F_c"] * np.tanh(x[1] / 1e-3) - TRUTH["F_0"]) / TRUTH["M"]]
+
+        state = solve_ivp(moved, (0.0, STEP), state, method="LSODA", rtol=1e-8, atol=1e-10).y[:, -1]
+    return pd.DataFrame({"time": time, "force": force + SHAKE * random.standard_normal(len(time)),
+                         "position": position + TURN * random.standard_normal(len(time))})  # fmt: skip
+
+
+LOOP = 0.15
+"""Share of both gains that a force held for 5 ms bears; the authors' loop runs at 1 kHz."""

@@ -1,0 +1,209 @@
+"""Benches on others' ground: on stand-ins what is put in comes out; files that are none are sentences."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+from calling import greybox, refused
+from json_pages import PAGE, agree
+
+import greybox_id as gb
+from greybox_id.base.errors import BadInput
+from greybox_lab.papers import a2rl, brakes, emps, ferrari, peers
+from greybox_lab.papers.bench import Bench, Row, frame, markdown, on_screen
+from greybox_lab.papers.equations import AHEAD, driven_rear, servo_axis
+
+
+def quietly(line, passing=False):
+    del line, passing
+
+
+def test_a_page_has_every_figure_and_marks_what_is_published():
+    rows = (
+        Row("Yaw: RMSE", "ours", 0.5, "rad/s", 0.01, 12, 3.0),
+        Row("Yaw: RMSE", "theirs", 0.7, "rad/s", published=True),
+    )
+    document = Bench("one", "A title", "About it.", ("How.",), rows, ("Do this.",)).document()
+    page = markdown(document, "greybox bench one --data DIR")
+    for words in ("# A title", "greybox bench one --data DIR", "- Do this.", "## Yaw: RMSE",
+                  "| ours | 0.500 ± 0.010 | 12 | 3.0 |",
+                  "| theirs (published) | 0.700 | – | – |", "| :--- | ---: | ---: | ---: |"):  # fmt: skip
+        assert words in page
+    assert len(list(on_screen(document))) == 6
+
+
+def laps(rows=600, seed=0):
+    """A car that answers its steering target after two rows, on a path with bends; the servo is 35 ms late."""
+    random = np.random.default_rng(seed)
+    t = 0.05 * np.arange(rows + 40)
+    steer = 0.05 * np.sin(0.4 * t) + 0.02 * np.sin(1.1 * t + seed)
+    measured = np.interp(t - 0.035, t, steer)
+    v = 35.0 + 5.0 * np.sin(0.1 * t)
+    curvature = np.interp(t - 0.1, t, steer) / 3.2
+    columns = {"ay": curvature * v**2, "ax": 0.5 * np.cos(0.1 * t), "vx": v, "curv": curvature, "steer_target": steer,
+               "steer_meas": measured + 1e-5 * random.standard_normal(len(t))}  # fmt: skip
+    return pd.DataFrame(columns).iloc[20 : rows + 20].reset_index(drop=True)
+
+
+def test_the_inverse_of_a_late_car_is_found_and_reads_nothing_but_what_is_ahead():
+    train, valid = laps(), laps(seed=1)
+    fit = gb.fit(
+        a2rl.inverse_steering(), [a2rl.turned(train, "steer_target")], options=gb.FitOptions(solver="gauss-newton")
+    )
+    off = a2rl.errors(fit, valid, "steer_target")
+    assert len(off) == len(valid) - AHEAD + 1
+    assert np.sqrt(np.nanmean(off**2)) < 0.03 * valid["steer_target"].std()
+    assert float(fit.params["lead"]) == pytest.approx(2.0, abs=0.3)
+    cut = a2rl.errors(fit, valid.iloc[100:].reset_index(drop=True), "steer_target")
+    np.testing.assert_allclose(cut, off[100:], atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_servo_that_is_late_by_35_ms_is_found_in_both_laps():
+    found = {}
+    rows = a2rl.servo(laps(), laps(seed=1), np.ones(600, bool), found)
+    for lap in ("training lap", "validation lap"):
+        low, high = found[f"servo, {lap}, steering_delay"]
+        assert 0.02 < low <= high < 0.045
+    assert "overlap" in a2rl.servo_words(found) or "part" in a2rl.servo_words(found)
+    held_out = [row for row in rows if row.unit == "mrad"]
+    assert held_out[0].value < 0.5 * held_out[-1].value
+
+
+def test_rows_of_the_training_lap_in_the_other_are_counted():
+    train = laps()
+    mixed = pd.concat([train.iloc[400:], laps(seed=1).iloc[:300]], ignore_index=True)
+    assert a2rl.seen_before(train, mixed).tolist() == [True] * 200 + [False] * 300
+
+
+def test_yaw_errors_begin_where_the_angle_was_measured():
+    rate = np.full(300, 2.0)
+    drive = pd.DataFrame({"yawRate": rate, "yawAngle": 90.0 + 2.0 * 0.05 * np.arange(300)})
+    exact = ferrari.yaw_errors(drive, rate)
+    assert all(np.nanmax(np.abs(own)) < 1e-9 for own in exact.values() if np.isfinite(own).any())
+    biased = ferrari.yaw_errors(drive, rate + 1.0)
+    assert np.max(biased["yaw angle over 5 s"]) == pytest.approx(5.0)
+    assert np.isnan(biased["yaw angle over 60 s"]).all()
+
+
+def test_a_car_pulls_to_the_side_its_brakes_do():
+    t = 0.05 * np.arange(100)
+    straight = gb.Recording(
+        "brake", t, {"steer": 0 * t, "v_x": 40.0 - 5.0 * t, "a_x": np.full(100, -5.0), "yaw_rate": 0 * t}
+    )
+    model = driven_rear()
+    assert np.max(np.abs(gb.simulate(model, straight)["yaw_rate"])) < 1e-6
+    pulling = model.with_parameters(replace(model["brake_pull"], value=-0.05))
+    assert np.all(gb.simulate(pulling, straight)["yaw_rate"][10:] > 1e-3)
+
+
+def road(grip, rows=800, seed=0):
+    """A car that brakes every ten seconds harder than ice bears; locked axles bear 4 and 5 kN times grip."""
+    random = np.random.default_rng(seed)
+    pedal = np.where(np.arange(rows) % 200 > 140, 0.4, 0.0)
+    demand = {"f": 6000.0 * pedal, "r": 5000.0 * pedal}
+    most = {"f": 4000.0 * grip, "r": 5000.0 * grip}
+    force = {axle: -np.minimum(own, most[axle]) for axle, own in demand.items()}
+    locked = {axle: own > most[axle] for axle, own in demand.items()}
+    motor = np.where(pedal == 0.0, 130.0 + 60.0 * np.sin(0.07 * np.arange(rows)), 0.0)
+    acc, speed = np.zeros(rows), np.full(rows + 1, 20.0)
+    for k in range(rows):
+        acc[k] = (force["f"][k] + force["r"][k] + 9.0 * motor[k] - 0.5 * speed[k] ** 2) / 1250.0
+        speed[k + 1] = max(speed[k] + 0.05 * acc[k], 5.0)
+    speed = speed[:-1] + 0.1 * random.standard_normal(rows)
+    columns = {
+        "brake_pedal": pedal,
+        "speed": speed,
+        "acc": acc + 0.3 * random.standard_normal(rows),
+        "motor_torque": motor,
+    }
+    for axle in "fr":
+        columns[f"{axle}_rot_speed"] = np.where(locked[axle], 0.0, 2.0 * speed / brakes.RADIUS)
+        for side in "lr":
+            scatter = random.normal(1.0, 5e-3, rows)
+            columns[f"final_brake_tw_{axle}{side}"] = 0.5 * force[axle] * brakes.RADIUS * scatter
+    return pd.DataFrame(columns)
+
+
+@pytest.mark.slow
+def test_grip_is_known_where_axles_lock_and_nowhere_else(tmp_path):
+    for name, grip in brakes.GRIP.items():
+        road(grip).to_csv(tmp_path / f"{name}.csv", index=False)
+    parts = [(0.25, 1), (0.5, 2), (1.0, 3)]
+    pd.concat([road(grip, seed=seed).assign(grip=grip) for grip, seed in parts]).to_csv(
+        tmp_path / "test.csv", index=False
+    )
+    told = greybox("bench", "abs", "--data", tmp_path, "--json").told
+    agree(told, PAGE["bench abs"])
+    known = next(row for row in told["rows"] if "where it is known" in row["task"])
+    assert known["value"] < 0.1
+    page = tmp_path / "abs.md"
+    page.write_text("notes of my own\n", encoding="utf-8")
+    assert "abs.md is there already" in refused("bench", "abs", "--data", tmp_path, "--report", page)
+    page.unlink()
+    for _ in range(2):  # a page of ours may be replaced
+        greybox("bench", "abs", "--data", tmp_path, "--report", page)
+    assert "greybox bench abs --data DIR" in page.read_text(encoding="utf-8")
+    assert 0.05 < told["found"]["known_share"] < 0.8
+    assert next(row for row in told["rows"] if row["unit"] == "%")["value"] > 90.0
+
+
+@pytest.mark.slow
+def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
+    lap = emps.made(1)
+    again = peers.simulated(np.array(list(emps.TRUTH.values())), 0.0, lap["force"].to_numpy(), emps.STEP)
+    assert np.sqrt(np.mean((again - lap["position"]) ** 2)) < 1e-3
+    recording = gb.Recording(
+        "axis", lap["time"].to_numpy(), {name: lap[name].to_numpy() for name in ("force", "position")}
+    )
+    fit = gb.fit(servo_axis(), [recording], options=gb.FitOptions(solver="gauss-newton"))
+    assert float(fit.params["M"]) == pytest.approx(emps.TRUTH["M"], rel=5e-3)
+
+    def broken(*_):
+        raise ValueError("no")
+
+    nothing = np.zeros(3)
+    assert "it is not installed" in emps.tried(peers.by_nnodely, nothing, nothing, nothing, {"M": 1.0})[2]
+    assert emps.tried(broken, nothing, nothing, nothing, {"M": 1.0})[2] == "it fails (ValueError: no)"
+
+
+@pytest.mark.slow
+def test_another_tool_finds_the_axis_from_the_same_rows():
+    lap = emps.made(1).iloc[:600]
+    start = np.array([80.0, 150.0, 15.0, 0.0])
+    found = peers.by_scipy(*(lap[name].to_numpy() for name in ("time", "force", "position")), start)
+    assert found == pytest.approx(list(emps.TRUTH.values()), rel=0.1)
+
+
+def test_files_that_are_not_there_or_are_none_are_sentences(tmp_path):
+    assert "no folder" in refused("bench", "a2rl", "--data", tmp_path / "none")
+    assert "greybox datasets fetch abs" in refused("bench", "abs", "--data", tmp_path)
+    (tmp_path / "train_0.csv").write_text("time,vxCG\n1,2\n", encoding="utf-8")
+    assert "has no column handwheelAngle" in refused("bench", "ferrari", "--data", tmp_path)
+    (tmp_path / "dry.csv.gz").write_bytes(b"no gzip")
+    assert "cannot be read" in refused("bench", "abs", "--data", tmp_path)
+    with pytest.raises(BadInput, match="needs 200 rows"):
+        frame(tmp_path, "train_0", ("time", "vxCG"), "revs_telemetry")
+
+
+@pytest.mark.slow
+def test_the_racers_steering_on_its_laps(real_data, tmp_path):
+    page = tmp_path / "a2rl.md"
+    told = greybox("bench", "a2rl", "--data", real_data / "a2rl", "--quick", "--report", page, "--json").told
+    rows = [row for row in told["rows"] if row["model"] == "inverse single track"]
+    assert all(row["parameters"] <= 15 and row["value"] < 1.95 for row in rows)
+    assert told["found"]["rows_of_validation_in_training"] == 1001
+    delays = [told["found"][f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap")]
+    assert delays[0][0] <= delays[1][1]
+    assert delays[1][0] <= delays[0][1]
+    assert "MS-NN-steer (published)" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.slow
+def test_grip_on_the_simulators_roads(real_data):
+    told = greybox("bench", "abs", "--data", real_data / "abs", "--json").told
+    assert next(row for row in told["rows"] if "where it is known" in row["task"])["value"] < 0.06
+    assert next(row for row in told["rows"] if row["unit"] == "%")["value"] > 90.0
+    assert json.dumps(told)
