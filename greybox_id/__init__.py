@@ -72,8 +72,8 @@ def __getattr__(name: str) -> object:
 
         raise AttributeError(f"greybox_id has no {name!r}.{near(name, _PLACES)}")
     module, _, inside = _PLACES[name].partition(":")
-    found = import_module(f".{module}", __name__)
-    return vars(sys.modules[__name__]).setdefault(name, getattr(found, inside) if inside else found)
+    result = import_module(f".{module}", __name__)
+    return vars(sys.modules[__name__]).setdefault(name, getattr(result, inside) if inside else result)
 
 
 def __dir__() -> list[str]:

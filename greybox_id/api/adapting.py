@@ -47,9 +47,9 @@ class AdaptationResult(Adaptation):
     """
 
     @classmethod
-    def of(cls, found: Adaptation) -> AdaptationResult:
+    def of(cls, adaptation: Adaptation) -> AdaptationResult:
         """An adaptation with what it can do."""
-        return cls(**{own.name: getattr(found, own.name) for own in fields(Adaptation)})
+        return cls(**{field.name: getattr(adaptation, field.name) for field in fields(Adaptation)})
 
     def parts(self) -> Iterator[RenderableType]:
         """What it says, part by part."""
@@ -132,10 +132,10 @@ def adapted(
 ) -> AdaptationResult:  # fmt: skip
     """A fit adapted, its training data read again where they still are."""
     trained = training_data(fit, fit_file)
-    found = adapt_fit(
+    result = adapt_fit(
         fit, new, seconds=seconds, free=free, validate=validation, calibrate=tuple(calibrate), trained=trained, say=say
     )
-    return AdaptationResult.of(replace(found, fit=FitResult.of(found.fit)))
+    return AdaptationResult.of(replace(result, fit=FitResult.of(result.fit)))
 
 
 def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | None:
@@ -143,8 +143,8 @@ def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | N
     if isinstance(fit, FitResult) and fit.recordings:
         return [one for one, record in zip(fit.recordings, fit.data, strict=False) if record.role == "train"]
     file = fit_file or (fit.file if isinstance(fit, FitResult) else None)
-    found = []
-    for record in (own for own in fit.data if own.role == "train"):
+    result = []
+    for record in (item for item in fit.data if item.role == "train"):
         try:
             one = read_file(found_again(record, file), record.mapping)
             if one.source.sha256 != record.sha256:
@@ -153,5 +153,5 @@ def training_data(fit: Fit, fit_file: Path | None = None) -> list[Recording] | N
             one = one.where(record.where) if record.where else one
         except BadInput:
             return None
-        found.append(one)
-    return found or None
+        result.append(one)
+    return result or None

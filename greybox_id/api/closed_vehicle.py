@@ -45,13 +45,13 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
     """
     if gap.closed is not None and gap.closed.learnt:
         raise BadInput(f"{gap.model} closed: {no_place(gap.model)}")
-    own = vehicle.model
+    model = vehicle.model
     closed = gap.closed
-    before = own.effects if own is not None else {}
+    before = model.effects if model is not None else {}
     ranked = {one.effect: one for one in gap.ranking}
     if closed is None:
-        settings = own.settings if own is not None and own.name == gap.model else {}
-        known = before if own is not None and own.name == gap.model else {}
+        settings = model.settings if model is not None and model.name == gap.model else {}
+        known = before if model is not None and model.name == gap.model else {}
         added = {name: _magnitude(ranked[name]) for name in gap.applied if name in ranked and ranked[name].lasts}
         chosen = ChosenModel(gap.model, settings, {**known, **added})
         values = dict(vehicle.values)
@@ -65,7 +65,7 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
                 added[name] = replace(before.get(name, Stated(source=BY)), value=value)
         chosen = ChosenModel(closed.name, closed.settings, added)
         values = {**vehicle.values, **_moved(vehicle, closed)}
-    tolerated = {name: own for name, own in vehicle.effects.items() if name not in chosen.effects}
+    tolerated = {name: effect for name, effect in vehicle.effects.items() if name not in chosen.effects}
     return replace(
         vehicle,
         name=f"{vehicle.name.removesuffix(CLOSED)}{CLOSED}" if gap.applied else vehicle.name,
@@ -115,7 +115,7 @@ def fitted_vehicle(fit: Fit, name: str) -> Vehicle:
 
     return Vehicle(
         name=name,
-        values={own.name: stated(own) for own in _numbers(model)},
+        values={number.name: stated(number) for number in _numbers(model)},
         model=ChosenModel(model.name, model.settings, {effect: stated(model[effect]) for effect in model.effects}),
         about=about,
     )
@@ -126,11 +126,11 @@ def with_sensors(fitted: Vehicle, stated: Vehicle) -> Vehicle:
 
     Its numbers and the effects of its model stay the fit's.
     """
-    own = fitted.model.effects if fitted.model is not None else {}
+    effects = fitted.model.effects if fitted.model is not None else {}
     return replace(
         fitted,
         noise=stated.noise,
-        effects={name: tolerance for name, tolerance in stated.effects.items() if name not in own},
+        effects={name: tolerance for name, tolerance in stated.effects.items() if name not in effects},
         steer_max=stated.steer_max,
         model_error=stated.model_error,
     )
@@ -141,25 +141,27 @@ def _left(fit: Fit, model: MemoryModel | HybridModel) -> dict[str, float]:
     protocol = FREE_RUN
     if isinstance(model, MemoryModel):
         protocol = "honest" if model.feedback is None else "closed_loop"
-    told = fit.metrics.get("train", {}).get(protocol, {})
-    left = {output: float(told[output]["rmse"]) for output in model.outputs if output in told}
+    known = fit.metrics.get("train", {}).get(protocol, {})
+    left = {output: float(known[output]["rmse"]) for output in model.outputs if output in known}
     return {output: rmse for output, rmse in left.items() if isfinite(rmse) and rmse > 0}
 
 
 def _numbers(model: Model) -> list[Parameter]:
     """The model's parameters but its effects' magnitudes; their second parameters are numbers of the vehicle."""
-    return [own for own in model.parameters if own.shape == () and own.name not in model.effects]
+    return [
+        parameter for parameter in model.parameters if parameter.shape == () and parameter.name not in model.effects
+    ]
 
 
 def _moved(vehicle: Vehicle, closed: Model) -> dict[str, Stated]:
     """Numbers that the closed model has otherwise than the vehicle states, or it takes for granted; no magnitudes."""
     nominal = build(closed.name, closed.settings, dict.fromkeys(closed.effects), vehicle)
-    found = {}
+    result = {}
     for parameter in _numbers(closed):
         value = float(parameter.array)
         if parameter.name in nominal and value != float(nominal[parameter.name].array):
-            found[parameter.name] = replace(vehicle.values.get(parameter.name, Stated()), value=value, source=BY)
-    return found
+            result[parameter.name] = replace(vehicle.values.get(parameter.name, Stated()), value=value, source=BY)
+    return result
 
 
 def _magnitude(ranked: Ranked) -> Stated:

@@ -199,7 +199,7 @@ def design(
     else:
         assert made is not None
         model = nominal_of(source, made)
-    own = usual_limits(model, (where.length, where.breadth))
+    entry = usual_limits(model, (where.length, where.breadth))
     file = "" if limits is None or isinstance(limits, Mapping) else f" {limits}"
     read = {} if limits is None else dict(limits) if isinstance(limits, Mapping) else read_limits(limits)
     more: dict[str, object] = {}
@@ -210,17 +210,17 @@ def design(
         ("speed_max›", {} if speed_max is None else {"speed_max": speed_max}),
         ("grip›", {} if grip is None else {"grip": grip}),
     ):
-        stated(own, part, f"‹{name}")  # says which of them is at fault
+        stated(entry, part, f"‹{name}")  # says which of them is at fault
         more |= part
-    own = must_agree(stated(own, more, "‹limits›"))
-    asked = DesignTask(where, own, float(duration), float(rate), int(repeat), int(seed), driver, float(effort))
+    entry = must_agree(stated(entry, more, "‹limits›"))
+    design_task = DesignTask(where, entry, float(duration), float(rate), int(repeat), int(seed), driver, float(effort))
     if isinstance(source, Fit):
-        found = precise(source, parameters, criterion, asked, say)
+        result = precise(source, parameters, criterion, design_task, say)
     elif chosen == "discriminate":
-        found = discriminating(source, model, EFFECTS, asked, say)
+        result = discriminating(source, model, EFFECTS, design_task, say)
     else:
-        found = detecting(source, model, EFFECTS, parameters, asked, say)
-    return DesignResult.of(found)
+        result = detecting(source, model, EFFECTS, parameters, design_task, say)
+    return DesignResult.of(result)
 
 
 def quoted(gap: Gap, made: Made, arena: str, progress: Callable[[str], None] | None = None) -> Gap:
@@ -230,15 +230,15 @@ def quoted(gap: Gap, made: Made, arena: str, progress: Callable[[str], None] | N
         return gap
     lead = f"To tell {names[0]} from {', '.join(names[1:])}"
     try:
-        found = design(GapResult.of(gap, made), "discriminate", arena=arena, progress=progress)
+        design_result = design(GapResult.of(gap, made), "discriminate", arena=arena, progress=progress)
     except BadInput as error:  # the diagnosis is worth having all the same
-        told: tuple[str, ...] = (f"{lead}: {error}",)
+        known: tuple[str, ...] = (f"{lead}: {error}",)
     else:
-        expected = "; ".join(f"{' or '.join(own.pair)} by {own.nats:.0f} nats" for own in found.separation)
-        way = f"{found.sentence[:1].lower()}{found.sentence[1:]}"
-        drive = f"{lead}, drive {way} {found.duration:.1f} s in {found.arena.words} tell {expected}."
-        told = (*((drive,) if found.phases else ()), *found.impossible)
-    return replace(gap, advice=(*told, *(line for line in gap.advice if not line.startswith(lead))))
+        expected = "; ".join(f"{' or '.join(item.pair)} by {item.nats:.0f} nats" for item in design_result.separation)
+        way = f"{design_result.sentence[:1].lower()}{design_result.sentence[1:]}"
+        drive = f"{lead}, drive {way} {design_result.duration:.1f} s in {design_result.arena.words} tell {expected}."
+        known = (*((drive,) if design_result.phases else ()), *design_result.impossible)
+    return replace(gap, advice=(*known, *(line for line in gap.advice if not line.startswith(lead))))
 
 
 def targets(folder: str | Path) -> Path:
@@ -280,25 +280,25 @@ def _source(of: Fit | Gap | str | Path) -> tuple[Fit | Gap, Made | None]:
     return load(of, build), None
 
 
-def _sd_table(own: Design) -> Table:
+def _sd_table(design: Design) -> Table:
     table = plain_table("parameter", "sd now", "sd with it", "unit")
-    units = {parameter.name: parameter.unit for parameter in build(own.model).parameters}
+    units = {parameter.name: parameter.unit for parameter in build(design.model).parameters}
     units |= {name: effect.parameter.unit for name, effect in EFFECTS.items()}
-    for name, (before, after) in own.predicted_sd.items():
+    for name, (before, after) in design.predicted_sd.items():
         table.add_row(name, *alike(before, after, by=after), pretty_unit(units.get(name, "")))
     return table
 
 
-def _separation_table(own: Design) -> Table:
+def _separation_table(design: Design) -> Table:
     table = plain_table("explanations", "nats", "at least (90 %)")
-    for one in own.separation:
+    for one in design.separation:
         table.add_row(" or ".join(one.pair), f"{one.nats:.1f}", f"{one.p10:.1f}")
     return table
 
 
-def as_dict(own: Design, written: Sequence[Path] = ()) -> dict[str, Any]:
+def as_dict(design: Design, written: Sequence[Path] = ()) -> dict[str, Any]:
     """What `greybox design --json` prints."""
-    return own.as_dict() | {"written": [str(path) for path in written]}
+    return design.as_dict() | {"written": [str(path) for path in written]}
 
 
 __all__ = ["KIND", "DesignResult", "as_dict", "design", "quoted", "targets"]

@@ -93,28 +93,38 @@ def diagnose(
     """
     install()
     nominal, stated = _nominal(model, vehicle)
-    own = given.recordings(after, columns, "after")
+    recordings = given.recordings(after, columns, "after")
     others = (
         [] if isinstance(held_out, list | tuple) and not held_out else given.recordings(held_out, columns, "held_out")
     )
     before = None if since is None else given.recordings(since, columns, "since")
-    everything = [*own, *others, *(before or ())]
+    everything = [*recordings, *others, *(before or ())]
     must_be_diagnosable(nominal, everything)
-    must_differ(own, others)
+    must_differ(recordings, others)
     tried = _candidates(effects)
     if before is not None:
         if more:
             raise BadInput(f"{', '.join(more)}: no option where what changed since other recordings is asked.")
         with known(nominal, *tried.values()):
-            changed = diagnose_change(nominal, own, before, tried, vehicle=stated, held_out=others, say=progress)
-        said = replace(changed, gap=doubted(changed.gap, nominal, stated, own))
-        return ChangeResult.since_then(said, made_with(nominal, changed.vehicle, own, others, seed))
+            changed = diagnose_change(nominal, recordings, before, tried, vehicle=stated, held_out=others, say=progress)
+        entry = replace(changed, gap=doubted(changed.gap, nominal, stated, recordings))
+        return ChangeResult.since_then(entry, made_with(nominal, changed.vehicle, recordings, others, seed))
     options = dict(more)
     with known(nominal, *tried.values()):
-        found = diagnose_gap(
-            nominal, own, tried, vehicle=stated, held_out=others, say=progress, seed=seed, horizons=horizons, **options
+        result = diagnose_gap(
+            nominal,
+            recordings,
+            tried,
+            vehicle=stated,
+            held_out=others,
+            say=progress,
+            seed=seed,
+            horizons=horizons,
+            **options,
         )
-    return GapResult.of(doubted(found, nominal, stated, own), made_with(nominal, stated, own, others, seed))
+    return GapResult.of(
+        doubted(result, nominal, stated, recordings), made_with(nominal, stated, recordings, others, seed)
+    )
 
 
 def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> None:
@@ -130,12 +140,12 @@ def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> 
             )
 
 
-def must_differ(own: Sequence[Recording], others: Sequence[Recording]) -> None:
+def must_differ(recordings: Sequence[Recording], others: Sequence[Recording]) -> None:
     """Raise `BadInput` where the same data are diagnosed and held out."""
-    seen = {recording.source.sha256: recording for recording in own if recording.source.sha256}
+    seen = {recording.source.sha256: recording for recording in recordings if recording.source.sha256}
     for recording in others:
         same = seen.get(recording.source.sha256)
-        if any(recording is one for one in own) or (
+        if any(recording is one for one in recordings) or (
             same is not None and same.runs == recording.runs and len(same) == len(recording)
         ):
             there = recording.source.path or recording.name
@@ -146,24 +156,24 @@ def must_differ(own: Sequence[Recording], others: Sequence[Recording]) -> None:
             )
 
 
-def doubted(found: Gap, nominal: Diagnosed, stated: Vehicle | None, own: Sequence[Recording]) -> Gap:
+def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Sequence[Recording]) -> Gap:
     """The diagnosis, with doubts on whether the vehicle is the recorded one, and what tells more than a fit does."""
-    more = doubts(nominal, stated, own) if stated is not None else []
-    found = replace(found, doubts=(*found.doubts, *(doubt for doubt in more if doubt not in found.doubts)))
+    more = doubts(nominal, stated, recordings) if stated is not None else []
+    gap = replace(gap, doubts=(*gap.doubts, *(doubt for doubt in more if doubt not in gap.doubts)))
     of_a_fit = stated is not None and any(number.source == FITTED for number in stated.values.values())
-    if found.applied or not found.absorbed or not of_a_fit:
-        return found
+    if gap.applied or not gap.absorbed or not of_a_fit:
+        return gap
     since = (
-        f"What the fit leaves open would take up {listed([*found.absorbed])}: a diagnosis since recordings from before "
+        f"What the fit leaves open would take up {listed([*gap.absorbed])}: a diagnosis since recordings from before "
         "tells more sharply what changed."
     )
-    return replace(found, advice=(*found.advice, since))
+    return replace(gap, advice=(*gap.advice, since))
 
 
 def made_with(
     nominal: Diagnosed,
     stated: Vehicle | None,
-    own: Sequence[Recording],
+    recordings: Sequence[Recording],
     others: Sequence[Recording],
     seed: int,
     command: str = "",
@@ -174,7 +184,7 @@ def made_with(
         command=command,
         seed=seed,
         version=__version__,
-        data=(*(data_record(one, "train") for one in own), *(data_record(one, "validate") for one in others)),
+        data=(*(data_record(one, "train") for one in recordings), *(data_record(one, "validate") for one in others)),
         settings=dict(nominal.settings),
         effects={name: float(nominal[name].array) for name in nominal.effects},
         stated=stated_numbers(stated, nominal) if stated is not None else (),
@@ -224,8 +234,8 @@ def _nominal(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> tuple[Di
     stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
     if isinstance(model, Fit):
         return of_fit(model, model.model.name, stated)
-    found = model_of(model) if isinstance(model, Vehicle) else given.model(model, stated)
-    return must_have_gaps(must_be_stated(found)), stated
+    result = model_of(model) if isinstance(model, Vehicle) else given.model(model, stated)
+    return must_have_gaps(must_be_stated(result)), stated
 
 
 def _candidates(effects: Mapping[str, Effect] | Iterable[Effect | str] | None) -> dict[str, Effect]:
@@ -233,17 +243,17 @@ def _candidates(effects: Mapping[str, Effect] | Iterable[Effect | str] | None) -
     if effects is None:
         return dict(EFFECTS)
     if isinstance(effects, Mapping):
-        found = dict(effects)
-        for name, own in found.items():
-            if not isinstance(own, Effect):
-                raise BadInput(f"effects: {name} is no Effect but {own!r:.60}.")
-        return found
+        result = dict(effects)
+        for name, effect in result.items():
+            if not isinstance(effect, Effect):
+                raise BadInput(f"effects: {name} is no Effect but {effect!r:.60}.")
+        return result
     if isinstance(effects, str | Path):
         raise BadInput(f"effects: a list is needed, as in effects=[{str(effects)!r}], not the text {str(effects)!r}.")
-    found = {}
-    for own in effects:
-        if isinstance(own, Effect):
-            found[own.name] = own
+    result = {}
+    for effect in effects:
+        if isinstance(effect, Effect):
+            result[effect.name] = effect
         else:
-            found[own] = given.effect(own)
-    return found
+            result[effect] = given.effect(effect)
+    return result

@@ -75,8 +75,8 @@ class FitResult(Fit):
         cls, fit: Fit, recordings: tuple[Recording, ...] = (), file: Path | None = None, vehicle: str = ""
     ) -> FitResult:
         """A fit with what it can do."""
-        own = {one.name: getattr(fit, one.name) for one in fields(Fit)}
-        return cls(**own, recordings=recordings, file=file, vehicle=vehicle)
+        value = {one.name: getattr(fit, one.name) for one in fields(Fit)}
+        return cls(**value, recordings=recordings, file=file, vehicle=vehicle)
 
     @property
     def params(self) -> pd.Series[float]:
@@ -162,9 +162,9 @@ class FitResult(Fit):
         BadInput : a signal is missing.
         """
         read = given.recordings(recordings, columns)
-        names = [own.name for own in read]
+        names = [item.name for item in read]
         return validation(
-            self, {name if names.count(name) == 1 else f"{name} ({k})": own for k, (name, own) in
+            self, {name if names.count(name) == 1 else f"{name} ({k})": item for k, (name, item) in
                    enumerate(zip(names, read, strict=True), 1)},
         )  # fmt: skip
 
@@ -250,12 +250,12 @@ class FitResult(Fit):
         ------
         BadInput : a file is no longer there or has changed, or a recording was made in memory.
         """
-        records = [own for own in self.data if role in ("", own.role)]
+        records = [item for item in self.data if role in ("", item.role)]
         if self.recordings:
             pairs = zip(self.recordings, self.data, strict=True)
             return tuple(as_fitted(self, recording) for recording, record in pairs if record in records)
-        found = [read(found_again(own, self.file), own.mapping) for own in records]
-        return tuple(_matched(self, records, found))
+        result = [read(found_again(record, self.file), record.mapping) for record in records]
+        return tuple(_matched(self, records, result))
 
     def __repr__(self) -> str:
         return "\n".join(self._lines())
@@ -271,7 +271,7 @@ class FitResult(Fit):
         return f"<p><b>{escape(first)}</b><br>{'<br>'.join(map(escape, rest))}</p><table>{head}{rows}</table>"
 
     def _lines(self, table: bool = True) -> list[str]:
-        names = ", ".join(own.name for own in self.data if own.role == "train")
+        names = ", ".join(item.name for item in self.data if item.role == "train")
         last = self.stages[-1] if self.stages else None
         lines = [
             f"Fit of {' + '.join((self.model.name, *self.model.effects))} to {names or 'nothing'}",
@@ -292,11 +292,11 @@ class FitResult(Fit):
         return pd.concat([self.params, self.conf_int()], axis=1).loc[names]
 
     def _by_name(self, values: Mapping[str, Any], title: str) -> pd.Series[float]:
-        found: dict[str, float] = {}
+        result: dict[str, float] = {}
         for parameter in self.model.parameters:
-            own: Array = np.broadcast_to(np.asarray(values[parameter.name], dtype=float), parameter.shape)
-            found |= dict(zip((entry.name for entry in entries(parameter)), own.ravel().tolist(), strict=True))
-        return pd.Series(found, name=title, dtype=float)
+            value: Array = np.broadcast_to(np.asarray(values[parameter.name], dtype=float), parameter.shape)
+            result |= dict(zip((entry.name for entry in entries(parameter)), value.ravel().tolist(), strict=True))
+        return pd.Series(result, name=title, dtype=float)
 
 
 def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Hand it over.") -> Path:
@@ -317,7 +317,7 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
     raise BadInput(f"{record.path}, which the fit has seen, is no longer there. {otherwise}")
 
 
-def _matched(fit: Fit, records: list[DataRecord], found: list[Recording]) -> tuple[Recording, ...]:
+def _matched(fit: Fit, records: list[DataRecord], recordings: list[Recording]) -> tuple[Recording, ...]:
     from dataclasses import replace
 
-    return matched(replace(fit, data=tuple(records)), found)
+    return matched(replace(fit, data=tuple(records)), recordings)

@@ -105,21 +105,21 @@ def fit(
     chosen = given.choices(fix, free, prior, start, per_run)
     stated = given.vehicle(vehicle)
     if isinstance(model, str):  # what is wrong with it is better said before recordings are read than after
-        asked: Wanted | Model = given.wanted(model, stated, settings, effects, chosen)
+        requested: Wanted | Model = given.wanted(model, stated, settings, effects, chosen)
     elif isinstance(model, Model):
         if vehicle is not None or settings:
             raise BadInput("vehicle, settings: a model is made of them; hand them over where it is made (gb.models).")
-        asked = with_choices(given.model(model, None, effects), chosen)
+        requested = with_choices(given.model(model, None, effects), chosen)
     else:
         raise BadInput(f"model: a Model or its name is needed, not {model!r:.60}.")
-    nominal = asked.model() if isinstance(asked, Wanted) else asked
+    nominal = requested.model() if isinstance(requested, Wanted) else requested
     how.must_suit(nominal)
     training = given.recordings(recordings, columns)
     validate = None if validation is None else given.recording(validation, columns, "validation")
     learnt = (
         None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
     )
-    return planned(asked, nominal, training, validate, how, learnt).run(progress or quiet)
+    return planned(requested, nominal, training, validate, how, learnt).run(progress or quiet)
 
 
 @dataclass(frozen=True)
@@ -148,7 +148,7 @@ class PlannedFit:
         """Fit; `command` is kept in the result."""
         for warning in self.warnings:
             say(f"warning: {warning}")
-        found = fit_model(
+        result = fit_model(
             self.models,
             self.training,
             validate=self.validation,
@@ -158,11 +158,11 @@ class PlannedFit:
             pretraining=self.pretraining,
         )
         seen = (*self.training, *([self.validation] if self.validation is not None else []))
-        return FitResult.of(found, seen, vehicle=self.vehicle)
+        return FitResult.of(result, seen, vehicle=self.vehicle)
 
 
 def planned(
-    asked: Wanted | Model,
+    requested: Wanted | Model,
     nominal: Model,
     training: Sequence[Recording],
     validation: Recording | None,
@@ -173,7 +173,7 @@ def planned(
 
     Parameters
     ----------
-    asked : the model with its choices as asked for, or the model itself.
+    requested : the model with its choices as asked for, or the model itself.
     nominal : the model it asks for.
     training, validation : recordings that were read.
     options : how to fit.
@@ -184,11 +184,11 @@ def planned(
     BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon.
     """
     must_be_recorded(nominal, [*training, *([validation] if validation is not None else [])])
-    models = asked.models(join(training, "training data")) if isinstance(asked, Wanted) else [asked]
+    models = requested.models(join(training, "training data")) if isinstance(requested, Wanted) else [requested]
     if options.horizon is not None:
         must_suit(options.horizon, training)
-    stated = asked.vehicle if isinstance(asked, Wanted) else None
-    warnings = doubts(models[0], stated, training) if isinstance(asked, Wanted) else []
+    stated = requested.vehicle if isinstance(requested, Wanted) else None
+    warnings = doubts(models[0], stated, training) if isinstance(requested, Wanted) else []
     return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
 
 
@@ -247,9 +247,9 @@ def load(
     if not isinstance(path, str | Path):
         raise BadInput(f"path: the path of a fit's file is needed, not {path!r:.60}.")
     several = [models] if isinstance(models, Model | str) else list(models)
-    own = [own_model(one) if isinstance(one, str) else one for one in several]
+    value = [own_model(one) if isinstance(one, str) else one for one in several]
     added = [effects] if isinstance(effects, Effect | str) else list(effects)
     brought = [own_effect(one) if isinstance(one, str) else one for one in added]
     install()
-    with known(*own, *brought):
+    with known(*value, *brought):
         return FitResult.of(load_fit(path, build), file=Path(path))

@@ -67,17 +67,17 @@ class GapResult(Gap):
         return pd.DataFrame(
             [
                 {
-                    "effect": own.effect,
-                    "probability": own.probability,
-                    "magnitude": own.magnitude,
-                    "lower": own.interval[0],
-                    "upper": own.interval[1],
-                    "unit": own.unit,
-                    "since": own.since,
-                    "until": own.until,
-                    "applied": own.effect in self.applied,
+                    "effect": item.effect,
+                    "probability": item.probability,
+                    "magnitude": item.magnitude,
+                    "lower": item.interval[0],
+                    "upper": item.interval[1],
+                    "unit": item.unit,
+                    "since": item.since,
+                    "until": item.until,
+                    "applied": item.effect in self.applied,
                 }
-                for own in self.ranking
+                for item in self.ranking
             ],
             columns=[*("effect", "probability", "magnitude", "lower", "upper", "unit", "since", "until", "applied")],
         )
@@ -99,11 +99,11 @@ class GapResult(Gap):
 
     def __repr__(self) -> str:
         lines = [f"Gap of {self.model} on {', '.join(self.recordings)}", f"  {whether(self)}"]
-        for own in self.ranking[:MOST_SHOWN]:
-            low, high = (number(end) for end in own.interval)
+        for item in self.ranking[:MOST_SHOWN]:
+            low, high = (number(end) for end in item.interval)
             lines.append(
-                f"  {own.effect}: probability {own.probability:.2f}, {number(own.magnitude)} [{low}, {high}]"
-                f" {pretty_unit(own.unit)}{', applied' if own.effect in self.applied else ''}"
+                f"  {item.effect}: probability {item.probability:.2f}, {number(item.magnitude)} [{low}, {high}]"
+                f" {pretty_unit(item.unit)}{', applied' if item.effect in self.applied else ''}"
             )
         closure, held_out = judged(self)
         if tells(closure):
@@ -113,7 +113,7 @@ class GapResult(Gap):
     def _repr_html_(self) -> str:
         head = escape(f"Gap of {self.model} on {', '.join(self.recordings)}: {whether(self)}")
         table: Any = self.to_pandas()
-        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda own: f'{own:.4g}')}"
+        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda item: f'{item:.4g}')}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -154,11 +154,11 @@ class ChangeResult(GapResult):
         """One row per effect that changed, with its 95 % interval, what it was `before`, and its `gain` in nats."""
         rows = [
             {
-                **{k: v for k, v in own.items() if k != "interval"},
-                "lower": own["interval"][0],
-                "upper": own["interval"][1],
+                **{k: v for k, v in item.items() if k != "interval"},
+                "lower": item["interval"][0],
+                "upper": item["interval"][1],
             }
-            for own in self._told.changed
+            for item in self._told.changed
         ]
         columns = ["effect", "magnitude", "lower", "upper", "unit", "before", "probability", "gain", "share"]
         return pd.DataFrame(rows, columns=columns)
@@ -179,16 +179,16 @@ class ChangeResult(GapResult):
     def _repr_html_(self) -> str:
         head = escape(f"Change of {self.model} on {', '.join(self.recordings)}: {changed_lines(self._told)[0]}")
         table: Any = self.changed
-        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda own: f'{own:.4g}')}"
+        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda item: f'{item:.4g}')}"
 
 
-def changed_lines(own: Changed) -> list[str]:
+def changed_lines(changed: Changed) -> list[str]:
     """What changed in lines: a head, and one per effect."""
-    before = ", ".join(own.since)
-    if not own.changed:
+    before = ", ".join(changed.since)
+    if not changed.changed:
         return [f"changed  nothing beyond what {before} scatter by"]
     lines = [f"changed  beyond what {before} scatter by"]
-    for each in own.changed:
+    for each in changed.changed:
         low, high = (number(end) for end in each["interval"])
         lines.append(
             f"{each['effect']}: {number(each['magnitude'])} [{low}, {high}] {pretty_unit(each['unit'])}, before "

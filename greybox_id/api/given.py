@@ -53,9 +53,9 @@ def vehicle(given: VehicleLike) -> Vehicle | None:
 def listed(given: str | Iterable[str], argument: str) -> tuple[str, ...]:
     """Names, of which one may stand alone."""
     several = (given,) if isinstance(given, str) else tuple(given)
-    for own in several:
-        if not isinstance(own, str):
-            raise BadInput(f"{argument}: names are needed, as in {argument}=['I_z'], not {of_type(own)}.")
+    for item in several:
+        if not isinstance(item, str):
+            raise BadInput(f"{argument}: names are needed, as in {argument}=['I_z'], not {of_type(item)}.")
     return several
 
 
@@ -76,7 +76,7 @@ def choices(
     return Choices(
         fix=_pairs(fix, "fix") if isinstance(fix, Mapping) else listed(fix, "fix"),
         free=listed(free, "free"),
-        prior=[f"{name}={_belief(own, name)}" for name, own in (prior or {}).items()],
+        prior=[f"{name}={_belief(item, name)}" for name, item in (prior or {}).items()],
         start=_pairs(start or {}, "start"),
         per_run=listed(per_run, "per_run"),
     )
@@ -93,7 +93,7 @@ def wanted(
         raise BadInput(f"model: there is no model {name!r}.{near_or_all(name, MODELS)}")
     objects, written = _effects(effects)
     if objects:
-        names = ", ".join(own.name for own in objects)
+        names = ", ".join(item.name for item in objects)
         raise BadInput(f"effects: add {names} to a model, as in gb.models.{name}(...) + gb.effects.{objects[0].name}.")
     return Wanted(name, vehicle(vehicle_given), dict(settings or {}), magnitudes(written), chosen)
 
@@ -122,33 +122,33 @@ def _effects(given: Effects) -> tuple[list[Effect], list[str]]:
     """Effects that are handed over, and those that are named."""
     several = [given] if isinstance(given, str | Effect) else list(given)
     objects, names = [], []
-    for own in several:
-        if isinstance(own, Effect):
-            objects.append(own)
-        elif isinstance(own, str):
-            names.append(own_effect(own).name if is_place(own) else own)
+    for item in several:
+        if isinstance(item, Effect):
+            objects.append(item)
+        elif isinstance(item, str):
+            names.append(own_effect(item).name if is_place(item) else item)
         else:
-            raise BadInput(f"effects: an Effect or its name is needed, not {of_type(own)}.")
+            raise BadInput(f"effects: an Effect or its name is needed, not {of_type(item)}.")
     return objects, names
 
 
 def _pairs(given: Numbers, argument: str) -> list[str]:
-    found = []
+    result = []
     for name, value in given.items():
         if value is None:
-            found.append(name)
+            result.append(name)
             continue
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise BadInput(f"{argument}: {name} needs a number or a text such as '3.5kg', not {of_type(value)}.")
-        found.append(f"{name}={value if isinstance(value, str) else repr(float(value))}")
-    return found
+        result.append(f"{name}={value if isinstance(value, str) else repr(float(value))}")
+    return result
 
 
 def _belief(given: Any, name: str) -> str:
     if isinstance(given, str):
         return given
     try:
-        mean, sd = (float(own) for own in given)
+        mean, sd = (float(item) for item in given)
     except (TypeError, ValueError) as error:
         raise BadInput(f"prior: {name} needs (mean, sd) or a text such as '6±3', not {given!r:.60}.") from error
     return f"{mean!r}±{sd!r}"

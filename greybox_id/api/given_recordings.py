@@ -25,25 +25,25 @@ def recordings(given: Recordings, columns: Columns = "canonical", argument: str 
         raise BadInput(
             f"{argument}: a Recording, a path or a list of them is needed, not {of_type(given)}.{_frame(given)}"
         )
-    found: list[Recording] = []
-    for own in several:
-        if isinstance(own, Recording):
-            found.append(own)
-        elif isinstance(own, str | Path):
-            found += [read_file(path, columns) for path in files(own, argument)]
+    result: list[Recording] = []
+    for item in several:
+        if isinstance(item, Recording):
+            result.append(item)
+        elif isinstance(item, str | Path):
+            result += [read_file(path, columns) for path in files(item, argument)]
         else:
-            raise BadInput(f"{argument}: a Recording or a path is needed, not {of_type(own)}.{_frame(own)}")
-    if not found:
+            raise BadInput(f"{argument}: a Recording or a path is needed, not {of_type(item)}.{_frame(item)}")
+    if not result:
         raise BadInput(f"{argument}: there is no recording; hand one over, or name a file.")
-    return found
+    return result
 
 
 def recording(given: Recording | str | Path, columns: Columns = "canonical", argument: str = "recording") -> Recording:
     """The one that is meant."""
-    found = recordings(given, columns, argument)
-    if len(found) > 1:
-        raise BadInput(f"{argument}: one recording is needed, and {len(found)} are given; take them one by one.")
-    return found[0]
+    result = recordings(given, columns, argument)
+    if len(result) > 1:
+        raise BadInput(f"{argument}: one recording is needed, and {len(result)} are given; take them one by one.")
+    return result[0]
 
 
 def files(pattern: str | Path, argument: str) -> list[Path]:
@@ -51,10 +51,10 @@ def files(pattern: str | Path, argument: str) -> list[Path]:
     text = str(pattern)
     if Path(text).exists() or not has_magic(text):
         return [Path(text)]
-    found = sorted(glob(text, recursive=True))
-    if not found:
+    result = sorted(glob(text, recursive=True))
+    if not result:
         raise BadInput(f"{argument}: no file is called like {text!r}, seen from {Path.cwd()}.")
-    return [Path(path) for path in found]
+    return [Path(path) for path in result]
 
 
 def of_type(given: object) -> str:

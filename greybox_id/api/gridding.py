@@ -88,8 +88,8 @@ def grid(
         raise BadInput("varied: settings with their values are needed, such as {'n_delta': [5, 6, 7]}.")
     train = given.recording(recording, columns)
     scored = None if validation is None else given.recording(validation, columns, "validation")
-    found = fit_grid(model, train, varied, settings=settings, validate=scored, strength=strength, jobs=jobs)
-    return GridResult(found.table, found.names, found.chosen, found.aic_best, found.interrupted, found.doubts)
+    result = fit_grid(model, train, varied, settings=settings, validate=scored, strength=strength, jobs=jobs)
+    return GridResult(result.table, result.names, result.chosen, result.aic_best, result.interrupted, result.doubts)
 
 
 def spanned(pairs: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, Any]]:
@@ -130,22 +130,22 @@ def written_to(target: Path) -> Callable[[pd.DataFrame], None]:
     return keep
 
 
-def grid_parts(found: Grid) -> Iterator[RenderableType]:
+def grid_parts(grid: Grid) -> Iterator[RenderableType]:
     """A grid, part by part."""
-    for doubt in found.doubts:
+    for doubt in grid.doubts:
         yield led("mind", doubt)
-    for word, row in (("chosen", found.chosen), ("AIC", found.aic_best)):
-        cell = ", ".join(f"{name}={row[name]}" for name in found.names)
+    for word, row in (("chosen", grid.chosen), ("AIC", grid.aic_best)):
+        cell = ", ".join(f"{name}={row[name]}" for name in grid.names)
         what = "fewest parameters within one standard error" if word == "chosen" else "least as published"
         yield led(word, f"{cell}: {row['parameters']} parameters; {what}")
-    yield led("fits", f"{len(found.table)}, {number(float(found.table['cpu_seconds'].sum()))} CPU s")
+    yield led("fits", f"{len(grid.table)}, {number(float(grid.table['cpu_seconds'].sum()))} CPU s")
     yield ""
     titles = ("parameters", "cross-validated, % of spread", "AIC", "AIC effective")
-    table = plain_table(*found.names, *titles)
-    for _, told in found.table.sort_values("cv_error").head(10).iterrows():
-        row = {str(name): value for name, value in told.items()}
+    table = plain_table(*grid.names, *titles)
+    for _, item in grid.table.sort_values("cv_error").head(10).iterrows():
+        row = {str(name): value for name, value in item.items()}
         table.add_row(
-            *(str(row[name]) for name in found.names), str(row["parameters"]),
+            *(str(row[name]) for name in grid.names), str(row["parameters"]),
             f"{100 * row['cv_error']:.2f} ± {100 * row['cv_se']:.2f}", f"{row['aic']:.1f}",
             f"{row['aic_effective']:.1f}",
         )  # fmt: skip

@@ -87,9 +87,9 @@ def export(
         return exporter_of(model).write(model, ForeignResult(name or identifier(to)), target, to)
     fit = model if isinstance(model, Fit) else None
     stated = given.vehicle(vehicle)
-    own = given.model(model, stated)
+    value = given.model(model, stated)
     subject = Subject(
-        own, name or identifier(to), moving(own, parameters), fit, own.name if fit is None else "fit", "", stated
+        value, name or identifier(to), moving(value, parameters), fit, value.name if fit is None else "fit", "", stated
     )
     return export_subject(subject, target, to)
 
@@ -137,45 +137,45 @@ def report(
     'lap.html'
     """
     several: list[Result] = [results] if isinstance(results, Result) else list(results)
-    if not several or not all(isinstance(own, Result) for own in several):
+    if not several or not all(isinstance(item, Result) for item in several):
         raise BadInput(f"results: a Fit, a Gap, a Track or a list of them is needed, not {results!r:.60}.")
     if not isinstance(out, str | Path):
         raise BadInput(f"out: the path of a file is needed, not {out!r:.60}.")
     kind_of(out)
     if posterior is not None and (len(several) > 1 or not isinstance(several[0], Fit)):
         raise BadInput("posterior: it belongs to one fit; hand over that fit alone.")
-    models = [own for result in several if (own := _model_of(result)) is not None]
+    models = [model for result in several if (model := _model_of(result)) is not None]
     with known(*models, *effects):
-        if len(several) > 1 and all(isinstance(own, Fit) for own in several):
-            fits = [own for own in several if isinstance(own, Fit)]
+        if len(several) > 1 and all(isinstance(item, Fit) for item in several):
+            fits = [item for item in several if isinstance(item, Fit)]
             named = [
-                NamedFit(f"{k} {own.model.name}", own, _seen(own, recordings, columns)) for k, own in enumerate(fits, 1)
+                NamedFit(f"{k} {one.model.name}", one, _seen(one, recordings, columns)) for k, one in enumerate(fits, 1)
             ]
             return write(comparison(named), out)
         if posterior is not None and isinstance(several[0], Fit):
             draws = posterior if isinstance(posterior, Posterior) else load_posterior(posterior)
             return write(prepared(several[0], _seen(several[0], recordings, columns), draws), out)
-        documents = [_document(own, recordings, columns) for own in several]
+        documents = [_document(item, recordings, columns) for item in several]
         return write(documents[0] if len(documents) == 1 else _one_after_the_other(documents), out)
 
 
 def identifier(folder: str | Path) -> str:
     """A folder's name as far as it can name functions of C; of a file that is written alone, without its ending."""
-    own = Path(folder).resolve()
-    name = own.stem if own.suffix in ALONE.values() else own.name
-    found = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
-    if not found:
+    value = Path(folder).resolve()
+    name = value.stem if value.suffix in ALONE.values() else value.name
+    result = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
+    if not result:
         raise BadInput(f"No function can be called after the folder {folder}; name them with ‹name›.")
-    return found if found[0].isalpha() else f"model_{found}"
+    return result if result[0].isalpha() else f"model_{result}"
 
 
-def moving(model: Model, asked: str | Iterable[str]) -> tuple[str, ...] | None:
+def moving(model: Model, text: str | Iterable[str]) -> tuple[str, ...] | None:
     """Names of the parameters that can be changed after an export: "free", "all" (None), or a list of names."""
-    if asked == "all":
+    if text == "all":
         return None
-    if asked == "free":
+    if text == "free":
         return tuple(p.name for p in model.parameters if not p.fixed)
-    names = asked.split(",") if isinstance(asked, str) else asked
+    names = text.split(",") if isinstance(text, str) else text
     return tuple(name.strip() for name in given.listed(names, "parameters") if name.strip())
 
 
@@ -204,10 +204,14 @@ def _seen(fit: Fit, recordings: Recordings | None, columns: Columns) -> tuple[Re
 def _one_after_the_other(documents: Sequence[Document]) -> Document:
     """One report of several."""
     parts: list[Part] = []
-    for own in documents:
-        parts += [Section(f"{own.title}: {own.of}"), *own.parts]
+    for document in documents:
+        parts += [Section(f"{document.title}: {document.of}"), *document.parts]
     first = documents[0]
-    titles = ", ".join(dict.fromkeys(own.title for own in documents))
+    titles = ", ".join(dict.fromkeys(document.title for document in documents))
     return replace(
-        first, title=titles, about="; ".join(own.about for own in documents), of="several results", parts=tuple(parts)
+        first,
+        title=titles,
+        about="; ".join(document.about for document in documents),
+        of="several results",
+        parts=tuple(parts),
     )

@@ -43,16 +43,16 @@ class KnownVehicle(Vehicle):
         """
         if not isinstance(path, str | Path):
             raise BadInput(f"path: a shipped name or a path is needed, not {path!r:.60}.")
-        found = wanted_vehicle(str(path))
-        assert found is not None
-        return cls(**{own.name: getattr(found, own.name) for own in fields(Vehicle)})
+        result = wanted_vehicle(str(path))
+        assert result is not None
+        return cls(**{field.name: getattr(result, field.name) for field in fields(Vehicle)})
 
     def __repr__(self) -> str:
-        values = [_said(name, own) for name, own in self.values.items()]
+        values = [_said(name, value) for name, value in self.values.items()]
         lines = [", ".join(values[k : k + IN_A_LINE]) for k in range(0, min(len(values), MOST_SHOWN), IN_A_LINE)]
         more = len(values) - MOST_SHOWN
         named = {"tolerances": self.effects, "noise of": self.noise}
-        lines += [f"{title} {', '.join(own)}" for title, own in named.items() if own]
+        lines += [f"{title} {', '.join(item)}" for title, item in named.items() if item]
         left = f", {more} of them not shown" if more > 0 else ""
         first = f"Vehicle {self.name}: {counted(len(values), 'value')}{left}"
         return "\n  ".join([first, *lines])
@@ -65,7 +65,7 @@ class KnownVehicle(Vehicle):
         return write_vehicle(self, path)
 
 
-def _said(name: str, own: Stated) -> str:
-    if own.value is None:
+def _said(name: str, stated: Stated) -> str:
+    if stated.value is None:
         return name
-    return f"{name} = {short_with_sd(own.value, own.sd) if own.sd else exact(own.value, 6)}"
+    return f"{name} = {short_with_sd(stated.value, stated.sd) if stated.sd else exact(stated.value, 6)}"

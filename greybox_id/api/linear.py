@@ -46,12 +46,12 @@ def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpa
         "jacobians", [x, u], [cs.jacobian(rates, x), cs.jacobian(rates, u), cs.jacobian(read, x), cs.jacobian(read, u)]
     )
     x_0, u_0 = _steady(equations, cs.Function("rates", [x, u], [rates]), v_x, steer)
-    A, B, C, D = (np.asarray(own.full()) for own in jacobians(x_0, u_0))
+    A, B, C, D = (np.asarray(jacobian.full()) for jacobian in jacobians(x_0, u_0))
     return control.ss(
         A, B, C, D,
-        states=[own.name for own in equations.states],
-        inputs=[own.name for own in equations.inputs],
-        outputs=[own.name for own in equations.outputs],
+        states=[state.name for state in equations.states],
+        inputs=[item.name for item in equations.inputs],
+        outputs=[output.name for output in equations.outputs],
         name=model.name,
     )  # fmt: skip
 
@@ -59,7 +59,7 @@ def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpa
 def _steady(equations: Equations, rates: cs.Function, v_x: float, steer: float) -> tuple[Array, Array]:
     """States and inputs of the steady state: v_x and steer as given, all others such that nothing changes."""
     model = equations.model
-    states, inputs = [own.name for own in equations.states], list(model.inputs)
+    states, inputs = [state.name for state in equations.states], list(model.inputs)
     given = {"v_x": v_x, "steer": steer}
     x_0 = np.array([given.get(name, 0.0) for name in states])
     u_0 = np.array([given.get(name, model.defaults.get(name, 0.0)) for name in inputs])
@@ -76,10 +76,10 @@ def _steady(equations: Equations, rates: cs.Function, v_x: float, steer: float) 
         return left
 
     start = np.concatenate([x_0[loose_x], u_0[loose_u]])
-    found = start
+    result = start
     if len(start):
-        found = np.asarray(least_squares(off, start, x_scale="jac", xtol=EXACT, ftol=EXACT, gtol=EXACT).x)
-    if not np.max(np.abs(off(found)), initial=0.0) < SETTLED:
+        result = np.asarray(least_squares(off, start, x_scale="jac", xtol=EXACT, ftol=EXACT, gtol=EXACT).x)
+    if not np.max(np.abs(off(result)), initial=0.0) < SETTLED:
         raise BadInput(f"{model.name} has no steady state at v_x = {v_x:g} m/s and steer = {steer:g} rad.")
-    x_0[loose_x], u_0[loose_u] = found[: len(loose_x)], found[len(loose_x) :]
+    x_0[loose_x], u_0[loose_u] = result[: len(loose_x)], result[len(loose_x) :]
     return x_0, u_0

@@ -93,19 +93,19 @@ class FitPlots:
         -------
         (outputs,) of matplotlib Axes, one for each output that was recorded.
         """
-        own = self._recording(recording, columns)
-        found = predictions.predict(self._fit, own, horizon)
-        names = [name for name in found.signals if name in own]
+        value = self._recording(recording, columns)
+        result = predictions.predict(self._fit, value, horizon)
+        names = [name for name in result.signals if name in value]
         drawn = _rows(axes, len(names), "time [s]")
         for ax, name in zip(drawn, names, strict=True):
-            for k, (rows, time) in enumerate(_laid(own.time, own.runs)):
+            for k, (rows, time) in enumerate(_laid(value.time, value.runs)):
                 words = "simulated" if horizon is None else f"{horizon:g} s ahead"
-                for values, line in ((own[name], MEASURED), (found[name], SIMULATED | {"label": words})):
+                for values, line in ((value[name], MEASURED), (result[name], SIMULATED | {"label": words})):
                     ax.plot(time, values[rows], **line if k == 0 else line | {"label": None})
             ax.set_ylabel(_label(name))
         if names:
             drawn[0].legend(loc="upper right")
-            drawn[0].set_title(f"{self._fit.model.name} on {own.name}")
+            drawn[0].set_title(f"{self._fit.model.name} on {value.name}")
         return drawn
 
     def residuals(
@@ -117,16 +117,16 @@ class FitPlots:
         columns: Columns = "canonical",
     ) -> np.ndarray[Any, Any]:
         """Measured less simulated over time; parameters and result as of `measured_and_simulated`."""
-        own = self._recording(recording, columns)
-        left = predictions.residuals(self._fit, own, horizon)
+        value = self._recording(recording, columns)
+        left = predictions.residuals(self._fit, value, horizon)
         drawn = _rows(axes, len(left.signals), "time [s]")
         for ax, (name, values) in zip(drawn, left.signals.items(), strict=True):
-            for rows, time in _laid(own.time, own.runs):
+            for rows, time in _laid(value.time, value.runs):
                 ax.plot(time, values[rows], **look(BLUE, 0.8))
             ax.axhline(0.0, **ZERO)
             ax.set_ylabel(_label(name))
         if len(drawn):
-            drawn[0].set_title(f"residuals of {self._fit.model.name} on {own.name}")
+            drawn[0].set_title(f"residuals of {self._fit.model.name} on {value.name}")
         return drawn
 
     def tyres(self, *, slip: float | None = None, v_x: float | None = None, ax: Axes | None = None) -> Axes:
@@ -203,8 +203,8 @@ class FitPlots:
             ax.plot([low / scale, high / scale], [k, k], **look(BLUE, 2.0))
             ax.plot(at / scale, k, **look(BLUE, dots=3.0))
         units = [pretty_unit(self._fit.model[name].unit) for name in chosen]
-        told = [f"{name} = {params[name]:.4g} {unit}" for name, unit in zip(chosen, units, strict=True)]
-        ax.set_yticks(range(len(chosen)), told)
+        entry = [f"{name} = {params[name]:.4g} {unit}" for name, unit in zip(chosen, units, strict=True)]
+        ax.set_yticks(range(len(chosen)), entry)
         ax.invert_yaxis()
         ax.set(xlabel=f"{100 * level:g} % interval over |estimate|", title=f"parameters of {self._fit.model.name}")
         return ax
@@ -216,18 +216,18 @@ class FitPlots:
 
     def _speed(self) -> float:
         """Median speed of the training data, m/s."""
-        speeds = [own["v_x"] for own in self._trained() if "v_x" in own]
+        speeds = [item["v_x"] for item in self._trained() if "v_x" in item]
         return float(np.nanmedian(np.concatenate(speeds))) if speeds else 10.0
 
     def _slip(self) -> float:
         """The largest slip angle that the training data show, rad."""
         model = _motion(self._fit.model)
         slipping = replace(model, outputs=(*model.outputs, *(name for name in SLIPS if name not in model.outputs)))
-        found: list[Array] = []
-        for own in self._trained():
-            driven = predictions.simulate(slipping, own)
-            found += [np.abs(driven[name]) for name in SLIPS]
-        return 1.2 * float(np.nanquantile(np.concatenate(found), 0.995)) if found else SLIP
+        result: list[Array] = []
+        for item in self._trained():
+            driven = predictions.simulate(slipping, item)
+            result += [np.abs(driven[name]) for name in SLIPS]
+        return 1.2 * float(np.nanquantile(np.concatenate(result), 0.995)) if result else SLIP
 
     def _trained(self) -> Sequence[Recording]:
         try:
@@ -276,9 +276,9 @@ def budget(gap: GapResult, ax: Axes | None) -> Axes:
         ax.set_xlabel("share of the excess error [%]")
     else:
         ranked = gap.ranking
-        ax.barh(range(len(ranked)), [own.probability for own in ranked],
-                color=[BLUE if own.effect in gap.applied else PALE for own in ranked])  # fmt: skip
-        ax.set_yticks(range(len(ranked)), [own.effect for own in ranked])
+        ax.barh(range(len(ranked)), [item.probability for item in ranked],
+                color=[BLUE if item.effect in gap.applied else PALE for item in ranked])  # fmt: skip
+        ax.set_yticks(range(len(ranked)), [item.effect for item in ranked])
         ax.set(xlabel="probability", xlim=(0.0, 1.0))
     ax.invert_yaxis()
     ax.set_title(f"gap of {gap.model}")
@@ -287,7 +287,7 @@ def budget(gap: GapResult, ax: Axes | None) -> Axes:
 
 def _shares(given: Budget) -> list[tuple[str, float]]:
     """Cause and share of every row of a budget, what none of them closes last."""
-    return [(own.effect, own.share) for own in (*given.shares, given.unnamed)]
+    return [(share.effect, share.share) for share in (*given.shares, given.unnamed)]
 
 
 def _rows(axes: Any, count: int, below: str) -> np.ndarray[Any, Any]:
@@ -305,15 +305,15 @@ def _rows(axes: Any, count: int, below: str) -> np.ndarray[Any, Any]:
 
 def _laid(time: Array, runs: Sequence[tuple[int, int]]) -> list[tuple[slice, Array]]:
     """Rows and time of every run; where a clock begins anew, the run is laid behind the one before."""
-    found: list[tuple[slice, Array]] = []
+    result: list[tuple[slice, Array]] = []
     end, moved = -np.inf, 0.0
     for start, stop in runs:
-        own = time[start:stop]
-        if len(own) and own[0] + moved <= end:
-            moved = end - float(own[0]) + (float(own[1] - own[0]) if len(own) > 1 else 0.0)
-        found.append((slice(start, stop), own + moved))
-        end = float(own[-1]) + moved if len(own) else end
-    return found
+        value = time[start:stop]
+        if len(value) and value[0] + moved <= end:
+            moved = end - float(value[0]) + (float(value[1] - value[0]) if len(value) > 1 else 0.0)
+        result.append((slice(start, stop), value + moved))
+        end = float(value[-1]) + moved if len(value) else end
+    return result
 
 
 def _label(name: str) -> str:

@@ -70,14 +70,14 @@ def simulate(
     Recording racer_train, kinematic: 400 rows in 1 run, 19.95 s at 20 Hz
       yaw_rate [rad/s], a_y [m/s²]
     """
-    chosen, own = _both(model, recording, vehicle, effects, columns)
+    chosen, entry = _both(model, recording, vehicle, effects, columns)
     states = [state.name for state in getattr(chosen, "states", ())]
     for name, value in (start or {}).items():
         if name not in states:
             raise BadInput(f"start: {chosen.name} has no state {name!r}.{near_or_all(name, states) if states else ''}")
         if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
             raise BadInput(f"start: {name} needs a finite number, not {value!r:.40}.")
-    return _as_recording(chosen, own, simulate_runs(chosen, own, start), chosen.name)
+    return _as_recording(chosen, entry, simulate_runs(chosen, entry, start), chosen.name)
 
 
 @understood
@@ -124,17 +124,17 @@ def predict(
     """
     must_be_horizon(horizon)
     seconds = calibrated_seconds(calibrate)
-    chosen, own = _both(model, recording, vehicle, effects, columns)
+    chosen, one = _both(model, recording, vehicle, effects, columns)
     if seconds is not None:
-        return _calibrated(model, chosen, own, seconds, horizon, open_loop)
-    found = predict_rows(chosen, own, None if horizon is None else float(horizon), open_loop=open_loop)
-    return _as_recording(chosen, own, found, f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}")
+        return _calibrated(model, chosen, one, seconds, horizon, open_loop)
+    it = predict_rows(chosen, one, None if horizon is None else float(horizon), open_loop=open_loop)
+    return _as_recording(chosen, one, it, f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}")
 
 
 def _calibrated(
     fit: ModelLike | Fit, model: Model, recording: Recording, seconds: float, horizon: float | None, open_loop: bool
 ) -> Recording:
-    own = must_have_timing(model)
+    value = must_have_timing(model)
     if horizon is not None:
         raise BadInput(
             "calibrate: it is for models with memory, which predict freely or one sample ahead; omit horizon."
@@ -142,8 +142,8 @@ def _calibrated(
     if not isinstance(fit, Fit):
         raise BadInput(f"calibrate: a fit is needed, whose training says what an error is, not {fit!r:.60}.")
     timing = calibrated_timing(fit, recording, seconds)
-    found = calibrated_predictions(own, recording, timing, open_loop=open_loop)
-    return _as_recording(model, recording, found, f"{model.name}, {calibration_words(seconds)}")
+    result = calibrated_predictions(value, recording, timing, open_loop=open_loop)
+    return _as_recording(model, recording, result, f"{model.name}, {calibration_words(seconds)}")
 
 
 def residuals(
@@ -153,10 +153,10 @@ def residuals(
     columns: Columns = "canonical",
 ) -> Recording:
     """Measured less predicted, on the recording's time, in SI units."""
-    own = given.recording(recording, columns)
-    found = predict(model, own, horizon)
-    left = {name: own[name] - values for name, values in found.signals.items() if name in own}
-    return replace(found, name=f"{found.name}, residuals", signals=left)
+    value = given.recording(recording, columns)
+    result = predict(model, value, horizon)
+    left = {name: value[name] - values for name, values in result.signals.items() if name in value}
+    return replace(result, name=f"{result.name}, residuals", signals=left)
 
 
 @understood
@@ -188,7 +188,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     >>> gb.score(gb.models.kinematic(vehicle="roboracer"), lap)["protocol"].unique().tolist()
     ['0.1 s ahead', '0.5 s ahead', '1 s ahead', '2 s ahead', 'free run']
     """
-    chosen, own = _both(model, recording, None, (), columns)
+    chosen, value = _both(model, recording, None, (), columns)
     rows = [
         {
             "output": name,
@@ -201,7 +201,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
             "fvu": error.fvu,
             "samples": error.samples,
         }
-        for protocol, errors in score_model(chosen, own).items()
+        for protocol, errors in score_model(chosen, value).items()
         for name, error in errors.items()
     ]
     return pd.DataFrame(rows).sort_values(["output", "horizon"], kind="stable", ignore_index=True)
@@ -225,20 +225,20 @@ def _seconds(protocol: str) -> float:
 def _both(
     model: ModelLike | Fit, recording: Recording | str | Path, vehicle: VehicleLike, effects: Effects, columns: Columns
 ) -> tuple[Model, Recording]:
-    chosen, own = given.model(model, vehicle, effects), given.recording(recording, columns)
+    chosen, value = given.model(model, vehicle, effects), given.recording(recording, columns)
     if isinstance(model, Fit):
-        own = as_fitted(model, own)
-    must_be_recorded(chosen, [own])
-    return chosen, own
+        value = as_fitted(model, value)
+    must_be_recorded(chosen, [value])
+    return chosen, value
 
 
-def _as_recording(model: Model, recording: Recording, found: Prediction, suffix: str) -> Recording:
+def _as_recording(model: Model, recording: Recording, prediction: Prediction, suffix: str) -> Recording:
     """Predictions on the time of what was predicted."""
     signals = {}
-    rows = np.asarray(found.rows, dtype=int)
+    rows = np.asarray(prediction.rows, dtype=int)
     for k, name in enumerate(model.outputs):
         values = np.full(len(recording), np.nan)
-        values[rows] = found.predicted[:, k]
+        values[rows] = prediction.predicted[:, k]
         signals[name] = values
     units = {name: unit_of_quantity(name) for name in model.outputs if not unit_of(name, "")}
     return Recording(

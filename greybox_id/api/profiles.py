@@ -106,7 +106,7 @@ class Profiles:
             "confidence": self.confidence,
             "interrupted": bool(self.missed),
             "moved": dict(self.moved),
-            "profiles": {name: _as_dict(self.fit, name, own) for name, own in self.found.items()},
+            "profiles": {name: _as_dict(self.fit, name, item) for name, item in self.found.items()},
         }
 
 
@@ -166,28 +166,28 @@ def profiles(
 ) -> Profiles:
     """Profiles of several parameters, side by side in so many processes; Ctrl-C keeps those that are done."""
     problem, solution = restated(fit, matched(trained(fit), recordings))
-    told = uncertainty(problem, solution.x, solution.nodes)
-    intervals = told.interval(confidence)
+    known = uncertainty(problem, solution.x, solution.nodes)
+    intervals = known.interval(confidence)
     away, pace, finished = apart(len(names), jobs), Pace(len(names)), itertools.count(1)
 
     def work(k: int) -> ProfileBeside:
         if not away:
             say(f"{names[k]}: profile {k + 1} of {len(names)}{pace.left(k)}", passing=True)
         at = place(problem, fit.model, names[k])
-        own = profile_one(problem, solution.x, solution.nodes, at, told=told, confidence=confidence)
+        value = profile_one(problem, solution.x, solution.nodes, at, told=known, confidence=confidence)
         low, high = (float(end) for end in intervals[at])
-        return ProfileBeside(own, (low, high), float(told.sd[at]))
+        return ProfileBeside(value, (low, high), float(known.sd[at]))
 
-    def done_with(k: int, own: ProfileBeside) -> bool:
-        del own
+    def done_with(k: int, profile_beside: ProfileBeside) -> bool:
+        del profile_beside
         done = next(finished)
         say(f"{names[k]}: done, {done} of {len(names)}{pace.left(done)}", passing=True)
         return True
 
     done = side_by_side(work, len(names), jobs, done_with)
-    found = {names[k]: done.by_number[k] for k in sorted(done.by_number)}
-    missed = [name for name in names if name not in found]
-    return Profiles(fit, confidence, found, missed, _moved(fit, problem, solution, told))
+    result = {names[k]: done.by_number[k] for k in sorted(done.by_number)}
+    missed = [name for name in names if name not in result]
+    return Profiles(fit, confidence, result, missed, _moved(fit, problem, solution, known))
 
 
 def trained(fit: Fit) -> Fit:
@@ -195,25 +195,25 @@ def trained(fit: Fit) -> Fit:
     return replace(fit, data=tuple(record for record in fit.data if record.role == "train"))
 
 
-def _moved(fit: Fit, problem: LeastSquares, solution: Solution, told: Uncertainty) -> dict[str, float]:
+def _moved(fit: Fit, problem: LeastSquares, solution: Solution, known: Uncertainty) -> dict[str, float]:
     """Parameters that an optimisation begun at the fit takes elsewhere, and how far, in standard deviations."""
-    found = {}
-    for own in fit.model.parameters:
-        if own.shape == () and not own.fixed and own.scope == "model":
-            at = place(problem, fit.model, own.name)
-            if np.isfinite(told.sd[at]) and told.sd[at] > 0:
-                found[own.name] = float((solution.x[at] - float(own.array)) / told.sd[at])
-    return {name: away for name, away in found.items() if abs(away) > MOVED}
+    result = {}
+    for parameter in fit.model.parameters:
+        if parameter.shape == () and not parameter.fixed and parameter.scope == "model":
+            at = place(problem, fit.model, parameter.name)
+            if np.isfinite(known.sd[at]) and known.sd[at] > 0:
+                result[parameter.name] = float((solution.x[at] - float(parameter.array)) / known.sd[at])
+    return {name: away for name, away in result.items() if abs(away) > MOVED}
 
 
-def _table(fit: Fit, found: Mapping[str, ProfileBeside], confidence: float) -> Table:
+def _table(fit: Fit, result: Mapping[str, ProfileBeside], confidence: float) -> Table:
     level = f"{100 * confidence:g} %"
     table = plain_table("parameter", "estimate", f"{level} by covariance", f"{level} by profile", "unit", "")
-    for name, one in found.items():
-        own = fit.model[name]
+    for name, one in result.items():
+        value = fit.model[name]
         table.add_row(
-            name, estimate(float(own.array), one.sd), _interval(one.wald, one.sd),
-            _interval(one.profile.interval, one.sd), pretty_unit(own.unit), _status(one.profile),
+            name, estimate(float(value.array), one.sd), _interval(one.wald, one.sd),
+            _interval(one.profile.interval, one.sd), pretty_unit(value.unit), _status(one.profile),
         )  # fmt: skip
     return table
 
@@ -225,26 +225,26 @@ def _interval(ends: tuple[float, float], sd: float) -> str:
     return f"[{number(ends[0])}, {number(ends[1])}]"
 
 
-def _status(own: Profile) -> str:
+def _status(profile: Profile) -> str:
     """What a reader must know of a profile: sides that the recording does not limit."""
-    sides = [f"{side} {ENDS[end]}" for side, end in zip(("lower", "upper"), own.ends, strict=True) if ENDS[end]]
+    sides = [f"{side} {ENDS[end]}" for side, end in zip(("lower", "upper"), profile.ends, strict=True) if ENDS[end]]
     return "; ".join(sides)
 
 
 def _as_dict(fit: Fit, name: str, one: ProfileBeside) -> dict[str, Any]:
-    own = one.profile
+    profile = one.profile
     return {
         "unit": fit.model[name].unit,
         "estimate": float(fit.model[name].array),
         "sd": one.sd,
         "by_covariance": list(one.wald),
-        "by_profile": list(own.interval),
-        "ends": [end.value for end in own.ends],
-        "identifiable": own.identifiable,
-        "at_a_better_optimum": own.at_a_better_optimum,
-        "settled": own.settled,
-        "about": own.about(name, fit.model[name].unit),
-        "allowed_rise": own.allowed,
-        "values": own.values.tolist(),
-        "rise": own.rise.tolist(),
+        "by_profile": list(profile.interval),
+        "ends": [end.value for end in profile.ends],
+        "identifiable": profile.identifiable,
+        "at_a_better_optimum": profile.at_a_better_optimum,
+        "settled": profile.settled,
+        "about": profile.about(name, fit.model[name].unit),
+        "allowed_rise": profile.allowed,
+        "values": profile.values.tolist(),
+        "rise": profile.rise.tolist(),
     }

@@ -44,13 +44,13 @@ def read(path: str | Path | Sequence[str | Path], columns: Columns = "canonical"
     'rad/s'
     """
     if isinstance(path, str | Path):
-        found = given.files(path, "path")
-        if found == [Path(path)]:
+        files = given.files(path, "path")
+        if files == [Path(path)]:
             return read_file(path, columns)
-        return [read_file(own, columns) for own in found]
+        return [read_file(item, columns) for item in files]
     if not isinstance(path, Sequence):
         raise BadInput(f"path: a path, a pattern or a list of paths is needed, not {path!r:.60}.")
-    return [read_file(own, columns) for each in path for own in given.files(each, "path")]
+    return [read_file(file, columns) for each in path for file in given.files(each, "path")]
 
 
 @understood

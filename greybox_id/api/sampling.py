@@ -66,7 +66,7 @@ class PosteriorResult(Posterior):
     @classmethod
     def of(cls, posterior: Posterior) -> PosteriorResult:
         """A posterior with what it can do."""
-        return cls(**{own.name: getattr(posterior, own.name) for own in fields(Posterior)})
+        return cls(**{field.name: getattr(posterior, field.name) for field in fields(Posterior)})
 
     @classmethod
     def load(cls, path: str | Path) -> PosteriorResult:
@@ -129,9 +129,9 @@ class PosteriorResult(Posterior):
         """
         must_be_horizon(horizon)
         given.must_be_share(level, "level")
-        own = given.recording(recording, columns)
-        must_be_recorded(fit.model, [own])
-        return banded_table(fit.model, own, predictive_band(fit, self, own, horizon, level=level))
+        value = given.recording(recording, columns)
+        must_be_recorded(fit.model, [value])
+        return banded_table(fit.model, value, predictive_band(fit, self, value, horizon, level=level))
 
     def corner(self, names: Sequence[str] | None = None) -> Figure:
         """Corner plot: histograms of parameters on the diagonal, every pair of them below.
@@ -154,9 +154,9 @@ class PosteriorResult(Posterior):
                 raise BadInput(f"names: the posterior has no {name!r}; it has {', '.join(self.names)}.")
         columns = [self.names.index(name) for name in chosen]
         values = self.chosen(min(max(len(self), 1000), 5000))[:, columns]
-        found = corner(values, chosen, [self.coordinates[k].unit for k in columns])
-        found.lay_out()
-        return found
+        result = corner(values, chosen, [self.coordinates[k].unit for k in columns])
+        result.lay_out()
+        return result
 
 
 @understood
@@ -235,10 +235,10 @@ def sampled(
     ours = target is not None and target.is_file() and content_of(target).words == WORDS
     begun = load_posterior(target, going_on=True) if target is not None and ours else None
 
-    def keep(own: Posterior) -> None:
+    def keep(posterior: Posterior) -> None:
         if target is not None:
-            own.save(target)
+            posterior.save(target)
 
-    found = sample_fit(fit, read, options, begun=begun, keep=keep, say=say)
-    keep(found)
-    return PosteriorResult.of(found)
+    result = sample_fit(fit, read, options, begun=begun, keep=keep, say=say)
+    keep(result)
+    return PosteriorResult.of(result)

@@ -55,8 +55,8 @@ class TrackResult(Track):
     @classmethod
     def of(cls, track: Track, as_read: Recording, how: TrackOptions, made: TrackMade) -> TrackResult:
         """A track with what it can do."""
-        own = {one.name: getattr(track, one.name) for one in fields(Track)}
-        return cls(**own, as_read=as_read, how=how, made=made)
+        value = {one.name: getattr(track, one.name) for one in fields(Track)}
+        return cls(**value, as_read=as_read, how=how, made=made)
 
     @cached_property
     def digest(self) -> Digest:

@@ -83,17 +83,20 @@ def track(
     named = {**EFFECTS, **{effect.name: effect for effect in effects}}
     how = options or TrackOptions(known=meant.plan.noise)
     read = given.recording(recording, columns)
-    found = track_recording(
+    result = track_recording(
         meant.model, read, walking, disturbances=others, effects=named, how=how, uncertain=meant.uncertain,
         say=progress or (lambda line: None),
     )  # fmt: skip
     made = TrackMade(meant.model.name, "", __version__, how.tune, how.calibrate)
-    return TrackResult.of(found, read, how, made)
+    return TrackResult.of(result, read, how, made)
 
 
 def stiffnesses(model: Model) -> tuple[str, ...]:
     """The cornering stiffnesses a model has: what is tracked where nothing else is asked for."""
-    known = {*(own.name for own in model.combinations), *(own.name for own in model.parameters)}
+    known = {
+        *(combination.name for combination in model.combinations),
+        *(parameter.name for parameter in model.parameters),
+    }
     return tuple(name for name in ("C_alpha_f", "C_alpha_r") if name in known)
 
 
@@ -124,15 +127,15 @@ class TrackSetup:
     @classmethod
     def of_fit(cls, fit: Fit) -> TrackSetup:
         """By a fit's model, whose covariance widens the bands. Raises `BadInput` where it is none of motion."""
-        own = must_be_motion(fit.model)
-        return cls(own, TrackingPlan(parameters=stiffnesses(own)), principal(fit.covariance))
+        motion_model = must_be_motion(fit.model)
+        return cls(motion_model, TrackingPlan(parameters=stiffnesses(motion_model)), principal(fit.covariance))
 
     @classmethod
     def of_model(cls, model: Model, vehicle: Vehicle | None) -> TrackSetup:
         """By a model, as the vehicle's file says. Raises `BadInput` where it is none of motion."""
-        own = must_be_motion(model)
+        motion_model = must_be_motion(model)
         plan = vehicle.tracking if vehicle is not None else None
-        return cls(own, plan or TrackingPlan(parameters=stiffnesses(own)))
+        return cls(motion_model, plan or TrackingPlan(parameters=stiffnesses(motion_model)))
 
     def names(
         self, parameters: tuple[str, ...], disturbances: tuple[str, ...]

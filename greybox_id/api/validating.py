@@ -40,10 +40,10 @@ class Validation:
 
     def parts(self) -> Iterator[RenderableType]:
         """What it says, part by part."""
-        own, beside = self._tables()
+        value, beside = self._tables()
         yield verdict_table(self.verdict)
         yield ""
-        yield motion_errors_table(own, beside=beside) if beside else errors_table(own)
+        yield motion_errors_table(value, beside=beside) if beside else errors_table(value)
 
     def summary(self) -> str:
         """What `greybox validate` prints: the verdict and the errors."""
@@ -51,16 +51,16 @@ class Validation:
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain data."""
-        own, beside = self._tables()
+        value, beside = self._tables()
         more = {"persistence": beside} if beside else {}
-        return {**self.verdict.as_dict(), "model": self.model, "metrics": own, **more}
+        return {**self.verdict.as_dict(), "model": self.model, "metrics": value, **more}
 
     def __repr__(self) -> str:
         return f"Validation of {self.model} on {', '.join(self.scores)}: {self.verdict.usability}"
 
     def _tables(self) -> tuple[dict[str, Any], dict[str, Any]]:
-        own, beside = ({name: as_dict(each) for name, each in of.items()} for of in (self.scores, self.held))
-        return own, beside
+        value, beside = ({name: as_dict(each) for name, each in of.items()} for of in (self.scores, self.held))
+        return value, beside
 
 
 def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
@@ -70,7 +70,7 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     """
     model = fit.model
     must_be_recorded(model, list(recordings.values()))
-    found = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
+    result = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
-    own = judgement(fit, recordings, found, data)
-    return Validation(model.name, own.verdict, own.scores, own.held)
+    value = judgement(fit, recordings, result, data)
+    return Validation(model.name, value.verdict, value.scores, value.held)

@@ -36,10 +36,10 @@ def understood(function: Callable[P, Returned]) -> Callable[P, Returned]:
         except GreyboxError:
             raise
         except (AttributeError, TypeError, ValueError) as error:
-            said = _mistaken(function, args, kwargs)
-            if not said:
+            text = _mistaken(function, args, kwargs)
+            if not text:
                 raise
-            raise BadInput(said) from error
+            raise BadInput(text) from error
 
     return told
 
@@ -62,13 +62,13 @@ def _mistaken(function: Callable[..., Any], args: Any, kwargs: Any) -> str:
 def _suits(value: Any, kind: Any) -> bool:
     origin = get_origin(kind)
     if origin in (Union, types.UnionType):
-        return any(_suits(value, own) for own in get_args(kind))
+        return any(_suits(value, get_arg) for get_arg in get_args(kind))
     if origin is Literal:
         return value in get_args(kind)
     bare = origin or kind
     if isinstance(value, Mapping) and bare is Mapping and get_args(kind):
         names, values = get_args(kind)
-        return all(_suits(name, names) and _suits(own, values) for name, own in value.items())
+        return all(_suits(name, names) and _suits(item, values) for name, item in value.items())
     if bare in (float, int):
         return isinstance(value, Real if bare is float else Integral) and not isinstance(value, bool)
     return bare is Any or not isinstance(bare, type) or isinstance(value, bare)
@@ -77,9 +77,9 @@ def _suits(value: Any, kind: Any) -> bool:
 def _words(kind: Any) -> list[str]:
     origin = get_origin(kind)
     if origin in (Union, types.UnionType):
-        return list(dict.fromkeys(words for own in get_args(kind) for words in _words(own)))
+        return list(dict.fromkeys(words for get_arg in get_args(kind) for words in _words(get_arg)))
     if origin is Literal:
-        return [repr(own) for own in get_args(kind)]
+        return [repr(get_arg) for get_arg in get_args(kind)]
     bare = origin or kind
     several = isinstance(bare, type) and issubclass(bare, Iterable) and bare not in WORDS and origin is not None
     return [WORDS.get(bare) or ("a list" if several else f"a {getattr(bare, '__name__', bare)}")]
@@ -108,23 +108,23 @@ def must_be(value: Any, kind: Any, name: str) -> None:
         _tuple(value, get_args(kind), name)
     elif isinstance(origin, type) and issubclass(origin, Mapping):
         _hold(isinstance(value, Mapping), name, "a table")
-        for key, own in value.items():
+        for key, field in value.items():
             must_be(key, get_args(kind)[0], f"a key of {name}")
-            must_be(own, get_args(kind)[1], f"{name}.{key}")
+            must_be(field, get_args(kind)[1], f"{name}.{key}")
     elif isinstance(kind, type) and is_dataclass(kind):
         _hold(isinstance(value, kind), name, kind.__name__)
         hints = get_type_hints(kind)
-        for own in fields(kind):
-            must_be(getattr(value, own.name), hints[own.name], f"{name}.{own.name}")
+        for field in fields(kind):
+            must_be(getattr(value, field.name), hints[field.name], f"{name}.{field.name}")
 
 
 def _any_of(value: Any, kind: Any, name: str) -> None:
     refused: TypeError | None = None
-    for own in get_args(kind):
+    for get_arg in get_args(kind):
         try:
-            must_be(value, own, name)
+            must_be(value, get_arg, name)
         except TypeError as error:
-            refused = refused if own is type(None) and refused else error
+            refused = refused if get_arg is type(None) and refused else error
         else:
             return
     assert refused is not None
@@ -136,8 +136,8 @@ def _tuple(value: Any, kinds: tuple[Any, ...], name: str) -> None:
     if len(kinds) == 2 and kinds[1] is Ellipsis:
         kinds = (kinds[0],) * len(value)
     _hold(len(value) == len(kinds), name, f"a list of {len(kinds)}")
-    for k, (own, kind) in enumerate(zip(value, kinds, strict=True)):
-        must_be(own, kind, f"{name}[{k}]")
+    for k, (item, kind) in enumerate(zip(value, kinds, strict=True)):
+        must_be(item, kind, f"{name}[{k}]")
 
 
 def _hold(condition: bool, name: str, words: str) -> None:

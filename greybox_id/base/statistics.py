@@ -95,7 +95,7 @@ def correlation_time(residuals: Array) -> float:
         return 1.0
     lags = min(rows, FIRST_LAGS)
     while True:
-        products = np.column_stack([_products(own, lags) for own in residuals.T])
+        products = np.column_stack([_products(item, lags) for item in residuals.T])
         times = 2.0 * np.cumsum(products / products[0], axis=0) - 1.0
         enough = np.arange(lags)[:, None] * share >= 5.0 * times
         if lags == rows or np.all(np.any(enough, axis=0)):
@@ -113,12 +113,12 @@ takes no more memory than a minute."""
 def _products(values: Array, lags: int) -> Array:
     """(lags,) sums of the products of a series, (n,), with itself so many rows later, part by part."""
     size = 1 << (4 * lags - 1).bit_length()
-    found, step = np.zeros(lags), size - lags
+    result, step = np.zeros(lags), size - lags
     for first in range(0, len(values), step):
         part, ahead = values[first : first + step], values[first : first + size]
         spectrum = np.conj(np.fft.rfft(part, size)) * np.fft.rfft(ahead, size)
-        found += np.fft.irfft(spectrum, size)[:lags]
-    return found
+        result += np.fft.irfft(spectrum, size)[:lags]
+    return result
 
 
 def resampled(sums: Array, of: Callable[[Array], Any], draws: int) -> Array:

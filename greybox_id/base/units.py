@@ -110,8 +110,8 @@ _COMMON: dict[str, tuple[float, str]] = {
 
 def _plain_factor(unit: str, target: str) -> float | None:
     """Factor to a target of the same kind, both products of common units; None where that is to be looked up."""
-    (factor, powers), (over, wanted) = _product(unit), _product(target)
-    return factor / over if powers is not None and powers == wanted else None
+    (factor, powers), (over, entry) = _product(unit), _product(target)
+    return factor / over if powers is not None and powers == entry else None
 
 
 def _product(unit: str) -> tuple[float, dict[str, int] | None]:

@@ -28,11 +28,11 @@ def smoothed(values: Array, sd: float) -> Array:
 
 def moving_maximum(values: Array, width: int) -> Array:
     """(n,) greatest of `width` values about each, an odd number; beyond the ends there are none."""
-    found, size = np.pad(values, width // 2, constant_values=-np.inf), 1
+    result, size = np.pad(values, width // 2, constant_values=-np.inf), 1
     while 2 * size <= width:
-        found, size = np.maximum(found[:-size], found[size:]), 2 * size
+        result, size = np.maximum(result[:-size], result[size:]), 2 * size
     rest = width - size
-    return np.maximum(found[:-rest], found[rest:]) if rest else found
+    return np.maximum(result[:-rest], result[rest:]) if rest else result
 
 
 def median_of_five(values: Array) -> Array:
@@ -65,8 +65,8 @@ class CubicSpline:
         t = by - whole
         weights = np.array([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6.0
         begin = first + whole - 1 + self._before
-        own = self._coefficients[begin : begin + count + 3]
-        return np.convolve(own, weights[::-1], mode="valid")
+        coefficient = self._coefficients[begin : begin + count + 3]
+        return np.convolve(coefficient, weights[::-1], mode="valid")
 
 
 PREFILTER = 28

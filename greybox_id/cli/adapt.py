@@ -69,10 +69,10 @@ def adapt(
     scored = None if validate is None else read_part(validate, columns)
     ensure_writable(target.parent)
     with progress() as say:
-        found = adapted(fit, recording, seconds, free, scored, [calibrate] if calibrate else [], Path(fit_file), say)
-    path = replace(found.fit, command=command_line()).save(target)
+        result = adapted(fit, recording, seconds, free, scored, [calibrate] if calibrate else [], Path(fit_file), say)
+    path = replace(result.fit, command=command_line()).save(target)
     if as_json:
-        print_json(found.as_dict() | {"written": str(path)})
+        print_json(result.as_dict() | {"written": str(path)})
         return
-    show(found.parts())
-    console().print(f"\nwritten  {path}   adapted in {found.cpu_seconds:.1f} CPU s")
+    show(result.parts())
+    console().print(f"\nwritten  {path}   adapted in {result.cpu_seconds:.1f} CPU s")

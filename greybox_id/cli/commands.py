@@ -41,14 +41,14 @@ class Guarded(_Type):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """What the own type makes of it; claimed as an output, or kept from being written over if it is a file."""
-        found: Any = self.own.convert(value, param, ctx)
+        result: Any = self.own.convert(value, param, ctx)
         if self.written:
-            claim(found, f"‹{self.written.removeprefix('--')}›")
+            claim(result, f"‹{self.written.removeprefix('--')}›")
         else:
             with suppress(OSError, ValueError):  # no name that a file can have
-                if Path(found).is_file():
-                    protect(found)
-        return found
+                if Path(result).is_file():
+                    protect(result)
+        return result
 
     def get_metavar(self, param: click.Parameter, ctx: click.Context) -> str | None:
         """As the own type."""
@@ -64,10 +64,10 @@ class Finite(click.types.FloatParamType):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
         """The number."""
-        found = float(super().convert(value, param, ctx))
-        if not math.isfinite(found):
+        result = float(super().convert(value, param, ctx))
+        if not math.isfinite(result):
             self.fail(f"a finite number is needed, not {value}.", param, ctx)
-        return found
+        return result
 
 
 class FiniteRange(click.FloatRange, Finite):
@@ -78,15 +78,17 @@ def guarded(command: click.Command) -> click.Command:
     """A command whose numbers are finite and whose texts the guard is told of; one that writes can overwrite."""
     if isinstance(command, click.Group):
         return command
-    for own in command.params:
-        if isinstance(own.type, click.FloatRange):
-            own.type = FiniteRange(own.type.min, own.type.max, own.type.min_open, own.type.max_open, own.type.clamp)
-        elif isinstance(own.type, click.types.FloatParamType):
-            own.type = Finite()
-        if isinstance(own.type, (click.types.StringParamType, click.Path)):
-            own.type = Guarded(own.type, next((option for option in own.opts if option in WRITTEN), ""))
-    writes = any(isinstance(own.type, Guarded) and own.type.written for own in command.params)
-    if writes and not any(OVERWRITE in own.opts for own in command.params):
+    for param in command.params:
+        if isinstance(param.type, click.FloatRange):
+            param.type = FiniteRange(
+                param.type.min, param.type.max, param.type.min_open, param.type.max_open, param.type.clamp
+            )
+        elif isinstance(param.type, click.types.FloatParamType):
+            param.type = Finite()
+        if isinstance(param.type, (click.types.StringParamType, click.Path)):
+            param.type = Guarded(param.type, next((option for option in param.opts if option in WRITTEN), ""))
+    writes = any(isinstance(param.type, Guarded) and param.type.written for param in command.params)
+    if writes and not any(OVERWRITE in param.opts for param in command.params):
         command.params.append(
             click.Option(
                 [OVERWRITE],
@@ -216,13 +218,13 @@ class LazyGroup(CommandGroup):
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
         """Names and options that begin so; no module is loaded for it."""
-        found = [
+        result = [
             CompletionItem(name, help=about)
             for commands in groups().values()
             for name, (_, about) in commands.items()
             if name.startswith(incomplete)
         ]
-        return [*found, *click.Command.shell_complete(self, ctx, incomplete)]
+        return [*result, *click.Command.shell_complete(self, ctx, incomplete)]
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the headings with their commands, columns aligned."""

@@ -29,10 +29,10 @@ def names(known: Collection[str] | Callable[[], Collection[str]], files: str = "
     def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
         del ctx, param
         there = known() if callable(known) else known
-        found = [name for name in there if name.startswith(incomplete)]
+        result = [name for name in there if name.startswith(incomplete)]
         if files:
-            found += sorted(str(path) for path in Path().glob(f"{escape(incomplete)}*{files}") if path.is_file())
-        return [CompletionItem(name) for name in found]
+            result += sorted(str(path) for path in Path().glob(f"{escape(incomplete)}*{files}") if path.is_file())
+        return [CompletionItem(name) for name in result]
 
     return complete
 

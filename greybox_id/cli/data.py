@@ -80,8 +80,8 @@ def check_command(
     if target and changes:
         write_atomically(target, map_text(column_map(mapping)))
     if as_json:
-        told = {"repair": {"written": repair if changes else None, "changes": list(changes)}} if repair else {}
-        print_json({"files": [as_dict(*result) for result in results], **told})
+        known = {"repair": {"written": repair if changes else None, "changes": list(changes)}} if repair else {}
+        print_json({"files": [as_dict(*result) for result in results], **known})
     else:
         for recording, findings in results:
             show(recording, findings, console())
@@ -98,8 +98,8 @@ def mended(files: Sequence[str], columns: str, wheelbase: float | None) -> tuple
     """The column map with what checks of the files would have changed, and the changes."""
     mapping, changes = column_map(columns), tuple[str, ...]()
     for _ in range(MOST_REPAIRS):
-        found = (repaired(mapping, check(read_part(file, mapping), wheelbase)) for file in files)
-        better = next(filter(None, found), None)
+        result = (repaired(mapping, check(read_part(file, mapping), wheelbase)) for file in files)
+        better = next(filter(None, result), None)
         if better is None:
             break
         mapping, changes = better.mapping, (*changes, *better.changes)
@@ -182,7 +182,7 @@ def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) ->
         recording = part_asked(recording)
         write(recording, target)
     if as_json:
-        told = [
+        known = [
             {
                 "file": offset.file, "against": offset.against, "signal": offset.signal or None,
                 "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd),
@@ -191,7 +191,7 @@ def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) ->
             }
             for offset in offsets
         ]  # fmt: skip
-        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "offsets": told})
+        print_json({"written": out, "rows": len(recording), "signals": list(recording.signals), "offsets": known})
         return
     screen = console()
     screen.print(f"written  {out}: {header(recording)}; {', '.join(recording.signals)}")
@@ -276,7 +276,7 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     table = plain_table("signal", "column", "unit", "why", fold=True)
     if proposal.time:
         table.add_row(*_row(proposal.time))
-    for entry in sorted(proposal.entries, key=lambda own: not own.decided):
+    for entry in sorted(proposal.entries, key=lambda item: not item.decided):
         table.add_row(*_row(entry), style=None if entry.decided else "yellow")
     screen.print(Text(proposal.file, style="bold"))
     screen.print(table)
@@ -287,11 +287,11 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         if proposal.lacking:
             screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
     for finding in proposal.findings:
-        said = finding.sentence.removeprefix(f"{finding.where.channel}: ")
-        screen.print(f"{finding.severity.value}: {finding.where.channel}: {said}")
-    asked = {entry.signal for entry in proposal.open}
-    if asked:
-        screen.print(f"{counted(len(asked), 'signal')} left to you (marked ?): {', '.join(sorted(asked))}")
+        stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
+        screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
+    requested = {entry.signal for entry in proposal.open}
+    if requested:
+        screen.print(f"{counted(len(requested), 'signal')} left to you (marked ?): {', '.join(sorted(requested))}")
     if out:
         joined = f"join {proposal.file} --columns {out} --out drive.csv"
         then = joined if proposal.files else f"check {proposal.file} --columns {out}"

@@ -37,11 +37,11 @@ def list_command(as_json: bool) -> None:
     """  # fmt: skip
     if as_json:
         synthetic = [{"name": name, "about": about} for name, (about, _) in made().items()]
-        print_json({"public": [_as_dict(own) for own in PUBLIC.values()], "made": synthetic})
+        print_json({"public": [_as_dict(item) for item in PUBLIC.values()], "made": synthetic})
         return
     out = console()
     for title, rows in (
-        ("to fetch", [(own.name, own.about, f"{own.source}; {own.licence}", _state(own)) for own in PUBLIC.values()]),
+        ("to fetch", [(one.name, one.about, f"{one.source}; {one.licence}", _state(one)) for one in PUBLIC.values()]),
         ("to make", [(name, about, "from a seed", "") for name, (about, _) in made().items()]),
     ):
         table = plain_table(title, "what", "source and licence", "", fold=True)
@@ -100,7 +100,7 @@ def make_command(name: str, out: str, seed: int | None, as_json: bool) -> None:
 def _state(dataset: PublicDataset) -> str:
     if not dataset.files:
         return "by hand"
-    return "in the cache" if all((folder_of(dataset) / own.name).is_file() for own in dataset.files) else ""
+    return "in the cache" if all((folder_of(dataset) / file.name).is_file() for file in dataset.files) else ""
 
 
 def _as_dict(dataset: PublicDataset) -> dict[str, Any]:

@@ -81,17 +81,17 @@ def _written(option: click.Option, value: Any) -> list[str]:
     name = _long(option)
     if option.is_flag:
         return [name] if value else []
-    return [word for own in (value if option.multiple else (value,)) for word in (name, str(own))]
+    return [word for item in (value if option.multiple else (value,)) for word in (name, str(item))]
 
 
 def _of_command(ctx: click.Context, command: click.Command, table: Any, where: str) -> dict[str, Any]:
     if not isinstance(table, Mapping):
         raise BadInput(f"{where} must be a table of options, not {table!r:.60}.")
     if isinstance(command, click.Group):
-        return {name: _of_command(ctx, _inner(command, name, where), own, f"{where[:-1]}.{name}]")
-                for name, own in table.items()}  # fmt: skip
-    options = {_long(own).removeprefix("--"): own for own in command.params if isinstance(own, click.Option)}
-    found = {}
+        return {name: _of_command(ctx, _inner(command, name, where), item, f"{where[:-1]}.{name}]")
+                for name, item in table.items()}  # fmt: skip
+    options = {_long(param).removeprefix("--"): param for param in command.params if isinstance(param, click.Option)}
+    result = {}
     for key, value in table.items():
         if key not in options:
             raise BadInput(f"{where}: there is no option {key!r}.{near_or_all(key, options)}")
@@ -99,13 +99,13 @@ def _of_command(ctx: click.Context, command: click.Command, table: Any, where: s
             raise BadInput(
                 f"{where}: {key} names code to run, which a file in a folder may not; say --{key} when you mean it."
             )
-        if any(isinstance(own, str) and MARK in own for own in (value if isinstance(value, list) else [value])):
+        if any(isinstance(item, str) and MARK in item for item in (value if isinstance(value, list) else [value])):
             raise BadInput(
                 f"{where}: {key} names a file to run, which a file in a folder may not; say --{key} yourself."
             )
         option = options[key]
-        found[str(option.name)] = _value(ctx, option, value, f"{where} {key}")
-    return found
+        result[str(option.name)] = _value(ctx, option, value, f"{where} {key}")
+    return result
 
 
 def _inner(group: click.Group, name: str, where: str) -> click.Command:
@@ -123,9 +123,9 @@ def _value(ctx: click.Context, option: click.Option, value: Any, where: str) -> 
     many = value if isinstance(value, list) else [value]
     if isinstance(value, list) and not option.multiple:
         raise BadInput(f"{where} takes one value, not the list {value!r:.60}.")
-    if any(isinstance(own, bool | Mapping | list) for own in many):
+    if any(isinstance(item, bool | Mapping | list) for item in many):
         raise BadInput(f"{where} is text or a number, not {value!r:.60}.")
-    words = [str(own) for own in many]
+    words = [str(item) for item in many]
     for word in words:
         try:
             option.type.convert(word, option, ctx)

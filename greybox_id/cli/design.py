@@ -57,15 +57,15 @@ def design(
     place = targets(out)
     names = tuple(name.strip() for name in parameters.split(",") if name.strip())
     with progress() as say:
-        found = designed(
+        result = designed(
             source, goal, arena=arena, parameters=names, criterion=criterion, duration=duration, rate=rate,
             limits=limits, vehicle=vehicle, speed_max=speed_max, grip=grip, repeat=repeat, driver=driver,
             effort=effort, seed=seed, progress=say,
         )  # fmt: skip
-    written = found.save(place)
+    written = result.save(place)
     if as_json:
-        print_json(as_dict(found, written))
+        print_json(as_dict(result, written))
         return
-    show(found.parts())
+    show(result.parts())
     for path in written:
         console().print(f"written  {path}")

@@ -53,7 +53,7 @@ def export(
     as_json: bool,
     effects: tuple[str, ...],
     fix: tuple[str, ...],
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Write FIT, or a model made from options, as code or parameter files for other tools.
 
@@ -71,22 +71,22 @@ def export(
     name = called or identifier(out)
     exporter = exporter_of_file(fit_file) if fit_file is not None and Path(fit_file).is_file() else None
     if exporter is not None and fit_file is not None:
-        if any(asked.values()) or effects or fix or parameters != "free":
+        if any(options.values()) or effects or fix or parameters != "free":
             raise click.UsageError(f"A {exporter.what} is exported as it is: omit the options of models.")
         _elsewhere(exporter, ForeignResult(name, fit_file, command), target, out, as_json)
         return
     if fit_file is not None:
-        if any(asked.values()):
+        if any(options.values()):
             raise click.UsageError("Name a FIT, or make a model with --model and --vehicle, but not both.")
         fit = fit_of(fit_file)
         model = with_choices(with_effects(fit.model, magnitudes(effects)), Choices(fix=fix))
         subject = Subject(model, name, moving(model, parameters), fit, fit_file, command)
     else:
-        if not any(asked.values()):
+        if not any(options.values()):
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        meant = wanted(**asked, effects=effects, fix=fix).or_single_track()
+        meant = wanted(**options, effects=effects, fix=fix).or_single_track()
         model = meant.model()
-        source = asked["vehicle"] or model.name
+        source = options["vehicle"] or model.name
         subject = Subject(model, name, moving(model, parameters), None, source, command, meant.vehicle)
     verdict = subject.fit.verdict if subject.fit is not None else None
     for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
@@ -100,7 +100,7 @@ def export(
                 "name": name,
                 "model": model.name,
                 "written": [str(file) for file in written],
-                "keys": [own.plain() for own in origins(subject, target)],
+                "keys": [origin.plain() for origin in origins(subject, target)],
             }
         )
     else:

@@ -114,7 +114,7 @@ def fit(
     jobs: int,
     seed: int,
     as_json: bool,
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Fit a model to one or more RECORDINGs.
 
@@ -141,7 +141,7 @@ def fit(
     from ..fitting.how import How
     from ..reports.text.fit import as_dict, parts
 
-    if asked.get("name") == TYRE:
+    if options.get("name") == TYRE:
         from .tyre import fit_tyre_command
 
         fit_tyre_command(files, out, as_json)
@@ -149,7 +149,7 @@ def fit(
         raise click.UsageError("--early-stopping and --strength exclude each other.")
     if early_stopping and validation is None:
         raise click.UsageError("--early-stopping needs --validate RECORDING.")
-    chosen = wanted(**asked)
+    chosen = wanted(**options)
     nominal = chosen.model()  # what is wrong with it is better said before recordings are read than after
     how = How(
         strengths="early stopping" if early_stopping else strength if strength is not None else "cross-validation",
@@ -177,8 +177,8 @@ def fit(
         result = plan.run(say, command_line())
     path = result.save(target)
     if as_json:
-        told = {"vehicle": plan.vehicle or None, "warnings": plan.warnings, "written": str(path)}
-        print_json(as_dict(result) | told)
+        entry = {"vehicle": plan.vehicle or None, "warnings": plan.warnings, "written": str(path)}
+        print_json(as_dict(result) | entry)
     else:
         show(parts(result, plan.vehicle))
         console().print(f"\nwritten  {path}   figures and report: greybox report {path}")

@@ -79,17 +79,17 @@ def targets_of(out: str | None, report: str | None, apply: str | None) -> list[t
         raise BadInput(f"{report}: a report is a .pdf or a .html file; name it so with --report.")
     if apply is not None and Path(apply).suffix.lower() not in (".toml", ".json"):
         raise BadInput(f"{apply}: a vehicle file ends in .toml or .json; name it so with --apply.")
-    found = [(kind, Path(out) / name) for kind, name in IN_FOLDER.items()] if out is not None else []
+    result = [(kind, Path(out) / name) for kind, name in IN_FOLDER.items()] if out is not None else []
     if report is not None or out is not None:
-        found.append(("report", Path(report) if report is not None else Path(out or "") / "gap.pdf"))
+        result.append(("report", Path(report) if report is not None else Path(out or "") / "gap.pdf"))
     if apply is not None:
-        found.append(("vehicle", Path(apply)))
-    for kind, target in found:
+        result.append(("vehicle", Path(apply)))
+    for kind, target in result:
         option = "‹apply›" if apply is not None and target == Path(apply) else option_of(target)
         claim(target, option, BECOMES[kind])
-    for folder in dict.fromkeys(target.parent for _, target in found):
+    for folder in dict.fromkeys(target.parent for _, target in result):
         ensure_writable(folder)
-    return found
+    return result
 
 
 def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str | None) -> list[tuple[str, Path]]:
@@ -136,8 +136,8 @@ def as_json_text(gap: Gap, made: Made, written: Sequence[Path], changed: Changed
 
     What is not a finite number becomes null.
     """
-    told = as_plain_data(gap) if changed is None else changed.to_json() | as_plain_data(gap)
-    return KIND.text(finite(plain({**told, **asdict(made), "written": [str(target) for target in written]})))
+    known = as_plain_data(gap) if changed is None else changed.to_json() | as_plain_data(gap)
+    return KIND.text(finite(plain({**known, **asdict(made), "written": [str(target) for target in written]})))
 
 
 def show(out: Console, gap: Gap) -> None:
@@ -146,34 +146,34 @@ def show(out: Console, gap: Gap) -> None:
         out.print(part)
 
 
-def show_changed(out: Console, found: Changed) -> None:
+def show_changed(out: Console, changed: Changed) -> None:
     """Print what changed since other recordings, how much of the gap that is, and what did not change."""
-    gap = found.gap
-    for doubt in (*gap.doubts, *found.drift):
+    gap = changed.gap
+    for doubt in (*gap.doubts, *changed.drift):
         out.print(led("Doubt", doubt))
     table = Table.grid(padding=(0, 2, 0, 0))
     for _ in range(4):
         table.add_column(overflow="fold")
-    for own in gap.ranking:
-        if own.effect in gap.applied:
-            mean = number(found.scatter[own.effect][0], 2)
-            table.add_row(own.effect, magnitude_words(own), probability(own.probability), f"before: {mean}")
-    before = listed([*found.since])
+    for item in gap.ranking:
+        if item.effect in gap.applied:
+            mean = number(changed.scatter[item.effect][0], 2)
+            table.add_row(item.effect, magnitude_words(item), probability(item.probability), f"before: {mean}")
+    before = listed([*changed.since])
     lead = f"beyond what {before} scatter by" if gap.applied else f"nothing beyond what {before} scatter by"
     out.print(led("Changed", Group(lead, table) if gap.applied else lead))
-    for own in gap.ranking:
-        if own.reason:
-            out.print(led("", f"{own.effect} {number(own.magnitude, 2)} not applied: {own.reason}"))
+    for item in gap.ranking:
+        if item.reason:
+            out.print(led("", f"{item.effect} {number(item.magnitude, 2)} not applied: {item.reason}"))
     if gap.budget is not None:
         out.print(led("Budget", budget(gap)))
-    still = [f"{own['effect']} (± {_within(found, own['effect'])})" for own in found.not_changed]
+    still = [f"{item['effect']} (± {_within(changed, item['effect'])})" for item in changed.not_changed]
     out.print(led("Same", f"within two standard deviations of the scatter: {listed(still)}"))
     out.print(led("Left", gap.unknown or "nothing unnamed shows"))
 
 
-def _within(found: Changed, name: str) -> str:
+def _within(changed: Changed, name: str) -> str:
     """Twice the standard deviation of an effect's scatter, in its unit; factors in per cent."""
-    size, unit = 2 * found.scatter[name][1], EFFECTS[name].parameter.unit
+    size, unit = 2 * changed.scatter[name][1], EFFECTS[name].parameter.unit
     return f"{number(100 * size, 2)} %" if unit == "1" else f"{number(size, 2)} {pretty_unit(unit)}"
 
 
@@ -193,25 +193,25 @@ def what_would_show(
     before = [read_part(file, columns or "canonical") for file in since]
     must_be_diagnosable(nominal, before)
     with progress() as say:
-        found = visible_changes(nominal, before, EFFECTS, vehicle=stated, say=say)
+        result = visible_changes(nominal, before, EFFECTS, vehicle=stated, say=say)
     if as_json:
-        print_json({"since": [own.name for own in before], "visible": [asdict(own) for own in found]})
+        print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
     for title in ("effect", "shows from", "runs scatter by", "one run tells it to"):
         table.add_column(title, header_style="dim", justify="left" if title == "effect" else "right")
-    for own in found:
-        table.add_row(own.effect, *(_within_words(own, value) for value in (own.size, own.scatter, own.told)))
-    console().print(f"On one more recording like {listed([own.name for own in before])} a change would show:")
+    for item in result:
+        table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
+    console().print(f"On one more recording like {listed([item.name for item in before])} a change would show:")
     console().print(table)
 
 
-def _within_words(own: Visible, value: float) -> str:
+def _within_words(visible: Visible, value: float) -> str:
     """A distance in an effect's unit; of factors in per cent."""
     if not isfinite(value):
         return "at no size"
-    unit = "%" if own.factor else pretty_unit("" if own.unit == "1" else own.unit)
-    return f"± {number(100 * value if own.factor else value, 2)} {unit}".strip()
+    unit = "%" if visible.factor else pretty_unit("" if visible.unit == "1" else visible.unit)
+    return f"± {number(100 * value if visible.factor else value, 2)} {unit}".strip()
 
 
 class _Since(click.Command):
@@ -312,40 +312,42 @@ def gap(
         what_would_show(recordings, vehicle, fit_file, since, columns, model, as_json)
         return
     targets = targets_of(out, report, apply)
-    asked = _asked(recordings, vehicle, fit_file, held_out, columns, model)
-    held_by_file = not asked.model.learnt
+    requested = _asked(recordings, vehicle, fit_file, held_out, columns, model)
+    held_by_file = not requested.model.learnt
     if not held_by_file:
-        targets = without_vehicle(targets, asked.model.name, apply)
+        targets = without_vehicle(targets, requested.model.name, apply)
     changed: Changed | None = None
     if arena is not None:
         arena_of(arena)  # what is wrong with it is better said before the work than after
     with progress() as say:
         if since:
-            changed = _changed(asked, [read_part(file, columns or "canonical") for file in since], say)
-            found, asked = changed.gap, replace(asked, vehicle=changed.vehicle)
+            changed = _changed(requested, [read_part(file, columns or "canonical") for file in since], say)
+            gap, requested = changed.gap, replace(requested, vehicle=changed.vehicle)
         else:
-            found = _found(asked, seed, say, horizons=bool(targets) or not as_json)
-        made = made_with(asked.model, asked.vehicle, asked.recordings, asked.held_out, seed, command_line())
+            gap = _found(requested, seed, say, horizons=bool(targets) or not as_json)
+        made = made_with(
+            requested.model, requested.vehicle, requested.recordings, requested.held_out, seed, command_line()
+        )
         if arena is not None:
             from ..api.designing import quoted  # designing loads what a diagnosis alone does without
 
-            found = quoted(found, made, arena, say)
-    closed = closed_vehicle(asked.vehicle, found) if held_by_file else None
-    for warning in warnings_of(closed, found, apply, out):
+            gap = quoted(gap, made, arena, say)
+    closed = closed_vehicle(requested.vehicle, gap) if held_by_file else None
+    for warning in warnings_of(closed, gap, apply, out):
         tell(f"warning: {warning}")
     if as_json:
-        sys.stdout.write(clean_json(as_json_text(found, made, [target for _, target in targets], changed)))
+        sys.stdout.write(clean_json(as_json_text(gap, made, [target for _, target in targets], changed)))
     else:
         if changed is not None:
             show_changed(console(), changed)
         else:
-            show(console(), found)
+            show(console(), gap)
     with at_once():
         for kind, target in targets:
-            write(kind, target, found, closed, made)
+            write(kind, target, gap, closed, made)
     for _, target in () if as_json else targets:
         console().print(f"written  {target}")
-    if check and found.gap_detected:
+    if check and gap.gap_detected:
         sys.exit(1)
 
 
@@ -371,10 +373,10 @@ def _asked(
     nominal, stated = _nominal(vehicle, fit, model)
     if not recordings:
         raise BadInput("There is no recording to diagnose; name at least one file.")
-    own, others = ([read_part(file, columns or "canonical") for file in files] for files in (recordings, held_out))
-    must_be_diagnosable(nominal, [*own, *others])
-    must_differ(own, others)
-    return _Asked(nominal, stated, own, others)
+    value, others = ([read_part(file, columns or "canonical") for file in files] for files in (recordings, held_out))
+    must_be_diagnosable(nominal, [*value, *others])
+    must_differ(value, others)
+    return _Asked(nominal, stated, value, others)
 
 
 def _nominal(
@@ -383,29 +385,41 @@ def _nominal(
     """The model that is diagnosed, and what is stated of its vehicle."""
     if vehicle is None and fit is None:
         raise BadInput("Which simulation? Name the vehicle with --vehicle, or a fit with --fit.")
-    found = vehicle if vehicle is None or isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
+    result = vehicle if vehicle is None or isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
     if fit is not None:
         if model is not None:
             raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle alone.")
-        return of_fit(fit_of(fit), str(fit), found)
-    assert found is not None
-    own = found.model is not None and model in (None, found.model.name)
-    nominal = must_be_stated(model_of(found) if own or model is None else build(model, vehicle=found))
-    return must_have_gaps(nominal), found
+        return of_fit(fit_of(fit), str(fit), result)
+    assert result is not None
+    value = result.model is not None and model in (None, result.model.name)
+    nominal = must_be_stated(model_of(result) if value or model is None else build(model, vehicle=result))
+    return must_have_gaps(nominal), result
 
 
-def _found(asked: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:
+def _found(requested: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:
     """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
     options: dict[str, Any] = {"horizons": horizons} | ({"seed": seed} if seed else {})
-    found = diagnose(
-        asked.model, asked.recordings, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say, **options
+    result = diagnose(
+        requested.model,
+        requested.recordings,
+        EFFECTS,
+        vehicle=requested.vehicle,
+        held_out=requested.held_out,
+        say=say,
+        **options,
     )
-    return doubted(found, asked.model, asked.vehicle, asked.recordings)
+    return doubted(result, requested.model, requested.vehicle, requested.recordings)
 
 
-def _changed(asked: _Asked, since: Sequence[Recording], say: Say) -> Changed:
+def _changed(requested: _Asked, since: Sequence[Recording], say: Say) -> Changed:
     """What changed since other recordings."""
-    must_be_recorded(asked.model, since)
+    must_be_recorded(requested.model, since)
     return diagnose_change(
-        asked.model, asked.recordings, since, EFFECTS, vehicle=asked.vehicle, held_out=asked.held_out, say=say
+        requested.model,
+        requested.recordings,
+        since,
+        EFFECTS,
+        vehicle=requested.vehicle,
+        held_out=requested.held_out,
+        say=say,
     )

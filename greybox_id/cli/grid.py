@@ -66,14 +66,14 @@ def grid(
     ensure_writable(Path(target).parent)
     done = kept_table(target)
     with progress() as say:
-        found = fit_grid(
+        result = fit_grid(
             name, train, varied, settings=fixed, validate=scored, strength=strength, jobs=jobs, done=done, say=say,
             keep=written_to(target),
         )  # fmt: skip
     if as_json:
-        print_json(found.as_dict() | {"written": str(target)})
+        print_json(result.as_dict() | {"written": str(target)})
     else:
-        show(grid_parts(found))
+        show(grid_parts(result))
         console().print(f"\nwritten  {target}")
-    if found.interrupted:
+    if result.interrupted:
         raise SystemExit(130)

@@ -70,19 +70,19 @@ def effects(name: str | None, as_json: bool) -> None:
     if name is not None and name not in EFFECTS:
         raise BadInput(f"There is no effect {name!r}.{near_or_all(name, EFFECTS)}")
     if name is not None:
-        found = _effect(EFFECTS[name]) | {"models": _applies_to(EFFECTS[name])}
+        result = _effect(EFFECTS[name]) | {"models": _applies_to(EFFECTS[name])}
         if as_json:
-            print_json({"name": name} | found)
+            print_json({"name": name} | result)
         else:
-            _show_effect(EFFECTS[name], found["models"])
+            _show_effect(EFFECTS[name], result["models"])
         return
     if as_json:
         print_json({"effects": {known: _effect(e) | {"models": _applies_to(e)} for known, e in EFFECTS.items()}})
         return
     table = plain_table("effect", "null", "unit", "group", "magnitude")
     for known, effect in EFFECTS.items():
-        own = effect.parameter
-        table.add_row(known, plain(float(own.array)), pretty_unit(own.unit), effect.group, own.about)
+        parameter = effect.parameter
+        table.add_row(known, plain(float(parameter.array)), pretty_unit(parameter.unit), effect.group, parameter.about)
     console().print(table)
     console().print("\nwhere one applies, its bounds and typical size: greybox effects NAME")
 
@@ -98,8 +98,8 @@ def _show_model(model: Model) -> None:
         rows.append(("settings", ", ".join(f"{key}={value}" for key, value in model.settings.items())))
     rows.append(("effects", ", ".join(name for name, effect in EFFECTS.items() if effect.concerns(model)) or "none"))
     head = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
-    for title, told in rows:
-        head.add_row(title, told)
+    for title, item in rows:
+        head.add_row(title, item)
     out.print(head)
     out.print()
     table = plain_table("parameter", "value", "unit", "bounds", "prior", "", "about")
@@ -111,13 +111,13 @@ def _show_model(model: Model) -> None:
 
 
 def _show_effect(effect: Effect, applies_to: Sequence[str]) -> None:
-    own = effect.parameter
+    parameter = effect.parameter
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
-    table.add_row("magnitude", own.about)
-    table.add_row("unit", pretty_unit(own.unit))
-    table.add_row("null", f"{plain(float(own.array))}, at which nothing changes")
-    table.add_row("bounds", f"{plain(own.bounds[0])} to {plain(own.bounds[1])}")
-    table.add_row("typical", f"{plain(effect.typical)} {pretty_unit(own.unit)}, from which a fit starts")
+    table.add_row("magnitude", parameter.about)
+    table.add_row("unit", pretty_unit(parameter.unit))
+    table.add_row("null", f"{plain(float(parameter.array))}, at which nothing changes")
+    table.add_row("bounds", f"{plain(parameter.bounds[0])} to {plain(parameter.bounds[1])}")
+    table.add_row("typical", f"{plain(effect.typical)} {pretty_unit(parameter.unit)}, from which a fit starts")
     table.add_row("group", effect.group)
     for other in effect.others:
         table.add_row("besides", f"{other.name} = {plain(float(other.array))} {pretty_unit(other.unit)}: {other.about}")
@@ -160,12 +160,12 @@ def _described(model: Model) -> dict[str, Any]:
 
 
 def _effect(effect: Effect) -> dict[str, Any]:
-    own = effect.parameter
+    parameter = effect.parameter
     return {
-        "unit": own.unit,
-        "null": float(own.array) if abs(float(own.array)) < float("inf") else str(float(own.array)),
-        "about": own.about,
-        "bounds": list(own.bounds),
+        "unit": parameter.unit,
+        "null": float(parameter.array) if abs(float(parameter.array)) < float("inf") else str(float(parameter.array)),
+        "about": parameter.about,
+        "bounds": list(parameter.bounds),
         "typical": effect.typical,
         "group": effect.group,
         "touches": effect.touches,
@@ -182,9 +182,9 @@ def _aliases(model: Model, name: str) -> tuple[str, ...]:
 
 
 def _input(model: Model, name: str) -> str:
-    known = [f"{own} [{pretty_unit(unit_of(own))}]" for own in _aliases(model, name)]
-    told = known[0] if len(known) == 1 else f"{name}: {' or '.join(known)}"
-    return f"{told} (otherwise {model.defaults[name]:g})" if name in model.defaults else told
+    known = [f"{aliase} [{pretty_unit(unit_of(aliase))}]" for aliase in _aliases(model, name)]
+    entry = known[0] if len(known) == 1 else f"{name}: {' or '.join(known)}"
+    return f"{entry} (otherwise {model.defaults[name]:g})" if name in model.defaults else entry
 
 
 def _prior(parameter: Parameter) -> str:

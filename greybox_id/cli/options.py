@@ -90,8 +90,8 @@ def read_part(file: str | Path, columns: str | Path | ColumnMap = "canonical") -
 def part_asked(recording: Recording) -> Recording:
     """The part of a recording for which the running command was asked."""
     ctx = click.get_current_context(silent=True)
-    asked = ctx.meta.get(PART, {}) if ctx is not None else {}
-    return part(recording, asked.get("between"), asked.get("where"))
+    requested = ctx.meta.get(PART, {}) if ctx is not None else {}
+    return part(recording, requested.get("between"), requested.get("where"))
 
 
 def part(recording: Recording, between: tuple[float | None, float | None] | None, where: str | None) -> Recording:
@@ -112,7 +112,7 @@ WORD = re.compile(r"[A-Za-z_][\w-]*")
 
 def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
     """NAME=VALUE pairs as nested plain data: `lat.q=14` becomes {"lat": {"q": 14}}; values are JSON or single words."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     for pair in pairs:
         name, equals, text = pair.partition("=")
         if not equals or not name:
@@ -124,13 +124,13 @@ def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
                 raise click.UsageError(f"{pair!r}: {text!r} is no number, word, true, false or [list].") from error
             value = text
         *groups, last = name.split(".")
-        inner = found
+        inner = result
         for group in groups:
             inner = inner.setdefault(group, {})
             if not isinstance(inner, dict):
                 raise click.UsageError(f"{pair!r}: {group} is given as a value and as a group.")
         inner[last] = value
-    return found
+    return result
 
 
 MARK = ".py:"
@@ -150,15 +150,15 @@ def named_model(ctx: click.Context, param: click.Parameter, value: str | None) -
 def named_effects(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> tuple[str, ...]:
     """EFFECT[=VALUE] with the names of effects that are in files, which are known from now on."""
     del ctx, param
-    found = []
+    result = []
     for value in values:
         place, equals, magnitude = value.partition("=")
         if MARK in place:
             from ..models.own import own_effect
 
             place = own_effect(place.strip()).name
-        found.append(f"{place}{equals}{magnitude}")
-    return tuple(found)
+        result.append(f"{place}{equals}{magnitude}")
+    return tuple(result)
 
 
 def named_effect(ctx: click.Context, param: click.Parameter, value: str | None) -> str | None:
@@ -265,9 +265,7 @@ def fit_of(file: str | Path) -> Fit:
     from ..fitting.verdict import NOT_USABLE
     from ..models.registry import build
 
-    found = load(file, build)
-    if found.verdict is not None and found.verdict.usability == NOT_USABLE:
-        tell(
-            f"warning: {file} is {NOT_USABLE}: {' '.join(found.verdict.reasons[:1])} What follows from it is no better."
-        )
-    return found
+    one = load(file, build)
+    if one.verdict is not None and one.verdict.usability == NOT_USABLE:
+        tell(f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} What follows from it is no better.")
+    return one

@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 def console() -> Console:
     """Standard output for people."""
-    found = Screen()
-    if not found.is_terminal:
-        found.width = WIDTH
-    return found
+    result = Screen()
+    if not result.is_terminal:
+        result.width = WIDTH
+    return result
 
 
 def show(parts: Iterable[RenderableType]) -> None:

@@ -96,22 +96,22 @@ def predict(
         must_be_recorded(model, [recording])
         if seconds is not None:
             timing = calibrated_timing(fit, recording, seconds)
-            found = calibrated_predictions(must_have_timing(model), recording, timing, open_loop=open_loop)
-            table, more = as_table(model, recording, found, "predicted"), {"timing": timing.as_dict()}
+            result = calibrated_predictions(must_have_timing(model), recording, timing, open_loop=open_loop)
+            table, more = as_table(model, recording, result, "predicted"), {"timing": timing.as_dict()}
         elif posterior is None:
-            found = predict_rows(model, recording, horizon, open_loop=open_loop)
-            table = as_table(model, recording, found, "predicted")
+            result = predict_rows(model, recording, horizon, open_loop=open_loop)
+            table = as_table(model, recording, result, "predicted")
         else:
             from ..fitting.posterior.posterior import load_posterior
             from ..fitting.posterior.predictive import banded_table, predictive_band
 
             band = predictive_band(fit, load_posterior(posterior), recording, horizon)
-            found, table = band.mean, banded_table(model, recording, band)
+            result, table = band.mean, banded_table(model, recording, band)
             covered = dict(zip(model.outputs, band.coverage().tolist(), strict=True))
             more = {"posterior": {"file": posterior, "draws": band.draws, "level": band.level, "coverage": covered}}
         write_table(table, target, PREDICTIONS)
-    how, told = predicted_how(model, horizon, open_loop)
-    _tell(model, recording, found, target, how, told | more, as_json)
+    how, known = predicted_how(model, horizon, open_loop)
+    _tell(model, recording, result, target, how, known | more, as_json)
 
 
 @click.command(name="simulate")
@@ -136,7 +136,7 @@ def simulate(
     out: str,
     as_json: bool,
     fix: Sequence[str],
-    **asked: Any,
+    **options: Any,
 ) -> None:
     """Simulate every run of RECORDING freely on its inputs, with FIT or with a model made from options.
 
@@ -147,7 +147,7 @@ def simulate(
     greybox simulate --model single_track --vehicle full_size_car --with steering_delay=30ms lap.csv
     """  # fmt: skip
     target = claim(target_of(out), becomes=SIMULATIONS)
-    asks = any(asked.values())
+    asks = any(options.values())
     if len(paths) != (1 if asks else 2):
         raise click.UsageError(
             "With --model or --vehicle, name one RECORDING and no FIT."
@@ -155,7 +155,7 @@ def simulate(
             else "Name a FIT and a RECORDING, or a RECORDING and --model NAME."
         )
     fitted = None if asks else fit_of(paths[0])
-    model = wanted(**asked, fix=fix).or_single_track().model() if fitted is None else _changed(fitted, fix)
+    model = wanted(**options, fix=fix).or_single_track().model() if fitted is None else _changed(fitted, fix)
     with working(f"reading {paths[-1]}"):
         recording = read_part(paths[-1], columns)
     if fitted is not None:
@@ -166,9 +166,9 @@ def simulate(
     for warning in warnings:
         tell(f"warning: {warning}")
     with working(f"simulating {recording.name}"):
-        found = simulate_runs(model, recording, start)
-        write_table(as_table(model, recording, found, "simulated"), target, SIMULATIONS)
-    _tell(model, recording, found, target, "free run", {"start": start, "warnings": warnings}, as_json)
+        result = simulate_runs(model, recording, start)
+        write_table(as_table(model, recording, result, "simulated"), target, SIMULATIONS)
+    _tell(model, recording, result, target, "free run", {"start": start, "warnings": warnings}, as_json)
 
 
 def _changed(fit: Fit, fix: Sequence[str]) -> Model:
@@ -176,21 +176,32 @@ def _changed(fit: Fit, fix: Sequence[str]) -> Model:
 
 
 def _tell(
-    model: Model, recording: Recording, found: Prediction, target: Path, how: str, told: dict[str, Any], as_json: bool
+    model: Model,
+    recording: Recording,
+    prediction: Prediction,
+    target: Path,
+    how: str,
+    known: dict[str, Any],
+    as_json: bool,
 ) -> None:
-    errors = prediction_errors(model.outputs, found, recording.sample_time)
-    lost = int(np.sum(~np.all(np.isfinite(found.predicted), axis=1)))
+    errors = prediction_errors(model.outputs, prediction, recording.sample_time)
+    lost = int(np.sum(~np.all(np.isfinite(prediction.predicted), axis=1)))
     if as_json:
-        body = {"written": str(target), "rows": len(found.rows), "runs": len(np.unique(found.run)), "not_finite": lost}
-        print_json(body | told | {"errors": as_dict({how: errors})[how]})
+        body = {
+            "written": str(target),
+            "rows": len(prediction.rows),
+            "runs": len(np.unique(prediction.run)),
+            "not_finite": lost,
+        }
+        print_json(body | known | {"errors": as_dict({how: errors})[how]})
         return
-    out, runs = console(), counted(len(np.unique(found.run)), "run")
-    out.print(f"written  {target}: {counted(len(found.rows), 'row')} in {runs}, {how}")
+    out, runs = console(), counted(len(np.unique(prediction.run)), "run")
+    out.print(f"written  {target}: {counted(len(prediction.rows), 'row')} in {runs}, {how}")
     for name, error in errors.items():
         out.print(f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit_of(name))}")
-    for line in timing_lines(told["timing"]) if "timing" in told else ():
+    for line in timing_lines(known["timing"]) if "timing" in known else ():
         out.print(f"timing   {line}")
-    for name, share in told.get("posterior", {}).get("coverage", {}).items():
+    for name, share in known.get("posterior", {}).get("coverage", {}).items():
         if np.isfinite(share):
             out.print(f"         {name}: {100 * share:.1f} % of the readings within the 95 % band")
     if lost:

@@ -54,15 +54,15 @@ def profile(
     """  # fmt: skip
     target = None if out is None else claim(target_of(out, PLAIN), becomes="a table of profiles")
     fit = fit_of(fit_file)
-    wanted = profiled(fit, names, everything)
+    entry = profiled(fit, names, everything)
     read = recordings_of(trained(fit), Path(fit_file), files, columns=columns, option="RECORDING")
     with progress() as say:
-        found = profiles(fit, wanted, read, confidence, jobs, say)
+        result = profiles(fit, entry, read, confidence, jobs, say)
     if target is not None:
-        write_table(found.to_pandas(), target, "a table of profiles")
+        write_table(result.to_pandas(), target, "a table of profiles")
     if as_json:
-        print_json(found.as_dict() | ({"written": str(target)} if target is not None else {}))
+        print_json(result.as_dict() | ({"written": str(target)} if target is not None else {}))
         return
-    show(found.parts())
+    show(result.parts())
     if target is not None:
         console().print(f"\nwritten  {target}")

@@ -169,7 +169,7 @@ def recordings_of(
             raise BadInput(
                 f"{fit_file} was made with {counted(count, 'recording')} to {role}, but {named} names {len(files)}."
             )
-    found = []
+    result = []
     for record in fit.data:
         files = moved.get(record.role, [])
         file = (
@@ -178,5 +178,5 @@ def recordings_of(
             else found_again(record, fit_file, f"Name the file's new place with {option.format(role=record.role)}.")
         )
         whole = read(file, columns or record.mapping)
-        found.append(part(whole, span(record.between) if record.between else None, record.where or None))
-    return found
+        result.append(part(whole, span(record.between) if record.between else None, record.where or None))
+    return result

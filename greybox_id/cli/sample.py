@@ -78,11 +78,11 @@ def sample(
     must_suit_sampling(fit)
     read = recordings_of(trained(fit), Path(fit_file), files, columns=columns, option="RECORDING")
     with progress() as say:
-        found = sampled(fit, read, options, target, say)
+        result = sampled(fit, read, options, target, say)
     if as_json:
-        print_json(found.as_dict() | {"written": str(target)})
+        print_json(result.as_dict() | {"written": str(target)})
     else:
-        show(found.parts())
+        show(result.parts())
         console().print(f"\nwritten  {target}")
-    if not found.complete:
+    if not result.complete:
         sys.exit(INTERRUPTED)

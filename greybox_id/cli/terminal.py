@@ -23,7 +23,7 @@ __all__ = ["NotTaken", "Screen", "clean", "clean_json", "drop_output", "interrup
 
 def clean_json(text: str) -> str:
     """The same JSON without such characters: they are escaped."""
-    return ORDERS.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return ORDERS.sub(lambda item: f"\\u{ord(item[0]):04x}", text)
 
 
 def tell(line: str) -> None:

@@ -86,7 +86,7 @@ def track(
     file: str | None, fit_file: str | None, columns: str, parameters: Sequence[str], disturbances: Sequence[str],
     readings: str, coloured: str, kind: Literal["ekf", "ukf"], smooth: bool, noise: Sequence[str], tune: str,
     calibrate: str, gate: float, out: str, figures: str | None, apply: str | None, follow: bool, as_json: bool,
-    **asked: Any,
+    **options: Any,
 ) -> None:  # fmt: skip
     """Estimate sideslip, cornering stiffness and tyre forces along RECORDING.
 
@@ -102,10 +102,10 @@ def track(
     Beside the table a .json of the same name is left, of which greybox report makes a report. Exit code 3: the
     estimates are written, but the filter has lost the vehicle; the verdict says where.
     """  # fmt: skip
-    chosen = wanted(**asked)
+    chosen = wanted(**options)
     meant = _model(chosen, fit_file)
     model, plan, uncertain = meant.model, meant.plan, meant.uncertain
-    own, others = meant.names(_names(parameters), _names(disturbances))
+    value, others = meant.names(_names(parameters), _names(disturbances))
     how = How(
         filter=kind, smooth=smooth, readings=_names([readings]), coloured=_names([coloured]), gate=gate,
         noise=_noise(noise), known=plan.noise, tune=_seconds(tune, "--tune"),
@@ -118,7 +118,7 @@ def track(
             )
         from ..filters.live import follow as follow_lines
 
-        follow_lines(model, own, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, uncertain)
+        follow_lines(model, value, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, uncertain)
         return
     if file is None:
         raise click.UsageError("Missing argument 'RECORDING'.")
@@ -128,29 +128,29 @@ def track(
     kept = claim(target.with_suffix(".json"), "‹out›", "a track")
     recording = read_part(file, columns)
     with progress() as say:
-        found = track_recording(
-            model, recording, own, disturbances=others, effects=EFFECTS, how=how, uncertain=uncertain, say=say
+        entry = track_recording(
+            model, recording, value, disturbances=others, effects=EFFECTS, how=how, uncertain=uncertain, say=say
         )
-    result = TrackResult.of(found, recording, how, _made(chosen, fit_file, how))
-    told = result.digest
+    result = TrackResult.of(entry, recording, how, _made(chosen, fit_file, how))
+    digest = result.digest
     written = [str(target), str(kept)]
     with at_once():
-        write_atomically(kept, as_text(told))
-        write_table(found.table(), target, "a table of estimates")
+        write_atomically(kept, as_text(digest))
+        write_table(entry.table(), target, "a table of estimates")
         if apply is not None and chosen.vehicle is not None:
-            written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, found, own, others, EFFECTS), apply)))
+            written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, entry, value, others, EFFECTS), apply)))
         if figures is not None:
             from ..reports.document import write_drawings
             from ..reports.track.report import drawings
 
-            written += [str(path) for path in write_drawings(drawings(told), figures)]
+            written += [str(path) for path in write_drawings(drawings(digest), figures)]
     if as_json:
-        print_json(as_dict(found, told) | {"written": written})
+        print_json(as_dict(entry, digest) | {"written": written})
     else:
-        show(parts(found, told))
+        show(parts(entry, digest))
         for path in written:
             console().print(f"written  {path}")
-    end_by(verdict(found))
+    end_by(verdict(entry))
 
 
 def _model(chosen: Wanted, fit_file: str | None) -> TrackSetup:
@@ -175,15 +175,15 @@ def _names(written: Sequence[str]) -> tuple[str, ...]:
 
 
 def _noise(written: Sequence[str]) -> dict[str, float]:
-    found = {}
+    result = {}
     for pair in written:
         name, text = named(pair, "NAME=SIZE, as in --noise walk_v_y=0.05")
-        found[name] = number(text, "1", f"--noise {name}")
-    return found
+        result[name] = number(text, "1", f"--noise {name}")
+    return result
 
 
 def _seconds(text: str, option: str) -> float:
-    found = number(text, "s", option)
-    if not 0 <= found < float("inf"):
+    result = number(text, "s", option)
+    if not 0 <= result < float("inf"):
         raise BadInput(f"{option} {text}: a duration is a number of seconds, zero or more.")
-    return found
+    return result

@@ -32,38 +32,38 @@ def fit_tyre_command(files: Sequence[str], out: str | None, as_json: bool) -> No
     claim(target, becomes="a tyre property file")
     ensure_writable(target.parent)
     with working(f"fitting a tyre to {len(files)} files"):
-        found = fit_tyre(files)
-    write_atomically(target, tyre_text(found, " ".join(Path(file).name for file in files)))
+        result = fit_tyre(files)
+    write_atomically(target, tyre_text(result, " ".join(Path(file).name for file in files)))
     if as_json:
-        print_json(_as_dict(found) | {"written": str(target)})
+        print_json(_as_dict(result) | {"written": str(target)})
     else:
-        _show(found, target)
-    sys.exit(0 if found.usable else NOT_USABLE)
+        _show(result, target)
+    sys.exit(0 if result.usable else NOT_USABLE)
 
 
-def _show(found: TyreFit, target: Path) -> None:
+def _show(fit: TyreFit, target: Path) -> None:
     screen = console()
-    share = f"{100 * found.explained:.1f} % of the side force's variance explained, RMSE {number(found.rmse, 3)} N"
-    word = "usable as a prior" if found.usable else "not usable"
+    share = f"{100 * fit.explained:.1f} % of the side force's variance explained, RMSE {number(fit.rmse, 3)} N"
+    word = "usable as a prior" if fit.usable else "not usable"
     screen.print(Text(f"verdict  {word}: {share}", style="bold"))
-    screen.print(f"         to slip angles of {number(found.largest_slip, 2)} rad; beyond, the formula extrapolates")
-    screen.print(f"data     {found.rows} rows; {found.left_out} of another camber, or without numbers, left out")
-    for note in found.notes:
+    screen.print(f"         to slip angles of {number(fit.largest_slip, 2)} rad; beyond, the formula extrapolates")
+    screen.print(f"data     {fit.rows} rows; {fit.left_out} of another camber, or without numbers, left out")
+    for note in fit.notes:
         screen.print(f"         {note}")
     table = plain_table("coefficient", "estimate", "sd")
-    for key, value in found.numbers.items():
-        sd = found.sd.get(key)
+    for key, value in fit.numbers.items():
+        sd = fit.sd.get(key)
         table.add_row(key, number(value, 4), "" if sd is None else number(sd, 2))
     screen.print(table)
-    if found.bands:
+    if fit.bands:
         table = plain_table("temperature and pressure", "rows", "friction", "stiffness")
-        for band in found.bands:
+        for band in fit.bands:
             table.add_row(band.words, str(band.rows), f"x {band.friction:.3f}", f"x {band.stiffness:.3f}")
         screen.print(table)
-    if len(found.bands) > 1:
+    if len(fit.bands) > 1:
         screen.print(
-            f"spread   between temperatures and pressures: friction ± {100 * found.friction_spread:.1f} %, cornering "
-            f"stiffness ± {100 * found.stiffness_spread:.1f} %"
+            f"spread   between temperatures and pressures: friction ± {100 * fit.friction_spread:.1f} %, cornering "
+            f"stiffness ± {100 * fit.stiffness_spread:.1f} %"
         )
     else:
         screen.print("spread   unknown: no column of temperature or pressure varies")
@@ -72,21 +72,21 @@ def _show(found: TyreFit, target: Path) -> None:
     )
 
 
-def _as_dict(found: TyreFit) -> dict[str, object]:
+def _as_dict(tyre_fit: TyreFit) -> dict[str, object]:
     """The fit as plain data."""
-    finite = {"friction_spread": found.friction_spread, "stiffness_spread": found.stiffness_spread}
+    finite = {"friction_spread": tyre_fit.friction_spread, "stiffness_spread": tyre_fit.stiffness_spread}
     return {
-        "usable": found.usable,
-        "coefficients": {key: {"value": v, "sd": found.sd.get(key)} for key, v in found.numbers.items()},
-        "rmse_n": found.rmse,
-        "explained": found.explained,
-        "rows": found.rows,
-        "left_out": found.left_out,
-        "largest_slip_rad": found.largest_slip,
+        "usable": tyre_fit.usable,
+        "coefficients": {key: {"value": v, "sd": tyre_fit.sd.get(key)} for key, v in tyre_fit.numbers.items()},
+        "rmse_n": tyre_fit.rmse,
+        "explained": tyre_fit.explained,
+        "rows": tyre_fit.rows,
+        "left_out": tyre_fit.left_out,
+        "largest_slip_rad": tyre_fit.largest_slip,
         **{key: value if value == value else None for key, value in finite.items()},
         "bands": [
-            {"words": own.words, "rows": own.rows, "friction": own.friction, "stiffness": own.stiffness}
-            for own in found.bands
+            {"words": band.words, "rows": band.rows, "friction": band.friction, "stiffness": band.stiffness}
+            for band in tyre_fit.bands
         ],
-        "notes": list(found.notes),
+        "notes": list(tyre_fit.notes),
     }

@@ -31,9 +31,9 @@ def validate(fit_file: str, files: Sequence[str], columns: str, as_json: bool) -
     """
     fit = load(fit_file, build)
     with working(f"scoring {fit_file} on {counted(len(files), 'recording')}"):
-        found = validation(fit, {file: read_part(file, columns) for file in files})
+        result = validation(fit, {file: read_part(file, columns) for file in files})
     if as_json:
-        print_json(found.as_dict())
+        print_json(result.as_dict())
     else:
-        show(found.parts())
-    end_by(found.verdict)
+        show(result.parts())
+    end_by(result.verdict)

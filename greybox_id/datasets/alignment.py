@@ -72,19 +72,19 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
     step = max(float(np.median(np.diff(t))), float(np.median(np.diff(t_other))))
     if not step > 0 or min(np.ptp(t), np.ptp(t_other)) < LEAST * step:
         return None
-    own, other = t - t[0], t_other - t[0]
-    span, whole = min(own[-1], SEARCHED), own[-1]
-    part = own <= span
-    begun = _searched(own[part], v[part], other, v_other, max(step, COARSE), longest)
+    value, other = t - t[0], t_other - t[0]
+    span, whole = min(value[-1], SEARCHED), value[-1]
+    part = value <= span
+    begun = _searched(value[part], v[part], other, v_other, max(step, COARSE), longest)
     while begun is not None and span < whole:  # a part tells the rate well enough for one that is four times as long
-        part = own <= span
-        reached = _refined(own[part], v[part], other, v_other, step, begun, True)
+        part = value <= span
+        reached = _refined(value[part], v[part], other, v_other, step, begun, True)
         begun, span = (None if reached is None else (reached.seconds, reached.rate)), 4 * span
     if begun is None:
         return None
-    free = _refined(own, v, other, v_other, step, begun, True)
+    free = _refined(value, v, other, v_other, step, begun, True)
     if free is None or abs(free.rate) <= SURE * free.rate_sd:
-        free = _refined(own, v, other, v_other, step, (begun[0] if free is None else free.seconds, 0.0), False)
+        free = _refined(value, v, other, v_other, step, (begun[0] if free is None else free.seconds, 0.0), False)
     if free is None or free.correlation < ALIKE or abs(free.seconds) > longest:
         return None
     return ClockAlignment(float(t[0]), free.seconds, free.sd, free.rate, free.rate_sd, free.left, free.correlation)
@@ -95,9 +95,9 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
     from scipy.signal import correlate, correlation_lags  # which takes longer to load than most files to read
 
     grid = np.arange(t[0], t[-1], step)
-    own = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
+    value = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
     span = min(t[-1], u[-1]) - max(t[0], u[0])
-    if span < LEAST * step or not np.any(own):
+    if span < LEAST * step or not np.any(value):
         return None
     count = int(np.ceil(FASTEST * span / (2 * SMOOTHING)))
     best: tuple[float, float, float] | None = None
@@ -110,8 +110,8 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
             continue
         other = np.where(there, values, 0.0)
         other = _standard(smoothed(np.where(there, other - np.mean(values[there]), 0.0), SMOOTHING / step))
-        product = correlate(other, own, mode="full", method="fft") / len(own)
-        lags = correlation_lags(len(other), len(own), mode="full")
+        product = correlate(other, value, mode="full", method="fft") / len(value)
+        lags = correlation_lags(len(other), len(value), mode="full")
         near = np.abs(lags) <= reach
         k = int(np.argmax(np.where(near, product, -np.inf)))
         if best is None or product[k] > best[0]:
@@ -154,9 +154,9 @@ def _refined(
         return None
     covariance = _jackknife(design, left)
     at = np.array([1.0, *([-middle] if with_rate else [])])
-    ends = [np.array([1.0, *([own - middle] if with_rate else [])]) for own in (grid[inside][0], grid[inside][-1])]
+    ends = [np.array([1.0, *([item - middle] if with_rate else [])]) for item in (grid[inside][0], grid[inside][-1])]
     size = len(at)
-    spread = [float(np.sqrt(own @ covariance[:size, :size] @ own)) for own in (at, *ends)]
+    spread = [float(np.sqrt(end @ covariance[:size, :size] @ end)) for end in (at, *ends)]
     rate_sd = float(np.sqrt(covariance[1, 1])) if with_rate else 0.0
     correlation = float(np.corrcoef(value, y)[0, 1])
     return ClockAlignment(0.0, float(seconds), spread[0], float(rate), rate_sd, max(spread[1:]), correlation)

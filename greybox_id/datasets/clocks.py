@@ -167,19 +167,19 @@ def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Arra
     left = np.clip(np.searchsorted(t, instants, side="right") - 1, 0, len(t) - 2)
     step = np.diff(t)
     share = (instants - t[left]) / step[left]
-    found = v[left] + share * (v[left + 1] - v[left])
-    found = np.where(share == 1, v[left + 1], found)
+    result = v[left] + share * (v[left + 1] - v[left])
+    result = np.where(share == 1, v[left + 1], result)
     reached = (step[left] <= LINEAR_GAP * float(np.median(step))) | (share == 0) | (share == 1)
-    found[~reached | (share < 0) | (share > 1)] = np.nan
+    result[~reached | (share < 0) | (share > 1)] = np.nan
     if around:
         begins = -np.pi if lowest < 0 else 0.0
-        found = begins + np.mod(found - begins, 2 * np.pi)
+        result = begins + np.mod(result - begins, 2 * np.pi)
     if len(t) < 3:
-        return found, (np.nan, np.nan)
+        return result, (np.nan, np.nan)
     bend = np.abs(2 * np.diff(np.diff(v) / step) / (step[1:] + step[:-1]))
     bend = np.concatenate([bend[:1], np.maximum(bend[:-1], bend[1:]), bend[-1:]])
-    missed = (share * (1 - share) / 2 * step[left] ** 2 * bend[left])[np.isfinite(found)]
-    return found, _costs(missed, len(missed))
+    missed = (share * (1 - share) / 2 * step[left] ** 2 * bend[left])[np.isfinite(result)]
+    return result, _costs(missed, len(missed))
 
 
 def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array, tuple[float, float]]:
@@ -191,12 +191,12 @@ def held(time: Array, values: Array, instants: Array, name: str) -> tuple[Array,
     left = np.searchsorted(t, instants, side="right") - 1
     usual = float(np.median(np.diff(t))) if len(t) > 1 else 0.0
     age = instants - t[np.maximum(left, 0)]
-    found = np.where((left >= 0) & (age <= max(HELD_GAP * usual, HELD_SECONDS)), v[np.maximum(left, 0)], np.nan)
+    result = np.where((left >= 0) & (age <= max(HELD_GAP * usual, HELD_SECONDS)), v[np.maximum(left, 0)], np.nan)
     inside = (t[1:] > instants[0]) & (t[1:] <= instants[-1])
     jumps = np.diff(v)[inside]
     late = instants[np.searchsorted(instants, t[1:][inside])] - t[1:][inside]
     span = float(instants[-1] - instants[0])
-    return found, _costs(jumps * np.sqrt(late), span, np.abs(jumps[late > 0]))
+    return result, _costs(jumps * np.sqrt(late), span, np.abs(jumps[late > 0]))
 
 
 def _costs(missed: Array, over: float, sizes: Array | None = None) -> tuple[float, float]:

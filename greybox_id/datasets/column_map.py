@@ -169,8 +169,8 @@ def column_map(columns: str | Path | ColumnMap) -> ColumnMap:
     if isinstance(columns, ColumnMap):
         return columns
     text, file = named_text(str(columns), "columns", "column map")
-    found = parse_column_map(text, str(file))
-    return found if str(columns) in shipped_maps() else replace(found, where=str(columns), text=text)
+    column_map = parse_column_map(text, str(file))
+    return column_map if str(columns) in shipped_maps() else replace(column_map, where=str(columns), text=text)
 
 
 def carried_map(columns: str, text: str) -> str | ColumnMap:

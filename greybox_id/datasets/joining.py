@@ -71,15 +71,15 @@ class Offset:
             )
             return f"{self.file}: taken at its stamps; {why}."
         clock = self.alignment
-        found = f"{1e3 * clock.seconds:.1f} ± {1e3 * clock.sd:.1f} ms late against {self.against} by {self.signal}"
+        result = f"{1e3 * clock.seconds:.1f} ± {1e3 * clock.sd:.1f} ms late against {self.against} by {self.signal}"
         if clock.rate:
             way = "fast" if clock.rate > 0 else "slow"
             digits = max(0, -int(np.floor(np.log10(max(100 * clock.rate_sd, 1e-9)))))
             rate = f"{100 * abs(clock.rate):.{digits}f} ± {100 * clock.rate_sd:.{digits}f} %"
-            found += f" where it begins, and its clock runs {rate} {way}"
+            result += f" where it begins, and its clock runs {rate} {way}"
         if not self.taken_off:
-            return f"{self.file}: {found}; no more than chance, left."
-        return f"{self.file}: {found}; taken off, to {1e3 * clock.left:.2g} ms anywhere."
+            return f"{self.file}: {result}; no more than chance, left."
+        return f"{self.file}: {result}; taken off, to {1e3 * clock.left:.2g} ms anywhere."
 
 
 def join_files(
@@ -124,10 +124,10 @@ def _offset(first: Part, other: Part, mapping: ColumnMap) -> Offset:
         if name in ANGLES_AROUND:
             v, v_other = np.unwrap(v), np.unwrap(v_other)
         longest = min(LONGEST, SHARE * float(min(np.ptp(t), np.ptp(t_other))))
-        found = aligned(t, v, t_other, v_other, longest)
-        if found is not None and not found.left >= (best.alignment.left if best.alignment else np.inf):
-            sure = abs(found.seconds) > SURE * found.sd or found.rate != 0
-            best = replace(best, signal=name, alignment=found, taken_off=sure)
+        result = aligned(t, v, t_other, v_other, longest)
+        if result is not None and not result.left >= (best.alignment.left if best.alignment else np.inf):
+            sure = abs(result.seconds) > SURE * result.sd or result.rate != 0
+            best = replace(best, signal=name, alignment=result, taken_off=sure)
     return best
 
 

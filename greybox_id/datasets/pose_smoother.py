@@ -17,12 +17,12 @@ from ..base.shorthands import Array
 def log_likelihood(rows: Array, variances: Array, axes: int) -> float:  # pragma: no cover
     """Of the readings, but for a constant."""
     n = 3 * axes
-    m, P, found = np.zeros(n), np.zeros((n, n)), 0.0
+    m, P, result = np.zeros(n), np.zeros((n, n)), 0.0
     F, Q, FP, gone = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((axes, n + 2))
     for row in rows:
         _predict(row, variances, axes, m, P, F, Q, FP)
-        found += _update(row, variances, axes, m, P, gone)
-    return found
+        result += _update(row, variances, axes, m, P, gone)
+    return result
 
 
 @begun
@@ -120,7 +120,7 @@ def _predict(
 @compiled
 def _update(row: Array, variances: Array, axes: int, m: Array, P: Array, gone: Array) -> float:  # pragma: no cover
     """The row is read, in place, in Joseph's form; gain, residual and its variance are kept, its evidence returned."""
-    n, r, found = len(m), variances[axes], 0.0
+    n, r, result = len(m), variances[axes], 0.0
     for axis in range(axes):
         e, S = row[3 + axis] - m[axis], P[axis, axis] + r
         K = gone[axis, :n]
@@ -137,5 +137,5 @@ def _update(row: Array, variances: Array, axes: int, m: Array, P: Array, gone: A
                 along = r * K[i] - P[i, axis]
                 for j in range(n):
                     P[i, j] += along * K[j]
-            found -= (np.log(S) + e**2 / S) / 2
-    return found
+            result -= (np.log(S) + e**2 / S) / 2
+    return result

@@ -109,9 +109,9 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
     scatter = float(np.sqrt(np.mean((even - time) ** 2)))
     if scatter > LEAST_SCATTER * float(np.median(poses.steps[poses.steps > 0])):
         stepped = replace(poses, time=even)
-        own = _likeliest(stepped, levels)
-        if own.evidence > levels.evidence:
-            poses, levels = stepped, own
+        value = _likeliest(stepped, levels)
+        if value.evidence > levels.evidence:
+            poses, levels = stepped, value
             notes.append(
                 f"the poses' stamps scatter by {1e3 * scatter:.2g} ms about even steps, which explain the poses better "
                 "than the stamps do: time runs in even steps."
@@ -211,20 +211,20 @@ def _climbed(poses: _Poses, names: tuple[str, ...], psi: Array | None, start: Ar
     parts = np.vstack([_on_its_own(rows[begin : begin + BLOCK]) for begin in poses.most_driven()])
 
     def unlikeliness(levels: Array) -> float:
-        found = -float(log_likelihood(parts, _variances(levels, loose), len(names)))
-        return found if np.isfinite(found) else np.inf
+        result = -float(log_likelihood(parts, _variances(levels, loose), len(names)))
+        return result if np.isfinite(result) else np.inf
 
     edge = 1.0 if start is None else 0.2
     if start is None:
         start = np.log([*[10 * poses.fastest(*names)] * len(names), _fast(poses, names[0])])
     simplex = np.vstack([start, start + edge * np.eye(len(start))])
-    found = minimize(
+    result = minimize(
         unlikeliness,
         start,
         method="Nelder-Mead",
         options={"initial_simplex": simplex, "xatol": TOLERANCE, "fatol": 0.1, "maxfev": 400},
     )
-    return np.asarray(found.x), -float(found.fun)
+    return np.asarray(result.x), -float(result.fun)
 
 
 def _fast(poses: _Poses, name: str) -> float:
@@ -302,7 +302,7 @@ def _without_glitches(
 ) -> tuple[_Poses, _Levels, tuple[_Smoothed, _Smoothed]]:
     """Leave out poses that all others speak against, the worst of a neighbourhood first; then the levels anew."""
     limit = -float(ndtri(GLITCHES / (2 * 3 * len(poses.time))))
-    before = told = int(np.count_nonzero(poses.fresh))
+    before = known = int(np.count_nonzero(poses.fresh))
     for _ in range(PASSES):
         yaw = _through(poses, ("yaw",), levels.yaw, None)
         place = _through(poses, ("x", "y"), levels.place, yaw.state[:, 0])
@@ -313,10 +313,10 @@ def _without_glitches(
             fresh = poses.fresh.copy()
             fresh[worst] = False
             poses = replace(poses, fresh=fresh)
-        elif left == told:
+        elif left == known:
             break
         else:
-            levels, told = _likeliest(poses, levels), left
+            levels, known = _likeliest(poses, levels), left
     if left < before:
         notes.append(f"{before - left} of {before} poses lie where no motion between the others leads; left out.")
     return poses, levels, (yaw, place)
@@ -324,11 +324,11 @@ def _without_glitches(
 
 def _peaks(values: Array, limit: float) -> list[int]:
     """Rows above a limit, none within `AROUND` of a larger one."""
-    found: list[int] = []
+    result: list[int] = []
     for row in sorted(np.flatnonzero(values > limit), key=lambda row: -values[row]):
-        if all(abs(int(row) - other) > AROUND for other in found):
-            found.append(int(row))
-    return found
+        if all(abs(int(row) - other) > AROUND for other in result):
+            result.append(int(row))
+    return result
 
 
 def _at_centre(

@@ -255,11 +255,11 @@ def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
             raise BadInput(
                 f"{remote.address} broke off {ATTEMPTS} times; what has come is kept in {part}, call again to go on."
             )
-        found = hash_of(part)
-        if expected and found != expected:
+        result = hash_of(part)
+        if expected and result != expected:
             part.unlink()
             raise BadInput(
-                f"{remote.address} is not the file that is known: its SHA-256 is {found}, expected is {expected}. "
+                f"{remote.address} is not the file that is known: its SHA-256 is {result}, expected is {expected}. "
                 "Nothing of it was kept. It may have been changed by its authors, or on the way."
             )
         permit(part, path)

@@ -49,9 +49,9 @@ def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Rec
         The file or the map cannot be read, a column is missing or holds text: the sentence says where.
     """
     mapping, file = column_map(columns), Path(path)
-    found = contents(file, mapping)
+    result = contents(file, mapping)
     source = Source(path=str(path), sha256=hash_of(file), columns=_named(columns, mapping), column_map=mapping.text)
-    return _recording(found, mapping, bare_name(file), source, {})
+    return _recording(result, mapping, bare_name(file), source, {})
 
 
 def read_together(
@@ -74,9 +74,9 @@ def read_together(
         As in `read`; or two files have one name, or no time in common.
     """
     mapping = column_map(columns)
-    found = contents_together(paths, mapping)
-    name = "+".join(group.name for group in found.groups)
-    return _recording(found, mapping, name, Source(columns=_named(columns, mapping)), late or {})
+    result = contents_together(paths, mapping)
+    name = "+".join(group.name for group in result.groups)
+    return _recording(result, mapping, name, Source(columns=_named(columns, mapping)), late or {})
 
 
 def contents_together(paths: Sequence[str | Path], mapping: ColumnMap) -> Contents:
@@ -89,12 +89,12 @@ def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
     """Files as groups of one, by their names without suffix. Raises `BadInput` where two have one name."""
     parts: dict[str, Part] = {}
     for file in files:
-        name, found = bare_name(file), contents(file, mapping)
+        name, result = bare_name(file), contents(file, mapping)
         if name in parts:
             raise BadInput(f"Two files are called {name}; rename one of them, so that columns can be distinguished.")
-        if len(found.groups) > 1:
+        if len(result.groups) > 1:
             raise BadInput(f"{file} has several clocks of its own; convert it first: greybox data convert.")
-        parts[name] = Part.of(name, found.groups[0])
+        parts[name] = Part.of(name, result.groups[0])
     return parts
 
 
@@ -106,13 +106,13 @@ class Part(Group):
         """The one group of a file."""
         prefix = f"{name}/"
 
-        def load(wanted: Sequence[str]) -> RawTable:
-            table = group.load([own.removeprefix(prefix) for own in wanted])
-            return replace(table, names=tuple(prefix + own for own in table.names))
+        def load(target: Sequence[str]) -> RawTable:
+            table = group.load([item.removeprefix(prefix) for item in target])
+            return replace(table, names=tuple(prefix + name for name in table.names))
 
-        units = {prefix + own: unit for own, unit in group.units.items()}
+        units = {prefix + name: unit for name, unit in group.units.items()}
         clock = prefix + group.clock if group.clock else ""
-        return cls(name, tuple(prefix + own for own in group.names), load, prefix, clock, group.clock_unit, units)
+        return cls(name, tuple(prefix + name for name in group.names), load, prefix, clock, group.clock_unit, units)
 
     def full(self, name: str, alone: bool = False) -> str | None:
         """The full name of a column of this file."""
@@ -138,22 +138,22 @@ def _named(columns: str | Path | ColumnMap, mapping: ColumnMap) -> str:
 
 
 def _recording(
-    found: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, ClockAlignment]
+    result: Contents, mapping: ColumnMap, name: str, source: Source, late: Mapping[str, ClockAlignment]
 ) -> Recording:
-    mapping = _named_as_in(found, mapping)
-    _check_columns(found, mapping)
-    groups = _groups(found, mapping)
+    mapping = _named_as_in(result, mapping)
+    _check_columns(result, mapping)
+    groups = _groups(result, mapping)
     first_row = 0
     if len(groups) == 1:
         joined, rows, first_row = _one_table(groups, mapping)
     else:
-        joined, rows = _several(groups, found, mapping, late)
+        joined, rows = _several(groups, result, mapping, late)
     if not len(joined.time):
-        raise BadInput(f"{found.where} has column names but no rows; record something, or name another file.")
-    joined, rows = _started(joined, rows, found.where, mapping)
+        raise BadInput(f"{result.where} has column names but no rows; record something, or name another file.")
+    joined, rows = _started(joined, rows, result.where, mapping)
     for reference in mapping.poses:
-        if not reference.if_column or found.find(reference.if_column):
-            joined = _moved(joined, found.where, reference)
+        if not reference.if_column or result.find(reference.if_column):
+            joined = _moved(joined, result.where, reference)
             break
     further = {name: unit_of(name.removeprefix(SD)) for name in joined.signals if name.startswith(SD)}
     return Recording(
@@ -169,17 +169,17 @@ def _recording(
         hold=mapping.hold,
         hold_stated=mapping.hold_stated,
         resampled=joined.resampled,
-        notes=(*found.notes, *joined.notes),
+        notes=(*result.notes, *joined.notes),
     )
 
 
-def _named_as_in(found: Contents, mapping: ColumnMap) -> ColumnMap:
+def _named_as_in(result: Contents, mapping: ColumnMap) -> ColumnMap:
     """The map with those of a column's names that the file has."""
     return replace(
         mapping,
-        time=mapping.time.among(found.find),
-        signals={name: column.among(found.find) for name, column in mapping.signals.items()},
-        extra={name: column.among(found.find) for name, column in mapping.extra.items()},
+        time=mapping.time.among(result.find),
+        signals={name: column.among(result.find) for name, column in mapping.signals.items()},
+        extra={name: column.among(result.find) for name, column in mapping.extra.items()},
     )
 
 
@@ -206,17 +206,17 @@ def _moved(joined: Joined, where: str, reference: Reference) -> Joined:
     from .poses import motion  # Numba is loaded where it is needed
 
     x, y, yaw = (joined.signals[name] for name in ("x", "y", "yaw"))
-    found = motion(joined.time, x, y, yaw, reference, where)
-    told = {**found.signals, **{f"{SD}{name}": values for name, values in found.sd.items()}}
-    return replace(joined, time=found.time, signals={**joined.signals, **told}, notes=(*joined.notes, *found.notes))
+    result = motion(joined.time, x, y, yaw, reference, where)
+    known = {**result.signals, **{f"{SD}{name}": values for name, values in result.sd.items()}}
+    return replace(joined, time=result.time, signals={**joined.signals, **known}, notes=(*joined.notes, *result.notes))
 
 
-def _groups(found: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Column]]]:
+def _groups(result: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Column]]]:
     """The groups that hold mapped columns, with those columns under their full names."""
     used: dict[str, tuple[Group, list[Column]]] = {}
     start = [Column(START, mapping.start_column, "1", "1")] if mapping.start_column else []
     for column in (*mapping.channels, *start):
-        place = found.find(column.column)
+        place = result.find(column.column)
         if place:
             group, name = place
             used.setdefault(f"{group.name} {group.names[0]}", (group, []))[1].append(replace(column, column=name))
@@ -242,27 +242,27 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
 
 def _several(
     groups: Sequence[tuple[Group, list[Column]]],
-    found: Contents,
+    result: Contents,
     mapping: ColumnMap,
     late: Mapping[str, ClockAlignment],
 ) -> tuple[Joined, list[str]]:
     if mapping.rate:
-        raise BadInput(f"{found.where}: a rate is the clock of one table, and this holds several; name their time.")
+        raise BadInput(f"{result.where}: a rate is the clock of one table, and this holds several; name their time.")
     clocks: list[Instants] = []
     signals: list[Mapping[str, Array]] = []
     names = [group.name or group.clock for group, _ in groups]
-    run = found.find(mapping.run_column) if mapping.run_column else None
+    run = result.find(mapping.run_column) if mapping.run_column else None
     for group, channels in groups:
         time = _time_column(group, mapping, alone=False)
-        own = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
-        table = group.load([*_of_time(time), *(c.column for c in (*channels, *own))])
+        value = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
+        table = group.load([*_of_time(time), *(c.column for c in (*channels, *value))])
         clocks.append(instants(table, time))
-        signals.append({column.signal: _converted(table, column) for column in (*channels, *own)})
+        signals.append({column.signal: _converted(table, column) for column in (*channels, *value)})
     origin, note = origin_of(clocks)
     plain = mapping.time.column == TIME or (isinstance(groups[0][0], Part) and "/" not in mapping.time.column)
-    named = None if plain else found.find(mapping.time.column)
+    named = None if plain else result.find(mapping.time.column)
     if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
-        named = found.find(mapping.signals["x"].column)
+        named = result.find(mapping.signals["x"].column)
     notes = [note] if note else []
     readings = []
     for name, clock, values in zip(names, clocks, signals, strict=True):
@@ -274,7 +274,7 @@ def _several(
         if name in late:  # known in instants as the file counts
             on_time = late[name].corrected(on_time + float(origin)) - float(origin)
         readings.append(Readings(name, on_time, values))
-    joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, found.where)
+    joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, result.where)
     runs = [str(label) for label in joined.signals.get(RUN, np.empty(0))]
     return replace(joined, notes=(*joined.notes, *notes)), runs
 
@@ -284,7 +284,7 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     names = [mapping.time.column, *mapping.time.otherwise]
     if isinstance(group, Part):  # `imu/time` says whose instants are kept; the others have a column `time` too
         names += [name.rpartition("/")[2] for name in names]
-    name = next(filter(None, (group.full(own, alone) for own in names)), None) or group.clock
+    name = next(filter(None, (group.full(name, alone) for name in names)), None) or group.clock
     nanoseconds = mapping.time.nanoseconds
     if nanoseconds and isinstance(group, Part):
         nanoseconds = next(filter(None, map(group.full, (nanoseconds, nanoseconds.rpartition("/")[2]))), "")
@@ -322,8 +322,8 @@ def _runs(time: Array, labels: Sequence[str]) -> tuple[tuple[int, int], ...]:
     return tuple(zip(starts, [*starts[1:], len(time)], strict=True))
 
 
-def _check_columns(found: Contents, mapping: ColumnMap) -> None:
-    clocked = any(group.clock for group in found.groups)
+def _check_columns(result: Contents, mapping: ColumnMap) -> None:
+    clocked = any(group.clock for group in result.groups)
     needed = [c.column for c in mapping.channels if not c.optional]
     if not (clocked and mapping.time.column == TIME):
         needed[:0] = _of_time(mapping.time)
@@ -332,15 +332,15 @@ def _check_columns(found: Contents, mapping: ColumnMap) -> None:
     if mapping.start_column and not mapping.start_column_optional:
         needed.append(mapping.start_column)
     for name in needed:
-        if not found.find(name):
+        if not result.find(name):
             raise BadInput(
-                f'{found.where}: there is no column "{name}", which the column map "{mapping.name}" needs.'
-                f"{near(name, found.names)} {_what_there_is(found.names)}{_other_map(found, mapping)}"
+                f'{result.where}: there is no column "{name}", which the column map "{mapping.name}" needs.'
+                f"{near(name, result.names)} {_what_there_is(result.names)}{_other_map(result, mapping)}"
             )
-    if not any(found.find(c.column) for c in mapping.channels):
+    if not any(result.find(c.column) for c in mapping.channels):
         raise BadInput(
-            f'{found.where}: the column map "{mapping.name}" finds none of its signals in this file. '
-            f"{_what_there_is(found.names)}{_other_map(found, mapping)}"
+            f'{result.where}: the column map "{mapping.name}" finds none of its signals in this file. '
+            f"{_what_there_is(result.names)}{_other_map(result, mapping)}"
         )
 
 
@@ -353,10 +353,10 @@ def _what_there_is(names: Sequence[str]) -> str:
     return f"The file has {listed}{f' and {len(names) - 40} more' if len(names) > 40 else ''}."
 
 
-def _other_map(found: Contents, tried: ColumnMap) -> str:
+def _other_map(result: Contents, tried: ColumnMap) -> str:
     for name in shipped_maps():
         other = column_map(name)
         needed = [c.column for c in (other.time, *other.channels) if not c.optional]
-        if other.name != tried.name and len(needed) > 1 and all(found.find(column) for column in needed):
+        if other.name != tried.name and len(needed) > 1 and all(result.find(column) for column in needed):
             return f' The shipped column map "{name}" fits this file: columns = "{name}", or ‹columns› {name}.'
     return " Map the file's own names in a column map of your own (‹columns› my_map.toml)."

@@ -197,28 +197,28 @@ class Recording:
         """
         if not hasattr(table, "columns") or not hasattr(table, "index"):
             raise BadInput(f"table: a pandas DataFrame is needed, not {type(table).__name__}.")
-        said = dict(units or {})
-        columns = {str(own): table[own] for own in table.columns}
-        for own in said:
-            if own not in columns and own != time:
-                raise BadInput(f"units: {name} has no column {own!r}.{near_or_all(own, columns)}")
+        stated = dict(units or {})
+        columns = {str(column): table[column] for column in table.columns}
+        for item in stated:
+            if item not in columns and item != time:
+                raise BadInput(f"units: {name} has no column {item!r}.{near_or_all(item, columns)}")
         clock = columns.pop(time, None)
         if clock is None and time != "time":
             raise BadInput(f"time: {name} has no column {time!r}.{near_or_all(time, columns)}")
         instants = _numbers(table.index if clock is None else clock, f"{name}: column {time!r}")
-        factor = to_si(said.get(time, "s"), "s").factor
+        factor = to_si(stated.get(time, "s"), "s").factor
         signals, extra = {}, {}
-        for own, values in columns.items():
-            if own not in said and getattr(values.dtype, "kind", "O") not in "iufb":
+        for item, values in columns.items():
+            if item not in stated and getattr(values.dtype, "kind", "O") not in "iufb":
                 continue
-            target = SIGNALS[own].unit if own in SIGNALS else None
+            target = SIGNALS[item].unit if item in SIGNALS else None
             try:
-                found = to_si(said.get(own, target or "1"), target)
+                result = to_si(stated.get(item, target or "1"), target)
             except BadInput as error:
-                raise BadInput(f"units[{own!r}]: {error}.") from error
-            signals[own] = found.factor * _numbers(values, f"{name}: column {own!r}") + found.offset
-            if own not in SIGNALS:
-                extra[own] = found.unit
+                raise BadInput(f"units[{item!r}]: {error}.") from error
+            signals[item] = result.factor * _numbers(values, f"{name}: column {item!r}") + result.offset
+            if item not in SIGNALS:
+                extra[item] = result.unit
         return cls(name=name, time=factor * instants, signals=signals, extra_units=extra, hold=hold)
 
     def to_pandas(self) -> pd.DataFrame:
@@ -242,7 +242,7 @@ class Recording:
         for number, (start, stop) in enumerate(self.runs, 1):
             run[start:stop] = number
         table = pd.DataFrame({"time": self.time, "run": run, **self.signals})
-        table.attrs["units"] = {"time": "s", **{own: self.unit(own) for own in self.signals}}
+        table.attrs["units"] = {"time": "s", **{signal: self.unit(signal) for signal in self.signals}}
         return table
 
     def unit(self, name: str) -> str:
@@ -309,9 +309,9 @@ class Recording:
             No row lies there.
         """
         low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
-        asked = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
-        kept = self._kept((self.time >= low) & (self.time <= high), f"between {asked} s")
-        return replace(kept, source=replace(kept.source, between=asked))
+        requested = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
+        kept = self._kept((self.time >= low) & (self.time <= high), f"between {requested} s")
+        return replace(kept, source=replace(kept.source, between=requested))
 
     @understood
     def where(self, condition: str) -> Recording:

@@ -63,10 +63,10 @@ def _turned(column: Column, factor: float) -> Column:
     """A column whose values come out `factor` times as large: by its sign, its unit, or else its scale."""
     sign = -1 if factor < 0 else 1
     size = abs(factor)
-    wanted = to_si(column.unit, column.si_unit).factor * size
+    target = to_si(column.unit, column.si_unit).factor * size
     unit, scale = column.unit, column.scale
     if abs(size - 1) > SAME:
-        unit = next((own for own in UNITS if _converts(own, column.si_unit, wanted)), column.unit)
+        unit = next((item for item in UNITS if _converts(item, column.si_unit, target)), column.unit)
         scale = column.scale if unit != column.unit else column.scale * size
     return replace(column, sign=column.sign * sign, unit=unit, scale=scale, offset=column.offset * factor)
 

@@ -60,15 +60,15 @@ def write_table(table: pd.DataFrame, target: Path, words: str) -> None:
 
 
 def _units(table: pd.DataFrame) -> dict[str, str]:
-    found = {"time": "s"}
+    result = {"time": "s"}
     for column in table:
         name = str(column)
         for ending in ENDINGS:
             name = name.removesuffix(ending)
         unit = unit_of(name, unit_of_quantity(name))
         if unit and name != "time":
-            found[str(column)] = unit
-    return found
+            result[str(column)] = unit
+    return result
 
 
 def _clock(table: pd.DataFrame) -> np.ndarray[Any, Any]:
@@ -98,6 +98,6 @@ def _write_mcap(table: pd.DataFrame, path: Path, words: str) -> None:
         kind = writer.register_schema("greybox.Row", "jsonschema", json.dumps(schema, ensure_ascii=False).encode())
         channel = writer.register_channel(TOPIC, "json", kind)
         for at, row in zip(clock.tolist(), rows, strict=True):
-            told = {name: value for name, value in zip(names, row.tolist(), strict=True) if np.isfinite(value)}
-            writer.add_message(channel, at, json.dumps(told).encode(), at)
+            known = {name: value for name, value in zip(names, row.tolist(), strict=True) if np.isfinite(value)}
+            writer.add_message(channel, at, json.dumps(known).encode(), at)
         writer.finish()

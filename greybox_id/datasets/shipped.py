@@ -51,7 +51,7 @@ def shipped_files(folder: str) -> tuple[str, ...]:
     return tuple(sorted(file.stem for file in (FOLDER.parent / folder).glob("*.toml")))
 
 
-def named_text(wanted: str, folder: str, what: str, suffixes: tuple[str, ...] = (".toml",)) -> tuple[str, Path]:
+def named_text(text: str, folder: str, what: str, suffixes: tuple[str, ...] = (".toml",)) -> tuple[str, Path]:
     """The text of a shipped file of this name or of a user's own at this path, and what the file is called.
 
     Parameters
@@ -65,12 +65,12 @@ def named_text(wanted: str, folder: str, what: str, suffixes: tuple[str, ...] = 
     BadInput : there is no such file.
     """
     names = shipped_files(folder)
-    if wanted in names:
-        return (FOLDER.parent / folder / f"{wanted}.toml").read_text("utf-8"), Path(f"{wanted}.toml")
-    if Path(wanted).suffix.lower() not in suffixes:
+    if text in names:
+        return (FOLDER.parent / folder / f"{text}.toml").read_text("utf-8"), Path(f"{text}.toml")
+    if Path(text).suffix.lower() not in suffixes:
         raise BadInput(
-            f'There is no {what} "{wanted}".{near(wanted, names) or near_file(Path(wanted))} '
+            f'There is no {what} "{text}".{near(text, names) or near_file(Path(text))} '
             f"Shipped {what.split()[-1]}s: {', '.join(names)}; "
             f"your own is named by the path of its {' or '.join(suffixes)} file."
         )
-    return small_text(wanted, what if what.endswith("map") else f"{what} file"), Path(wanted)
+    return small_text(text, what if what.endswith("map") else f"{what} file"), Path(text)

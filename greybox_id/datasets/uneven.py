@@ -86,7 +86,7 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
         return None
     lines = [np.polyfit(np.arange(b - a), time[a:b], 1) for a, b in parts]
     behind = np.concatenate(
-        [time[a:b] - np.polyval(own, np.arange(b - a)) for (a, b), own in zip(parts, lines, strict=True)]
+        [time[a:b] - np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)]
     )
     bounded = float(np.quantile(np.abs(behind), 0.999)) <= BOUNDED * max(step, recurring)
     share, sd = _share_of_stamps(time, signals, parts, step, max(3, int(np.ceil(2 * recurring / step))))
@@ -115,7 +115,7 @@ def _share_of_stamps(
             if b - a <= 2 * half + 1 or not np.isfinite(run).all() or np.ptp(run) == 0:
                 continue
             scaled = (run - np.mean(run)) / np.std(run)
-            smooth, slope = (savgol_filter(scaled, 2 * half + 1, 2, deriv=own) for own in (0, 1))
+            smooth, slope = (savgol_filter(scaled, 2 * half + 1, 2, deriv=item) for item in (0, 1))
             ahead = (time[a:b] - savgol_filter(time[a:b], 2 * half + 1, 2)) / step
             left, due = (scaled - smooth)[half:-half], (slope * ahead)[half:-half]
             sums += [left @ due, due @ due, left @ left]
@@ -134,8 +134,8 @@ def _regressed(
 ) -> Evened:  # fmt: skip
     """Each stretch at its even step; rows outside of all stretches are left out."""
     rows = np.concatenate([np.arange(a, b) for a, b in parts])
-    even = np.concatenate([np.polyval(own, np.arange(b - a)) for (a, b), own in zip(parts, lines, strict=True)])
-    step = float(np.median([own[0] for own in lines]))
+    even = np.concatenate([np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)])
+    step = float(np.median([line[0] for line in lines]))
     why = (
         "rows came in packets" if packets else f"values follow the row and not its stamp (share {share:.2f} ± {sd:.2f})"
     )
@@ -158,8 +158,8 @@ def _on_a_grid(
         rows.append(a + np.clip(np.searchsorted(time[a:b], grid, side="right") - 1, 0, b - a - 1))
         for name, values in signals.items():
             join = held if name in COMMANDS and hold == "zero" else linear
-            found, cost = join(time[a:b], values[a:b], grid, name)
-            columns[name].append(found)
+            result, cost = join(time[a:b], values[a:b], grid, name)
+            columns[name].append(result)
             costs[name] = max(costs.get(name, (0.0, 0.0)), cost)
     how = {
         name: Resampled("held" if name in COMMANDS and hold == "zero" else "linear", "its own stamps", 1 / step, *cost)
@@ -168,7 +168,7 @@ def _on_a_grid(
     note = f"rows are uneven in time ({_span(time)}): laid on an even grid of {exact(step)} s ({1 / step:.4g} Hz)."
     return Evened(
         np.concatenate(grids),
-        {name: np.concatenate(own) for name, own in columns.items()},
+        {name: np.concatenate(column) for name, column in columns.items()},
         np.concatenate(rows),
         how,
         note,

@@ -55,9 +55,9 @@ def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
     """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
     states = seed.shape[1]
     flat = free.reshape(len(free), -1, free.shape[-1])
-    found: Array = flat[:, :, :states] @ seed
-    found[:, :, places] += flat[:, :, states:]
-    return found.reshape(*free.shape[:-1], -1)
+    result: Array = flat[:, :, :states] @ seed
+    result[:, :, places] += flat[:, :, states:]
+    return result.reshape(*free.shape[:-1], -1)
 
 
 def square(packed: Array, count: int) -> Array:
@@ -65,6 +65,6 @@ def square(packed: Array, count: int) -> Array:
     if not packed.shape[1]:
         return np.empty((len(packed), 0, 0))
     row, column = np.tril_indices(count)
-    found = np.empty((len(packed), count, count))
-    found[:, row, column] = found[:, column, row] = packed
-    return found
+    result = np.empty((len(packed), count, count))
+    result[:, row, column] = result[:, column, row] = packed
+    return result

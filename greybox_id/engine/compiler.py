@@ -55,13 +55,13 @@ class Compiler:
             self.command = (*command, *FLAGS, *machine)
             probe = [*self.command, "-dM", "-E", "-x", "c", "-"]
             try:
-                found = subprocess.run(probe, input=PROBE, capture_output=True, text=True, check=False)
+                result = subprocess.run(probe, input=PROBE, capture_output=True, text=True, check=False)
             except OSError as error:
                 raise CannotCompile(str(error)) from error
-            if found.returncode == 0:
-                self.identity = found.stdout
+            if result.returncode == 0:
+                self.identity = result.stdout
                 return
-        raise CannotCompile(f"The C compiler {command[0]} does not work: {found.stderr.strip()}")
+        raise CannotCompile(f"The C compiler {command[0]} does not work: {result.stderr.strip()}")
 
     def key(self, known_by: str) -> str:
         """What a library is called: the same for the same source, compiler, flags and machine."""
@@ -87,8 +87,8 @@ class Compiler:
                 for text, source in zip(texts, sources, strict=True):
                     text.write_text(source, encoding="utf-8")
                 command = [*self.command, "-shared", *map(str, texts), "-o", str(made), "-lm"]
-                own = {**os.environ, "TMPDIR": str(place)}  # an interrupted compiler leaves its files where it works
-                done = subprocess.run(command, capture_output=True, text=True, check=False, env=own)
+                value = {**os.environ, "TMPDIR": str(place)}  # an interrupted compiler leaves its files where it works
+                done = subprocess.run(command, capture_output=True, text=True, check=False, env=value)
                 if done.returncode != 0:
                     raise CannotCompile(f"The C compiler {command[0]} failed: {done.stderr.strip()}")
                 made.chmod(0o600)
@@ -137,8 +137,8 @@ def library(sources: Callable[[], Sequence[str]], known_by: str) -> ctypes.CDLL:
     if folder is not None:
         with suppress(CannotCompile, OSError):  # a full disk, or a folder from which nothing may be executed
             return ctypes.CDLL(str(_found(folder, name) or chosen.compile(elsewhere(sources), folder, name)))
-    own = Path(_own_folder().name)
-    path = _found(own, name) or chosen.compile(elsewhere(sources), own, name)
+    value = Path(_own_folder().name)
+    path = _found(value, name) or chosen.compile(elsewhere(sources), value, name)
     try:
         return ctypes.CDLL(str(path))
     except OSError as error:
@@ -180,12 +180,12 @@ def _checksum(path: Path) -> str:
         return hashlib.file_digest(opened, "sha256").hexdigest()[:32]
 
 
-def _ours(told: os.stat_result) -> bool:
+def _ours(known: os.stat_result) -> bool:
     """Whether nobody else can change a file or folder; a link is none."""
     if not hasattr(os, "geteuid"):
         return True
-    alone = not told.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
-    return alone and told.st_uid == os.geteuid() and not stat.S_ISLNK(told.st_mode)
+    alone = not known.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
+    return alone and known.st_uid == os.geteuid() and not stat.S_ISLNK(known.st_mode)
 
 
 def _stays(about: os.stat_result) -> bool:

@@ -46,14 +46,14 @@ class _Statement:
     condition: str = ""
 
 
-def straight_line(name: str, function: cs.Function, results: Sequence[Result], told: Sequence[str] = ()) -> str:
+def straight_line(name: str, function: cs.Function, results: Sequence[Result], known: Sequence[str] = ()) -> str:
     """C functions `name_fixed(p, w)` and `name(z, s, p, w, results..., told...)`, on vectors of lanes.
 
     Parameters
     ----------
     function : SX function (z, s, p) -> results, of which the nonzeros are computed.
     results : where they go; what is not wanted is left as it was.
-    told : C declarations of further arguments, which the conditions are about.
+    known : C declarations of further arguments, which the conditions are about.
 
     Returns
     -------
@@ -67,7 +67,7 @@ def straight_line(name: str, function: cs.Function, results: Sequence[Result], t
     fixed, changing = (_cut(statements) for statements in _statements(graph, stores))
     writer = _Writer(graph, [*fixed, *changing])
     given = [f"const v *restrict {argument}" for argument in "zsp"]
-    arguments = [*given, "v *restrict w", *[f"v *restrict {result.name}" for result in results], *told]
+    arguments = [*given, "v *restrict w", *[f"v *restrict {result.name}" for result in results], *known]
     return "\n".join(
         [
             f"#define {name.upper()}_KEPT {len(writer.kept)}",
@@ -100,14 +100,14 @@ def _statements(
     for k, value in operations.items():
         if not graph.fixed[k]:
             depths[k] = max(depths[source] for source in value.sources) + (value.op in SLOW)
-    found = list[_Statement]()
+    result = list[_Statement]()
     for k in sorted(range(len(graph.values)), key=depths.__getitem__):
         if k in operations and not graph.fixed[k]:
-            found.append(_Statement(k, condition=next(iter(conditions[k])) if len(conditions[k]) == 1 else ""))
-        found += [_Statement(k, target, condition) for target, condition in stores.get(k, ())]
+            result.append(_Statement(k, condition=next(iter(conditions[k])) if len(conditions[k]) == 1 else ""))
+        result += [_Statement(k, target, condition) for target, condition in stores.get(k, ())]
     # what is always done comes first: the conditional parts build on it, and not on each other
     return [_Statement(k) for k in operations if graph.fixed[k]], sorted(
-        found, key=lambda statement: statement.condition
+        result, key=lambda statement: statement.condition
     )
 
 

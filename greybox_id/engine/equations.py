@@ -35,13 +35,13 @@ def called(
     BadModel : they read a name that there is not, branch on a symbol, or give no mapping of names.
     """
     with tracing(model, spaces):
-        found = equations(*arguments)
-    if not isinstance(found, Mapping):
-        raise BadModel(f"The equations of {model.name} must give a mapping of names to expressions, not {found!r:.40}.")
-    for name, value in found.items():
+        one = equations(*arguments)
+    if not isinstance(one, Mapping):
+        raise BadModel(f"The equations of {model.name} must give a mapping of names to expressions, not {one!r:.40}.")
+    for name, value in one.items():
         if isinstance(value, str) or not isinstance(value, Real | cs.SX | cs.MX | cs.DM):
             raise BadModel(f"The equations of {model.name} give {name} as {value!r:.40}, which is no expression.")
-    return dict(found)
+    return dict(one)
 
 
 @contextmanager
@@ -91,11 +91,11 @@ def _reason(model: Model, error: Exception, spaces: Mapping[str, Namespace]) -> 
 
 def _line(trace: TracebackType | None) -> str:
     """The place in the equations' own file; nothing inside this package."""
-    found = ""
+    result = ""
     package = str(Path(__file__).parents[1])
     while trace is not None:
         file = trace.tb_frame.f_code.co_filename
         if not file.startswith(package) and "casadi" not in Path(file).parts:
-            found = f" ({Path(file).name}, line {trace.tb_lineno})"
+            result = f" ({Path(file).name}, line {trace.tb_lineno})"
         trace = trace.tb_next
-    return found
+    return result

@@ -66,8 +66,8 @@ class Kernel:
     def __init__(self, step: cs.Function, output: cs.Function, *, compiled: bool | None = None) -> None:
         self.compiled = False
         self._model = _Functions(step, output)
-        said = os.environ.get("GREYBOX_COMPILE")
-        self._wanted = compiled if compiled is not None or not said else said != "0"
+        stated = os.environ.get("GREYBOX_COMPILE")
+        self._wanted = compiled if compiled is not None or not stated else stated != "0"
         self._work = 0
         self._library: ctypes.CDLL | None = None
         self._cannot = False
@@ -114,8 +114,8 @@ class Kernel:
         whole = lanes - few if few <= FEW else lanes
 
         def run(name: str, first: int, last: int) -> None:
-            own = [array[first:last] for array in (*given[:3], z, y)]
-            places = _places(*own[:3], given[3], keep, *own[3:])
+            value = [array[first:last] for array in (*given[:3], z, y)]
+            places = _places(*value[:3], given[3], keep, *value[3:])
             getattr(self._library, name)(last - first, segments, readings, kept, apart, *places)
 
         if whole:
@@ -150,8 +150,8 @@ class Kernel:
         def simulated(z0: Array, first: int, last: int) -> Array:
             library = self._library
             if library is None:
-                found, _ = self.simulate(z0[None], numbers[None, first:last], parameters, nothing[first:last])
-                states: Array = found[0]
+                result, _ = self.simulate(z0[None], numbers[None, first:last], parameters, nothing[first:last])
+                states: Array = result[0]
                 return states
             arrays[0][:] = z0
             run = library.simulate_few if hasattr(library, "simulate_few") else library.simulate
@@ -226,18 +226,18 @@ class Kernel:
         states, outputs, chosen = self._model.states, self._model.outputs, np.asarray(columns, dtype=np.intp)
         count, placed = seed.shape[2], np.asarray(places, dtype=np.intp)
         moving, wide = self._placed(chosen, placed), (lanes, readings, outputs)
-        shapes = [own.shape for own in (against.target, against.weight, *(() if residuals is None else (residuals,)))]
+        shapes = [item.shape for item in (against.target, against.weight, *(() if residuals is None else (residuals,)))]
         if {*shapes} != {wide} or seed.shape[:2] != (lanes, states) or np.max(placed, initial=-1) >= count:
             raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not go with {wide}.")
         self._load(LINEARISED * lanes * segments)
         if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
             _, Z_free, y, Y_free = self.linearise(*given, chosen)
-            Z, Y = (led(own, seed, placed) for own in (Z_free, Y_free))
+            Z, Y = (led(item, seed, placed) for item in (Z_free, Y_free))
             return Z, *against.accumulated(y, Y, residuals)
         whole = np.ascontiguousarray
         z, Z, packed = np.empty((lanes, states)), np.empty((lanes, states, count)), count * (count + 1) // 2
         H = np.empty((lanes, packed + count))
-        held = [whole(own, dtype=float) for own in (seed, against.target, against.weight)]
+        held = [whole(item, dtype=float) for item in (seed, against.target, against.weight)]
         r = None if residuals is None else whole(residuals, dtype=float)
         self._call(given, moving, held[0], z, Z, None, None, against.robust, *held[1:], r, H)
         return Z, square(H[:, : packed if residuals is None else 0], count), H[:, packed:]
@@ -269,8 +269,8 @@ class Kernel:
         adds, size = bool(others), scratch_size(seed.shape[2], self._model.outputs)
 
         def run(first: int, last: int) -> None:
-            own = [None if array is None else array[first:last] for array in (z0, s, p, seed, z, Z, y, Y, *others)]
-            arrays = [moving, *own[:3], reads, *own[3:], *([] if adds else [None] * 4)]
+            value = [None if array is None else array[first:last] for array in (z0, s, p, seed, z, Z, y, Y, *others)]
+            arrays = [moving, *value[:3], reads, *value[3:], *([] if adds else [None] * 4)]
             scratch = np.empty(size) if adds else None
             assert self._library is not None
             self._library.linearise(last - first, *counts, robust, *_places(*arrays, scratch))

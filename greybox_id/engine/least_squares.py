@@ -49,8 +49,8 @@ def prior_rows(
 def _rows(parameter: Parameter, prior: Prior, index: Index, strength: float) -> list[tuple[Index, Array, Array]]:
     mean = np.broadcast_to(parameter.array if prior.mean is None else np.asarray(prior.mean, float), parameter.shape)
     weight = strength / np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).reshape(-1, 1)
-    told = weight[:, 0] > 0.0
-    rows = [(index.reshape(-1, 1)[told], weight[told], (mean.reshape(-1, 1) * weight)[told, 0])]
+    known = weight[:, 0] > 0.0
+    rows = [(index.reshape(-1, 1)[known], weight[known], (mean.reshape(-1, 1) * weight)[known, 0])]
     for axis, sd in enumerate(prior.step_sd):
         if sd is None or parameter.shape[axis] < 2:
             continue
@@ -95,8 +95,8 @@ def lay_out(model: Model, count: int, copies: int) -> Layout:
     size, columns = 0, []
     for parameter in model.parameters:
         if parameter.scope == "run":
-            own = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
-            block = np.tile(own, (count // copies, 1))
+            value = size + np.arange(parameter.size * copies).reshape(copies, parameter.size)
+            block = np.tile(value, (count // copies, 1))
         else:
             block = np.broadcast_to(size + np.arange(parameter.size), (count, parameter.size))
         size = int(block.max(initial=size - 1)) + 1
@@ -112,8 +112,8 @@ def limits(model: Model, layout: Layout) -> tuple[tuple[Array, Array], NDArray[n
     start = 0
     for parameter in model.parameters:
         for index in layout.index:
-            own = index[start : start + parameter.size]
-            low[own], high[own], free[own] = *parameter.bounds, not parameter.fixed
+            value = index[start : start + parameter.size]
+            low[value], high[value], free[value] = *parameter.bounds, not parameter.fixed
         start += parameter.size
     return (low, high), free
 
@@ -125,16 +125,16 @@ def beliefs(
     rows, columns, values, offsets = ([np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)], [np.empty(0)])
     start, count = 0, 0
     for parameter in model.parameters:
-        own = slice(start, start + parameter.size)
+        value = slice(start, start + parameter.size)
         start += parameter.size
         if parameter.prior is None:
             continue
         R, r = prior_rows([parameter], strengths)
-        told = sp.coo_matrix(R)
+        known = sp.coo_matrix(R)
         for index in layout.index[: copies if parameter.scope == "run" else 1]:
-            rows.append(np.asarray(count + told.row, np.intp))
-            columns.append(index[own][told.col])
-            values.append(told.data)
+            rows.append(np.asarray(count + known.row, np.intp))
+            columns.append(index[value][known.col])
+            values.append(known.data)
             offsets.append(r)
             count += len(r)
     places = np.concatenate(rows), np.concatenate(columns)

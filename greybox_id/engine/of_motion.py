@@ -9,21 +9,21 @@ from ..models.motion_model import MotionModel
 
 
 @by_kind
-def equations_of_motion(model: Model, wanted: str = "") -> MotionModel:
+def equations_of_motion(model: Model, text: str = "") -> MotionModel:
     """The model as equations of motion; a network without a memory is part of them, its weights are constants.
 
     Parameters
     ----------
     model : at its values.
-    wanted : what takes equations of motion only, as the end of a sentence.
+    text : what takes equations of motion only, as the end of a sentence.
 
     Raises
     ------
     BadInput : it is nothing of the kind.
     """
-    raise BadInput(f"{model.name} is no model of motion{wanted}.")
+    raise BadInput(f"{model.name} is no model of motion{text}.")
 
 
 @equations_of_motion.register(MotionModel)
-def _itself(model: MotionModel, wanted: str = "") -> MotionModel:
+def _itself(model: MotionModel, text: str = "") -> MotionModel:
     return model

@@ -212,11 +212,13 @@ class Run:
         for tap, signal in enumerate(trace.tap_signal):
             by_tap = sum((weights[:, o] * by_h[:, k] for k, o in trace.tap_outputs[tap]), np.zeros(len(h)))
             by_z[:, signal] += np.convolve(by_tap, of_window[tap])
-            own = trace.tap_weights[tap]
-            if len(own.places):
+            tap_weight = trace.tap_weights[tap]
+            if len(tap_weight.places):
                 by_lag = by_tap @ windows(z[:-1, signal], trace.memory)
                 np.add.at(
-                    total, trace.weights_by_p.column[own.places], self._weights_by_p(p)[own.places] * by_lag[own.lags]
+                    total,
+                    trace.weights_by_p.column[tap_weight.places],
+                    self._weights_by_p(p)[tap_weight.places] * by_lag[tap_weight.lags],
                 )
         for signal, (by_p, columns) in enumerate(zip(self._stage_by_p(u, p), trace.stage_columns, strict=True)):
             total[columns] += by_z[:, signal] @ by_p[:-1]
@@ -255,10 +257,10 @@ class Run:
         if self._unmoved(u) and self._constant_stage_by_p is not None:
             return self._constant_stage_by_p
         values = self.trace.stage_by_p.nonzeros(u, p)
-        found = [np.ascontiguousarray(values[:, tidy(places)]) for places in self.trace.stage_places]
+        result = [np.ascontiguousarray(values[:, tidy(places)]) for places in self.trace.stage_places]
         if self._unmoved(u):
-            self._constant_stage_by_p = found
-        return found
+            self._constant_stage_by_p = result
+        return result
 
     def _weights_by_p(self, p: Array) -> Array:
         """Nonzeros of the derivative of the windows' weights; evaluated once where the weights are parameters."""
@@ -289,17 +291,17 @@ class Run:
             signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
         if len(columns):
             yield tidy(columns), weighted_windows(signal_by_p, weights)
-        own = trace.tap_weights[tap]
-        if not len(own.places):
+        tap_weight = trace.tap_weights[tap]
+        if not len(tap_weight.places):
             return
-        slopes = self._weights_by_p(p)[own.places]
+        slopes = self._weights_by_p(p)[tap_weight.places]
         seen = windows(z[:usable, signal], trace.memory)
-        if own.order is not None:
-            yield tidy(own.columns), seen[:, tidy(own.lags[own.order])] * slopes[own.order]
+        if tap_weight.order is not None:
+            yield tidy(tap_weight.columns), seen[:, tidy(tap_weight.lags[tap_weight.order])] * slopes[tap_weight.order]
         else:
-            weights_by_p = np.zeros((trace.memory, len(own.columns)))
-            weights_by_p[own.lags, own.among] = slopes
-            yield tidy(own.columns), seen @ weights_by_p
+            weights_by_p = np.zeros((trace.memory, len(tap_weight.columns)))
+            weights_by_p[tap_weight.lags, tap_weight.among] = slopes
+            yield tidy(tap_weight.columns), seen @ weights_by_p
 
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int
@@ -371,13 +373,13 @@ def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list
     present = [recording[name] for name in _needed(trace) if name in recording]
     whole = np.all(np.isfinite(np.column_stack(present)), axis=1)
     shortest = trace.memory + 1
-    found = [Run(trace, recording, rows, joins) for rows in _unbroken(recording, whole) if len(rows) >= shortest]
-    if not found:
+    result = [Run(trace, recording, rows, joins) for rows in _unbroken(recording, whole) if len(rows) >= shortest]
+    if not result:
         raise BadInput(
             f"{recording.name} has no unbroken run of {shortest} samples "
             f"({shortest * model.sample_time:.3g} s), which model {model.name} needs to predict one."
         )
-    return found
+    return result
 
 
 def _duration(seconds: float) -> str:
@@ -397,8 +399,8 @@ def _input(trace: Trace, recording: Recording, name: str) -> Array:
 
 
 def _unbroken(recording: Recording, whole: NDArray[np.bool_]) -> list[range]:
-    found = []
+    result = []
     for start, stop in recording.runs:
         gaps = [start - 1, *(start + np.flatnonzero(~whole[start:stop])).tolist(), stop]
-        found += [range(a + 1, b) for a, b in zip(gaps[:-1], gaps[1:], strict=True) if b > a + 1]
-    return found
+        result += [range(a + 1, b) for a, b in zip(gaps[:-1], gaps[1:], strict=True) if b > a + 1]
+    return result

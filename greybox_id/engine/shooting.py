@@ -157,18 +157,18 @@ class Problem:
                 flat = flat[:, free]
                 H[np.ix_(index[free], index[free])] += flat.T @ flat
                 g[index[free]] += flat.T @ residuals.ravel()
-        found = NormalEquations(H, g)
-        self._last = (x.copy(), found)
-        return found
+        result = NormalEquations(H, g)
+        self._last = (x.copy(), result)
+        return result
 
     def gradient(self, x: Array, nodes: Nodes) -> Array:
         """Gradient of the objective at a matched point, zero by unknowns that are held."""
         g = np.asarray(self.R.T @ self.prior_residuals(x))
         for k, (run, index) in enumerate(zip(self.runs, self.layout.index, strict=True)):
-            p, own = x[index], nodes[k] if nodes else None
-            observed, _ = self.sensing(run.predict(p) if own is None else own[run.predicted], None, p)
+            p, value = x[index], nodes[k] if nodes else None
+            observed, _ = self.sensing(run.predict(p) if value is None else value[run.predicted], None, p)
             weights = (observed - run.measured[run.predicted]) * self.weight(k) ** 2
-            pulled = run.pulled(p, weights, own)
+            pulled = run.pulled(p, weights, value)
             if pulled is None or not self.sensing.plain:
                 return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
             np.add.at(g, index, pulled)

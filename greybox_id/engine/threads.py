@@ -31,7 +31,7 @@ def shared_out(lanes: int, segments: int, run: Callable[[int, int], None]) -> No
     count = threads() if lanes * segments >= PAYS and lanes >= 2 * WIDEST else 1
     blocks = -(-lanes // WIDEST)
     edges = [min(lanes, WIDEST * (blocks * k // count)) for k in range(count)] + [lanes]
-    beside = [Thread(target=run, args=own, daemon=True) for own in zip(edges[1:-1], edges[2:], strict=True)]
+    beside = [Thread(target=run, args=item, daemon=True) for item in zip(edges[1:-1], edges[2:], strict=True)]
     for thread in beside:
         thread.start()
     run(edges[0], edges[1])

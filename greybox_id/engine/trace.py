@@ -153,20 +153,20 @@ class Trace:
         """Per window, the outputs it reaches: places among the nonzeros of `head_by_h`, and outputs."""
         by_h = self.head_by_h
         several = [np.flatnonzero(by_h.column == tap) for tap in range(len(self.tap_signal))]
-        return [[(int(k), int(by_h.row[k])) for k in found] for found in several]
+        return [[(int(k), int(by_h.row[k])) for k in item] for item in several]
 
     @cached_property
     def tap_weights(self) -> list[WindowWeights]:
         """Per window, its weights as parameters."""
-        found = []
+        result = []
         for tap in range(len(self.tap_signal)):
             places = np.flatnonzero(self.weights_by_p.row // self.memory == tap)
             lags = self.weights_by_p.row[places] % self.memory
             columns, among = np.unique(self.weights_by_p.column[places], return_inverse=True)
             order = np.argsort(among)
             alone = len(columns) == len(lags) and np.all(np.diff(lags[order]) == 1)
-            found.append(WindowWeights(places, lags, columns, among, order if alone else None))
-        return found
+            result.append(WindowWeights(places, lags, columns, among, order if alone else None))
+        return result
 
     @cached_property
     def head(self) -> SampledFunction:

@@ -33,9 +33,9 @@ class VirtualMachine:
         lanes, segments, states = *s.shape[:2], z0.shape[1]
         z_all = np.empty((lanes, segments + 1, states))
         y_all = np.empty((lanes, reads.sum(), self._output.sizes[0][1]))
-        for own, count in _blocks(lanes):
-            z, s_own, p_own = z0[own], np.ascontiguousarray(s[own].swapaxes(0, 1)), p[own]
-            here, reading = own[:count], 0
+        for item, count in _blocks(lanes):
+            z, s_own, p_own = z0[item], np.ascontiguousarray(s[item].swapaxes(0, 1)), p[item]
+            here, reading = item[:count], 0
             for k in range(segments):
                 z_all[here, k] = z[:count]
                 if reads[k]:
@@ -53,10 +53,10 @@ class VirtualMachine:
         outputs, moved = self._output.sizes[0][1], states + len(columns)
         z_end, Z_end = np.empty((lanes, states)), np.empty((lanes, states, moved))
         y_all, Y_all = np.empty((lanes, reads.sum(), outputs)), np.empty((lanes, reads.sum(), outputs, moved))
-        for own, count in _blocks(lanes):
-            z, s_own, p_own = z0[own], np.ascontiguousarray(s[own].swapaxes(0, 1)), p[own]
-            Z = np.tile(np.eye(states, moved), (len(own), 1, 1))
-            here, reading = own[:count], 0
+        for item, count in _blocks(lanes):
+            z, s_own, p_own = z0[item], np.ascontiguousarray(s[item].swapaxes(0, 1)), p[item]
+            Z = np.tile(np.eye(states, moved), (len(item), 1, 1))
+            here, reading = item[:count], 0
             for k in range(segments):
                 if reads[k]:
                     y, C, D = self._output_by(z, s_own[k], p_own)

@@ -48,7 +48,11 @@ class ForeignResult:
 def exporter_of_file(path: str | Path) -> Exporter | None:
     """Who writes what a file holds; None where it is a fit or nobody knows it."""
     kind = format_of(path)
-    return next((own for own in extensions(EXPORTERS).values() if own.format == kind), None) if kind else None
+    return (
+        next((extension for extension in extensions(EXPORTERS).values() if extension.format == kind), None)
+        if kind
+        else None
+    )
 
 
 def exporter_of(result: object) -> Exporter:

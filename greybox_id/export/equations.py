@@ -148,7 +148,7 @@ def entries(parameter: Parameter) -> list[Named]:
 
 
 def _states(model: MotionModel) -> list[Named]:
-    own = [
+    value = [
         Named(state.name, state.unit, SIGNALS[state.name].about if state.name in SIGNALS else "")
         for state in model.states
     ]
@@ -160,11 +160,11 @@ def _states(model: MotionModel) -> list[Named]:
         Named(relaxation.quantity, unit_of_quantity(relaxation.quantity), "follows its steady value with a lag")
         for relaxation in model.relaxations
     ]
-    return own + actuators + relaxed
+    return value + actuators + relaxed
 
 
 def _input(model: MotionModel, name: str) -> Named:
-    alternatives = [f"{own} [{unit_of(own)}]" for own in model.aliases.get(name, ())]
+    alternatives = [f"{item} [{unit_of(item)}]" for item in model.aliases.get(name, ())]
     about = " or ".join(alternatives) if alternatives else SIGNALS[name].about if name in SIGNALS else ""
     only = model.aliases[name][0] if len(alternatives) == 1 else name
     return Named(name, unit_of(only, "as recorded"), about)

@@ -54,10 +54,10 @@ def _must_be_replaceable(folder: Path, becomes: str) -> None:
     known = body.get("files") if body is not None else None
     if known is None or body is None:
         raise BadInput(f"{folder} holds files that are no export. Name a new folder with ‹out›.")
-    own = [name for name, file in held.items() if name != MANIFEST and known.get(name) != _sha256(file.read_bytes())]
-    if own:
+    one = [name for name, file in held.items() if name != MANIFEST and known.get(name) != _sha256(file.read_bytes())]
+    if one:
         raise BadInput(
-            f"{folder} holds {', '.join(sorted(own)[:3])}, which the export there did not write or which was changed "
+            f"{folder} holds {', '.join(sorted(one)[:3])}, which the export there did not write or which was changed "
             "since; it would be lost. Name another place with ‹out›, or move it away."
         )
     permit_folder(folder, _words(body), becomes)
@@ -69,8 +69,8 @@ def _manifest(file: Path) -> Mapping[str, Any] | None:
         body = read_json(file)
     except BadInput:
         return None
-    own = isinstance(body, dict) and body.get("format") == FORMAT and isinstance(body.get("files"), dict)
-    return body if own else None
+    value = isinstance(body, dict) and body.get("format") == FORMAT and isinstance(body.get("files"), dict)
+    return body if value else None
 
 
 def _words(about: Mapping[str, Any]) -> str:

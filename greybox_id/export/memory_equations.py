@@ -54,7 +54,7 @@ class MemoryEquations:
         self._window, self._predicted = trace.step
         self._names = tuple(name for name in model.inputs if name not in trace.fed_back)
         self._p = namespace(model, self.all_of_p)
-        self._weights = {own.signal: own.weights(self._p, model.sample_time) for own in model.sensors}
+        self._weights = {sensor.signal: sensor.weights(self._p, model.sample_time) for sensor in model.sensors}
         self.held = {name: len(self.sensor_weights(name)) for name in model.outputs}
         self.looked_back = {name: self._depth(k) for k, name in enumerate(model.inputs)}
         self.states = tuple(self._described())
@@ -94,8 +94,8 @@ class MemoryEquations:
         y, actuators = cs.SX.sym("y", len(self.outputs)), cs.SX.sym("actuators", len(self.model.actuators))
         seen = dict.fromkeys(self.model.inputs, cs.SX(0)) | dict(zip(self._names, cs.vertsplit(self.u), strict=True))
         moved = []
-        for k, own in enumerate(self.model.actuators):
-            after, seen[own.signal] = own.step(actuators[k], seen[own.signal], self._p, self.sample_time)
+        for k, actuator in enumerate(self.model.actuators):
+            after, seen[actuator.signal] = actuator.step(actuators[k], seen[actuator.signal], self._p, self.sample_time)
             moved.append(after)
         if self.trace.fed_back:
             fed = self.trace.feedback.function(y, cs.vertcat(*seen.values()))
@@ -119,8 +119,8 @@ class MemoryEquations:
             for k in range(count)
         ]
         actuators = [
-            Named(f"{own.signal}_actuator_{k}", unit_of(own.signal), f"state of what stands before {own.signal}")
-            for k, own in enumerate(self.model.actuators)
+            Named(f"{item.signal}_actuator_{k}", unit_of(item.signal), f"state of what stands before {item.signal}")
+            for k, item in enumerate(self.model.actuators)
         ]
         past = [
             Named(_ago(name, k), unit_of(name), f"{_about(name)}, {_when(k)}")
@@ -182,8 +182,8 @@ def shifts_left_out(subject: Subject) -> list[str]:
     equations = equations_of(subject)
     if isinstance(equations, MemoryEquations):  # they are in its windows
         return []
-    found = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
-    return [f"No part of the functions: {found}. Hand in the command that acts then."] if found else []
+    result = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
+    return [f"No part of the functions: {result}. Hand in the command that acts then."] if result else []
 
 
 def _about(name: str) -> str:

@@ -73,10 +73,10 @@ class Builder:
         about : what the model's metadata say.
         """
         given, made = (
-            [helper.make_tensor_value_info(own, _DOUBLE, shape) for own, shape in named.items()]
+            [helper.make_tensor_value_info(name, _DOUBLE, shape) for name, shape in named.items()]
             for named in (inputs, outputs)
         )
-        held = [helper.make_tensor(own, _DOUBLE, [1, len(values)], values) for own, values in defaults.items()]
+        held = [helper.make_tensor(name, _DOUBLE, [1, len(values)], values) for name, values in defaults.items()]
         graph = helper.make_graph(self.nodes, name, given, made, [*self._initializers.values(), *held])
         operators = helper.make_opsetid("", opset)
         model = helper.make_model(graph, opset_imports=[operators], ir_version=IR_VERSION, producer_name="greybox-id")
@@ -139,7 +139,7 @@ def step_of(equations: MemoryEquations) -> Builder:
     p = _all_parameters(builder, equations, given)
     u = columns(builder, "u", [1] * len(equations.inputs))
     now, actuators, past = _split(builder, equations)
-    newest = [own[0] for own in now]
+    newest = [item[0] for item in now]
     seen, moved = translated(builder, equations.seen, [newest, actuators, u, given])
     longer = [
         builder.add("Concat", *held, value, axis=1) if held else value for held, value in zip(past, seen, strict=True)
@@ -203,13 +203,13 @@ def _plain(operator: str, **attributes: Any) -> Row:
     return lambda to, *operands: to.add(operator, *operands, **attributes)
 
 
-def _test(operator: str, operands: Callable[..., tuple[str, ...]] = lambda to, *own: own) -> Row:
+def _test(operator: str, operands: Callable[..., tuple[str, ...]] = lambda to, *item: item) -> Row:
     """A comparison; CasADi counts true as one."""
-    return lambda to, *own: to.add("Cast", to.add(operator, *operands(to, *own)), to=_DOUBLE)
+    return lambda to, *item: to.add("Cast", to.add(operator, *operands(to, *item)), to=_DOUBLE)
 
 
 def _logic(operator: str) -> Row:
-    return _test(operator, lambda to, *own: tuple(to.add("Cast", name, to=_BOOL) for name in own))
+    return _test(operator, lambda to, *item: tuple(to.add("Cast", name, to=_BOOL) for name in item))
 
 
 def _if_else_zero(to: Builder, condition: str, value: str) -> str:

@@ -29,5 +29,5 @@ class KeyOrigin:
     def plain(self) -> dict[str, Any]:
         """As plain data, for a manifest."""
         value = list(self.value) if isinstance(self.value, (list, tuple)) else self.value
-        told = {"file": self.file, "key": self.key, "value": value}
-        return told | ({"from": self.behind} if self.behind else {"default": self.why})
+        known = {"file": self.file, "key": self.key, "value": value}
+        return known | ({"from": self.behind} if self.behind else {"default": self.why})

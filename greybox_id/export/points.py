@@ -33,8 +33,8 @@ def points(equations: Equations, count: int, seed: int = 0) -> Mapping[str, Arra
     """
     rng = np.random.default_rng(seed)
     x, u = _random(equations.states, count, rng), _random(equations.inputs, count, rng)
-    for k, own in enumerate(equations.inputs):
-        if own.name == "drive" and "force_per_unit" in equations.model and "m" in equations.model:
+    for k, item in enumerate(equations.inputs):
+        if item.name == "drive" and "force_per_unit" in equations.model and "m" in equations.model:
             per_unit = float(equations.model["force_per_unit"].array / equations.model["m"].array)
             u[:, k] = ACCELERATION / max(per_unit, 1e-9) * rng.standard_normal(count)
     rest = rng.random(count) < AT_REST
@@ -46,8 +46,8 @@ def points(equations: Equations, count: int, seed: int = 0) -> Mapping[str, Arra
 def _random(entries: Sequence[Named], count: int, rng: np.random.Generator) -> Array:
     columns = [
         rng.uniform(0.0, FAST, count)
-        if own.name == "v_x"
-        else USUAL.get(own.name, BY_UNIT.get(own.unit, 1.0)) * rng.standard_normal(count)
-        for own in entries
+        if entry.name == "v_x"
+        else USUAL.get(entry.name, BY_UNIT.get(entry.unit, 1.0)) * rng.standard_normal(count)
+        for entry in entries
     ]
     return np.column_stack(columns) if columns else np.empty((count, 0))

@@ -16,7 +16,7 @@ _NO_TEXTS = {"null", "true", "false", "yes", "no", "on", "off", "y", "n"}
 
 def one_line(text: str) -> str:
     """A text without ends of lines and other characters of control, for comments that end with their line."""
-    return "".join(" " if unicodedata.category(own) in ("Cc", "Cf", "Zl", "Zp", "Cs") else own for own in text)
+    return "".join(" " if unicodedata.category(item) in ("Cc", "Cf", "Zl", "Zp", "Cs") else item for item in text)
 
 
 def c_comment(text: str) -> str:
@@ -47,7 +47,7 @@ def docstring(text: str) -> str:
 
 def xml_attribute(text: str) -> str:
     """A text as a value of an attribute of XML, with its quotation marks."""
-    plain = "".join(own for own in one_line(text) if own not in "\ufffe\uffff")
+    plain = "".join(item for item in one_line(text) if item not in "\ufffe\uffff")
     escaped = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")
     return f'"{escaped}"'
 

@@ -37,8 +37,8 @@ def parameter_file(title: str, lines: Iterable[tuple[KeyOrigin, str]], notes: Se
     """
     head = [f"# {one_line(title)}; written by greybox-id.", *(f"# {one_line(note)}" for note in notes)]
     body, open_tables = ["/**:", "  ros__parameters:"], list[str]()
-    for own, about in lines:
-        *tables, key = own.key.split(".")
+    for item, about in lines:
+        *tables, key = item.key.split(".")
         shared = 0
         while shared < min(len(tables), len(open_tables)) and tables[shared] == open_tables[shared]:
             shared += 1
@@ -46,12 +46,12 @@ def parameter_file(title: str, lines: Iterable[tuple[KeyOrigin, str]], notes: Se
             body.append(f"{'  ' * (depth + 2)}{tables[depth]}:")
         open_tables = tables
         indent = "  " * (len(tables) + 2)
-        behind = f"from {own.behind}" if own.behind else f"default: {own.why}"
+        behind = f"from {item.behind}" if item.behind else f"default: {item.why}"
         note = one_line("; ".join(filter(None, [about, behind])))
-        if own.value is None:
+        if item.value is None:
             body.append(f"{indent}# {key}:  # {note}")
         else:
-            body.append(f"{indent}{key}: {value_text(own.value)}  # {note}")
+            body.append(f"{indent}{key}: {value_text(item.value)}  # {note}")
     return "\n".join([*head, *body, ""])
 
 

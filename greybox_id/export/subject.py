@@ -67,7 +67,7 @@ class Subject:
     def _as_recorded(self, model: MotionModel) -> MotionModel:
         """The model whose inputs are the signals that the fit has seen, where any of several might be one."""
         seen = {} if self.fit is None else self.fit.how.get("inputs", {})
-        narrowed = {name: (seen[name],) if name in seen else own for name, own in model.aliases.items()}
+        narrowed = {name: (seen[name],) if name in seen else aliase for name, aliase in model.aliases.items()}
         return replace(model, aliases=narrowed)
 
     def described(self) -> dict[str, Any]:

@@ -48,18 +48,18 @@ class AutowareEntry(NamedTuple):
 def files(subject: Subject) -> Mapping[str, bytes]:
     """Name of file -> content. Raises `BadInput` for a model without tyres."""
     title = f"{subject.model.about}, from {subject.source}"
-    found = {
-        file: parameter_file(title, [(_origin(subject, file, own), own.about) for own in entries])
+    result = {
+        file: parameter_file(title, [(_origin(subject, file, entry), entry.about) for entry in entries])
         for file, entries in _entries(subject).items()
     }
     if _has_pedals(subject):
-        found |= {ACCELERATING: _map(subject, 1.0), BRAKING: _map(subject, -1.0)}
-    return texts(found)
+        result |= {ACCELERATING: _map(subject, 1.0), BRAKING: _map(subject, -1.0)}
+    return texts(result)
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
     """What is behind each key, or why it stands at its default."""
-    return [_origin(subject, file, own) for file, entries in _entries(subject).items() for own in entries]
+    return [_origin(subject, file, entry) for file, entries in _entries(subject).items() for entry in entries]
 
 
 def cautions(subject: Subject) -> list[str]:
@@ -67,31 +67,31 @@ def cautions(subject: Subject) -> list[str]:
     held = (*ACTUATORS.values(), *HELD)
     model = subject.model
     lost = [name for name in model.effects if name not in held]
-    found = [f"Autoware's files cannot hold {', '.join(lost)}."] if lost else []
+    result = [f"Autoware's files cannot hold {', '.join(lost)}."] if lost else []
     short = [
         name for name in ("steering_lag", "motor_lag") if name in model.effects and float(model[name].array) < SHORTEST
     ]
     if short:
-        found.append(
+        result.append(
             f"Autoware's planning simulator takes time constants below {SHORTEST} s as that: {', '.join(short)}."
         )
     if not _has_pedals(subject):
-        found.append(
+        result.append(
             f"{ACCELERATING} and {BRAKING} are not written: they map pedals, and the model's drive is no throttle."
         )
-    open_keys = [own.key for own in origins(subject) if own.why and own.file == VEHICLE]
+    open_keys = [origin.key for origin in origins(subject) if origin.why and origin.file == VEHICLE]
     if open_keys:
-        found.append(f"Not known of this vehicle, at Autoware's defaults in {VEHICLE}: {', '.join(open_keys)}.")
-    return found
+        result.append(f"Not known of this vehicle, at Autoware's defaults in {VEHICLE}: {', '.join(open_keys)}.")
+    return result
 
 
-def _origin(subject: Subject, file: str, own: AutowareEntry) -> KeyOrigin:
-    if own.value is not None and isfinite(own.value):
-        return KeyOrigin(file, own.key, own.value, behind=own.behind)
-    if own.key in _BY_EFFECT and own.behind:
-        return KeyOrigin(file, own.key, _plain(own.default), why=f"the model has no {own.behind}")
-    why = f"{own.behind} is not stated" if own.behind else "no parameter or effect says it"
-    return KeyOrigin(file, own.key, _plain(own.default), why=why)
+def _origin(subject: Subject, file: str, entry: AutowareEntry) -> KeyOrigin:
+    if entry.value is not None and isfinite(entry.value):
+        return KeyOrigin(file, entry.key, entry.value, behind=entry.behind)
+    if entry.key in _BY_EFFECT and entry.behind:
+        return KeyOrigin(file, entry.key, _plain(entry.default), why=f"the model has no {entry.behind}")
+    why = f"{entry.behind} is not stated" if entry.behind else "no parameter or effect says it"
+    return KeyOrigin(file, entry.key, _plain(entry.default), why=why)
 
 
 _BY_EFFECT = {*ACTUATORS, "input_delay", "vehicle_model_steer_tau"}
@@ -177,7 +177,7 @@ def _vehicle(subject: Subject, numbers: SingleTrack) -> list[AutowareEntry]:
 
 
 def _controller(subject: Subject, numbers: SingleTrack) -> list[AutowareEntry]:
-    share_f, share_r = (own.load / 2 / 9.81 for own in (numbers.front, numbers.rear))
+    share_f, share_r = (item.load / 2 / 9.81 for item in (numbers.front, numbers.rear))
     tyres = "B, C, D: cornering stiffness at rest" if numbers.front.pacejka else "cornering stiffness at rest"
     return [
         AutowareEntry("vehicle_model_type", "kinematics", "kinematics, kinematics_no_delay or dynamics"),
@@ -208,7 +208,7 @@ def _has_pedals(subject: Subject) -> bool:
 def _map(subject: Subject, sign: float) -> str:
     """Acceleration, m/s^2, over pedal and speed on a level road, straight ahead, once lags are over."""
     e = subject.equations
-    places = {own.name: k for k, own in enumerate(e.states)}, {own.name: k for k, own in enumerate(e.inputs)}
+    places = {state.name: k for k, state in enumerate(e.states)}, {item.name: k for k, item in enumerate(e.inputs)}
     rows = [["default", *(f"{v:g}" for v in SPEEDS)]]
     for pedal in PEDALS:
         row = [f"{pedal:g}"]

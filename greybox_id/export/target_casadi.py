@@ -22,21 +22,21 @@ def files(subject: Subject) -> Mapping[str, bytes]:
     """Name of file -> content. Raises `BadInput` for a hybrid."""
     equations = equations_of(subject)
     functions = functions_of(equations)
-    found = {file_of(subject, name): function.serialize() for name, function in functions.items()}
-    found[f"{subject.name}.py"] = _module(subject, equations, functions)
-    return {name: text.encode() for name, text in found.items()}
+    result = {file_of(subject, name): function.serialize() for name, function in functions.items()}
+    result[f"{subject.name}.py"] = _module(subject, equations, functions)
+    return {name: text.encode() for name, text in result.items()}
 
 
 def functions_of(equations: Equations | MemoryEquations) -> dict[str, cs.Function]:
     """Name -> function, Jacobians included."""
     step, output = equations.step, equations.output
-    found = {"step": step, "output": output}
+    result = {"step": step, "output": output}
     if isinstance(equations, MemoryEquations):
-        found["push"] = equations.push
+        result["push"] = equations.push
     else:
-        found |= {"ode": equations.ode, "delays": equations.delays, "latencies": equations.latencies}
-        found["ode_jacobians"] = _jacobians(equations.ode)
-    return found | {"step_jacobians": _jacobians(step), "output_jacobians": _jacobians(output)}
+        result |= {"ode": equations.ode, "delays": equations.delays, "latencies": equations.latencies}
+        result["ode_jacobians"] = _jacobians(equations.ode)
+    return result | {"step_jacobians": _jacobians(step), "output_jacobians": _jacobians(output)}
 
 
 def file_of(subject: Subject, function: str) -> str:
@@ -71,7 +71,7 @@ def _jacobians(function: cs.Function) -> cs.Function:
 
 
 def _entries(named: Sequence[Named]) -> str:
-    return "".join(f"    Named({own.name!r}, {own.unit!r}, {own.about!r}),\n" for own in named)
+    return "".join(f"    Named({item.name!r}, {item.unit!r}, {item.about!r}),\n" for item in named)
 
 
 def _module(subject: Subject, equations: Equations | MemoryEquations, functions: Mapping[str, cs.Function]) -> str:
@@ -96,10 +96,10 @@ def _time(equations: Equations | MemoryEquations) -> str:
             "then on step(x, u, p) predicts, and feeds itself."
         )
     shifted = (*equations.delayed, *equations.late)
-    said = f" Those of this model: {', '.join(shifted)}." if shifted else ""
+    stated = f" Those of this model: {', '.join(shifted)}." if shifted else ""
     return (
         "Inputs are held over a step. Delays of inputs (DELAYED) and latencies of readings (LATE), s by delays(p) and\n"
-        f"latencies(p), are no part of these functions: hand in the command that acts.{said}"
+        f"latencies(p), are no part of these functions: hand in the command that acts.{stated}"
     )
 
 

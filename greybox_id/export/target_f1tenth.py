@@ -58,24 +58,24 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
     numbers = single_track_of(subject)
-    found = [f"{which} cannot hold {', '.join(lost)}." for which, held in (
+    result = [f"{which} cannot hold {', '.join(lost)}." for which, held in (
         ("f1tenth_gym", GYM_HOLDS), ("The ForzaETH race stack", STACK_HOLDS)
     ) if (lost := _lost(subject, held))]  # fmt: skip
-    found += without_form_error(subject)
+    result += without_form_error(subject)
     if numbers.h_cg and "longitudinal_load_transfer" not in subject.model.effects:
-        found.append("Both shift load as the height of the centre of gravity says; this model leaves that out.")
+        result.append("Both shift load as the height of the centre of gravity says; this model leaves that out.")
     if numbers.mu is not None and numbers.front.pacejka is None:
-        found.append(
+        result.append(
             "The ForzaETH race stack knows linear tyres and Pacejka's: its file holds these tyres' slope only."
         )
-    found.append("f1tenth_gym's tyres are linear: its file holds their slope at small slips, and mu only scales it.")
+    result.append("f1tenth_gym's tyres are linear: its file holds their slope at small slips, and mu only scales it.")
     unknown = [line.key for line in _gym(subject, numbers) if line.value is None]
     if unknown:
-        found.append(f"Not known of this vehicle, to be filled in for f1tenth_gym: {', '.join(unknown)}.")
+        result.append(f"Not known of this vehicle, to be filled in for f1tenth_gym: {', '.join(unknown)}.")
     borrowed = [line.key for line in _gym(subject, numbers) if line.about.endswith(_BORROWED)]
     if borrowed:
-        found.append(f"Not known of this vehicle, taken from f1tenth_gym's 1:10 car: {', '.join(borrowed)}.")
-    return found
+        result.append(f"Not known of this vehicle, taken from f1tenth_gym's 1:10 car: {', '.join(borrowed)}.")
+    return result
 
 
 _BORROWED = "of f1tenth_gym's 1:10 car, not known of this vehicle"
@@ -180,14 +180,14 @@ def _electric(subject: Subject) -> list[Line]:
 def _limits(subject: Subject) -> dict[str, float | None]:
     """Limits that the vehicle's file states or the model's effects have."""
     model = subject.model
-    found = {
+    result = {
         "s_max": None if subject.vehicle is None else subject.vehicle.steer_max,
         "sv_max": value_of(model, "steering_rate_limit"),
         "a_max": value_of(model, "motor_saturation"),
         "v_switch": value_of(model, "motor_saturation_v_b"),
         "tau_steer": value_of(model, "steering_lag"),
     }
-    return {name: value if value is not None and isfinite(value) else None for name, value in found.items()}
+    return {name: value if value is not None and isfinite(value) else None for name, value in result.items()}
 
 
 def _stiffness(axle: Axle, mu: float) -> float:

@@ -52,7 +52,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
         described[version] = replace(about, token=token)
         sources[version] = {**code, **shared, "model.h": model.replace(UNSIGNED, token).encode()}
     try:
-        made = binaries(sources, {version: own.sources(version) for version, own in described.items()})
+        made = binaries(sources, {version: item.sources(version) for version, item in described.items()})
     except CannotCompile:  # said among the cautions
         made = {}
     return {
@@ -63,24 +63,24 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
-    found = []
+    result = []
     try:
         compiler_command()
     except CannotCompile as error:
-        found.append(f"{error} The units hold sources only; who imports them has to compile them.")
+        result.append(f"{error} The units hold sources only; who imports them has to compile them.")
     model = subject.equations.model
     ahead = [name for name, seconds in subject.equations.shifts().items() if seconds < 0]
     if ahead:
-        found.append(f"A unit knows no inputs of the future: {', '.join(ahead)} is below zero and taken as none.")
+        result.append(f"A unit knows no inputs of the future: {', '.join(ahead)} is below zero and taken as none.")
     scatter = [name for name in ("timestamp_jitter", "dropped_samples") if name in model.effects]
     if scatter:
-        found.append(f"{', '.join(scatter)} belongs to recordings, not to the motion: a unit's readings have none.")
-    return found
+        result.append(f"{', '.join(scatter)} belongs to recordings, not to the motion: a unit's readings have none.")
+    return result
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
     """Every parameter of the unit, and what is behind it."""
-    names = {own.name.removeprefix("parameters."): own for own in variables_of(subject, steps_of(subject.equations))}
+    names = {item.name.removeprefix("parameters."): item for item in variables_of(subject, steps_of(subject.equations))}
     return [
         KeyOrigin(f"{subject.name}.fmu", f"parameters.{p.name}", names[p.name].start, p.name)
         for p in subject.model.parameters
@@ -121,20 +121,20 @@ def _shipped(name: str) -> bytes:
 
 def _model(subject: Subject, steps: Steps, token: str) -> str:
     """`model.h`: what the sources that all units share have to know of this one."""
-    e, own = subject.equations, subject.name
-    sizes = "\n".join(f"#define {letters} {constant(own, letters)}" for letters in ("NX", "NU", "NP", "NY"))
+    e, value = subject.equations, subject.name
+    sizes = "\n".join(f"#define {letters} {constant(value, letters)}" for letters in ("NX", "NU", "NP", "NY"))
     late = {name: k for k, name in enumerate(e.late)}
     delays = {name: k for k, name in enumerate(e.delayed)}
     speed, kind = _speed(e)
     return f"""\
-/* {c_comment(own)} as the sources beside this one see it. */
+/* {c_comment(value)} as the sources beside this one see it. */
 
 #ifndef MODEL_H
 #define MODEL_H
 
-#include "{own}.h"
+#include "{value}.h"
 
-#define MODEL(name) {own}_##name
+#define MODEL(name) {value}_##name
 #define TOKEN {c_string(token)}
 
 {sizes}
@@ -144,7 +144,7 @@ def _model(subject: Subject, steps: Steps, token: str) -> str:
 #define DELAYED {len(e.delayed)}
 #define LATE {len(e.late)}
 #define PAST {REMEMBERED}
-{f"#define MODEL_COMMANDS {constant(own, 'COMMANDS')}" if e.delayed else ""}
+{f"#define MODEL_COMMANDS {constant(value, 'COMMANDS')}" if e.delayed else ""}
 
 #define START_X {{{", ".join(["0.0"] * len(e.states))}}}
 #define START_U {{{", ".join(["0.0"] * (len(e.inputs) + 1))}}}
@@ -167,8 +167,8 @@ def _model(subject: Subject, steps: Steps, token: str) -> str:
 def _speed(e: Equations) -> tuple[int, str]:
     """Where the speed stands, and among what."""
     for kind, entries in (("state", e.states), ("input", e.inputs)):
-        for k, own in enumerate(entries):
-            if own.name == "v_x":
+        for k, entry in enumerate(entries):
+            if entry.name == "v_x":
                 return k, kind
     return 0, ""
 

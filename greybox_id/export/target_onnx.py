@@ -72,4 +72,4 @@ def _described(subject: Subject, equations: Equations | MemoryEquations) -> dict
 
 def _listed(entries: Sequence[Named]) -> str:
     """Names and units, as a JSON list of pairs."""
-    return json.dumps([(own.name, own.unit) for own in entries], ensure_ascii=False)
+    return json.dumps([(entry.name, entry.unit) for entry in entries], ensure_ascii=False)

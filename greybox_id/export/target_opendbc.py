@@ -25,12 +25,12 @@ def files(subject: Subject) -> Mapping[str, bytes]:
         "",
         "def vehicle_params(ret):",
     ]
-    for own in origins(subject):
-        note = f"from {own.behind}" if own.behind else own.why
-        if own.value is None:
-            lines.append(f"    # ret.{own.key} = ...  # {note}")
+    for origin in origins(subject):
+        note = f"from {origin.behind}" if origin.behind else origin.why
+        if origin.value is None:
+            lines.append(f"    # ret.{origin.key} = ...  # {note}")
         else:
-            lines.append(f"    ret.{own.key} = {own.value!r}  # {note}")
+            lines.append(f"    ret.{origin.key} = {origin.value!r}  # {note}")
     return {_file(subject): "\n".join([*lines, "    return ret", ""]).encode()}
 
 
@@ -58,8 +58,8 @@ def origins(subject: Subject) -> list[KeyOrigin]:
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what the snippet does not hold."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
-    found = [f"CarParams cannot hold {', '.join(lost)}."] if lost else []
-    return [*found, "steerRatio is not known: the model steers road wheels."]
+    result = [f"CarParams cannot hold {', '.join(lost)}."] if lost else []
+    return [*result, "steerRatio is not known: the model steers road wheels."]
 
 
 def _file(subject: Subject) -> str:

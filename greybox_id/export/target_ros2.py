@@ -17,7 +17,9 @@ def files(subject: Subject) -> Mapping[str, bytes]:
     about = {
         f"parameters.{p.name}": ", ".join(filter(None, [p.unit, p.about])) for p in subject.equations.model.parameters
     }
-    lines = [(own, about.get(own.key, _ABOUT.get(own.key.partition(".")[0], ""))) for own in origins(subject)]
+    lines = [
+        (origin, about.get(origin.key, _ABOUT.get(origin.key.partition(".")[0], ""))) for origin in origins(subject)
+    ]
     notes = ["SI units and radians; x forward, y to the left, z up (REP-103), as ISO 8855 has it.",
              "The origin is the centre of gravity, l_r ahead of the rear axle."]  # fmt: skip
     title = f"{subject.model.about}, from {subject.source}"
@@ -27,20 +29,20 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 def origins(subject: Subject) -> list[KeyOrigin]:
     """What is behind each key."""
     file, model = f"{subject.name}.param.yaml", subject.equations.model
-    told = subject.described()["parameters"]
-    found = [
+    known = subject.described()["parameters"]
+    result = [
         KeyOrigin(file, "model", model.name, behind="the model"),
         KeyOrigin(file, "frame_id", FRAME, why="REP-103 and REP-105"),
     ]
     for p in model.parameters:
-        found.append(KeyOrigin(file, f"parameters.{p.name}", float(p.array), behind=p.name))
+        result.append(KeyOrigin(file, f"parameters.{p.name}", float(p.array), behind=p.name))
     for p in model.parameters:
-        interval = told[p.name]["interval"]
+        interval = known[p.name]["interval"]
         if interval is not None and all(map(isfinite, interval)):
-            found.append(KeyOrigin(file, f"intervals.{p.name}", [float(own) for own in interval], behind=p.name))
+            result.append(KeyOrigin(file, f"intervals.{p.name}", [float(item) for item in interval], behind=p.name))
     if subject.vehicle is not None and subject.vehicle.steer_max is not None:
-        found.append(KeyOrigin(file, "steer_max", subject.vehicle.steer_max, behind="steer_max"))
-    return found
+        result.append(KeyOrigin(file, "steer_max", subject.vehicle.steer_max, behind="steer_max"))
+    return result
 
 
 _ABOUT = {"intervals": "95 % interval", "steer_max": "rad, largest road-wheel angle"}

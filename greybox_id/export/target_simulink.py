@@ -46,23 +46,23 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
-    e, found = subject.equations, []
+    e, one = subject.equations, []
     if e.delayed:
         late = ", ".join(e.delayed)
-        found.append(f"idnlgrey knows no delay of {late}: hand in the command that acts; the S-function has the delay.")
+        one.append(f"idnlgrey knows no delay of {late}: hand in the command that acts; the S-function has the delay.")
     if e.late:
         late = ", ".join(e.late)
-        found.append(f"Neither idnlgrey nor the S-function reads {late} late: put a delay behind the outputs.")
+        one.append(f"Neither idnlgrey nor the S-function reads {late} late: put a delay behind the outputs.")
     if subject.fit is None or subject.fit.covariance is None:
-        found.append("The covariance of the parameters is not known and is NaN in the .mat file.")
-    return found
+        one.append("The covariance of the parameters is not known and is NaN in the .mat file.")
+    return one
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:
     """What is behind each field of the .mat file's parameters."""
     return [
-        KeyOrigin(f"{subject.name}.mat", f"{subject.name}.parameters.{own.name}", float(value), behind=own.name)
-        for own, value in zip(subject.equations.parameters, subject.equations.values, strict=True)
+        KeyOrigin(f"{subject.name}.mat", f"{subject.name}.parameters.{item.name}", float(value), behind=item.name)
+        for item, value in zip(subject.equations.parameters, subject.equations.values, strict=True)
     ]
 
 
@@ -71,14 +71,14 @@ def _mat(subject: Subject, title: str) -> bytes:
     held: dict[str, Any] = {
         "about": title,
         "model": subject.model.name,
-        "parameters": {_field(own.name): float(v) for own, v in zip(e.parameters, e.values, strict=True)},
+        "parameters": {_field(parameter.name): float(v) for parameter, v in zip(e.parameters, e.values, strict=True)},
         "covariance": _covariance(subject),
-        "names": _cells(own.name for own in e.parameters),
-        "units": _cells(own.unit for own in e.parameters),
+        "names": _cells(parameter.name for parameter in e.parameters),
+        "units": _cells(parameter.unit for parameter in e.parameters),
         "values": e.values.reshape(-1, 1),
-        "states": _cells(own.name for own in e.states),
-        "inputs": _cells(own.name for own in e.inputs),
-        "outputs": _cells(own.name for own in e.outputs),
+        "states": _cells(state.name for state in e.states),
+        "inputs": _cells(item.name for item in e.inputs),
+        "outputs": _cells(output.name for output in e.outputs),
         "effects": _cells(subject.model.effects),
     }
     opened: Any = io.BytesIO()
@@ -104,25 +104,25 @@ def _covariance(subject: Subject) -> np.ndarray[Any, Any]:
     e = subject.equations
     if subject.fit is None or subject.fit.covariance is None:
         return np.full((len(e.values), len(e.values)), np.nan)
-    known = [own.name for parameter in subject.fit.model.parameters for own in entries(parameter)]
-    rows = [known.index(own.name) if own.name in known else -1 for own in e.parameters]
+    known = [entry.name for parameter in subject.fit.model.parameters for entry in entries(parameter)]
+    rows = [known.index(parameter.name) if parameter.name in known else -1 for parameter in e.parameters]
     padded = np.pad(np.asarray(subject.fit.covariance, dtype=float), (0, 1), constant_values=np.nan)
     return padded[np.ix_(rows, rows)]
 
 
 def _filled(template: str, subject: Subject, title: str) -> str:
-    e, own = subject.equations, subject.name
-    sizes = {letters: constant(own, letters) for letters in ("NX", "NU", "NP", "NY")}
+    e, value = subject.equations, subject.name
+    sizes = {letters: constant(value, letters) for letters in ("NX", "NU", "NP", "NY")}
     text = template.replace("TITLE", c_comment(title) if template is not _BUILD else matlab_comment(title))
     for letters, name in sizes.items():
         text = text.replace(f"@{letters}@", name)
-    call = f"{own}_settled(x, u, {own}_default_parameters, settled); memcpy(x, settled, sizeof settled);"
+    call = f"{value}_settled(x, u, {value}_default_parameters, settled); memcpy(x, settled, sizeof settled);"
     start = call if e.settles else ""
-    return text.replace("@SETTLE@", start).replace("@NAME@", own)
+    return text.replace("@SETTLE@", start).replace("@NAME@", value)
 
 
 def _idnlgrey(subject: Subject, title: str) -> str:
-    e, own = subject.equations, subject.name
+    e, current = subject.equations, subject.name
     known = {p.name: p for p in subject.model.parameters}
     lines = []
     for entry, value in zip(e.parameters, e.values.tolist(), strict=True):
@@ -143,16 +143,16 @@ def _idnlgrey(subject: Subject, title: str) -> str:
         for which, held in (("states", e.states), ("inputs", e.inputs), ("outputs", e.outputs))
     }
     return f"""\
-function model = {own}_idnlgrey()
+function model = {current}_idnlgrey()
 % {matlab_comment(title)}
-% An idnlgrey model of {own}_mex; run {own}_build first. System Identification Toolbox.
+% An idnlgrey model of {current}_mex; run {current}_build first. System Identification Toolbox.
 table = {{ % name, unit, value, minimum, maximum, held
 {table}
 }};
 fields = {{'Name', 'Unit', 'Value', 'Minimum', 'Maximum', 'Fixed'}};
 parameters = cell2struct(table, fields, 2);
 order = [{len(e.outputs)} {len(e.inputs)} {len(e.states)}];
-model = idnlgrey('{own}_mex', order, parameters, zeros({len(e.states)}, 1), 0);
+model = idnlgrey('{current}_mex', order, parameters, zeros({len(e.states)}, 1), 0);
 model.StateName = {{{names["states"]}}};
 model.StateUnit = {{{units["states"]}}};
 model.InputName = {{{names["inputs"]}}};

@@ -46,10 +46,12 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
-    found = [f"Tyre files cannot hold {', '.join(lost)}."] if lost else []
-    found += without_form_error(subject)
-    found.append("Longitudinal and combined slip have the lateral curve's coefficients: nothing else is known of them.")
-    return found
+    result = [f"Tyre files cannot hold {', '.join(lost)}."] if lost else []
+    result += without_form_error(subject)
+    result.append(
+        "Longitudinal and combined slip have the lateral curve's coefficients: nothing else is known of them."
+    )
+    return result
 
 
 def origins(subject: Subject) -> list[KeyOrigin]:

@@ -70,20 +70,20 @@ def export(subject: Subject, target: str, folder: str | Path) -> list[Path]:
         return [Path(folder)]
     about = {"target": target, **getattr(module, "ABOUT", {}), "lacking": cautions(subject, target)}
     if keys := origins(subject, target):
-        about["keys"] = [own.plain() for own in keys]
+        about["keys"] = [key.plain() for key in keys]
     return write_folder(Path(folder), write(subject), about | subject.described())
 
 
 def cautions(subject: Subject, target: str) -> list[str]:
     """Sentences on what the model knows and the target's files do not hold. Raises `BadInput` as `export` does."""
-    told: Callable[[Subject], list[str]] = getattr(_module(target), "cautions", lambda subject: [])
-    return told(subject)
+    known: Callable[[Subject], list[str]] = getattr(_module(target), "cautions", lambda subject: [])
+    return known(subject)
 
 
 def origins(subject: Subject, target: str) -> list[KeyOrigin]:
     """What is behind each key of the target's files, or why it stands at a default. Raises `BadInput` as `export`."""
-    told: Callable[[Subject], list[KeyOrigin]] = getattr(_module(target), "origins", lambda subject: [])
-    return told(subject)
+    known: Callable[[Subject], list[KeyOrigin]] = getattr(_module(target), "origins", lambda subject: [])
+    return known(subject)
 
 
 def _module(target: str) -> ModuleType:

@@ -50,37 +50,37 @@ class Filtering:
         """(L,) half of minus two log-likelihoods of parameters (L, parameters), constants left out."""
         cost = np.zeros(len(p))
         x, P = self.begin(runs[0], p)
-        for k, own in enumerate(runs):
+        for k, run in enumerate(runs):
             if k:
-                x, P = self.begin(own, p, (x, P))
-            cost += self.filter.run(x, P, own.segments, own.readings, p, self.gate, "nothing")[0]
+                x, P = self.begin(run, p, (x, P))
+            cost += self.filter.run(x, P, run.segments, run.readings, p, self.gate, "nothing")[0]
         return cost
 
     def histories(self, runs: Sequence[LaidRun], p: Array, kept: Kept = "filtered") -> list[History]:
         """What the filter went through with parameters (parameters,), run by run."""
-        found = []
+        result = []
         x, P = self.begin(runs[0], p[None])
-        for k, own in enumerate(runs):
+        for k, run in enumerate(runs):
             if k:
-                x, P = self.begin(own, p[None], (x, P))
-            _, history = self.filter.run(x, P, own.segments, own.readings, p[None], self.gate, kept)
+                x, P = self.begin(run, p[None], (x, P))
+            _, history = self.filter.run(x, P, run.segments, run.readings, p[None], self.gate, kept)
             assert history is not None
-            found.append(history)
-        return found
+            result.append(history)
+        return result
 
     def innovations(self, runs: Sequence[LaidRun], p: Array) -> list[tuple[Array, Array]]:
         """What filters of parameters (L, parameters) did not foresee, run by run: (L, S, m), and their variance."""
-        found = []
+        result = []
         x, P = self.begin(runs[0], p)
-        for k, own in enumerate(runs):
+        for k, run in enumerate(runs):
             if k:
-                x, P = self.begin(own, p, (x, P))
-            _, history = self.filter.run(x, P, own.segments, own.readings, p, self.gate, "innovations")
+                x, P = self.begin(run, p, (x, P))
+            _, history = self.filter.run(x, P, run.segments, run.readings, p, self.gate, "innovations")
             assert history is not None
-            found.append((history.off, history.spread))
-        return found
+            result.append((history.off, history.spread))
+        return result
 
-    def begin(self, own: LaidRun, p: Array, before: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
+    def begin(self, laid_run: LaidRun, p: Array, before: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
         """States and covariances at a run's start, (L, n) and (L, n, n).
 
         Parameters
@@ -89,13 +89,13 @@ class Filtering:
         """
         space, model = self.space, self.space.model
         noise = dict(zip(space.noises, p.T[model.size :], strict=True))
-        first = {name: own.readings[0, k] for k, name in enumerate(model.outputs)}
+        first = {name: laid_run.readings[0, k] for k, name in enumerate(model.outputs)}
         read = tuple(name for name in space.trace.names if np.isfinite(first.get(name, np.nan)))
         readings = np.array([first[name] for name in read])
         x, sd = np.zeros((len(p), space.size)), np.zeros((len(p), space.size))
         known = space.trace.size + len(space.tracked)
         parameters = np.ascontiguousarray(p[:, : model.size])
-        x[:, : space.trace.size] = space.start(read)(readings, own.run.inputs[0], parameters)
+        x[:, : space.trace.size] = space.start(read)(readings, laid_run.run.inputs[0], parameters)
         for k, state in enumerate(model.states):
             sd[:, k] = START * noise[f"noise_{state.name}"] if state.name in read else START * state.scale
         settled = slice(len(space.trace.names), space.trace.size)
@@ -119,12 +119,12 @@ def filtering(
     The compiled code of `many` EKFs side by side differs from that of one. The environment variable GREYBOX_COMPILE=1
     makes a missing compiler an error, 0 asks for plain Python.
     """
-    said = os.environ.get("GREYBOX_COMPILE")
-    if said != "0":
+    stated = os.environ.get("GREYBOX_COMPILE")
+    if stated != "0":
         try:
             return Filtering(space, CompiledFilter(space, kind, points, many=many), gate)
         except CannotCompile as error:
-            if said:
+            if stated:
                 raise
             tell_slow("The filter", "a thousand", error)
     return Filtering(space, PlainFilter(space, kind, points), gate)

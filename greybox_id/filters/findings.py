@@ -85,8 +85,8 @@ def bounds(size: int) -> tuple[float, float]:
 
 def widening(channels: Sequence[Consistency]) -> float:
     """By how much bands are too narrow, judged by the channel that is furthest off; never less than 1."""
-    found = [np.sqrt(own.nis) for own in channels if np.isfinite(own.nis)]
-    return float(max([1.0, *found]))
+    result = [np.sqrt(channel.nis) for channel in channels if np.isfinite(channel.nis)]
+    return float(max([1.0, *result]))
 
 
 LOST = 5.0
@@ -100,7 +100,7 @@ FLOORED = 0.999
 
 def must_fill_a_window(runs: Sequence[MotionRun], name: str) -> None:
     """Raise `BadInput` where not one window of innovations is there to judge the filter by."""
-    rows, step = sum(len(own) for own in runs), runs[0].sample_time
+    rows, step = sum(len(run) for run in runs), runs[0].sample_time
     if rows < window_rows(step):
         raise BadInput(
             f"{name}: the filter has {rows} rows ({exact(rows * step)} s) to run along, and needs {exact(WINDOW)} s, "
@@ -115,40 +115,40 @@ def window_rows(sample_time: float) -> int:
 
 def must_be_finite(histories: Sequence[History], runs: Sequence[LaidRun], name: str) -> None:
     """Raise `BadInput` where a filter diverged."""
-    for own, history in zip(runs, histories, strict=True):
+    for run, history in zip(runs, histories, strict=True):
         bad = np.flatnonzero(~np.all(np.isfinite(history.filtered), axis=1))
         if len(bad):
-            row = min(int(np.searchsorted(own.row_segment, bad[0])), len(own.run) - 1)
+            row = min(int(np.searchsorted(run.row_segment, bad[0])), len(run.run) - 1)
             raise BadInput(
-                f"{name}: the filter diverges at t = {own.run.time[row]:.2f} s. Check units and signs there (greybox "
+                f"{name}: the filter diverges at t = {run.run.time[row]:.2f} s. Check units and signs there (greybox "
                 "data check), the vehicle's numbers, or track less."
             )
 
 
 def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping[str, int]) -> list[str]:
     """On stretches where readings, by name and column, are far beyond what the filter expects of them."""
-    found = []
+    result = []
     for name, column in columns.items():
         seconds, first = 0.0, np.nan
-        for own, history in zip(runs, histories, strict=True):
-            size = window_rows(own.run.sample_time)
-            nis = (history.off[:, column] ** 2 / history.spread[:, column])[own.row_segment]
+        for run, history in zip(runs, histories, strict=True):
+            size = window_rows(run.run.sample_time)
+            nis = (history.off[:, column] ** 2 / history.spread[:, column])[run.row_segment]
             for begin in range(0, len(nis) - size + 1, size):
                 window = nis[begin : begin + size]
                 if np.any(np.isfinite(window)) and np.nanmedian(window) > LOST:
-                    seconds += size * own.run.sample_time
-                    first = own.run.time[begin] if np.isnan(first) else first
+                    seconds += size * run.run.sample_time
+                    first = run.run.time[begin] if np.isnan(first) else first
         if seconds > 0:
-            found.append(
+            result.append(
                 f"{name}: for {seconds:.0f} s, first at t = {first:.1f} s, readings are far from what the filter "
                 "expects: do not trust the estimates there."
             )
-    return found
+    return result
 
 
 def distrusted_data(recording: Recording, used: Collection[str]) -> list[str]:
     """What the checks of the data hold against signals that a filter believes or reads."""
-    return [f"Data check: {own.sentence}" for own in distrust(used, recording)]
+    return [f"Data check: {item.sentence}" for item in distrust(used, recording)]
 
 
 def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[str]:
@@ -159,15 +159,15 @@ def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[s
     noise : name of a noise -> its size.
     floors : reading -> least noise, as of `resolution_of`.
     """
-    found = []
+    result = []
     for name, floor in floors.items():
         size = noise.get(f"noise_{name}", np.inf)
         if size < FLOORED * floor:
-            found.append(
+            result.append(
                 f"noise_{name} = {size:.2g} {unit_of(name)} is less than the recording resolves ({floor:.2g}, by its "
                 "steps and its scatter): the filter takes these readings for exact. State how large it is."
             )
-    return found
+    return result
 
 
 def standing(sideslip: Array | None, slowest: float) -> list[str]:
@@ -180,7 +180,7 @@ def standing(sideslip: Array | None, slowest: float) -> list[str]:
 
 def only_over_mass(model: MotionModel) -> list[str]:
     """On parameters tuned on innovations: forces only show through the mass they move."""
-    over = [own.name for own in model.combinations if own.name.endswith("/ m")]
+    over = [combination.name for combination in model.combinations if combination.name.endswith("/ m")]
     if "m" not in model or not over:
         return []
     how = "was held" if model["m"].fixed else "is its prior"
@@ -196,21 +196,21 @@ def told_rows(tracked: Tracked, values: Array, sds: Array) -> Mask:
     return np.asarray(sds < TOLD * before)
 
 
-def untold(name: str, told: Mask, slip: Array | None, force: str) -> str:
+def untold(name: str, mask: Mask, slip: Array | None, force: str) -> str:
     """On a cornering stiffness that a recording leaves open in some rows; "" where it hardly does.
 
     Parameters
     ----------
-    told : (n,) whether a row tells it.
+    mask : (n,) whether a row tells it.
     slip : (n,) the axle's slip angle, rad.
     force : name of the axle's lateral force.
     """
-    share = float(np.mean(told))
+    share = float(np.mean(mask))
     if share >= MOSTLY:
         return ""
     where = ""
     if slip is not None and share > 0:
-        where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~told]), MOSTLY)):.1f}°"
+        where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~mask]), MOSTLY)):.1f}°"
     return (
         f"{name}: in {100 * (1 - share):.0f} % of the rows the recording does not inform it{where}; its band is open "
         f"there. The lateral force {force} is identifiable there, too."

@@ -74,7 +74,7 @@ class History:
 
 
 class _Record(ctypes.Structure):
-    _fields_ = [(own.name, ctypes.c_void_p) for own in fields(History)]
+    _fields_ = [(field.name, ctypes.c_void_p) for field in fields(History)]
 
 
 class CompiledFilter:
@@ -84,8 +84,8 @@ class CompiledFilter:
         self.space, self.kind = space, kind
         self._weights = points.weights(space.size)
         functions = (space.step, space.output)
-        asked = f"{kind} {many} {space.throughout}"
-        known_by = "\0".join([_writers(), cs.__version__, asked, *(f.serialize() for f in functions)])
+        requested = f"{kind} {many} {space.throughout}"
+        known_by = "\0".join([_writers(), cs.__version__, requested, *(f.serialize() for f in functions)])
         made = library(lambda: [_source(kind, functions, many, space.throughout)], known_by)
         made.filter.argtypes = [ctypes.c_ssize_t] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 7 + [_Record]
         made.filter.restype = None
@@ -117,7 +117,7 @@ class CompiledFilter:
                 raise ValueError("Filters work on contiguous arrays of doubles.")
         cost = np.zeros(lanes)
         history = blank_history(lanes, segments, n, m, kept) if kept != "nothing" else None
-        record = _Record(*(_place(getattr(history, own.name)) for own in fields(History))) if history else _Record()
+        record = _Record(*(_place(getattr(history, field.name)) for field in fields(History))) if history else _Record()
         places = [array.ctypes.data for array in (self._weights, s, y, p, x, P, cost)]
         self._library.filter(lanes, segments, gate, *places, record)
         return cost, history
@@ -127,7 +127,7 @@ def blank_history(lanes: int, segments: int, n: int, m: int, kept: Kept) -> Hist
     """A history to be filled in."""
     forwards = 0 if kept == "innovations" else segments
     backwards = segments if kept == "both ways" else 0
-    back, after = ([(own, n), (own, n, n)] for own in (backwards, forwards))
+    back, after = ([(item, n), (item, n, n)] for item in (backwards, forwards))
     off = (segments, m) if forwards else (lanes, segments, m)
     return History(*[np.zeros(size) for size in (*back, *after, (backwards, n, n), off, off)])
 
@@ -144,6 +144,6 @@ def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool, 
 def _writers() -> str:
     """The modules that write the C source, as text."""
     engine = Path(__file__).parents[1] / "engine"
-    own = (Path(__file__).with_name(f"{name}.py") for name in ("sources",))
-    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "vectors")), *own]
+    value = (Path(__file__).with_name(f"{name}.py") for name in ("sources",))
+    files = [*(engine / f"{name}.py" for name in ("graph", "emit", "vectors")), *value]
     return "\0".join(file.read_text("utf-8") for file in files)

@@ -66,7 +66,7 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
     shifts = np.asarray(trace.timing(p).full()).ravel() if trace.shift_count else np.empty(0)
     longest = longest_segment(trace, runs, p)
     unread = [k for k, name in enumerate(model.outputs) if name not in read]
-    found = []
+    result = []
     for run in runs:
         late = np.any(np.isfinite(run.measured), axis=1)
         plan = schedule(trace, run, shifts, longest, read=late)
@@ -79,8 +79,8 @@ def laid(space: StateSpace, recording: Recording, p: Array, read: Collection[str
                 if len(before):  # what was read before the run begins is what it begins with
                     y[plan.row_segment[0], k] = run.measured[before[-1], k]
         y[~np.isfinite(y)] = np.nan
-        found.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment, plan.read_segment))
-    return found
+        result.append(LaidRun(run, np.ascontiguousarray(plan.segments), y, plan.row_segment, plan.read_segment))
+    return result
 
 
 LONGEST_GAP = 0.5
@@ -89,7 +89,7 @@ LONGEST_GAP = 0.5
 
 def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, list[str]]:
     """The recording with glitches and short gaps of its inputs bridged by straight lines, and sentences on them."""
-    signals, told = {}, []
+    signals, known = {}, []
     for name in inputs:
         if name not in recording:
             continue
@@ -102,27 +102,27 @@ def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, lis
             without = bridged.copy()
             without[list(finding.where.rows)] = np.nan
             bridged, _ = _bridged(recording, without)
-            told.append(f"{finding.sentence.removesuffix(' Leave such rows out.')} Taken as missing and bridged.")
+            known.append(f"{finding.sentence.removesuffix(' Leave such rows out.')} Taken as missing and bridged.")
         if gaps > 0:
-            told.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")
+            known.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")
         if lost:
-            told.append(f"{name}: {lost} values are missing in longer gaps, behind which the filter starts anew.")
+            known.append(f"{name}: {lost} values are missing in longer gaps, behind which the filter starts anew.")
         signals[name] = bridged
-    return recording.with_signals(**signals), told
+    return recording.with_signals(**signals), known
 
 
 def _bridged(recording: Recording, values: Array) -> tuple[Array, int]:
     """Values with short gaps inside runs filled, and how many stay missing."""
-    found = values.copy()
+    result = values.copy()
     for start, stop in recording.runs:
-        own, time = values[start:stop], recording.time[start:stop]
-        there = np.flatnonzero(np.isfinite(own))
+        value, time = values[start:stop], recording.time[start:stop]
+        there = np.flatnonzero(np.isfinite(value))
         if len(there) == 0:
             continue
-        after = np.searchsorted(there, np.arange(len(own)))
+        after = np.searchsorted(there, np.arange(len(value)))
         inside = (after > 0) & (after < len(there))
-        width = np.full(len(own), np.inf)
+        width = np.full(len(value), np.inf)
         width[inside] = time[there[after[inside]]] - time[there[after[inside] - 1]]
-        fill = np.isnan(own) & (width <= LONGEST_GAP + recording.sample_time)
-        found[start:stop][fill] = np.interp(time[fill], time[there], own[there])
-    return found, int(np.count_nonzero(np.isnan(found)))
+        fill = np.isnan(value) & (width <= LONGEST_GAP + recording.sample_time)
+        result[start:stop][fill] = np.interp(time[fill], time[there], value[there])
+    return result, int(np.count_nonzero(np.isnan(result)))

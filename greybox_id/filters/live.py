@@ -121,11 +121,11 @@ class LiveFilter:
     def _start(self, row: Array, readings: Array) -> None:
         inputs = row[1 : 1 + len(self._filtering.space.model.inputs)]
         run = MotionRun("live", np.zeros(1), inputs[None], np.zeros(len(inputs), dtype=bool), readings[None], range(1))
-        own = LaidRun(
+        laid_run = LaidRun(
             run, row[None], readings[None], np.zeros(1, dtype=np.intp), np.zeros(readings[None].shape, dtype=np.intp)
         )
         before = (self._x, self._P)
-        self._x, self._P = self._filtering.begin(own, self._p, before if before[0].size else None)
+        self._x, self._P = self._filtering.begin(laid_run, self._p, before if before[0].size else None)
         self._began = np.maximum(np.diagonal(self._P[0]), self._began if self._began.size else 0.0)
 
     def _go(self, row: Array, u: Array, step: float) -> None:
@@ -154,11 +154,11 @@ class LiveFilter:
     def _told(self, row: Array) -> tuple[Array, Array]:
         count, n = len(self.names), self._filtering.space.size
         rows = np.tile(row, (len(self._p), 1))
-        found = self._seen(np.ascontiguousarray(self._x), rows, self._p)
-        by_x = found[0, count:].reshape(count, n)
+        result = self._seen(np.ascontiguousarray(self._x), rows, self._p)
+        by_x = result[0, count:].reshape(count, n)
         variance = np.einsum("ij,jl,il->i", by_x, self._P[0], by_x)
-        variance += np.sum((found[1:, :count] - found[0, :count]) ** 2, axis=0)
-        values = found[0, :count]
+        variance += np.sum((result[1:, :count] - result[0, :count]) ** 2, axis=0)
+        values = result[0, :count]
         return values, np.where(np.isnan(values), np.nan, np.sqrt(np.maximum(variance, 0.0)))
 
 
@@ -183,13 +183,13 @@ class _LiveGuard:
         jump = np.abs(given - self._before)
         known = self._rows * min(step, 1.0) > FADES
         odd = known & (jump > STEADY * self._largest) & (jump > LEAST_JUMP * (self._high - self._low)) & ~self._doubted
-        found = np.where(odd, self._before, given)
+        result = np.where(odd, self._before, given)
         self._doubted = odd
         decay = np.exp(-min(step, FADES) / FADES)
         self._largest = np.where(odd, self._largest, np.maximum(jump, self._largest * decay))
-        self._low, self._high = np.minimum(self._low, found), np.maximum(self._high, found)
-        self._before, self._rows = found, self._rows + 1
-        return found, tuple(name for name, held in zip(self._names, odd, strict=True) if held)
+        self._low, self._high = np.minimum(self._low, result), np.maximum(self._high, result)
+        self._before, self._rows = result, self._rows + 1
+        return result, tuple(name for name, held in zip(self._names, odd, strict=True) if held)
 
 
 def as_row(values: Mapping[str, float], names: Sequence[str]) -> Array:
@@ -222,9 +222,9 @@ def follow(
     place = {name.strip(): k for k, name in enumerate(header)}
     if columns.time.column not in place:
         raise BadInput(f'Standard input has no column "{columns.time.column}" for time; it has {", ".join(place)}.')
-    channels = [own for own in columns.signals.values() if own.column in place]
+    channels = [signal for signal in columns.signals.values() if signal.column in place]
     one = np.zeros(1)
-    example = Recording("standard input", one, {own.signal: one for own in channels}, hold=columns.hold)
+    example = Recording("standard input", one, {channel.signal: one for channel in channels}, hold=columns.hold)
     tracker = Tracker(model, example, parameters, disturbances, effects, replace(how, tune=0.0), uncertain)
     live = _live(tracker, columns.hold)
     writer = csv.writer(out, lineterminator="\n")
@@ -235,7 +235,8 @@ def follow(
         if not np.isfinite(time):
             raise BadInput(f"Line {number} of standard input has no time; every row needs one.")
         signals = {
-            own.signal: float(own.convert(np.array([_number(row, place[own.column], number)]))[0]) for own in channels
+            channel.signal: float(channel.convert(np.array([_number(row, place[channel.column], number)]))[0])
+            for channel in channels
         }
         given = {
             name: signals[s] for name in tracker.space.model.inputs for s in aliases.get(name, (name,)) if s in signals
@@ -244,8 +245,8 @@ def follow(
         inputs = as_row({**defaults, **given}, tracker.space.model.inputs)
         readings = as_row({name: signals[name] for name in tracker.readings}, tracker.space.model.outputs)
         values, sds, held = live.push(time, inputs, readings)
-        told = [f"{number:.9g}" for pair in zip(values, sds, strict=True) for number in pair]
-        writer.writerow([f"{time:.9g}", *told, " ".join(held)])
+        known = [f"{number:.9g}" for pair in zip(values, sds, strict=True) for number in pair]
+        writer.writerow([f"{time:.9g}", *known, " ".join(held)])
         out.flush()
 
 
@@ -287,9 +288,9 @@ def _number(row: Sequence[str], place: int, line: int) -> float:
     if not text:
         return np.nan
     try:
-        found = float(text)
+        result = float(text)
     except ValueError as error:
         raise BadInput(f"Line {line} of standard input: {text!r} is no number.") from error
-    if np.isinf(found):
+    if np.isinf(result):
         raise BadInput(f"Line {line} of standard input: {text!r} is not finite; leave empty what is missing.")
-    return found
+    return result

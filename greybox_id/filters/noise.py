@@ -77,13 +77,13 @@ def origins(space: StateSpace, stated: Mapping[str, float], tuned: Sequence[str]
 
 def units(space: StateSpace) -> dict[str, str]:
     """Noise -> SI unit of its size; of what walks that is per root second, and none where it walks in shares."""
-    known = {own.name: "1" if own.logarithmic else own.unit for own in space.tracked}
-    known = {own.name: own.unit for own in space.model.states} | known
-    found = {}
+    known = {item.name: "1" if item.logarithmic else item.unit for item in space.tracked}
+    known = {state.name: state.unit for state in space.model.states} | known
+    result = {}
     for name in space.noises:
         kind, _, of = name.partition("_")
-        found[name] = "s" if kind == "memory" else known.get(of, unit_of(of)) if kind == "walk" else unit_of(of)
-    return found
+        result[name] = "s" if kind == "memory" else known.get(of, unit_of(of)) if kind == "walk" else unit_of(of)
+    return result
 
 
 def scatter_of(recording: Recording, read: Sequence[str]) -> dict[str, float]:
@@ -98,15 +98,15 @@ def resolution_of(recording: Recording, read: Sequence[str]) -> dict[str, float]
     neighbouring rows show (`scatter_of`) is there, unless the vehicle itself moves so fast: a fifth of it is taken to
     be noise.
     """
-    found = {}
+    result = {}
     for name, scatter in scatter_of(recording, read).items():
         values = np.unique(recording[name][np.isfinite(recording[name])])
         steps = np.diff(values)
         steps = steps[steps > 1e-9 * max(float(np.ptp(values)), 1e-300)] if len(values) > 1 else steps
         coarse = len(values) < STEPPED * len(recording) and len(steps) > 0
         step = float(np.median(steps)) if coarse else 0.0
-        found[name] = max(step / np.sqrt(12.0), SURE * scatter)
-    return found
+        result[name] = max(step / np.sqrt(12.0), SURE * scatter)
+    return result
 
 
 def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
@@ -115,16 +115,16 @@ def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
         return scatter.get(of, 1.0)
     if kind == "colour":
         return 0.3 * scatter.get(of, 1.0)
-    own = next((one for one in space.tracked if one.name == of), None)
+    value = next((one for one in space.tracked if one.name == of), None)
     if kind == "memory":
-        return MEMORY if own is not None else COLOUR_MEMORY
-    if own is None:
+        return MEMORY if value is not None else COLOUR_MEMORY
+    if value is None:
         return PER_ROOT_SECOND * next(state.scale for state in space.model.states if state.name == of)
     replaces = of in space.model.inputs or of in space.model.quantities
-    return (FORCE_WALK if replaces and not own.logarithmic else PER_ROOT_SECOND) * own.start_sd
+    return (FORCE_WALK if replaces and not value.logarithmic else PER_ROOT_SECOND) * value.start_sd
 
 
 def _scatter(values: Array) -> float:
     values = np.where(np.isfinite(values), values, np.nan)
-    found = white_noise_sd([values], held=True)
-    return LEAST if np.isnan(found) else max(found, 1e-6 * max(1.0, float(np.nanstd(values))))
+    result = white_noise_sd([values], held=True)
+    return LEAST if np.isnan(result) else max(result, 1e-6 * max(1.0, float(np.nanstd(values))))

@@ -33,22 +33,22 @@ class PlainFilter:
             histories.append(_went_through(one, s, y))
             x[lane], P[lane], cost[lane] = one.x, one.P, one.cost
         if kept == "innovations":
-            own = blank_history(len(x), len(s), x.shape[1], y.shape[1], kept)
+            value = blank_history(len(x), len(s), x.shape[1], y.shape[1], kept)
             off, spread = (np.array([getattr(one, name) for one in histories]) for name in ("off", "spread"))
-            return cost, replace(own, off=off, spread=spread)
+            return cost, replace(value, off=off, spread=spread)
         return cost, histories[0] if kept != "nothing" else None
 
 
 def _went_through(one: _Ekf | _Ukf, s: Array, y: Array) -> History:
     count = len(s)
-    told = blank_history(1, count, len(one.x), y.shape[1], "both ways")
+    known = blank_history(1, count, len(one.x), y.shape[1], "both ways")
     for k in range(count):
-        told.predicted[k], told.predicted_P[k] = one.x, one.P
-        told.off[k], told.spread[k] = one.read(s[k], y[k])
-        told.filtered[k], told.filtered_P[k] = one.x, one.P
+        known.predicted[k], known.predicted_P[k] = one.x, one.P
+        known.off[k], known.spread[k] = one.read(s[k], y[k])
+        known.filtered[k], known.filtered_P[k] = one.x, one.P
         if k + 1 < count:
-            told.forward[k] = one.step(s[k])
-    return told
+            known.forward[k] = one.step(s[k])
+    return known
 
 
 def _numbers(function: cs.Function, *arguments: Array) -> list[Array]:
@@ -70,14 +70,14 @@ class _Ekf:
         for i in np.flatnonzero(np.isfinite(y)):
             h = H[i]
             off[i] = y[i] - y0[i, 0] - h @ (self.x - x0)
-            told = float(h @ self.P @ h)
-            spread[i] = told + noise[i, 0]
+            known = float(h @ self.P @ h)
+            spread[i] = known + noise[i, 0]
             taken = max(spread[i], off[i] ** 2 / self.gate**2)
             self.cost += 0.5 * (off[i] ** 2 / taken + np.log(taken))
             K = self.P @ h / taken
             self.x = self.x + K * off[i]
             left = np.eye(len(h)) - np.outer(K, h)
-            self.P = left @ self.P @ left.T + (taken - told) * np.outer(K, K)
+            self.P = left @ self.P @ left.T + (taken - known) * np.outer(K, K)
         return off, spread
 
     def step(self, s: Array) -> Array:
@@ -127,29 +127,29 @@ class _Ukf:
         off, spread = np.full(len(y), np.nan), np.full(len(y), np.nan)
         if len(there) == 0:
             return off, spread
-        own = self._filter
+        value = self._filter
         noise = _numbers(self.space.output, self.x, s, self.p)[1][there, 0]
-        own.sigmas_f = own.points_fn.sigma_points(own.x, own.P)
-        expected = np.array([self._read(point, s)[there] for point in own.sigmas_f])
-        mean = own.Wm @ expected
+        value.sigmas_f = value.points_fn.sigma_points(value.x, value.P)
+        expected = np.array([self._read(point, s)[there] for point in value.sigmas_f])
+        mean = value.Wm @ expected
         off[there] = y[there] - mean
-        spread[there] = own.Wc @ (expected - mean) ** 2 + noise
+        spread[there] = value.Wc @ (expected - mean) ** 2 + noise
         noise = noise + np.maximum(off[there] ** 2 / self.gate**2 - spread[there], 0)
-        own.update(y[there], R=np.diag(noise), hx=lambda point: self._read(point, s)[there])
-        own.P = (own.P + own.P.T) / 2
-        self.cost += 0.5 * float(own.y @ own.SI @ own.y + np.linalg.slogdet(own.S)[1])
+        value.update(y[there], R=np.diag(noise), hx=lambda point: self._read(point, s)[there])
+        value.P = (value.P + value.P.T) / 2
+        self.cost += 0.5 * float(value.y @ value.SI @ value.y + np.linalg.slogdet(value.S)[1])
         return off, spread
 
     def step(self, s: Array) -> Array:
         """Go on; the covariance of x with what it becomes."""
-        own = self._filter
-        before = own.points_fn.sigma_points(own.x, own.P)
-        own.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
+        value = self._filter
+        before = value.points_fn.sigma_points(value.x, value.P)
+        value.Q = np.diag(_numbers(self.space.step, self.x, s, self.p)[1][:, 0])
         ahead = np.array([self._step(point, 0.0, s) for point in before])
-        own.compute_process_sigmas(0.0, s=s)
-        from_here, to_there = before - _mean(before, own.Wm), ahead - _mean(ahead, own.Wm)
-        forward = np.asarray(np.einsum("k,ki,kj->ij", own.Wc, from_here, to_there))
-        own.predict(0.0, s=s)
+        value.compute_process_sigmas(0.0, s=s)
+        from_here, to_there = before - _mean(before, value.Wm), ahead - _mean(ahead, value.Wm)
+        forward = np.asarray(np.einsum("k,ki,kj->ij", value.Wc, from_here, to_there))
+        value.predict(0.0, s=s)
         return forward
 
     def _step(self, point: Array, dt: float, s: Array) -> Array:

@@ -47,8 +47,8 @@ def written(
             PRELUDE,
             *[f"#define {name} {size}" for name, size in constants.items()],
             *[
-                straight_line(function.name(), function, [Result(name) for name in own[: function.n_out()]])
-                for function, own in zip((step, output), names, strict=True)
+                straight_line(function.name(), function, [Result(name) for name in item[: function.n_out()]])
+                for function, item in zip((step, output), names, strict=True)
             ],
             *tables,
             LOOPS,
@@ -180,7 +180,7 @@ def ekf_source(step: cs.Function, output: cs.Function, many: bool, throughout: b
         _table("H_PLACE", by_row),
         _table("H_COLUMN", [column[k] for k in by_row]),
         product("F_times", F),
-        *(_table(f"F_{name}", own) for name, own in zip(("ROW", "COLUMN"), F.get_triplet(), strict=True)),
+        *(_table(f"F_{name}", item) for name, item in zip(("ROW", "COLUMN"), F.get_triplet(), strict=True)),
         *(["#define THROUGHOUT"] if throughout else []),
     ]
     return written(step, output, tables, _EKF, narrow=not many, NF=F.nnz(), NH=H.nnz())

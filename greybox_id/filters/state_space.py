@@ -102,11 +102,11 @@ class StateSpace:
         x, s = cs.SX.sym("x", self.size), cs.SX.sym("s", trace.segment_size)
         p = cs.SX.sym("p", model.size + len(self.noises))
         behind = trace.size + len(self.tracked)
-        z, own, colour = x[: trace.size], x[trace.size : behind], x[behind:]
-        parameters = self._parameters(own, p[: model.size])
+        z, value, colour = x[: trace.size], x[trace.size : behind], x[behind:]
+        parameters = self._parameters(value, p[: model.size])
         noise = dict(zip(self.noises, cs.vertsplit(p[model.size :]), strict=True))
         ahead = cs.vertcat(
-            trace.step(z, s, parameters), self._drawn(own, s[0], noise), self._faded(colour, s[0], noise)
+            trace.step(z, s, parameters), self._drawn(value, s[0], noise), self._faded(colour, s[0], noise)
         )
         self.step = _differentiated("step", x, s, p, ahead, self._joining(s[0], noise))
         read = [*cs.vertsplit(trace.output(z, s, parameters))]
@@ -124,15 +124,17 @@ class StateSpace:
         `SLOWEST`; and those of what is tracked.
         """
         x, s, p, z, parameters = self._of
-        own = {one.name: parameters[self.place(one.name)] for one in self.tracked}
-        asked = dict.fromkeys(n for n in names if n != "sideslip" and n not in own)
+        value = {one.name: parameters[self.place(one.name)] for one in self.tracked}
+        requested = dict.fromkeys(n for n in names if n != "sideslip" and n not in value)
         if "sideslip" in names:
-            asked |= dict.fromkeys(("v_x", "v_y"))
-        found = dict(zip(asked, cs.vertsplit(self.trace.told(tuple(asked))(z, s, parameters)), strict=True)) | own
+            requested |= dict.fromkeys(("v_x", "v_y"))
+        result = (
+            dict(zip(requested, cs.vertsplit(self.trace.told(tuple(requested))(z, s, parameters)), strict=True)) | value
+        )
         if "sideslip" in names:
-            slow = cs.fabs(found["v_x"]) < SLOWEST
-            found["sideslip"] = cs.if_else(slow, cs.SX.nan(), cs.atan2(found["v_y"], found["v_x"]))
-        values = cs.densify(cs.vertcat(*[found[name] for name in names]))
+            slow = cs.fabs(result["v_x"]) < SLOWEST
+            result["sideslip"] = cs.if_else(slow, cs.SX.nan(), cs.atan2(result["v_y"], result["v_x"]))
+        values = cs.densify(cs.vertcat(*[result[name] for name in names]))
         by_x = cs.densify(cs.vec(cs.jacobian(values, x).T))
         return SampledFunction(cs.Function("seen", [x, s, p], [cs.vertcat(values, by_x)]))
 
@@ -142,11 +144,11 @@ class StateSpace:
             self._starts[read] = SampledFunction(self.trace.start(read))
         return self._starts[read]
 
-    def _parameters(self, own: cs.SX, p: cs.SX) -> cs.SX:
+    def _parameters(self, sx: cs.SX, p: cs.SX) -> cs.SX:
         """The model's parameters, those tracked from where they have walked to."""
         entries = cs.vertsplit(p) if p.numel() else []
         for k, tracked in enumerate(self.tracked):
-            entries[self.place(tracked.name)] = cs.exp(own[k]) if tracked.logarithmic else own[k]
+            entries[self.place(tracked.name)] = cs.exp(sx[k]) if tracked.logarithmic else sx[k]
         return cs.vertcat(*entries)
 
     def place(self, name: str) -> int:
@@ -157,11 +159,11 @@ class StateSpace:
         decay = [cs.exp(-h / noise[f"memory_{name}"]) for name in self.coloured]
         return cs.vertcat(*[a * colour[k] for k, a in enumerate(decay)])
 
-    def _drawn(self, own: cs.SX, h: cs.SX, noise: Mapping[str, cs.SX]) -> cs.SX:
+    def _drawn(self, sx: cs.SX, h: cs.SX, noise: Mapping[str, cs.SX]) -> cs.SX:
         ends = []
         for k, one in enumerate(self.tracked):
             decay = cs.exp(-h / noise[f"memory_{one.name}"]) if one.returns else 1
-            ends.append(one.start + decay * (own[k] - one.start))
+            ends.append(one.start + decay * (sx[k] - one.start))
         return cs.vertcat(*ends)
 
     def _joining(self, h: cs.SX, noise: Mapping[str, cs.SX]) -> cs.SX:
@@ -178,11 +180,11 @@ class StateSpace:
 
     def _joined(self, h: cs.SX, T: cs.SX) -> cs.SX:
         """Variance of a Gauss-Markov process's noise over a segment, in shares of the process's own."""
-        own = -cs.expm1(-2 * h / T)
+        value = -cs.expm1(-2 * h / T)
         if not self.throughout:
-            return own
+            return value
         decay = cs.exp(-h / T)
-        return own * 3 / (1 + decay + decay**2)  # what joins early fades until the end
+        return value * 3 / (1 + decay + decay**2)  # what joins early fades until the end
 
 
 def _differentiated(name: str, x: cs.SX, s: cs.SX, p: cs.SX, value: cs.SX, variance: cs.SX) -> cs.Function:

@@ -90,7 +90,7 @@ SOURCE = "tuned on the innovations of {recording}"
 
 def tracked_vehicle(
     vehicle: Vehicle,
-    found: Track,
+    track: Track,
     parameters: Sequence[str],
     disturbances: Sequence[str],
     effects: Mapping[str, Effect],
@@ -102,21 +102,21 @@ def tracked_vehicle(
     parameters, disturbances : what was tracked, as named.
     effects : all there are, by name; those of the model stand under [model] effects.
     """
-    source = SOURCE.format(recording=found.recording.name)
+    source = SOURCE.format(recording=track.recording.name)
     before = vehicle.model.effects if vehicle.model is not None else {}
-    model = found.model
+    model = track.model
     there = [name for name in model.effects if name not in (*parameters, *disturbances)]
     of_effects = {name: before.get(name, Stated(float(model[name].array))) for name in there}
     values = dict(vehicle.values)
-    for name, (value, sd) in found.calibrated.items():
+    for name, (value, sd) in track.calibrated.items():
         stated = Stated(value, sd if np.isfinite(sd) and sd > 0 else None, source=source)
         (of_effects if name in effects else values)[name] = stated
-    plan = TrackingPlan(tuple(parameters), tuple(disturbances), _rounded(found.noise, found))
+    plan = TrackingPlan(tuple(parameters), tuple(disturbances), _rounded(track.noise, track))
     chosen = ChosenModel(model.name, dict(model.settings), of_effects)
     return replace(vehicle, values=values, model=chosen, tracking=plan)
 
 
-def _rounded(noise: Mapping[str, float], found: Track) -> dict[str, float]:
+def _rounded(noise: Mapping[str, float], track: Track) -> dict[str, float]:
     """The noises that readings told, to three digits."""
-    unread = {f"noise_{name}" for name in found.model.outputs if name not in found.consistency}
+    unread = {f"noise_{name}" for name in track.model.outputs if name not in track.consistency}
     return {name: float(f"{size:.3g}") for name, size in noise.items() if name not in unread}

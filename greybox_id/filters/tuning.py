@@ -96,58 +96,62 @@ def noise_coordinates(
     """The noises by these names, none of a reading below its floor."""
     floors = floors or {}
     begin, names = filtering.space.model.size, filtering.space.noises
-    found = []
+    result = []
     for name in tunable:
         place = begin + names.index(name)
         at = float(np.log(p[place]))
         least = floors.get(name.removeprefix("noise_"), 0.0) if name.startswith("noise_") else 0.0
         low = max(at - FARTHEST, min(float(np.log(least)), at)) if least > 0 else at - FARTHEST
-        found.append(Coordinate(place, at, NOISE_SD, 0.0, low, at + FARTHEST))
-    return found
+        result.append(Coordinate(place, at, NOISE_SD, 0.0, low, at + FARTHEST))
+    return result
 
 
 def model_coordinates(model: MotionModel, tracked: Sequence[str]) -> list[Coordinate]:
     """The model's free single parameters that are not tracked."""
-    found, place = [], 0
-    for own in model.parameters:
-        if not own.fixed and own.shape == () and own.name not in tracked:
-            found.append(_coordinate(own, place))
-        place += own.size
-    return found
+    result, place = [], 0
+    for parameter in model.parameters:
+        if not parameter.fixed and parameter.shape == () and parameter.name not in tracked:
+            result.append(_coordinate(parameter, place))
+        place += parameter.size
+    return result
 
 
 def tuned(
-    filtering: Filtering, runs: Sequence[LaidRun], p: Array, noise: Sequence[Coordinate], own: Sequence[Coordinate],
-    say: Callable[[str], None] = lambda line: None,
+    filtering: Filtering, runs: Sequence[LaidRun], p: Array, noise: Sequence[Coordinate],
+    coordinates: Sequence[Coordinate], say: Callable[[str], None] = lambda line: None,
 ) -> Tuned:  # fmt: skip
     """The most likely numbers, near what is believed of them."""
-    search = _Search(filtering, runs, p, [*noise, *own])
+    search = _Search(filtering, runs, p, [*noise, *coordinates])
     before = float(filtering.costs(runs, p[None])[0])
     if not np.isfinite(before):
         raise BadInput(
             "The filter diverges before anything is tuned: check units and signs (greybox data check) and the numbers "
             "of the vehicle, or track less."
         )
-    say(f"tuning {len(noise)} noises" + (f" and {len(own)} parameters" if own else ""))
-    found = minimize(
+    say(f"tuning {len(noise)} noises" + (f" and {len(coordinates)} parameters" if coordinates else ""))
+    result = minimize(
         search.surprise, np.array([c.of(p[c.place]) for c in search.coordinates]), jac=True, method="L-BFGS-B",
         bounds=[(c.low, c.high) for c in search.coordinates], options={"maxiter": MOST_STEPS, "maxcor": 30},
     )  # fmt: skip
-    best = search.placed(found.x[None])[0]
+    best = search.placed(result.x[None])[0]
     moves = np.empty((0, len(p)))
-    if own:
-        values, vectors = np.linalg.eigh(search.spread(found.x)[len(noise) :, len(noise) :])
+    if coordinates:
+        values, vectors = np.linalg.eigh(search.spread(result.x)[len(noise) :, len(noise) :])
         axes = (vectors * np.sqrt(np.maximum(values, 0.0))).T
-        moved = found.x + np.hstack([np.zeros((len(axes), len(noise))), axes])
+        moved = result.x + np.hstack([np.zeros((len(axes), len(noise))), axes])
         moves = search.placed(moved) - best
-    return Tuned(best, (before, float(filtering.costs(runs, best[None])[0])), int(found.nit), moves)
+    return Tuned(best, (before, float(filtering.costs(runs, best[None])[0])), int(result.nit), moves)
 
 
-def _coordinate(own: Parameter, place: int) -> Coordinate:
-    value, (low, high) = float(own.array), own.bounds
+def _coordinate(parameter: Parameter, place: int) -> Coordinate:
+    value, (low, high) = float(parameter.array), parameter.bounds
     positive = low >= 0 and value > 0
-    sd = float(np.asarray(own.prior.sd)) if own.prior is not None else np.inf
-    mean = float(np.asarray(own.prior.mean)) if own.prior is not None and own.prior.mean is not None else value
+    sd = float(np.asarray(parameter.prior.sd)) if parameter.prior is not None else np.inf
+    mean = (
+        float(np.asarray(parameter.prior.mean))
+        if parameter.prior is not None and parameter.prior.mean is not None
+        else value
+    )
     if positive:
         believed = sd / mean if np.isfinite(sd) else WEAK
         return Coordinate(place, float(np.log(mean)), believed, 0.0, np.log(max(low, 1e-12)), np.log(high))
@@ -183,10 +187,10 @@ class _Search:
 
     def placed(self, points: Array) -> Array:
         """All numbers (L, parameters) at points (L, coordinates)."""
-        found = np.tile(self.p, (len(points), 1))
+        result = np.tile(self.p, (len(points), 1))
         for column, c in zip(points.T, self.coordinates, strict=True):
-            found[:, c.place] = c.value(column)
-        return found
+            result[:, c.place] = c.value(column)
+        return result
 
     def surprise(self, point: Array) -> tuple[float, Array]:
         """Half of minus two log-posteriors, constants left out, and its slope."""
@@ -225,10 +229,10 @@ class _Search:
 def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Array:
     """What each block of readings adds to the cost."""
     blocks = []
-    for own, history in zip(runs, filtering.histories(runs, p), strict=True):
+    for run, history in zip(runs, filtering.histories(runs, p), strict=True):
         taken = np.maximum(history.spread, history.off**2 / filtering.gate**2)
         cost = np.nansum(0.5 * (history.off**2 / taken + np.log(taken)), axis=1)
-        elapsed = np.concatenate(([0.0], np.cumsum(own.segments[:-1, 0])))
+        elapsed = np.concatenate(([0.0], np.cumsum(run.segments[:-1, 0])))
         number = (elapsed // BLOCK).astype(int)
         blocks.append(np.bincount(number, weights=cost))
     return np.concatenate(blocks)
@@ -236,35 +240,35 @@ def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Arr
 
 def beginning(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
     """The first seconds of some runs; the first run has its share at least."""
-    found: list[LaidRun] = []
+    result: list[LaidRun] = []
     left = seconds
-    for own in runs:
-        if left <= 0 and found:
+    for run in runs:
+        if left <= 0 and result:
             break
-        found.append(own.first(left))
-        left -= float(own.run.time[-1] - own.run.time[0])
-    return found
+        result.append(run.first(left))
+        left -= float(run.run.time[-1] - run.run.time[0])
+    return result
 
 
 def believed(space: StateSpace, size: int) -> Array:
     """(k, size) one standard deviation of every free parameter with a prior, as moves of p; what walks left out."""
     moves = []
-    tracked = {own.name for own in space.tracked}
-    for own in space.model.parameters:
-        if own.shape != () or own.prior is None or own.fixed or own.name in tracked:
+    tracked = {item.name for item in space.tracked}
+    for parameter in space.model.parameters:
+        if parameter.shape != () or parameter.prior is None or parameter.fixed or parameter.name in tracked:
             continue
-        sd, value, (low, high) = float(np.asarray(own.prior.sd)), float(own.array), own.bounds
+        sd, value, (low, high) = float(np.asarray(parameter.prior.sd)), float(parameter.array), parameter.bounds
         step = sd if value + sd <= high else -sd
         if 0 < sd < np.inf and low <= value + step <= high:
             move = np.zeros(size)
-            move[space.place(own.name)] = step
+            move[space.place(parameter.name)] = step
             moves.append(move)
     return np.array(moves).reshape(len(moves), size)
 
 
 def padded(space: StateSpace, uncertain: Array, size: int) -> Array:
     """Moves of the model's parameters as moves of p; what walks is left out."""
-    found = np.zeros((len(uncertain), size))
-    found[:, : uncertain.shape[1]] = uncertain
-    found[:, [space.place(own.name) for own in space.tracked]] = 0.0
-    return found
+    result = np.zeros((len(uncertain), size))
+    result[:, : uncertain.shape[1]] = uncertain
+    result[:, [space.place(item.name) for item in space.tracked]] = 0.0
+    return result

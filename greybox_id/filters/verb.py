@@ -135,36 +135,36 @@ class Tracker:
         inputs = tuple(n for name in space.model.inputs for n in _signals(space.model, name))
         clean, sentences = guarded(recording, inputs)
         runs = laid(space, clean, space.model.values, self.readings)
-        must_fill_a_window([own.run for own in runs], recording.name)
+        must_fill_a_window([run.run for run in runs], recording.name)
         levels = start_levels(space, scatter_of(clean, self.readings), self.readings, self.stated_noise)
         p = np.concatenate([space.model.values, levels.values])
         floors = resolution_of(clean, self.readings)
         p, moves = self._tune(runs, p, levels, floors, say)
-        say(f"{how.filter.upper()} over {sum(len(own.run) for own in runs)} rows")
+        say(f"{how.filter.upper()} over {sum(len(run.run) for run in runs)} rows")
         kept: Kept = "both ways" if how.smooth else "filtered"
         clock = time.process_time()
         histories = self.filtering.histories(runs, p, kept)
         seconds = time.process_time() - clock
         must_be_finite(histories, runs, recording.name)
-        found = self._estimates(runs, histories, p)
+        result = self._estimates(runs, histories, p)
         judged = self._judged(runs, histories)
         widened = widening([judged[name] for name in self.readings])
-        sds = {name: np.sqrt(v) * widened for name, v in found.variances.items()}
+        sds = {name: np.sqrt(v) * widened for name, v in result.variances.items()}
         for j, move in enumerate(moves):
             say(f"what parameters leave open, {j + 1} of {len(moves)}")
             again = self._estimates(runs, self.filtering.histories(runs, p + move, kept), p + move)
             for name in sds:
-                off = again.values[name] - found.values[name]
+                off = again.values[name] - result.values[name]
                 sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
-        told, about = self._told(found)
+        known, about = self._told(result)
         weighed = only_over_mass(space.model) if how.calibrate else []
-        slow = standing(found.values.get("sideslip"), SLOWEST)
+        slow = standing(result.values.get("sideslip"), SLOWEST)
         sizes = dict(zip(space.noises, p[space.model.size :].tolist(), strict=True))
         doubted = [*distrusted_data(recording, {*inputs, *self.readings}), *too_quiet(sizes, floors)]
         names = self.reported
-        rows = np.concatenate([np.asarray(own.run.rows) for own in runs])
-        off = np.vstack([h.off[own.row_segment] for own, h in zip(runs, histories, strict=True)])
-        spread = np.vstack([h.spread[own.row_segment] for own, h in zip(runs, histories, strict=True)])
+        rows = np.concatenate([np.asarray(run.run.rows) for run in runs])
+        off = np.vstack([h.off[run.row_segment] for run, h in zip(runs, histories, strict=True)])
+        spread = np.vstack([h.spread[run.row_segment] for run, h in zip(runs, histories, strict=True)])
         columns = {name: space.model.outputs.index(name) for name in self.readings}
         return Track(
             model=space.model,
@@ -172,11 +172,11 @@ class Tracker:
             kind=how.filter,
             smoothed=how.smooth,
             rows=rows,
-            run=np.repeat(np.arange(len(runs)), [len(own.run) for own in runs]),
-            values=found.values,
+            run=np.repeat(np.arange(len(runs)), [len(run.run) for run in runs]),
+            values=result.values,
             sds=sds,
             units={name: self._unit(name) for name in names},
-            tracked=tuple(own.name for own in space.tracked),
+            tracked=tuple(item.name for item in space.tracked),
             parameters=self.parameters,
             disturbances=self.disturbances,
             noise=sizes,
@@ -188,7 +188,7 @@ class Tracker:
             widened=widened,
             log_likelihood=-float(self.filtering.costs(runs, p[None])[0]),
             sentences=(*doubted, *sentences, *weighed, *about, *slow, *lost(runs, histories, columns)),
-            told=told,
+            told=known,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
             seconds=seconds,
         )
@@ -197,11 +197,11 @@ class Tracker:
     def reported(self) -> tuple[str, ...]:
         """Names of the estimates: sideslip, states, tyres and forces, and what is tracked."""
         model = self.space.model
-        known = {*model.quantities, *(own.name for own in model.combinations if own.scaled_by)}
+        known = {*model.quantities, *(combination.name for combination in model.combinations if combination.scaled_by)}
         states = self.space.trace.names
         has_slip = {"v_x", "v_y"} <= {*states, *model.inputs}
         others = [n for n in REPORTED if n in known or (n == "sideslip" and has_slip)]
-        return tuple(dict.fromkeys([*others[:1], *states, *others[1:], *(own.name for own in self.space.tracked)]))
+        return tuple(dict.fromkeys([*others[:1], *states, *others[1:], *(item.name for item in self.space.tracked)]))
 
     @property
     def stated_noise(self) -> dict[str, float]:
@@ -218,33 +218,35 @@ class Tracker:
         """Noise, and parameters if asked, tuned on the beginning; and what the parameters leave open."""
         how, space = self.how, self.space
         stated = self.stated_moves(len(p))
-        own = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
+        value = model_coordinates(space.model, [t.name for t in space.tracked]) if how.calibrate else []
         noise = noise_coordinates(self.tuning, p, levels.open, floors) if how.tune or how.calibrate else []
-        if not noise and not own:
+        if not noise and not value:
             return p, stated
-        found: Tuned = tuned(self.tuning, beginning(runs, max(how.tune, how.calibrate)), p, noise, own, say)
-        return found.p, found.moves if own else stated
+        result: Tuned = tuned(self.tuning, beginning(runs, max(how.tune, how.calibrate)), p, noise, value, say)
+        return result.p, result.moves if value else stated
 
     def _calibrated(self, p: Array, moves: Array) -> dict[str, tuple[float, float]]:
         """The model's free parameters as tuned, with their standard deviations."""
-        names = [own.name for own in self.space.tracked]
+        names = [item.name for item in self.space.tracked]
         spread = np.sqrt(np.sum(moves**2, axis=0))
         free = [
-            own for own in self.space.model.parameters if not own.fixed and own.shape == () and own.name not in names
+            parameter
+            for parameter in self.space.model.parameters
+            if not parameter.fixed and parameter.shape == () and parameter.name not in names
         ]
-        places = {own.name: self.space.place(own.name) for own in free}
+        places = {item.name: self.space.place(item.name) for item in free}
         return {name: (float(p[k]), float(spread[k])) for name, k in places.items()}
 
     def _estimates(self, runs: Sequence[LaidRun], histories: Sequence[History], p: Array) -> _Estimates:
         names, n = self.reported, self.space.size
         seen = self.space.seen(names)
         values, variances = [], []
-        for own, history in zip(runs, histories, strict=True):
+        for run, history in zip(runs, histories, strict=True):
             x, P = smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)
-            x, P = x[own.row_segment], P[own.row_segment]
-            found = seen(x, own.segments[own.row_segment], p)
-            values.append(found[:, : len(names)])
-            by_x = found[:, len(names) :].reshape(len(x), len(names), n)
+            x, P = x[run.row_segment], P[run.row_segment]
+            result = seen(x, run.segments[run.row_segment], p)
+            values.append(result[:, : len(names)])
+            by_x = result[:, len(names) :].reshape(len(x), len(names), n)
             variances.append(np.einsum("kij,kjl,kil->ki", by_x, P, by_x))
         stacked = np.vstack(values)
         spread = np.where(np.isnan(stacked), np.nan, np.maximum(np.vstack(variances), 0.0))
@@ -253,35 +255,35 @@ class Tracker:
         )
 
     def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
-        found = {}
+        result = {}
         per_window = window_rows(runs[0].run.sample_time)
         for name in self.readings:
             k = self.space.model.outputs.index(name)
             off = np.concatenate([h.off[:, k] for h in histories])
             spread = np.concatenate([h.spread[:, k] for h in histories])
             there = np.isfinite(off)
-            found[name] = consistency(off[there], spread[there], per_window, self.how.gate)
-        return found
+            result[name] = consistency(off[there], spread[there], per_window, self.how.gate)
+        return result
 
-    def _told(self, found: _Estimates) -> tuple[dict[str, float], list[str]]:
+    def _told(self, result: _Estimates) -> tuple[dict[str, float], list[str]]:
         """Of all that walks, the share of rows in which the recording tells it, and sentences on stiffness."""
         shares, sentences = {}, []
-        for own in self.space.tracked:
-            told = told_rows(own, found.values[own.name], np.sqrt(found.variances[own.name]))
-            shares[own.name] = float(np.mean(told))
-            scaled = next((c.name for c in self.space.model.combinations if c.scaled_by == own.name), own.name)
+        for item in self.space.tracked:
+            known = told_rows(item, result.values[item.name], np.sqrt(result.variances[item.name]))
+            shares[item.name] = float(np.mean(known))
+            scaled = next((c.name for c in self.space.model.combinations if c.scaled_by == item.name), item.name)
             if scaled in STIFFNESSES:
                 axle = scaled[-2:]
-                sentences.append(untold(scaled, told, found.values.get(f"alpha{axle}"), f"F_y{axle[1:]}"))
+                sentences.append(untold(scaled, known, result.values.get(f"alpha{axle}"), f"F_y{axle[1:]}"))
         return shares, [sentence for sentence in sentences if sentence]
 
     def _unit(self, name: str) -> str:
         model = self.space.model
-        own = next((c.unit for c in model.combinations if c.name == name), None)
-        if own is None and name in model:
-            own = model[name].unit
+        unit = next((c.unit for c in model.combinations if c.name == name), None)
+        if unit is None and name in model:
+            unit = model[name].unit
         state = next((s.unit for s in model.states if s.name == name), None)
-        return own or state or (unit_of(name, "") or unit_of_quantity(name))
+        return unit or state or (unit_of(name, "") or unit_of_quantity(name))
 
 
 @dataclass(frozen=True)

@@ -26,57 +26,57 @@ MOSTLY_LOST = 0.5
 """Share of the windows in which a channel is lost, from which nothing is tracked."""
 
 
-def verdict(found: Track) -> Verdict:
+def verdict(track: Track) -> Verdict:
     """Whether a track can be used, and why."""
-    reasons = [reason for name, own in found.consistency.items() for reason in _channel(found, name, own)]
-    checked = [own for own in found.sentences if own.startswith("Data check:")]
-    reasons += [Reason(WITH_CARE, own) for own in checked]
-    if not found.consistency:
+    reasons = [reason for name, item in track.consistency.items() for reason in _channel(track, name, item)]
+    checked = [sentence for sentence in track.sentences if sentence.startswith("Data check:")]
+    reasons += [Reason(WITH_CARE, item) for item in checked]
+    if not track.consistency:
         reasons.append(Reason(NOT_USABLE, "No reading was taken: nothing is tracked."))
     words = "The innovations are what the filter expects: NIS {} (1 is due)."
-    listed = ", ".join(f"{own.nis:.2g} of {name}" for name, own in found.consistency.items() if np.isfinite(own.nis))
+    listed = ", ".join(f"{one.nis:.2g} of {name}" for name, one in track.consistency.items() if np.isfinite(one.nis))
     return weighed([*reasons, Reason(USABLE, words.format(listed))], {})
 
 
-def _channel(found: Track, name: str, own: Consistency) -> Iterator[Reason]:
-    share = _lost(found, name)
+def _channel(track: Track, name: str, value: Consistency) -> Iterator[Reason]:
+    share = _lost(track, name)
     if share > MOSTLY_LOST:
         yield Reason(
             NOT_USABLE,
             f"{name} lies far from what the filter expects for {100 * share:.0f} % of the time: the filter has lost "
             "the vehicle. Check units and signs with greybox data check, and the vehicle's numbers.",
         )
-    elif own.nis > NARROW:
+    elif value.nis > NARROW:
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations scatter {np.sqrt(own.nis):.2g} times as far as expected (NIS {own.nis:.2g}): "
-            f"bands were widened {found.widened:.2g} times. State its noise, or fit the vehicle first.",
+            f"{name}: innovations scatter {np.sqrt(value.nis):.2g} times as far as expected (NIS {value.nis:.2g}): "
+            f"bands were widened {track.widened:.2g} times. State its noise, or fit the vehicle first.",
         )
-    elif own.nis < WIDE:
+    elif value.nis < WIDE:
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations scatter {np.sqrt(own.nis):.2g} times as far as expected (NIS {own.nis:.2g}): "
+            f"{name}: innovations scatter {np.sqrt(value.nis):.2g} times as far as expected (NIS {value.nis:.2g}): "
             f"its noise is overstated and bands are too wide. State noise_{name}, or tune it (‹tune›).",
         )
-    elif own.inside < INSIDE:
+    elif value.inside < INSIDE:
         yield Reason(
             WITH_CARE,
-            f"{name}: only {100 * own.inside:.0f} % of the windows lie within their 95 % bounds: its noise varies.",
+            f"{name}: only {100 * value.inside:.0f} % of the windows lie within their 95 % bounds: its noise varies.",
         )
-    if own.correlation > max(TOGETHER, own.correlation_bound):
+    if value.correlation > max(TOGETHER, value.correlation_bound):
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations hang together (correlation {own.correlation:.2f} with the next): the model lacks "
+            f"{name}: innovations hang together (correlation {value.correlation:.2f} with the next): the model lacks "
             "something and bands are too narrow. greybox gap looks for it; ‹coloured› lets a reading err slowly.",
         )
 
 
-def _lost(found: Track, name: str) -> float:
+def _lost(track: Track, name: str) -> float:
     """Share of windows in which a channel's innovations are far beyond what is expected."""
-    off, sd = found.innovations.get(name), found.expected.get(name)
+    off, sd = track.innovations.get(name), track.expected.get(name)
     if off is None or sd is None:
         return 0.0
     squares = (off / sd) ** 2
     squares = squares[np.isfinite(squares)]
-    windows = windowed(squares, window_rows(found.recording.sample_time))
+    windows = windowed(squares, window_rows(track.recording.sample_time))
     return float(np.mean(windows > LOST)) if len(windows) else 0.0

@@ -45,17 +45,17 @@ def walking(
         raise BadInput(f"{', '.join(twice)} is to be tracked twice; name it once.")
     tracked: list[Tracked] = []
     for name in names:
-        model, own = _found(model, name, effects)
-        if any(other.name == own for other in tracked):
-            raise BadInput(f"{name} is to be tracked twice, it is {own} by another name; name it once.")
-        tracked.append(_tracked(model, own, returns=name in disturbances))
+        model, value = _found(model, name, effects)
+        if any(other.name == value for other in tracked):
+            raise BadInput(f"{name} is to be tracked twice, it is {value} by another name; name it once.")
+        tracked.append(_tracked(model, value, returns=name in disturbances))
     return model, tuple(tracked)
 
 
 def trackable(model: MotionModel) -> tuple[str, ...]:
     """Names that can be tracked: scaled combinations, parameters, inputs and quantities."""
-    scaled = (own.name for own in model.combinations if own.scaled_by)
-    numbers = (own.name for own in model.parameters if own.shape == ())
+    scaled = (combination.name for combination in model.combinations if combination.scaled_by)
+    numbers = (parameter.name for parameter in model.parameters if parameter.shape == ())
     return tuple(dict.fromkeys((*scaled, *numbers, *model.inputs, *model.quantities)))
 
 
@@ -65,7 +65,14 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
         if model[name].shape != ():
             raise BadInput(f"{name} is an array of {model[name].size} numbers; only single numbers are tracked.")
         return model, name
-    scaled = next((own.scaled_by for own in model.combinations if own.name == name and own.scaled_by), "")
+    scaled = next(
+        (
+            combination.scaled_by
+            for combination in model.combinations
+            if combination.name == name and combination.scaled_by
+        ),
+        "",
+    )
     if scaled:
         factor = Parameter(scaled, "1", 1.0, (1e-3, 1e3), about=f"{name} over its nominal value")
         return model.with_parameters(factor).altered(**{scaled: _scaling(scaled)}), scaled
@@ -77,8 +84,8 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
             return _found(free, same, effects)
         return free.with_parameters(Parameter(name, unit_of(signals[0]), 0.0)).altered(**{name: _given(name)}), name
     if name in model.quantities:
-        own = Parameter(name, unit_of_quantity(name), 0.0, about="in place of what the equations say")
-        return model.with_parameters(own).altered(**{name: _given(name)}), name
+        parameter = Parameter(name, unit_of_quantity(name), 0.0, about="in place of what the equations say")
+        return model.with_parameters(parameter).altered(**{name: _given(name)}), name
     if name in effects and effects[name].concerns(model):
         return model + effects[name], effects[name].parameter.name
     raise BadInput(
@@ -102,13 +109,13 @@ def _given(name: str) -> Callable[[Symbol, Quantities], Symbol]:
 
 
 def _tracked(model: MotionModel, name: str, returns: bool) -> Tracked:
-    own = model[name]
-    value = float(own.array)
-    positive = own.bounds[0] >= 0 and value > 0
-    sd = SHARE * value if positive else _usual(model, own)
-    if own.prior is not None and np.isfinite(float(np.asarray(own.prior.sd))):
-        sd = float(np.asarray(own.prior.sd))
-    return Tracked(name, own.unit, value, sd, logarithmic=positive, returns=returns)
+    entry = model[name]
+    value = float(entry.array)
+    positive = entry.bounds[0] >= 0 and value > 0
+    sd = SHARE * value if positive else _usual(model, entry)
+    if entry.prior is not None and np.isfinite(float(np.asarray(entry.prior.sd))):
+        sd = float(np.asarray(entry.prior.sd))
+    return Tracked(name, entry.unit, value, sd, logarithmic=positive, returns=returns)
 
 
 def _usual(model: MotionModel, parameter: Parameter) -> float:

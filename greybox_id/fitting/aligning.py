@@ -41,7 +41,7 @@ class Alignment:
         """The recordings with the inputs of a part moved."""
         key = tuple(part.outputs)
         return [
-            aligned(one, part.inputs, {own.run: own.delay for own in delays[key]})
+            aligned(one, part.inputs, {delay.run: delay.delay for delay in delays[key]})
             for one, delays in zip(self.recordings, self.delays, strict=True)
         ]
 
@@ -59,21 +59,21 @@ class Alignment:
 
 def alignment(model: MemoryModel, recordings: Sequence[Recording], say: Say) -> Alignment:
     """Delays of training runs, told by brief fits of each part to all of them."""
-    found: list[dict[tuple[str, ...], Sequence[RunDelay]]] = [{} for _ in recordings]
+    result: list[dict[tuple[str, ...], Sequence[RunDelay]]] = [{} for _ in recordings]
     for part in model.parts or (model,):
         moved = list(recordings)
         for _ in range(ROUNDS):
             fitted, noise = _briefly(part, moved)
-            told = [run_delays(fitted, one, noise) for one in recordings]
+            known = [run_delays(fitted, one, noise) for one in recordings]
             moved = [
-                aligned(one, part.inputs, {own.run: own.delay for own in delays})
-                for one, delays in zip(recordings, told, strict=True)
+                aligned(one, part.inputs, {delay.run: delay.delay for delay in delays})
+                for one, delays in zip(recordings, known, strict=True)
             ]
-        for own, delays in zip(found, told, strict=True):
-            own[tuple(part.outputs)] = delays
-        words = ", ".join(f"{1e3 * own.delay:+.0f}" for delays in told for own in delays)
+        for item, delays in zip(result, known, strict=True):
+            item[tuple(part.outputs)] = delays
+        words = ", ".join(f"{1e3 * delay.delay:+.0f}" for delays in known for delay in delays)
         say(f"{part.name}: runs of the training data aligned, delays {words} ms")
-    return Alignment(recordings, found)
+    return Alignment(recordings, result)
 
 
 def _briefly(part: MemoryModel, recordings: Sequence[Recording]) -> tuple[MemoryModel, dict[str, float]]:

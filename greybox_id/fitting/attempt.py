@@ -66,14 +66,17 @@ def off_bounds(model: MotionModel, p: Array) -> Array:
     Readings just after a command jump with it where nothing is late, and no derivative knows of that jump: a search
     that begins with all delays at none stays there, and other numbers take the blame.
     """
-    found, start = np.array(p), 0
-    for own in model.parameters:
-        at, start = slice(start, start + own.size), start + own.size
-        if not own.fixed and own.prior is not None:
-            (low, high), sd = own.bounds, np.broadcast_to(np.asarray(own.prior.sd, float), own.shape).ravel()
+    result, start = np.array(p), 0
+    for parameter in model.parameters:
+        at, start = slice(start, start + parameter.size), start + parameter.size
+        if not parameter.fixed and parameter.prior is not None:
+            (low, high), sd = (
+                parameter.bounds,
+                np.broadcast_to(np.asarray(parameter.prior.sd, float), parameter.shape).ravel(),
+            )
             inside = np.where(np.isfinite(sd), np.minimum(low + sd, 0.5 * (low + high)), low)
-            found[at] = np.where(found[at] <= low, inside, found[at])
-    return found
+            result[at] = np.where(result[at] <= low, inside, result[at])
+    return result
 
 
 @dataclass(frozen=True)
@@ -143,10 +146,10 @@ def attempted(
 
 def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How) -> Array | None:
     """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
-    found = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
-    if found is not None and found.solution.status is Status.INTERRUPTED:
+    attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
+    if attempt is not None and attempt.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return None if found is None else found.problem.shared(found.solution.x)
+    return None if attempt is None else attempt.problem.shared(attempt.solution.x)
 
 
 def _on_the_way(
@@ -225,14 +228,14 @@ def _walled(problem: MotionProblem, solution: Solution) -> bool:
     """
     x, (low, high) = solution.x, (bound.copy() for bound in problem.bounds)
     equations = problem.normal_equations(x, solution.nodes)
-    g, curvature, found = equations.g, np.diag(equations.H), False
+    g, curvature, result = equations.g, np.diag(equations.H), False
     for k in np.flatnonzero(problem.free & (curvature > 0.0) & (np.where(g > 0.0, x > low, x < high))):
         moved = x.copy()
         moved[k] = np.clip(x[k] - g[k] / curvature[k], low[k], high[k])
         if problem.objective(moved, problem.simulated_nodes(moved)) > solution.objective:
-            found, (low if g[k] > 0.0 else high)[k] = True, x[k]
+            result, (low if g[k] > 0.0 else high)[k] = True, x[k]
     problem.bounds = low, high
-    return found
+    return result
 
 
 def _problem(
@@ -244,7 +247,7 @@ def _problem(
     like: MotionProblem | None = None,
 ) -> MotionProblem:
     outputs = simulator.trace.model.outputs
-    noise = np.array([how.noise.get(name, own) for name, own in zip(outputs, noise, strict=True)])
+    noise = np.array([how.noise.get(name, item) for name, item in zip(outputs, noise, strict=True)])
     return MotionProblem(
         simulator, recordings, noise=noise, horizon=how.horizon, starts=how.start_from, robust=how.robust, about=about,
         like=like,
@@ -315,6 +318,10 @@ def _relative_change(before: Array, after: Array) -> float:
 def free_numbers(model: MotionModel, attempt: Attempt) -> dict[str, float]:
     """Where an attempt ended, of single numbers that are free."""
     p = attempt.problem.shared(attempt.solution.x)
-    places = np.concatenate([[0], np.cumsum([own.size for own in model.parameters])])
-    free = {own.name: places[k] for k, own in enumerate(model.parameters) if own.shape == () and not own.fixed}
+    places = np.concatenate([[0], np.cumsum([parameter.size for parameter in model.parameters])])
+    free = {
+        parameter.name: places[k]
+        for k, parameter in enumerate(model.parameters)
+        if parameter.shape == () and not parameter.fixed
+    }
     return {name: float(p[place]) for name, place in free.items()}

@@ -36,7 +36,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
     simulator, best = Simulator(model), float("nan")
     before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
     unfitted = model.with_parameters(*(model[n].with_value(v) for n, v in before.items()))
-    own = score_motion(simulator, part, model.values, HORIZONS)
+    value = score_motion(simulator, part, model.values, HORIZONS)
     how = How(solver="gauss-newton", horizon=AHEAD, start_from="measured")
     for start in (model.values, unfitted.values):
         try:
@@ -44,7 +44,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
         except BadInput:  # no row to begin from: nothing can be said
             continue
         if p is not None:
-            ratio = times_as_large(own, score_motion(simulator, part, p, HORIZONS))
+            ratio = times_as_large(value, score_motion(simulator, part, p, HORIZONS))
             best = ratio if not best >= ratio else best
     if not best > LESS:
         return []

@@ -28,39 +28,39 @@ it there, the last those that do not linearise. Where Gauss-Newton ends, its ste
 iterations hardly any."""
 
 
-def certified(problem: Problem | MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
+def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Ask Ipopt; keep what it found where that is better."""
     corner = np.inf
-    if isinstance(problem, Problem) and found.status in (Status.CONVERGED, Status.SLOW):
-        found, corner = _settled(problem, found) if problem.closed_loop else (_refined(problem, found), corner)
-    converged = found.status is Status.CONVERGED
+    if isinstance(problem, Problem) and result.status in (Status.CONVERGED, Status.SLOW):
+        result, corner = _settled(problem, result) if problem.closed_loop else (_refined(problem, result), corner)
+    converged = result.status is Status.CONVERGED
     slow = isinstance(problem, Problem) and problem.closed_loop
     certifying = CERTIFYING_CLOSED_LOOP if slow else CERTIFYING_ITERATIONS
     carrying = CORNER_ITERATIONS if corner <= NEAR else CONTINUING_ITERATIONS if slow and not converged else certifying
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
-    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=carrying, lifted=False)
-    gained = (found.objective - solution.objective) / max(found.objective, 1e-300)
-    same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(found.objective, 1e-300))
+    solution, verdict = ipopt(problem, result.x, warm=True, max_iterations=carrying, lifted=False)
+    gained = (result.objective - solution.objective) / max(result.objective, 1e-300)
+    same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(result.objective, 1e-300))
     optimum = solution.status is Status.CONVERGED
     in_corner = not optimum and corner <= NEAR
     certificate = Certificate(
         status=verdict.words + (IN_A_CORNER if in_corner else ""),
         confirmed=(optimum or in_corner) and gained < same,
         iterations=verdict.iterations,
-        objective_before=found.objective,
-        objective_after=min(solution.objective, found.objective),
+        objective_before=result.objective,
+        objective_after=min(solution.objective, result.objective),
         gradient=corner if in_corner else verdict.gradient,
         violation=verdict.violation,
         cpu_seconds=verdict.cpu_seconds,
     )
     if solution.status is Status.INTERRUPTED:
-        return replace(found, status=Status.INTERRUPTED), certificate
+        return replace(result, status=Status.INTERRUPTED), certificate
     if isinstance(problem, MotionProblem) and certificate.confirmed:
-        return replace(found, status=Status.CONVERGED), certificate  # Ipopt stays a little off its bounds
+        return replace(result, status=Status.CONVERGED), certificate  # Ipopt stays a little off its bounds
     if gained <= 0:
-        return found, certificate
-    status = Status.CONVERGED if solution.status is Status.CONVERGED else found.status
-    return replace(solution, status=status, steps=found.steps, history=found.history), certificate
+        return result, certificate
+    status = Status.CONVERGED if solution.status is Status.CONVERGED else result.status
+    return replace(solution, status=status, steps=result.steps, history=result.history), certificate
 
 
 CLOSE, GRADIENTS = float(np.sqrt(2.0 * NOTHING)), 60
@@ -69,24 +69,24 @@ changes by `NOTHING`; gradients that are looked at."""
 IN_A_CORNER = "; the optimum lies in a corner of local models, gradients about it balance"
 
 
-def _settled(problem: Problem, found: Solution) -> tuple[Solution, float]:
+def _settled(problem: Problem, solution: Solution) -> tuple[Solution, float]:
     """An optimum in closed loop, and the average of the gradients about it: feeding back crosses corners."""
     x, objective, average = settle(
-        problem, found.x, problem.gradient, radius=CLOSE, least=NEAR, steps=GRADIENTS
+        problem, solution.x, problem.gradient, radius=CLOSE, least=NEAR, steps=GRADIENTS
     )  # fmt: skip
-    status = Status.CONVERGED if average <= NEAR else found.status
+    status = Status.CONVERGED if average <= NEAR else solution.status
     nodes = problem.simulated_nodes(x)
-    history = (*found.history, objective) if objective < found.objective else found.history
-    return replace(found, x=x, nodes=nodes, objective=objective, status=status, history=history), average
+    history = (*solution.history, objective) if objective < solution.objective else solution.history
+    return replace(solution, x=x, nodes=nodes, objective=objective, status=status, history=history), average
 
 
-def _refined(problem: Problem, found: Solution) -> Solution:
+def _refined(problem: Problem, result: Solution) -> Solution:
     """The same optimum, some steps nearer; as it was found where they gain nothing."""
-    x, history = refine(problem, found.x, problem.gradient, tolerance=REFINED, steps=QUICK_STEPS)
+    x, history = refine(problem, result.x, problem.gradient, tolerance=REFINED, steps=QUICK_STEPS)
     nearer = gauss_newton(problem, x, tolerance=REFINED, negligible=0.0, max_steps=REFINING_STEPS)
-    if nearer.status is Status.INTERRUPTED or nearer.objective > found.objective:
-        return found
-    steps = found.steps + len(history) - 1 + nearer.steps
-    told = (*found.history, *history[1:], *nearer.history[1:])
-    status = Status.CONVERGED if nearer.status is Status.CONVERGED else found.status
-    return replace(nearer, status=status, steps=steps, history=told)
+    if nearer.status is Status.INTERRUPTED or nearer.objective > result.objective:
+        return result
+    steps = result.steps + len(history) - 1 + nearer.steps
+    known = (*result.history, *history[1:], *nearer.history[1:])
+    status = Status.CONVERGED if nearer.status is Status.CONVERGED else result.status
+    return replace(nearer, status=status, steps=steps, history=known)

@@ -151,8 +151,8 @@ def choose_structure(
 
     def told(number: int, error: float) -> bool:
         if progress is not None:
-            said = f"cross-validated error {error:.4f} of the signals' spread"
-            progress(f"structure {number + 1} of {len(models)}: {said}")
+            stated = f"cross-validated error {error:.4f} of the signals' spread"
+            progress(f"structure {number + 1} of {len(models)}: {stated}")
         return True
 
     done = side_by_side(work, len(models), jobs, told)

@@ -119,24 +119,24 @@ class Fit:
 
     def notes(self) -> dict[str, str]:
         """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""
-        found = {}
+        result = {}
         for parameter in self.model.parameters:
             sd = self.sd.get(parameter.name)
             if parameter.fixed:
-                found[parameter.name] = "held"
+                result[parameter.name] = "held"
             elif parameter.shape == () and sd is not None:
                 value, (low, high) = float(parameter.array), parameter.bounds
                 if value <= low or value >= high:
-                    found[parameter.name] = "at its bound"
+                    result[parameter.name] = "at its bound"
                 elif np.isnan(sd):
-                    found[parameter.name] = "no interval: the optimum is not confirmed"
+                    result[parameter.name] = "no interval: the optimum is not confirmed"
                 elif parameter.prior is not None:
-                    found |= _against_prior(parameter, parameter.prior, float(sd))
+                    result |= _against_prior(parameter, parameter.prior, float(sd))
                 elif not np.isfinite(sd):
-                    found[parameter.name] = "not determined by this recording"
+                    result[parameter.name] = "not determined by this recording"
                 elif low >= 0 and parameter.name not in self.model.effects and sd > UNTOLD * value:
-                    found[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
-        return found
+                    result[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
+        return result
 
     @property
     def from_prior(self) -> tuple[str, ...]:
@@ -220,14 +220,14 @@ def load(path: str | Path, build: Build) -> Fit:
 
 def _sound(fit: Fit) -> Fit:
     """The fit, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
-    for own in fit.model.parameters:
-        must_be(own.scope, str, f"scope of {own.name}")
-        if own.scope not in ("model", "run"):
-            raise ValueError(f"its scope of {own.name} is {own.scope!r:.60}, not model or run")
-        if own.shape == () and own.prior is not None:
-            must_be(own.prior.sd, float, f"prior of {own.name}, its sd,")
-            must_be(own.prior.mean, float | None, f"prior of {own.name}, its mean,")
-            must_be(own.prior.strength, str, f"prior of {own.name}, its strength,")
+    for parameter in fit.model.parameters:
+        must_be(parameter.scope, str, f"scope of {parameter.name}")
+        if parameter.scope not in ("model", "run"):
+            raise ValueError(f"its scope of {parameter.name} is {parameter.scope!r:.60}, not model or run")
+        if parameter.shape == () and parameter.prior is not None:
+            must_be(parameter.prior.sd, float, f"prior of {parameter.name}, its sd,")
+            must_be(parameter.prior.mean, float | None, f"prior of {parameter.name}, its mean,")
+            must_be(parameter.prior.strength, str, f"prior of {parameter.name}, its strength,")
     must_be(fit.stages, tuple[Stage, ...], "stages")
     must_be(fit.data, tuple[DataRecord, ...], "data")
     if not fit.stages and "imported" not in fit.how:
@@ -235,7 +235,7 @@ def _sound(fit: Fit) -> Fit:
     for k, stage in enumerate(fit.stages):
         _sizes((*stage.history, *stage.starts), f"objectives of stages[{k}]")
         _sizes(tuple(stage.noise.values()), f"noise of stages[{k}]")
-        if len({frozenset(own) for own in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
+        if len({frozenset(item) for item in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
             raise ValueError(f"its starts of stages[{k}] did not all end at the same parameters' values")
     for name, sd in fit.sd.items():
         _sizes(sd, f"standard deviation of {name}")
@@ -244,17 +244,19 @@ def _sound(fit: Fit) -> Fit:
     for name, kind in (("mode", str), ("command", str), ("version", str), ("seed", int)):
         must_be(getattr(fit, name), kind, name)
     must_be(fit.metrics, Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]], "metrics")
-    told = {  # where a prediction diverges is a record of its own
-        role: {protocol: {output: {k: v for k, v in own.items() if k != "diverges"} for output, own in errors.items()}
+    known = {  # where a prediction diverges is a record of its own
+        role: {protocol: {output: {k: v for k, v in one.items() if k != "diverges"} for output, one in errors.items()}
                for protocol, errors in protocols.items()}
         for role, protocols in fit.metrics.items()
     }  # fmt: skip
-    must_be(told, Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], "metrics")
-    for error in (own for role in fit.metrics.values() for protocol in role.values() for own in protocol.values()):
+    must_be(known, Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], "metrics")
+    for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
         if not {"rmse", "rmse_sd", "fvu"} <= error.keys():
             raise ValueError("its metrics are not complete")
         _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
-    if not isinstance(fit.model, MemoryModel) and any(own and FREE_RUN not in own for own in fit.metrics.values()):
+    if not isinstance(fit.model, MemoryModel) and any(
+        metric and FREE_RUN not in metric for metric in fit.metrics.values()
+    ):
         raise ValueError("its metrics are not complete")
     must_be(fit.how, Mapping[str, Any], "how")
     for name, kind in CHOICES.items():
@@ -279,8 +281,8 @@ def _sound(fit: Fit) -> Fit:
 
 def _sizes(values: ArrayLike, what: str) -> None:
     """Raise `ValueError` unless these are sizes: not negative, and of no absurd size unless infinite or not told."""
-    own = np.asarray(values, dtype=float)
-    if np.any(own < 0) or np.any((own > LARGEST) & np.isfinite(own)):
+    value = np.asarray(values, dtype=float)
+    if np.any(value < 0) or np.any((value > LARGEST) & np.isfinite(value)):
         raise ValueError(f"its {what} are no sizes")
 
 
@@ -296,7 +298,7 @@ def _of_covariance(matrix: Array) -> None:
 
 def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path) -> Build:
     """The same, with a sentence on equations that are not shipped: which are missing, which have changed."""
-    recorded = {name: Origin(str(own["file"]), str(own["sha256"])) for name, own in origins.items()}
+    recorded = {name: Origin(str(origin["file"]), str(origin["sha256"])) for name, origin in origins.items()}
 
     def checked(name: str, settings: Mapping[str, Any], effects: Mapping[str, float]) -> Model:
         try:
@@ -304,17 +306,17 @@ def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path)
         except BadInput as error:
             if not recorded:
                 raise
-            where = "; ".join(f"{own} in {origin.words}" for own, origin in recorded.items())
+            where = "; ".join(f"{name} in {origin.words}" for name, origin in recorded.items())
             raise BadInput(
                 f"{path} needs equations that greybox-id does not ship: {where}. A fit's file never runs code: hand "
                 f"them over when loading it (‹own|models=, effects=›). {error}"
             ) from error
         present = {**model.origins, name: model.origin}
-        for own, origin in recorded.items():
-            now = present.get(own)
+        for item, origin in recorded.items():
+            now = present.get(item)
             if now is not None and origin.sha256 and now.sha256 and now.sha256 != origin.sha256:
                 warnings.warn(
-                    f"{path} was saved with {own} in {origin.words}, which is now {now.words}: where the equations "
+                    f"{path} was saved with {item} in {origin.words}, which is now {now.words}: where the equations "
                     "differ, its numbers mean nothing. Fit again.",
                     stacklevel=2,
                 )
@@ -325,9 +327,9 @@ def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path)
 
 def _origins_as_dict(model: Model) -> dict[str, Any]:
     """Where equations come from that are not shipped; nothing where all are."""
-    own = model.origin
-    found = {**model.origins, **({model.name: own} if own is not None else {})}
-    return {"origins": {name: asdict(origin) for name, origin in found.items()}} if found else {}
+    value = model.origin
+    result = {**model.origins, **({model.name: value} if value is not None else {})}
+    return {"origins": {name: asdict(origin) for name, origin in result.items()}} if result else {}
 
 
 def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
@@ -352,7 +354,7 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
                     "starts": tuple(stage["starts"]),
                     "tried": tuple((dict(s), e) for s, e in stage["tried"]),
                     "certificate": None if certificate is None else Certificate(**certificate),
-                    "ended_at": tuple(_numbers(own) for own in stage.get("ended_at", ())),
+                    "ended_at": tuple(_numbers(item) for item in stage.get("ended_at", ())),
                     "fallbacks": tuple(str(words) for words in stage.get("fallbacks", ())),
                 }
             )

@@ -85,7 +85,7 @@ def cells(varied: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
         raise BadInput(
             f"A grid of {count} structures; 1 to {MOST_CELLS} can be fitted. Vary other settings (‹settings›)."
         )
-    return [dict(zip(varied, own, strict=True)) for own in itertools.product(*varied.values())]
+    return [dict(zip(varied, item, strict=True)) for item in itertools.product(*varied.values())]
 
 
 def fit_grid(
@@ -131,8 +131,8 @@ def fit_grid(
     rows = _kept(done, data, several)
     strengths = _strengths(name, train, base, strength, rows, jobs, say)
     doubts = _doubts(models[0], train, validate)
-    for own in doubts:
-        say(own)
+    for doubt in doubts:
+        say(doubt)
     missing = [k for k, cell in enumerate(several) if _key(cell) not in rows]
     if len(missing) < len(several):
         say(f"{len(several) - len(missing)} of {len(several)} structures are there already")
@@ -144,8 +144,8 @@ def fit_grid(
     def told(number: int, row: dict[str, Any]) -> bool:
         cell = several[missing[number]]
         rows[_key(cell)] = row | {FINGERPRINT: data, STRENGTHS_USED: json.dumps(strengths)}
-        said = ", ".join(f"{n}={v}" for n, v in cell.items())
-        say(f"{name} {said}: {row['parameters']} parameters, cross-validated error {row['cv_error']:.4g}")
+        stated = ", ".join(f"{n}={v}" for n, v in cell.items())
+        say(f"{name} {stated}: {row['parameters']} parameters, cross-validated error {row['cv_error']:.4g}")
         if keep is not None:
             keep(_table(rows, several))
         return True
@@ -163,10 +163,10 @@ def fit_grid(
 
 
 def _doubts(model: MemoryModel, train: Recording, validate: Recording | None) -> tuple[str, ...]:
-    found = doubted(model, [train] if validate is None else [train, validate])
+    result = doubted(model, [train] if validate is None else [train, validate])
     if validate is None or fingerprint("", train, None, {}) != fingerprint("", validate, None, {}):
-        return found
-    return (*found, f"{validate.name} is the data that was fitted to: nothing was held out.")
+        return result
+    return (*result, f"{validate.name} is the data that was fitted to: nothing was held out.")
 
 
 def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
@@ -180,7 +180,7 @@ def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
 
 def fingerprint(name: str, train: Recording, validate: Recording | None, settings: Mapping[str, Any]) -> str:
     """What tells grids of different data or models apart."""
-    part = [f"{own.source.sha256}{own.source.between}{own.source.where}:{len(own)}" for own in (train, validate) if own]
+    part = [f"{one.source.sha256}{one.source.between}{one.source.where}:{len(one)}" for one in (train, validate) if one]
     return json.dumps([name, *part, settings], sort_keys=True, default=list)
 
 
@@ -201,8 +201,8 @@ def _finite(table: pd.DataFrame, column: str) -> pd.DataFrame:
 
 
 def _plain(row: pd.Series[Any]) -> dict[str, Any]:
-    told = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
-    return {n: v for n, v in told.items() if n not in (FINGERPRINT, STRENGTHS_USED)}
+    known = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
+    return {n: v for n, v in known.items() if n not in (FINGERPRINT, STRENGTHS_USED)}
 
 
 def _key(cell: Mapping[str, Any]) -> str:
@@ -218,13 +218,13 @@ def _kept(done: pd.DataFrame | None, data: str, several: Sequence[Mapping[str, A
             "What is there already is a grid of other data, another model or other settings; name another place "
             "(‹out›)."
         )
-    wanted = {_key(cell) for cell in several}
+    target = {_key(cell) for cell in several}
     rows = {}
     for _, row in done.iterrows():
-        own = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
-        key = _key({n: own[n] for n in names})
-        if key in wanted:
-            rows[key] = own
+        value = {str(n): v.item() if hasattr(v, "item") else v for n, v in row.items()}
+        key = _key({n: value[n] for n in names})
+        if key in target:
+            rows[key] = value
     return rows
 
 
@@ -286,15 +286,15 @@ def _row(
             continue
         for protocol in ("published", "honest"):
             seen = predictions(fitted, recording, protocol, trace=trace)
-            told: dict[str, Error] = errors(fitted, seen, protocol)
-            for output, own in told.items():
-                row[f"{role}_{protocol}_{output}"] = own.rmse
+            known: dict[str, Error] = errors(fitted, seen, protocol)
+            for output, item in known.items():
+                row[f"{role}_{protocol}_{output}"] = item.rmse
             residuals = seen.predicted - seen.measured
             if protocol == "published":
-                row["aic"] = sum(aic(own, fitted.size) for own in residuals.T)
+                row["aic"] = sum(aic(item, fitted.size) for item in residuals.T)
             elif role == "train":
                 counted = len(residuals) / correlation_time(residuals / noise)
-                row["aic_effective"] = sum(aic(own, fitted.size, effective=counted) for own in residuals.T)
+                row["aic_effective"] = sum(aic(item, fitted.size, effective=counted) for item in residuals.T)
     return row
 
 
@@ -306,23 +306,23 @@ def cross_validated(problem: Problem, x: Array, scale: Array) -> tuple[float, fl
     """
     believed = (problem.R.T @ problem.R).toarray()
     pull = problem.R.T @ problem.prior_residuals(x)
-    found = list(problem.residuals(x, []))
+    result = list(problem.residuals(x, []))
     free = problem.free
     squares = []
     for kept, held_out in blocks(problem, FOLDS):
         H, g = believed.copy(), np.asarray(pull).copy()
-        for run, rows, (r, J), index in zip(problem.runs, kept, found, problem.layout.index, strict=True):
-            own = rows[run.predicted] > 0
-            flat = J[own].reshape(-1, J.shape[2])
+        for run, rows, (r, J), index in zip(problem.runs, kept, result, problem.layout.index, strict=True):
+            value = rows[run.predicted] > 0
+            flat = J[value].reshape(-1, J.shape[2])
             H[np.ix_(index, index)] += flat.T @ flat
-            g[index] += flat.T @ r[own].ravel()
+            g[index] += flat.T @ r[value].ravel()
         step = np.zeros_like(x)
         ridge = 1e-9 * np.diag(np.diag(H)[free] + 1e-12)
         step[free] = -la.solve(H[np.ix_(free, free)] + ridge, g[free], assume_a="pos")
         total = count = 0.0
-        for run, rows, (r, J), index in zip(problem.runs, held_out, found, problem.layout.index, strict=True):
-            own = rows[run.predicted] > 0
-            error = np.minimum(np.abs(r[own] + J[own] @ step[index]), WORST)
+        for run, rows, (r, J), index in zip(problem.runs, held_out, result, problem.layout.index, strict=True):
+            value = rows[run.predicted] > 0
+            error = np.minimum(np.abs(r[value] + J[value] @ step[index]), WORST)
             total, count = total + float(np.sum((scale * error) ** 2)), count + error.size
         squares.append(total / max(count, 1.0))
     if len(squares) < 2:

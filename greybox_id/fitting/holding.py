@@ -83,24 +83,32 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | No
     if not isinstance(model, MotionModel) or len(holds) != 1 or not fit.confirmed or not _matters(model, recordings):
         return None
     stated = all(recording.hold_stated for recording in recordings)
-    if stated and (sum(map(len, recordings)) > MOST_ROWS or not all(own.source.path for own in recordings)):
+    if stated and (sum(map(len, recordings)) > MOST_ROWS or not all(recording.source.path for recording in recordings)):
         return None
     (taken,) = holds
     simulator, once = Simulator(model), replace(how, starts=1, solver="gauss-newton")
     here = attempted(simulator, recordings, model.values, once, quiet, model.name, ())
     there = attempted(
-        simulator, [with_hold(own, other_than(taken)) for own in recordings], model.values, once, quiet, model.name, ()
+        simulator,
+        [with_hold(recording, other_than(taken)) for recording in recordings],
+        model.values,
+        once,
+        quiet,
+        model.name,
+        (),
     )
     if here is None or there is None or not _ended(here) or not _ended(there):
         return None
-    others = [with_hold(own, other_than(taken)) for own in recordings]
+    others = [with_hold(recording, other_than(taken)) for recording in recordings]
     noise = here.problem.noise
     gain = misfit(there, simulator, others, noise, once) - misfit(here, simulator, recordings, noise, once)
     errors = here.problem.errors(here.problem.simulated_nodes(here.solution.x))
     rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
     p, q = (model.with_values(one.problem.shared(one.solution.x)) for one in (here, there))
     moved = {
-        own.name: float(q[own.name].array - own.array) for own in p.parameters if own.shape == () and not own.fixed
+        parameter.name: float(q[parameter.name].array - parameter.array)
+        for parameter in p.parameters
+        if parameter.shape == () and not parameter.fixed
     }
     late = _late(errors, errors_at(simulator, others, noise, once, p.values), noise, float(gain), rows)
     return Holding(taken, stated, float(gain / rows), moved, late, q.values)
@@ -113,18 +121,18 @@ def _late(here: Array, there: Array, noise: Array, gain: float, rows: float) -> 
     other way, half a row further, is a second point of it.
     """
     known = np.isfinite(here) & np.isfinite(there)
-    e, change = (np.where(known, own, 0.0) / noise for own in (here, there - here))
+    e, change = (np.where(known, item, 0.0) / noise for item in (here, there - here))
     slope = float(np.sum(e * change)) / rows
     bend = max(2 * (gain / rows - slope), 0.0)
-    told = bend + 1 / (2 * ROW) ** 2  # with what is known beforehand: a row's width, evenly
-    return float(np.hypot(slope / told, 1 / np.sqrt(told)))
+    entry = bend + 1 / (2 * ROW) ** 2  # with what is known beforehand: a row's width, evenly
+    return float(np.hypot(slope / entry, 1 / np.sqrt(entry)))
 
 
 def _matters(model: MotionModel, recordings: Sequence[Recording]) -> bool:
     """Whether the model reads a command, in rows that are far enough apart."""
     names = {alias for name in model.commands for alias in (name, *model.aliases.get(name, ()))}
-    varies = any(np.ptp(own[name]) > 0 for own in recordings for name in names if name in own)
-    return varies and all(own.sample_time >= SHORTEST for own in recordings)
+    varies = any(np.ptp(recording[name]) > 0 for recording in recordings for name in names if name in recording)
+    return varies and all(recording.sample_time >= SHORTEST for recording in recordings)
 
 
 def _ended(attempt: Attempt) -> bool:
@@ -143,7 +151,9 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
     step : between rows, s.
     """
     wider = float(np.hypot(sqrt(held.doubt * (1 - held.doubt)), held.late))
-    along = np.concatenate([np.full(own.size, held.moved.get(own.name, 0.0)) for own in fit.model.parameters])
+    along = np.concatenate(
+        [np.full(parameter.size, held.moved.get(parameter.name, 0.0)) for parameter in fit.model.parameters]
+    )
     sd = dict(fit.sd)
     for parameter in fit.model.parameters:
         if parameter.fixed or parameter.name not in held.moved:
@@ -152,8 +162,8 @@ def in_doubt(fit: Fit, held: Holding, step: float) -> Fit:
         sd[parameter.name] = np.hypot(sd[parameter.name], max(wider * abs(held.moved[parameter.name]), of_row))
     covariance = None if fit.covariance is None else fit.covariance + wider**2 * np.outer(along, along)
     if covariance is not None:  # half a row is a doubt of each time by itself: it goes with nothing else
-        wanted = np.concatenate([np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters])
-        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * wanted**2)
+        target = np.concatenate([np.broadcast_to(sd.get(p.name, 0.0), p.shape).ravel() for p in fit.model.parameters])
+        covariance[np.diag_indices_from(covariance)] = np.maximum(np.diag(covariance), (along != 0) * target**2)
     return replace(fit, sd=sd, covariance=covariance, how={**fit.how, "hold": held.as_dict()})
 
 

@@ -113,10 +113,10 @@ class FitOptions:
         if self.calibrate is not None:
             must_have_timing(model)
         chosen = {
-            **{name: getattr(self, name.strip("‹›")) != own for name, own in FOR_MOTION.items()},
+            **{name: getattr(self, name.strip("‹›")) != item for name, item in FOR_MOTION.items()},
             FOR_MEMORY[0]: self.strengths == "early stopping", FOR_MEMORY[1]: not isinstance(self.strengths, str),
         }  # fmt: skip
-        for name in (name for name, said in chosen.items() if said):
+        for name in (name for name, sentence in chosen.items() if sentence):
             if why := refused(model, name):
                 raise BadInput(why)
 

@@ -61,13 +61,13 @@ def judgement(
     recordings : by role or name; "train" is what it was fitted to, all else was held out.
     findings, data : as of `judged`.
     """
-    recordings = {name: as_fitted(fit, own) for name, own in recordings.items()}
-    both = {name: score_beside_hold(fit.model, own) for name, own in recordings.items()}
-    own = {name: scores for name, (scores, _) in both.items()}
+    recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
+    both = {name: score_beside_hold(fit.model, recording) for name, recording in recordings.items()}
+    value = {name: scores for name, (scores, _) in both.items()}
     held = {name: beside for name, (_, beside) in both.items() if beside}
     unseen = {name: recording for name, recording in recordings.items() if name != TRAINED}
     before = {name: unfitted_scores(fit, recording) for name, recording in (unseen or recordings).items()}
-    verdict = judged(fit, own, held=held, unfitted=before, findings=findings, data=data)
+    verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data)
     if verdict.usability == USABLE:
         against = [
             reason
@@ -75,5 +75,5 @@ def judgement(
             for reason in carried(fit.model, fit, recording, "" if name == HELD_OUT else name)
         ]
         if against:
-            verdict = judged(fit, own, held=held, unfitted=before, findings=findings, data=data, more=against)
-    return Judgement(own, held, verdict)
+            verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data, more=against)
+    return Judgement(value, held, verdict)

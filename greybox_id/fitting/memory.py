@@ -30,7 +30,7 @@ from .uncertainty import uncertainty
 from .verb import FitTask, estimated
 
 NO_OPTIMUM = {
-    own.value for own in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.TOO_FAST, Status.NOT_FINITE)
+    item.value for item in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.TOO_FAST, Status.NOT_FINITE)
 }
 """How a training of weights may end that leaves no optimum to be uncertain about. One that crept or stopped early is as
 near as its error allows."""
@@ -46,10 +46,10 @@ def _estimated(model: MemoryModel, task: FitTask) -> Fit:
     clock = time.process_time()
     chosen, elsewhere = choose_structure(structures, task.recordings, task.say, task.how.jobs)
     choosing = time.process_time() - clock + elsewhere
-    found = _in_steps(structures[chosen], task)
-    first, *others = found.stages
+    fit = _in_steps(structures[chosen], task)
+    first, *others = fit.stages
     first = replace(first, cross_validation_seconds=first.cross_validation_seconds + choosing)
-    return replace(found, stages=(first, *others))
+    return replace(fit, stages=(first, *others))
 
 
 def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
@@ -112,23 +112,23 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
 
 def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:
     variances = uncertainty(problem, solution.x, solution.nodes).sd ** 2
-    found, start = {}, 0
+    result, start = {}, 0
     for parameter in problem.trace.model.parameters:
-        own = np.mean([variances[index[start : start + parameter.size]] for index in problem.layout.index], axis=0)
-        found[parameter.name] = np.sqrt(np.maximum(own, 0.0)).reshape(parameter.shape)
+        value = np.mean([variances[index[start : start + parameter.size]] for index in problem.layout.index], axis=0)
+        result[parameter.name] = np.sqrt(np.maximum(value, 0.0)).reshape(parameter.shape)
         start += parameter.size
-    return found
+    return result
 
 
 def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
-    found, start = {}, 0
+    result, start = {}, 0
     for parameter in problem.trace.model.parameters:
         if parameter.scope == "run":
             runs = problem.layout.index[: problem.copies]  # a mirror image shares its run's
             rows = [solution.x[index[start : start + parameter.size]] for index in runs]
-            found[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
+            result[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
         start += parameter.size
-    return found
+    return result
 
 
 def _by_name(problem: Problem, solution: Solution) -> dict[str, Array]:

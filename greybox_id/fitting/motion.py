@@ -132,13 +132,13 @@ def fit_motion(
         return model.name if how.starts == 1 else f"{model.name}, start {k + 1} of {how.starts}"
 
     def work(k: int) -> Attempt | SentAttempt | None:
-        found = attempted(simulator, recordings, points[k], how, quiet if away else say, name(k))
-        return found.sent() if how.starts > 1 and found is not None else found  # alike with one process and several
+        result = attempted(simulator, recordings, points[k], how, quiet if away else say, name(k))
+        return result.sent() if how.starts > 1 and result is not None else result  # alike with one process and several
 
-    def told(k: int, found: Attempt | SentAttempt | None) -> bool:
-        if away and found is not None:
-            say(f"{name(k)}: {found.solution.status.value} after {found.solution.steps} steps")
-        return found is None or found.solution.status is not Status.INTERRUPTED
+    def told(k: int, attempt: Attempt | SentAttempt | None) -> bool:
+        if away and attempt is not None:
+            say(f"{name(k)}: {attempt.solution.status.value} after {attempt.solution.steps} steps")
+        return attempt is None or attempt.solution.status is not Status.INTERRUPTED
 
     done = side_by_side(work, len(points), how.jobs, told)
     received = (
@@ -285,37 +285,37 @@ def _fallbacks(
     if how.solver == "auto" and (reached is None or reached.solution.steps == 0):
         of_ipopt = replace(how, solver="ipopt")
         ways.append(("Ipopt from the start", partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, "")))
-    told: tuple[str, ...] = ()
+    it: tuple[str, ...] = ()
     for words, way in ways:
         say(f"{model.name}: {why}; trying {words}")
-        found = way()
-        if found is None:
-            told = (*told, f"{words}: no finite prediction")
+        result = way()
+        if result is None:
+            it = (*it, f"{words}: no finite prediction")
             if reached is not None:
-                yield replace(reached, fallbacks=told)
+                yield replace(reached, fallbacks=it)
             continue
-        own = _Reached(*_of(found))
-        if found.solution.status is Status.INTERRUPTED:
-            yield replace(reached or own, fallbacks=told)
+        value = _Reached(*_of(result))
+        if result.solution.status is Status.INTERRUPTED:
+            yield replace(reached or value, fallbacks=it)
             raise KeyboardInterrupt
-        own = _confirmed(own, how, say)
+        value = _confirmed(value, how, say)
         gained = np.inf
         if reached is not None:
             noise = reached.problem.noise
             before, after = (
                 misfit(Attempt(one.problem, one.about, one.solution), simulator, recordings, noise, how)
-                for one in (reached, own)
+                for one in (reached, value)
             )
             gained = (before - after) / max(abs(before), 1e-300) if np.isfinite(before) else np.inf
-        own_trouble = _trouble(simulator, points[0], own)
-        least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(own) else LOWER
+        own_trouble = _trouble(simulator, points[0], value)
+        least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(value) else LOWER
         if reached is None or gained > least or (gained > -LOWER and not own_trouble):
-            reached = own
+            reached = value
             why = own_trouble
-            told = (*told, f"{words}: " + (f"objective {_percent(gained)} lower" if np.isfinite(gained) else "finite"))
+            it = (*it, f"{words}: " + (f"objective {_percent(gained)} lower" if np.isfinite(gained) else "finite"))
         else:
-            told = (*told, f"{words}: no better")
-        yield replace(reached, fallbacks=told)
+            it = (*it, f"{words}: no better")
+        yield replace(reached, fallbacks=it)
         if not why:
             return
 
@@ -332,9 +332,9 @@ def _percent(share: float) -> str:
     return f"{100 * max(share, 0.0):.2g} %"
 
 
-def _certified(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
+def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Ask Ipopt; where it went on, Gauss-Newton takes what is close to a bound to it, and they ask each other again."""
-    solution, certificate = _asked(problem, found, say)
+    solution, certificate = _asked(problem, result, say)
     for rounds_left in reversed(range(CARRIED_ON)):
         if certificate.confirmed:
             break
@@ -346,20 +346,20 @@ def _certified(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solut
             raise KeyboardInterrupt
         if polished.objective > solution.objective:
             break
-        lower = found.objective - polished.objective > LOWER * max(abs(found.objective), 1e-300)
+        lower = result.objective - polished.objective > LOWER * max(abs(result.objective), 1e-300)
         solution = replace(solution, x=polished.x, nodes=polished.nodes, objective=polished.objective)
         if not (rounds_left and lower and polished.status is Status.CONVERGED):
             break
         before = certificate.objective_before
-        found = replace(solution, status=Status.CONVERGED)
-        solution, certificate = _asked(problem, found, say)
+        result = replace(solution, status=Status.CONVERGED)
+        solution, certificate = _asked(problem, result, say)
         certificate = replace(certificate, objective_before=before)
     return solution, certificate
 
 
-def _asked(problem: MotionProblem, found: Solution, say: Say) -> tuple[Solution, Certificate]:
+def _asked(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:
     """Ipopt's word. Raises `KeyboardInterrupt` where it was stopped."""
-    solution, certificate = certified(problem, found, say)
+    solution, certificate = certified(problem, result, say)
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return solution, certificate
@@ -371,18 +371,18 @@ def _seen(problem: MotionProblem) -> Array:
 
 def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution, form: FormError) -> dict[str, Any]:
     """Standard deviations, degrees of freedom and covariance of a fit, as its fields; what its form costs counts."""
-    told = uncertainty(problem, solution.x, solution.nodes)
+    known = uncertainty(problem, solution.x, solution.nodes)
     first = problem.parameters.index[0]
     mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
     for index in problem.parameters.index:
         mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
     size = problem.layout.size
     by_form = form.covariance[:size, :size]
-    covariance = mean @ (np.where(np.isfinite(told.covariance), told.covariance, 0.0) + by_form) @ mean.T
+    covariance = mean @ (np.where(np.isfinite(known.covariance), known.covariance, 0.0) + by_form) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
-    of_shared = np.sqrt(told.sd[first] ** 2 + np.diag(by_form)[first])
+    of_shared = np.sqrt(known.sd[first] ** 2 + np.diag(by_form)[first])
     sd = np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
-    return {"sd": _named(fitted, sd), "dof": _named(fitted, told.dof[first]), "covariance": covariance}
+    return {"sd": _named(fitted, sd), "dof": _named(fitted, known.dof[first]), "covariance": covariance}
 
 
 def _named(model: Model, vector: Array) -> dict[str, Array]:
@@ -390,11 +390,11 @@ def _named(model: Model, vector: Array) -> dict[str, Array]:
 
 
 def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
-    found, start = {}, 0
+    result, start = {}, 0
     for parameter in model.parameters:
-        found[parameter.name] = rows[:, start : start + parameter.size].reshape(len(rows), *parameter.shape)
+        result[parameter.name] = rows[:, start : start + parameter.size].reshape(len(rows), *parameter.shape)
         start += parameter.size
-    return found
+    return result
 
 
 carried.register(MotionModel)(carries_over)

@@ -64,7 +64,7 @@ def fit_network(
     outside = WindowErrors(model, held_out, sd)
     best, stage = trained_best(
         model, how, say, clock,
-        lambda seed, own: trained_from(model, recordings, train, sd, outside, seed, own, known),
+        lambda seed, item: trained_from(model, recordings, train, sd, outside, seed, item, known),
         lambda error: f"{error:.3g}", lambda one: _noise(model, held_out, one.x),
     )  # fmt: skip
     inside = WindowErrors(model, train, sd)
@@ -95,7 +95,7 @@ def trained_from(
     further = () if known is None else faster(model, recordings, known, seed)
     beyond = [one for recording in further for one in stretches(model, recording)]
     horizons = [*(rows for rows in HORIZONS if rows < model.window), model.window]
-    found: Descent | None = None
+    result: Descent | None = None
     for rows in horizons:
         last = rows == model.window
         short = replace(model, window=rows, warm_up=min(model.warm_up, rows - 1) if last else 0)
@@ -105,8 +105,8 @@ def trained_from(
             line = f"{model.name}, seed {seed}: {rows - 1} steps ahead, step {step}, error {np.sqrt(2.0 * loss):.3f}"
             say(f"{line}, held out {np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
-        def held(q: Array, own: HybridProblem = problem) -> float:
-            return outside(own.parameters(q))
+        def held(q: Array, hybrid_problem: HybridProblem = problem) -> float:
+            return outside(hybrid_problem.parameters(q))
 
         here = descend(
             problem, held, problem.unknowns(p), problem.bounds,
@@ -114,35 +114,35 @@ def trained_from(
             patience=PATIENCE if last else SHORT_STEPS, say=told,
         )  # fmt: skip
         best = problem.parameters(here.x)
-        if found is not None and found.held_out[found.best] < here.held_out[here.best]:
-            best, here = found.x, replace(here, held_out=found.held_out, best=found.best, loss=found.loss)
-        found = replace(here, x=best)
+        if result is not None and result.held_out[result.best] < here.held_out[here.best]:
+            best, here = result.x, replace(here, held_out=result.held_out, best=result.best, loss=result.loss)
+        result = replace(here, x=best)
         p = best
         if here.status == "interrupted":
             break
-    assert found is not None
-    return found
+    assert result is not None
+    return result
 
 
-def counted(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
+def counted(model: HybridModel, stretchs: Sequence[Stretch], how: How) -> Array:
     """What an error of each output counts as: as stated, else a share of its spread."""
     spread = []
     for k, name in enumerate(model.outputs):
-        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in found])
-        own = COUNTS * float(np.std(read)) if len(read) else np.nan
-        spread.append(how.noise.get(name, max(own, 1e-12) if np.isfinite(own) else np.nan))
+        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
+        nan = COUNTS * float(np.std(read)) if len(read) else np.nan
+        spread.append(how.noise.get(name, max(nan, 1e-12) if np.isfinite(nan) else np.nan))
     if not np.any(np.isfinite(spread)):
         raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
     return np.array(spread)
 
 
-def _noise(model: HybridModel, found: Sequence[Stretch], p: Array) -> Array:
+def _noise(model: HybridModel, stretchs: Sequence[Stretch], p: Array) -> Array:
     """Root mean square error of each output over windows of stretches that were not trained on, in its unit."""
     errors = []
     for k in range(len(model.outputs)):
         one = np.full(len(model.outputs), 1e12)  # all other outputs count for nothing
         one[k] = 1.0
-        measured = WindowErrors(model, found, one)
-        read = sum(int(np.sum(np.isfinite(own.outputs[k]))) for own in found)
+        measured = WindowErrors(model, stretchs, one)
+        read = sum(int(np.sum(np.isfinite(item.outputs[k]))) for item in stretchs)
         errors.append(np.sqrt(measured(p) * len(model.outputs)) if read else 0.0)
     return np.array(errors)

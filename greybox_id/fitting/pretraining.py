@@ -66,8 +66,8 @@ class Pretraining:
 
     def __post_init__(self) -> None:
         if self.span not in get_args(Span):
-            told = near_or_all(str(self.span), get_args(Span))
-            raise BadInput(f"‹pretrain_range›: there is no {self.span!r:.40}.{told}")
+            known = near_or_all(str(self.span), get_args(Span))
+            raise BadInput(f"‹pretrain_range›: there is no {self.span!r:.40}.{known}")
         if isinstance(self.points, bool) or not isinstance(self.points, int) or not 100 <= self.points <= 1_000_000:
             raise BadInput(f"‹pretrain_points›: a whole number from 100 to 1000000 is needed, not {self.points!r:.40}.")
         if isinstance(self.beyond, bool) or not 1.0 <= self.beyond <= 3.0:
@@ -83,14 +83,14 @@ def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
     """
     mean, sd = np.mean(known.draws, axis=0), np.std(known.draws, axis=0)
     changed, start = [], 0
-    for own in known.model.parameters:
-        if own.shape == () and own.name in model and own.name not in model.network.shapes:
-            mine = model[own.name]
-            low, high = min(mine.bounds[0], own.bounds[0]), max(mine.bounds[1], own.bounds[1])
+    for parameter in known.model.parameters:
+        if parameter.shape == () and parameter.name in model and parameter.name not in model.network.shapes:
+            mine = model[parameter.name]
+            low, high = min(mine.bounds[0], parameter.bounds[0]), max(mine.bounds[1], parameter.bounds[1])
             value = np.array(float(mean[start]))
             prior = Prior(float(sd[start]), mean=value) if sd[start] > 0 and not mine.fixed else mine.prior
             changed.append(replace(mine, value=value, bounds=(low, high), prior=prior))
-        start += own.size
+        start += parameter.size
     if not changed:
         raise BadInput(
             f"{known.source or known.model.name} has none of the parameters of the physics in {model.name}: "
@@ -130,15 +130,15 @@ def pretrained(
         del loss
         say(f"{model.name}: pretraining, step {step}, rates off by {np.sqrt(held_out):.3f}", passing=True)
 
-    found = descend(
+    result = descend(
         problem, lambda q: outside(problem.parameters(q)), problem.unknowns(start), problem.bounds,
         warm_up=ADAM, steps=STEPS, patience=PATIENCE, say=told,
     )  # fmt: skip
-    if found.status == "interrupted":
+    if result.status == "interrupted":
         raise KeyboardInterrupt
-    off = SETTLED * np.sqrt(found.held_out[found.best])
+    off = SETTLED * np.sqrt(result.held_out[result.best])
     say(f"{model.name}: pretrained, rates off by {100 * off:.1f} % of their spread")
-    return problem.parameters(found.x)
+    return problem.parameters(result.x)
 
 
 def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraining, seed: int) -> tuple[Recording, ...]:
@@ -154,7 +154,7 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
     """
     if known.beyond <= 1.0:
         return ()
-    states = [own.name for own in model.states]
+    states = [state.name for state in model.states]
     vehicle = known.model
     if not {"v_x", "steer"} <= set(vehicle.inputs):
         raise BadInput(
@@ -165,29 +165,29 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
     for recording in recordings:
         recording.require((*vehicle.inputs, "yaw_rate"), "what a known vehicle teaches of higher speeds")
     random = np.random.default_rng((seed, 7103))
-    top = max(float(np.nanmax(own["v_x"])) for own in recordings)
-    most = WIDER * max(float(np.nanmax(np.abs(own["v_x"] * own["yaw_rate"]))) for own in recordings)
-    simulator, found = Simulator(vehicle), []
+    top = max(float(np.nanmax(recording["v_x"])) for recording in recordings)
+    most = WIDER * max(float(np.nanmax(np.abs(recording["v_x"] * recording["yaw_rate"]))) for recording in recordings)
+    simulator, result = Simulator(vehicle), []
     for recording in recordings:
         factor = np.ones(len(recording))
         for start, stop in recording.runs:
-            own = float(np.nanmax(recording["v_x"][start:stop], initial=model.sample_time))
-            factor[start:stop] = top * random.uniform(1.0, known.beyond) / own
+            value = float(np.nanmax(recording["v_x"][start:stop], initial=model.sample_time))
+            factor[start:stop] = top * random.uniform(1.0, known.beyond) / value
         driven = recording.with_signals(v_x=factor * recording["v_x"], steer=recording["steer"] / factor**2)
-        told = {name: np.full(len(recording), np.nan) for name in states}
+        entry = {name: np.full(len(recording), np.nan) for name in states}
         draws = known.draws[random.integers(len(known.draws), size=min(AT_A_POINT, len(known.draws)))]
         for k, p in enumerate(draws):
             run = Predictor(simulator, driven, p).free_run()
             own_rows = run.run % len(draws) == k
             for name in states:
-                told[name][run.rows[own_rows]] = run.predicted[own_rows, vehicle.outputs.index(name)]
+                entry[name][run.rows[own_rows]] = run.predicted[own_rows, vehicle.outputs.index(name)]
         for start, stop in recording.runs:
             with np.errstate(invalid="ignore"):
-                out = ~(np.abs(driven["v_x"][start:stop] * told["yaw_rate"][start:stop]) <= most)
+                out = ~(np.abs(driven["v_x"][start:stop] * entry["yaw_rate"][start:stop]) <= most)
             for name in states:
-                told[name][start:stop][np.logical_or.accumulate(out)] = np.nan
-        found.append(driven.with_signals(**told))
-    return tuple(found)
+                entry[name][start:stop][np.logical_or.accumulate(out)] = np.nan
+        result.append(driven.with_signals(**entry))
+    return tuple(result)
 
 
 def taught(
@@ -195,7 +195,7 @@ def taught(
 ) -> tuple[Array, Array, Array, Array]:
     """States, inputs and rates at points, (states or inputs, n), and errors of the rates that count as one."""
     vehicle = known.model
-    states = [own.name for own in model.states]
+    states = [state.name for state in model.states]
     names = list(dict.fromkeys((*states, *model.inputs, *vehicle.inputs, *(s.name for s in vehicle.states))))
     names = [name for name in names if name in (*states, *model.inputs, *vehicle.inputs) or _recorded(name, recordings)]
     rows = []
@@ -215,7 +215,7 @@ def taught(
         raise BadInput(f"No row of {recordings[0].name} has all of {', '.join(names)}.")
     random = np.random.default_rng((seed, 4801))
     points = _chosen(data, names, known, random)
-    measured = tuple(own.name for own in vehicle.states if own.name in names and own.name in vehicle.outputs)
+    measured = tuple(state.name for state in vehicle.states if state.name in names and state.name in vehicle.outputs)
     _must_predict(vehicle, states, measured, model)
     h = DERIVATIVE if model.integrator != "euler" else model.sample_time
     simulator = Simulator(vehicle)
@@ -225,21 +225,21 @@ def taught(
     for k in range(min(AT_A_POINT, len(draws))):
         p = draws[(k + np.arange(points.shape[1]) * AT_A_POINT) % len(draws)]
         each.append(_rates(simulator, names, points, measured, states, p, h))
-    found = np.array(each)
-    good = np.all(np.isfinite(found), axis=(0, 1))
+    result = np.array(each)
+    good = np.all(np.isfinite(result), axis=(0, 1))
     if not np.any(good):
         raise BadInput(
             f"{vehicle.name} is not finite at any point of the recordings at these parameters. Fit it again."
         )
-    mean, spread = np.mean(found[:, :, good], axis=0), np.std(found[:, :, good], axis=0)
+    mean, spread = np.mean(result[:, :, good], axis=0), np.std(result[:, :, good], axis=0)
     unit = SETTLED * np.std(mean, axis=1, keepdims=True)
     scale = np.sqrt(np.where(unit > 0, unit, 1.0) ** 2 + spread**2)
     index = [names.index(name) for name in states], [names.index(name) for name in model.inputs]
     return points[index[0]][:, good], points[index[1]][:, good], mean, scale
 
 
-def _must_predict(vehicle: MotionModel, states: Sequence[str], told: Sequence[str], model: HybridModel) -> None:
-    if not set(states) <= set(told):
+def _must_predict(vehicle: MotionModel, states: Sequence[str], known: Sequence[str], model: HybridModel) -> None:
+    if not set(states) <= set(known):
         raise BadInput(f"{vehicle.name} does not predict {' and '.join(states)}, which {model.name} is to learn.")
 
 
@@ -253,14 +253,14 @@ def _chosen(data: Array, names: Sequence[str], known: Pretraining, random: np.ra
         return data[:, random.integers(data.shape[1], size=known.points)]
     low, high = np.min(data, axis=1, keepdims=True), np.max(data, axis=1, keepdims=True)
     middle, half = (low + high) / 2, WIDER * (high - low) / 2
-    found = np.empty((len(names), 0))
+    result = np.empty((len(names), 0))
     speed, turn = names.index("v_x"), names.index("yaw_rate")
     most = WIDER * np.max(np.abs(data[speed] * data[turn]))
-    while found.shape[1] < known.points:
-        own = middle + half * random.uniform(-1.0, 1.0, (len(names), known.points))
-        own[speed] = np.maximum(own[speed], low[speed])
-        found = np.concatenate([found, own[:, np.abs(own[speed] * own[turn]) <= most]], axis=1)
-    return found[:, : known.points]
+    while result.shape[1] < known.points:
+        value = middle + half * random.uniform(-1.0, 1.0, (len(names), known.points))
+        value[speed] = np.maximum(value[speed], low[speed])
+        result = np.concatenate([result, value[:, np.abs(value[speed] * value[turn]) <= most]], axis=1)
+    return result[:, : known.points]
 
 
 def _rates(

@@ -27,8 +27,8 @@ def with_hold(recording: Recording, hold: Hold) -> Recording:
 
 def as_fitted(fit: Fit, recording: Recording) -> Recording:
     """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
-    told = fit.how.get("hold")
-    taken = told.get("taken") if isinstance(told, Mapping) else None
+    known = fit.how.get("hold")
+    taken = known.get("taken") if isinstance(known, Mapping) else None
     if recording.hold_stated or taken not in ("zero", "linear"):
         return recording
     return with_hold(recording, "linear" if taken == "linear" else "zero")

@@ -61,10 +61,10 @@ def fit_alone(
     def name(k: int) -> str:
         return part.name if how.starts == 1 else f"{part.name}, start {k + 1} of {how.starts}"
 
-    def told(k: int, found: Solution) -> bool:
+    def told(k: int, solution: Solution) -> bool:
         if away:
-            say(f"{name(k)}: {found.status.value} after {found.steps} steps")
-        return found.status is not Status.INTERRUPTED
+            say(f"{name(k)}: {solution.status.value} after {solution.steps} steps")
+        return solution.status is not Status.INTERRUPTED
 
     done = side_by_side(
         lambda k: _solve(problem, starts[k], validate, how, quiet if away else say, name(k)), how.starts, how.jobs, told
@@ -160,9 +160,9 @@ class _Watch:
         return self._validation.misfit(shared, self._validation.simulated_nodes(shared))
 
 
-def _certifiable(how: How, found: Solution) -> bool:
+def _certifiable(how: How, solution: Solution) -> bool:
     """Whether Ipopt is to be asked: not after early stopping, whose point is no optimum of the objective by intent."""
-    return how.solver == "auto" and how.strengths != "early stopping" and found.status is not Status.INTERRUPTED
+    return how.solver == "auto" and how.strengths != "early stopping" and solution.status is not Status.INTERRUPTED
 
 
 def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array, Problem]:

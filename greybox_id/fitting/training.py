@@ -72,7 +72,7 @@ def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, sa
     sd = read_noise(model, [one for _, one in named], how)
     problem, outside = HybridProblem(model, train, sd), WindowErrors(model, held_out, sd)
     best, stage = trained_best(
-        model, how, say, clock, lambda seed, own: _descent(problem, outside, model, seed, own),
+        model, how, say, clock, lambda seed, item: _descent(problem, outside, model, seed, item),
         lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
     )  # fmt: skip
     p = problem.parameters(best.x)
@@ -132,26 +132,26 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How,
     problem, outside = HybridProblem(moving, train, sd), WindowErrors(model, held_out, sd)
     best, stage = trained_best(
         model, how, say, clock,
-        lambda seed, own: _descent(problem, outside, model, seed, own, model.values),
+        lambda seed, item: _descent(problem, outside, model, seed, item, model.values),
         lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
     )  # fmt: skip
     p = problem.parameters(best.x)
     errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
-    told = f"every fifth of {len(pieces)} pieces of {length} rows"
-    return Trained(model.with_values(p), stage, (told,), errors)
+    known = f"every fifth of {len(pieces)} pieces of {length} rows"
+    return Trained(model.with_values(p), stage, (known,), errors)
 
 
-def _carried_on(own: Parameter, moving: Sequence[str]) -> Parameter:
+def _carried_on(parameter: Parameter, moving: Sequence[str]) -> Parameter:
     """Free with its prior about where it is, or held."""
-    if own.name not in moving:
-        return replace(own, fixed=True)
-    return replace(own, fixed=False, prior=own.prior and replace(own.prior, mean=None))
+    if parameter.name not in moving:
+        return replace(parameter, fixed=True)
+    return replace(parameter, fixed=False, prior=parameter.prior and replace(parameter.prior, mean=None))
 
 
 def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:
     """Root mean square error over windows in units of noise, the paper's RMSSE."""
-    found = [one for _, one in manoeuvres(model, [recording])]
-    return float(np.sqrt(WindowErrors(model, found, noise)(model.values)))
+    result = [one for _, one in manoeuvres(model, [recording])]
+    return float(np.sqrt(WindowErrors(model, result, noise)(model.values)))
 
 
 def trained_best(
@@ -258,11 +258,11 @@ def mirrored(model: HybridModel, one: Stretch) -> Stretch:
     )
 
 
-def read_noise(model: HybridModel, found: Sequence[Stretch], how: How) -> Array:
+def read_noise(model: HybridModel, stretchs: Sequence[Stretch], how: How) -> Array:
     """Standard deviation of each output's readings: as stated, else as they tell."""
-    found_noise = noise(found)
+    found_noise = noise(stretchs)
     for k, name in enumerate(model.outputs):
-        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in found])
+        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
         if name in how.noise:
             found_noise[k] = how.noise[name]
         elif len(read):  # of a signal without noise a thousandth, lest it outweigh all others

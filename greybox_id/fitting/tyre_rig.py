@@ -126,7 +126,7 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     """
     parts = [_read(Path(file)) for file in files]
     data = {
-        name: np.concatenate([own[name] for own, _ in parts]) for name in COLUMNS if all(name in p for p, _ in parts)
+        name: np.concatenate([item[name] for item, _ in parts]) for name in COLUMNS if all(name in p for p, _ in parts)
     }
     known = np.all(np.isfinite([data[name] for name in NEEDED]), axis=0) & (
         np.abs(data["load"]) > 0.02 * np.nanmax(np.abs(data["load"]))
@@ -151,7 +151,7 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     bands = tuple(_bands({name: values[rows] for name, values in data.items()}, x, slip, load, force, nominal))
     friction, stiffness = (
         float(np.std(factors, ddof=1)) if len(factors) > 1 else float("nan")
-        for factors in ([own.friction for own in bands], [own.stiffness for own in bands])
+        for factors in ([band.friction for band in bands], [band.stiffness for band in bands])
     )
     return TyreFit(
         numbers={"FNOMIN": nominal, **dict(zip(FREE, x.tolist(), strict=True))},
@@ -170,15 +170,15 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
 
 def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
     """Columns of a file by what they hold, in SI units (pressure in kPa, temperature in degC), and sentences."""
-    found = contents(file, ColumnMap("none", Column("time", "time", "s", "s"), {}))
-    group = found.groups[0]
+    result = contents(file, ColumnMap("none", Column("time", "time", "s", "s"), {}))
+    group = result.groups[0]
     words = {
         name: re.sub(r"[\s_\-./]+", " ", re.sub(r"[\[(].*", "", name.removeprefix(group.prefix))).strip().lower()
         for name in group.names
     }
     chosen = {}
     for what, (pattern, _) in COLUMNS.items():
-        name = next((name for name, own in words.items() if re.fullmatch(pattern, own)), None)
+        name = next((name for name, word in words.items() if re.fullmatch(pattern, word)), None)
         if name:
             chosen[what] = name
     lacking = [what for what in NEEDED if what not in chosen]
@@ -188,13 +188,13 @@ def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
             f"{', '.join(group.names[:12])}. Name the columns so."
         )
     table = group.load(list(chosen.values()))
-    notes, data = list(found.notes), {}
+    notes, data = list(result.notes), {}
     for what, name in chosen.items():
         values = table.numbers(name)
         unit = _stated(table, group.units, name) or _likely(what, values)
-        wanted = COLUMNS[what][1]
-        conversion = to_si(unit, None if wanted in DISPLAYED else wanted)
-        data[what] = DISPLAYED.get(wanted, np.asarray)(conversion.factor * values + conversion.offset)
+        target = COLUMNS[what][1]
+        conversion = to_si(unit, None if target in DISPLAYED else target)
+        data[what] = DISPLAYED.get(target, np.asarray)(conversion.factor * values + conversion.offset)
         notes.append(f"{what} from column {name} in {unit}.")
     return data, notes
 
@@ -249,10 +249,10 @@ def _fitted(slip: Array, load: Array, force: Array, nominal: float) -> tuple[Arr
 
     for friction in (1.0, 1.6, 2.4):
         start = np.array([friction if key == "PDY1" else value for key, value in zip(FREE, START, strict=True)])
-        found = least_squares(
+        result = least_squares(
             errors, start, bounds=(low, high), x_scale=scale, loss="soft_l1",
         )  # fmt: skip
-        best = found if best is None or found.cost < best.cost else best
+        best = result if best is None or result.cost < best.cost else best
     left = _force(best.x, slip, load, nominal) - force
     together = correlation_time(left[:, None])  # a sweep's hysteresis outlasts its rows
     J = best.jac * noise
@@ -281,10 +281,10 @@ def _bands(data: Mapping[str, Array], x: Array, slip: Array, load: Array, force:
         def errors(factors: Array, rows: NDArray[np.bool_] = rows) -> Array:
             return _force(x, slip[rows], load[rows], nominal, *factors) - force[rows]
 
-        found = least_squares(errors, np.ones(2), bounds=([0.2, 0.2], [3.0, 3.0]), loss="soft_l1",
+        result = least_squares(errors, np.ones(2), bounds=([0.2, 0.2], [3.0, 3.0]), loss="soft_l1",
                               f_scale=0.05 * float(np.quantile(np.abs(force), 0.95)))  # fmt: skip
         words = ", ".join(filter(None, (names[0][i], names[1][j])))
-        bands.append(Band(words, int(np.count_nonzero(rows)), *map(float, found.x)))
+        bands.append(Band(words, int(np.count_nonzero(rows)), *map(float, result.x)))
     return bands
 
 
@@ -309,13 +309,13 @@ SECTIONS: Mapping[str, tuple[tuple[str, str], ...]] = {
 }
 
 
-def tyre_text(found: TyreFit, source: str) -> str:
+def tyre_text(fit: TyreFit, source: str) -> str:
     """A tyre property file of the formula; comments say how far temperatures and pressures lie apart."""
-    well = f"RMSE {found.rmse:.1f} N, {100 * found.explained:.1f} % explained"
-    lines = [f"$ Magic formula of {source}: {found.rows} rows, {well}"]
-    lines += [f"$ {own.words}: friction x {own.friction:.3f}, stiffness x {own.stiffness:.3f}" for own in found.bands]
+    well = f"RMSE {fit.rmse:.1f} N, {100 * fit.explained:.1f} % explained"
+    lines = [f"$ Magic formula of {source}: {fit.rows} rows, {well}"]
+    lines += [f"$ {one.words}: friction x {one.friction:.3f}, stiffness x {one.stiffness:.3f}" for one in fit.bands]
     for section, keys in SECTIONS.items():
         lines += [f"[{section}]", *(f"{key} = {value}" for key, value in keys)]
-    lines += ["[VERTICAL]", f"FNOMIN = {found.numbers['FNOMIN']:g}", "[LATERAL_COEFFICIENTS]"]
-    lines += [f"{key} = {found.numbers[key]:.8g}" for key in FREE]
+    lines += ["[VERTICAL]", f"FNOMIN = {fit.numbers['FNOMIN']:g}", "[LATERAL_COEFFICIENTS]"]
+    lines += [f"{key} = {fit.numbers[key]:.8g}" for key in FREE]
     return "\n".join([*lines, "PKY4 = 2"]) + "\n"

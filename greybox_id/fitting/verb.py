@@ -105,50 +105,50 @@ def fit(
     models = [model] if isinstance(model, Model) else list(model)
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         task = FitTask(recordings, validate, how, say, models, pretraining)
-        found, task, held = _between_rows(estimated(models[0], task), task)
+        result, task, held = _between_rows(estimated(models[0], task), task)
         recordings, validate = task.recordings, task.validate
-        found = replace(found, data=_records(recordings, validate), command=command)
+        result = replace(result, data=_records(recordings, validate), command=command)
         whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
-        judged = judgement(found, whole, _findings(found, recordings, validate))
+        judged = judgement(result, whole, _findings(result, recordings, validate))
         metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
-        asked = reason(found, held) if held else None
-        found = replace(found, metrics=metrics, verdict=with_reason(judged.verdict, asked))
+        requested = reason(result, held) if held else None
+        result = replace(result, metrics=metrics, verdict=with_reason(judged.verdict, requested))
         seconds = calibrated_seconds(how.calibrate)
-        return found if seconds is None or validate is None else _calibrated(found, validate, seconds)
+        return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
 
 
-def _between_rows(found: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
+def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
     """The fit with commands held or run on between rows, the likelier where no map says; and what was weighed."""
-    held = weighed(found, task.recordings, task.how)
+    held = weighed(fit, task.recordings, task.how)
     if held is None:
-        return found, task, None
+        return fit, task, None
     step = min(recording.sample_time for recording in task.recordings)
     if not held.stated and held.gain < 0:
-        task.say(f"{found.model.name}: the commands run on between rows, or are held: fitting the likelier way")
+        task.say(f"{fit.model.name}: the commands run on between rows, or are held: fitting the likelier way")
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]
         validate = None if task.validate is None else with_hold(task.validate, hold)
         task = replace(task, recordings=recordings, validate=validate)
-        first, nominal = found, task.structures[0]
-        found = estimated(nominal if held.values is None else nominal.with_values(held.values), task)
-        found = replace(found, how={**found.how, "unfitted": first.how.get("unfitted", {})})
-        held = weighed(found, task.recordings, task.how) or held
-    return in_doubt(found, held, step), task, held
+        first, nominal = fit, task.structures[0]
+        fit = estimated(nominal if held.values is None else nominal.with_values(held.values), task)
+        fit = replace(fit, how={**fit.how, "unfitted": first.how.get("unfitted", {})})
+        held = weighed(fit, task.recordings, task.how) or held
+    return in_doubt(fit, held, step), task, held
 
 
 def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
     """The fit with what it does on the validation recording where each run told its delay first."""
-    told = calibrated_timing(fit, validate, seconds)
-    own = as_dict({calibration_words(seconds): calibrated_errors(must_have_timing(fit.model), validate, told)})
-    metrics = {**fit.metrics, "validate": {**fit.metrics["validate"], **own}}
-    return replace(fit, metrics=metrics, how={**fit.how, "timing": {**fit.how["timing"], "validate": told.as_dict()}})
+    known = calibrated_timing(fit, validate, seconds)
+    value = as_dict({calibration_words(seconds): calibrated_errors(must_have_timing(fit.model), validate, known)})
+    metrics = {**fit.metrics, "validate": {**fit.metrics["validate"], **value}}
+    return replace(fit, metrics=metrics, how={**fit.how, "timing": {**fit.how["timing"], "validate": known.as_dict()}})
 
 
 def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
     """What the checks hold against the data of a fit, by role."""
     used = used_signals(fit.model)
-    found = {"train": [own for recording in recordings for own in distrust(used, recording)]}
-    return found if validate is None else found | {"validate": distrust(used, validate)}
+    result = {"train": [item for recording in recordings for item in distrust(used, recording)]}
+    return result if validate is None else result | {"validate": distrust(used, validate)}
 
 
 def _records(recordings: Sequence[Recording], validate: Recording | None) -> tuple[DataRecord, ...]:

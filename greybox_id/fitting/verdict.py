@@ -41,7 +41,7 @@ def from_dict(body: Mapping[str, Any]) -> Verdict | None:
         return None
     if word not in USABILITIES:
         raise ValueError(f"its verdict {word!r} is none of {', '.join(USABILITIES)}")
-    return Verdict(word, tuple(str(own) for own in body.get("reasons", ())), dict(body.get("comparison") or {}))
+    return Verdict(word, tuple(str(item) for item in body.get("reasons", ())), dict(body.get("comparison") or {}))
 
 
 @dataclass(frozen=True)
@@ -58,13 +58,15 @@ def with_reason(verdict: Verdict, reason: Reason | None) -> Verdict:
         return verdict
     worse = USABILITIES.index(reason.at_best) >= USABILITIES.index(verdict.usability)
     kept = verdict.reasons if verdict.usability != USABLE else ()
-    told = (reason.sentence, *kept) if worse else (*kept, reason.sentence)
-    return Verdict(reason.at_best if worse else verdict.usability, told, verdict.comparison)
+    known = (reason.sentence, *kept) if worse else (*kept, reason.sentence)
+    return Verdict(reason.at_best if worse else verdict.usability, known, verdict.comparison)
 
 
 def weighed(reasons: Sequence[Reason], comparison: Mapping[str, Any]) -> Verdict:
     """The verdict that the gravest reason leaves; reasons that speak for a fit are only told of a usable one."""
-    worst = max((USABILITIES.index(own.at_best) for own in reasons), default=0)
-    against = sorted((own for own in reasons if own.at_best != USABLE), key=lambda own: -USABILITIES.index(own.at_best))
-    told = against or list(reasons)
-    return Verdict(USABILITIES[worst], tuple(dict.fromkeys(own.sentence for own in told)), comparison)
+    worst = max((USABILITIES.index(reason.at_best) for reason in reasons), default=0)
+    against = sorted(
+        (reason for reason in reasons if reason.at_best != USABLE), key=lambda item: -USABILITIES.index(item.at_best)
+    )
+    known = against or list(reasons)
+    return Verdict(USABILITIES[worst], tuple(dict.fromkeys(item.sentence for item in known)), comparison)

@@ -52,33 +52,33 @@ def advice(
     effects : by name.
     unread : outputs that no recording holds.
     """
-    found, told = [], set[frozenset[str]]()
-    for own in sets:
-        if frozenset(own) in told:
+    one, known = [], set[frozenset[str]]()
+    for item in sets:
+        if frozenset(item) in known:
             continue
-        told.add(frozenset(own))
-        first, *others = own
-        if same_readings(own):
-            found.append(f"{first} and {' and '.join(others)} read the same whatever is driven: measure the mounting.")
+        known.add(frozenset(item))
+        first, *others = item
+        if same_readings(item):
+            one.append(f"{first} and {' and '.join(others)} read the same whatever is driven: measure the mounting.")
         else:
-            found.append(
-                f"To tell {first} from {', '.join(others)}: drive {to_drive(own, effects)}; "
+            one.append(
+                f"To tell {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
                 f"{COMMAND} designs it for your arena."
             )
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]
     alike = [name for name in shown if to_drive([name], effects) == to_drive(shown[:1], effects)]
     if alike:
-        found.append(f"To see {', '.join(alike[:4])} at all: drive {to_drive(alike[:1], effects)}.")
+        one.append(f"To see {', '.join(alike[:4])} at all: drive {to_drive(alike[:1], effects)}.")
     if blind:
         missing = dict.fromkeys(signal for name in blind for signal in effects[name].touches)
-        found.append(f"To see {', '.join(blind)} at all: record {' and '.join(missing)}.")
-    return tuple(found)
+        one.append(f"To see {', '.join(blind)} at all: record {' and '.join(missing)}.")
+    return tuple(one)
 
 
-def unread(found: Examined) -> tuple[str, ...]:
+def unread(examined: Examined) -> tuple[str, ...]:
     """Outputs of which no reading counts."""
-    return tuple(name for c, name in enumerate(found.bench.channels) if not np.any(found.bench.counted[:, c]))
+    return tuple(name for c, name in enumerate(examined.bench.channels) if not np.any(examined.bench.counted[:, c]))
 
 
 def same_readings(names: Sequence[str]) -> bool:
@@ -86,36 +86,36 @@ def same_readings(names: Sequence[str]) -> bool:
     return set(names) in ({"accel_bias_x", "imu_mount_pitch"}, {"accel_bias_y", "imu_mount_roll"})
 
 
-def not_excited(found: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
+def not_excited(examined: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
     """Effects this recording does not excite, with what would be seen, and those that tolerances take up."""
     weak, absorbed = {}, []
-    for own in found.selection.promised:
-        name, axis = own.candidate.effect, own.candidate.axes[0]
-        typical = found.effects[name].typical
+    for item in examined.selection.promised:
+        name, axis = item.candidate.effect, item.candidate.axes[0]
+        typical = examined.effects[name].typical
         size = abs(axis.coordinate(typical) - axis.null)
-        if name in found.best.names or not isfinite(own.sd) or 2 * own.sd < size:
+        if name in examined.best.names or not isfinite(item.sd) or 2 * item.sd < size:
             continue
-        if own.told < CAL.hidden:
+        if item.told < CAL.hidden:
             absorbed.append(name)
-        elif 2 * own.sd > axis.high - axis.low:
+        elif 2 * item.sd > axis.high - axis.low:
             weak[name] = "any size"
         elif not axis.inverse:
-            weak[name] = f"±{2 * own.sd:.2g} {axis.unit}".replace(" 1", "").strip()
+            weak[name] = f"±{2 * item.sd:.2g} {axis.unit}".replace(" 1", "").strip()
     return weak, tuple(absorbed)
 
 
-def limits(found: Examined) -> dict[str, Limit]:
+def limits(examined: Examined) -> dict[str, Limit]:
     """What would show of every effect that was not applied, the least visible first; limits that only a refit tells are
     left out.
     """
     sizes = {}
-    for own in found.selection.promised:
-        name, axis, reach = own.candidate.effect, own.candidate.axes[0], 2 * own.sd
-        if name in found.best.names or not isfinite(own.sd):
+    for entry in examined.selection.promised:
+        name, axis, reach = entry.candidate.effect, entry.candidate.axes[0], 2 * entry.sd
+        if name in examined.best.names or not isfinite(entry.sd):
             continue
-        typical = found.effects[name].typical
+        typical = examined.effects[name].typical
         usual = abs(axis.coordinate(typical) - axis.null)
         beyond = reach > axis.high - axis.low
         size = (0.0 if beyond else 1 / reach) if axis.inverse else (inf if beyond else reach)
-        sizes[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), own.told)
+        sizes[name] = Limit(size, typical, axis.unit, reach / max(usual, TINY), entry.told)
     return dict(sorted(sizes.items(), key=lambda item: -item[1].share))

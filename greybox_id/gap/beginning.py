@@ -64,25 +64,25 @@ def with_beginnings(
     if not isinstance(search.bench, Bench) or not isinstance(search.colour, ModelError):
         return selection
 
-    def score(own: Hypothesis) -> float:
-        return own.cost + price(own, cost)
+    def score(hypothesis: Hypothesis) -> float:
+        return hypothesis.cost + price(hypothesis, cost)
 
     known = min((selection.base, *selection.tried), key=score)
-    beside = {names: own for own in (selection.base, *selection.tried) for names in [frozenset(own.names)]}
+    beside = {names: item for item in (selection.base, *selection.tried) for names in [frozenset(item.names)]}
     parents = {frozenset[str](): selection.base}
     parents |= {frozenset({name}): beside[frozenset({name})] for name in known.names if frozenset({name}) in beside}
-    found = list[_Begun]()
+    result = list[_Begun]()
     for parent in parents.values():
         for hopeful in _hopeful(search, parent, candidates, cost, min(known.cost, parent.cost))[: CAL.begun]:
             begun = _refitted(search, hopeful)
             if begun is not None and score(begun.own) < score(known) + CAL.alike:
-                found.append(begun)
-    if not found:
+                result.append(begun)
+    if not result:
         return selection
-    best = _placed(min(found, key=lambda each: score(each.own)))
+    best = _placed(min(result, key=lambda each: score(each.own)))
     if score(best.own) >= score(known):
         return selection
-    return _weighed(selection, best, found, whitener, score)
+    return _weighed(selection, best, result, whitener, score)
 
 
 def _hopeful(
@@ -96,23 +96,27 @@ def _hopeful(
     Enough is more than the same one gains everywhere by what the instant costs, and at least a share of what the best
     explanation gains.
     """
-    new = [own for own in candidates if own.effect not in parent.names and own.gradual and own.free == 1]
-    new = [own for own in new if all(search.nominal[axis.index] == axis.low for axis in own.axes[1:])]
+    new = [
+        candidate
+        for candidate in candidates
+        if candidate.effect not in parent.names and candidate.gradual and candidate.free == 1
+    ]
+    new = [item for item in new if all(search.nominal[axis.index] == axis.low for axis in item.axes[1:])]
     if not new:
         return []
-    J = search.bench.linearise(search.vector(parent), [own.axes[0].index for own in new])[1]
+    J = search.bench.linearise(search.vector(parent), [item.axes[0].index for item in new])[1]
     everywhere, places, gains, steps = _in_parts(search, parent, J)
-    found = []
-    for k, own in enumerate(new):
-        axis, null = own.axes[0], search.where(parent, own.axes[0])
+    result = []
+    for k, item in enumerate(new):
+        axis, null = item.axes[0], search.where(parent, item.axes[0])
         at = np.clip(null + steps[:, k], axis.low, axis.high)
         expected = gains[:, k] * np.array([of_gain(a - null, s) for a, s in zip(at, steps[:, k], strict=True)])
         best = int(np.argmax(expected))
-        needed = max(everywhere[k] + CAL.begins, cost(own.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
+        needed = max(everywhere[k] + CAL.begins, cost(item.effect) + CAL.begins, CAL.nearly * (parent.cost - least))
         if expected[best] > needed:
-            m = (float(at[best]), *own.held)
-            found.append(_Hopeful(parent, own, places[best], float(expected[best]), m))
-    return sorted(found, key=lambda each: -each.gain)
+            m = (float(at[best]), *item.held)
+            result.append(_Hopeful(parent, item, places[best], float(expected[best]), m))
+    return sorted(result, key=lambda each: -each.gain)
 
 
 def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list[slice], Array, Array]:
@@ -131,8 +135,8 @@ def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list
     """
     rows, channels, count = J.shape
     W, r = search.weighed(J), search.weighed(parent.e[:, :, None])[:, :, 0]
-    own = search.weighed(parent.J)
-    A = np.concatenate([search.white.reshape(rows, channels, -1), own], axis=2)
+    value = search.weighed(parent.J)
+    A = np.concatenate([search.white.reshape(rows, channels, -1), value], axis=2)
     u = np.concatenate([parent.theta, parent.linear])
     n = len(u)
     H, g = _products(A, A), _products(A, r[:, :, None])[:, 0]
@@ -142,9 +146,9 @@ def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list
     free[:n] = ~(((u <= search.low) & (g[:n] > 0)) | ((u >= search.high) & (g[:n] < 0)))
     edges = np.unique(np.linspace(0, rows, CAL.places + 1).astype(int))
     slices = [slice(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-    cross = np.array([_products(A[own], W[own]) for own in slices])
-    raw = np.array([np.sum(W[own] ** 2, axis=(0, 1)) for own in slices])
-    slope = np.array([_products(W[own], r[own][:, :, None])[:, 0] for own in slices])
+    cross = np.array([_products(A[item], W[item]) for item in slices])
+    raw = np.array([np.sum(W[item] ** 2, axis=(0, 1)) for item in slices])
+    slope = np.array([_products(W[item], r[item][:, :, None])[:, 0] for item in slices])
     inner = [k for k in range(1, len(slices)) if CAL.least_part * rows <= edges[k] <= (1 - CAL.least_part) * rows]
     sums = [(np.cumsum(each, axis=0)[[k - 1 for k in inner]], np.sum(each, axis=0)) for each in (cross, raw, slope)]
     stacked = [np.concatenate([whole[None], until, whole - until]) for until, whole in sums]
@@ -156,8 +160,8 @@ def _in_parts(search: Search, parent: Hypothesis, J: Array) -> tuple[Array, list
     undone = np.moveaxis(solved[:, 1:].reshape(len(scale), len(C), count), 0, 1)
     curve = np.maximum(own_raw - np.sum(C * undone, axis=1), 1e-6 * own_raw + 1e-300)
     left = own_slope - np.einsum("pnk,n->pk", C, solved[:, 0])
-    told = own_raw[1:] / np.maximum(own_raw[0], 1e-300)
-    both = np.vstack([np.ones(count, dtype=bool), (told >= CAL.least_told) & (told <= 1 - CAL.least_told)])
+    known = own_raw[1:] / np.maximum(own_raw[0], 1e-300)
+    both = np.vstack([np.ones(count, dtype=bool), (known >= CAL.least_told) & (known <= 1 - CAL.least_told)])
     gains, steps = np.where(both, 0.5 * left**2 / curve, 0.0), -left / curve
     places = [slice(0, int(edges[k])) for k in inner] + [slice(int(edges[k]), rows) for k in inner]
     return gains[0], places, gains[1:], steps[1:]
@@ -179,8 +183,8 @@ def _refitted(search: Search, hopeful: _Hopeful) -> _Begun | None:
         Start(candidates, m, parent.theta, parent.linear, (parent, null), parent.J),
         Start(candidates, m, search.means[:count], search.means[count:], slopes=parent.J),
     ]
-    found = refit(there.search, starts)
-    return _Begun(there.search, min(found, key=by_cost)) if found else None
+    result = refit(there.search, starts)
+    return _Begun(there.search, min(result, key=by_cost)) if result else None
 
 
 @dataclass(frozen=True)
@@ -205,10 +209,10 @@ def _part(bench: Bench, rows: slice) -> ActingRows:
     """Some rows in words: since when, or until when, by the clock of the recording."""
     begins = rows.start > 0
     row = rows.start if begins else rows.stop
-    run = next(k for k, own in enumerate(bench.rows) if own.start <= row < own.stop)
+    run = next(k for k, item in enumerate(bench.rows) if item.start <= row < item.stop)
     at = float(bench.time[row])
-    own = bench.runs[run]
-    return ActingRows(rows, own.name, own.number, *((at, None) if begins else (None, at)))
+    value = bench.runs[run]
+    return ActingRows(rows, value.name, value.number, *((at, None) if begins else (None, at)))
 
 
 def _placed(begun: _Begun) -> _Begun:
@@ -228,22 +232,22 @@ def _placed(begun: _Begun) -> _Begun:
 
 def _moved(begun: _Begun, by: int, rows: int) -> _Begun | None:
     """The same with its effect beginning or ending so many rows later; None where that is not in the middle."""
-    own, *others = reversed(begun.own.candidates)
-    assert own.part is not None
-    old = own.part.rows
+    value, *others = reversed(begun.own.candidates)
+    assert value.part is not None
+    old = value.part.rows
     edge = (old.start or old.stop) + by
     if not CAL.least_part * rows <= edge <= (1 - CAL.least_part) * rows:
         return None
-    there = _acting(begun.search, own, slice(edge, rows) if old.start else slice(0, edge))
+    there = _acting(begun.search, value, slice(edge, rows) if old.start else slice(0, edge))
     candidates = (*reversed(others), there.candidate)
-    found = refit(there.search, [replace(begun.search.start_of(begun.own), candidates=candidates)])
-    return _Begun(there.search, found[0]) if found else None
+    result = refit(there.search, [replace(begun.search.start_of(begun.own), candidates=candidates)])
+    return _Begun(there.search, result[0]) if result else None
 
 
 def _weighed(
     selection: Selection,
     best: _Begun,
-    found: Sequence[_Begun],
+    result: Sequence[_Begun],
     whitener: Callable[[Search, Hypothesis | None], Whitener],
     score: Callable[[Hypothesis], float],
 ) -> Selection:
@@ -251,24 +255,24 @@ def _weighed(
     search = best.search
     search.recoloured(whitener(search, best.own))
     search.about(best.own)
-    own = settled(search, min(refit(search, [search.start_of(best.own)]), key=by_cost, default=best.own))
-    best = _placed(_Begun(search, own))
-    search, own = best.search, best.own
+    value = settled(search, min(refit(search, [search.start_of(best.own)]), key=by_cost, default=best.own))
+    best = _placed(_Begun(search, value))
+    search, value = best.search, best.own
     constant = (selection.base, *selection.tried[: CAL.rivals])
-    starts = [Start(each.candidates, each.m, own.theta, own.linear, slopes=each.J) for each in constant]
+    starts = [Start(each.candidates, each.m, value.theta, value.linear, slopes=each.J) for each in constant]
     again = refit(search, [*(search.start_of(each) for each in constant), *starts])
-    bases, tried = [each for each in again if not each.names], {frozenset(own.names): own}
-    places = own.candidates[-1].part
+    bases, tried = [each for each in again if not each.names], {frozenset(value.names): value}
+    places = value.candidates[-1].part
     assert places is not None
     for candidates, m, rows in (
-        (own.candidates[-1:], own.m[own.parts[-1][1]], places.rows),
-        *((each.own.candidates, each.own.m, at) for each in found for at in _rows(each.own, places)),
+        (value.candidates[-1:], value.m[value.parts[-1][1]], places.rows),
+        *((each.own.candidates, each.own.m, at) for each in result for at in _rows(each.own, places)),
     ):
-        if (names := frozenset(each.effect for each in candidates)) == frozenset(own.names):
+        if (names := frozenset(each.effect for each in candidates)) == frozenset(value.names):
             continue
         there = _acting(search, candidates[-1], rows)
-        for one in refit(there.search, [Start((*candidates[:-1], there.candidate), m, own.theta, own.linear)]):
-            placed = _placed(_Begun(there.search, one)).own if score(one) < score(own) + CAL.cost else one
+        for one in refit(there.search, [Start((*candidates[:-1], there.candidate), m, value.theta, value.linear)]):
+            placed = _placed(_Begun(there.search, one)).own if score(one) < score(value) + CAL.cost else one
             if names not in tried or placed.cost < tried[names].cost:
                 tried[names] = placed
     for each in sorted((each for each in again if each.names and not search.tolerated(each)), key=by_cost):
@@ -279,25 +283,25 @@ def _weighed(
     return Selection(as_it_acts(search, first), base, tuple(sorted(tried.values(), key=by_cost)), selection.promised)
 
 
-def _rows(own: Hypothesis, other: ActingRows) -> list[slice]:
+def _rows(hypothesis: Hypothesis, other: ActingRows) -> list[slice]:
     """Where a hypothesis has its effect act that begins or ends, and where another one has its own."""
-    part = own.candidates[-1].part
+    part = hypothesis.candidates[-1].part
     assert part is not None
     return [part.rows, *([other.rows] if other.rows != part.rows else [])]
 
 
 def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
     """The search in which a hypothesis' effects act where they do."""
-    for own in hypothesis.candidates:
+    for candidate in hypothesis.candidates:
         bench = search.bench
-        if own.part is not None and isinstance(bench, PartBench):
-            index = _place(bench, own)
-            if (index, own.part.rows) != (bench.index, bench.part):
+        if candidate.part is not None and isinstance(bench, PartBench):
+            index = _place(bench, candidate)
+            if (index, candidate.part.rows) != (bench.index, bench.part):
                 search = copy(search)
-                search.bench = PartBench(bench.whole, index, own.part.rows)
+                search.bench = PartBench(bench.whole, index, candidate.part.rows)
     return search
 
 
-def _place(bench: Bench, own: Candidate) -> int:
+def _place(bench: Bench, candidate: Candidate) -> int:
     """Where a candidate's magnitude stands among the model's parameters."""
-    return [parameter.name for parameter in bench.model.parameters].index(own.axes[0].name)
+    return [parameter.name for parameter in bench.model.parameters].index(candidate.axes[0].name)

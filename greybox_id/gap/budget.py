@@ -27,7 +27,7 @@ Set = frozenset[str]
 
 def subsets(names: tuple[str, ...]) -> list[Set]:
     """All sets of some names, the empty one first, all of them last."""
-    return [frozenset(own) for size in range(len(names) + 1) for own in combinations(names, size)]
+    return [frozenset(combination) for size in range(len(names) + 1) for combination in combinations(names, size)]
 
 
 def budget(
@@ -52,12 +52,12 @@ def budget(
     held_out : whether these chose nothing.
     """
     sets = subsets(names)
-    squares = {own: np.sum(np.where(good, misfits[own].e / sd, 0.0) ** 2, axis=1) for own in sets}
+    squares = {item: np.sum(np.where(good, misfits[item].e / sd, 0.0) ** 2, axis=1) for item in sets}
     rows = np.sum(good, axis=1)
     edges = blocks(bench)
-    sums = np.array([[np.sum(squares[own][a:b]) for own in sets] + [np.sum(rows[a:b])] for a, b in edges])
-    charges = np.array([misfits[own].charge for own in sets])
-    weights = np.array([[_weight(name, own, len(names)) for own in sets] for name in names]).reshape(len(names), -1)
+    sums = np.array([[np.sum(squares[item][a:b]) for item in sets] + [np.sum(rows[a:b])] for a, b in edges])
+    charges = np.array([misfits[item].charge for item in sets])
+    weights = np.array([[_weight(name, item, len(names)) for item in sets] for name in names]).reshape(len(names), -1)
 
     def shares(total: Array) -> Array:
         E = (total[:-1] + charges) / max(total[-1], 1.0)
@@ -77,16 +77,16 @@ def budget(
     if excess <= CAL.least_gap:
         return None
     low, high = resampled(sums, shares, CAL.draws)
-    found = [
+    result = [
         Share(name, float(s), float(a), float(b))
         for name, s, a, b in zip((*names, "unnamed"), shares(whole), low, high, strict=True)
     ]
     shows = bool(max(E[0], E[-1]) - floor >= CAL.shows)
-    return Budget(tuple(found[:-1]), found[-1], recordings, held_out, shows)
+    return Budget(tuple(result[:-1]), result[-1], recordings, held_out, shows)
 
 
-def _weight(name: str, own: Set, n: int) -> float:
+def _weight(name: str, value: Set, n: int) -> float:
     """How the error with a set of effects counts in the Shapley value of one of them."""
-    if name in own:
-        return -factorial(len(own) - 1) * factorial(n - len(own)) / factorial(n)
-    return factorial(len(own)) * factorial(n - len(own) - 1) / factorial(n)
+    if name in value:
+        return -factorial(len(value) - 1) * factorial(n - len(value)) / factorial(n)
+    return factorial(len(value)) * factorial(n - len(value) - 1) / factorial(n)

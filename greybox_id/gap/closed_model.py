@@ -30,7 +30,7 @@ HARMS = "with it, predictions of what was held out are worse, its parameters fit
 
 
 def closed_model(
-    found: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording]
+    examined: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording]
 ) -> tuple[Diagnosed, Closure | None, str]:
     """The closed model, how far it closes the gap on what was held out, and why its effects are none of it, if so.
 
@@ -45,38 +45,40 @@ def closed_model(
         stated, though tolerances explain that, the same with these where they were found.
     held_out : recordings that chose no effect.
     """
-    added, nominal = with_effects(found, best), with_effects(found, best, set())
-    own = Simulator(added) if isinstance(added, MotionModel) else None
-    ways = [(added, own)]
-    if detected or _errs_as_stated(found):
-        moved = _moved_along(found, best, added)
-        ways += [(moved, own), *(_fitted(found, best, moved, _counted(found, best)) if detected else [])]
-    judges = list(held_out) or excerpt(_as_they_end(found, best))
+    added, nominal = with_effects(examined, best), with_effects(examined, best, set())
+    simulator = Simulator(added) if isinstance(added, MotionModel) else None
+    ways = [(added, simulator)]
+    if detected or _errs_as_stated(examined):
+        moved = _moved_along(examined, best, added)
+        ways += [(moved, simulator), *(_fitted(examined, best, moved, _counted(examined, best)) if detected else [])]
+    judges = list(held_out) or excerpt(_as_they_end(examined, best))
     errors = []
     if held_out or len(ways) > 1:
-        before = mean_squares(nominal, judges, own)
-        errors = [between(added.outputs, before, mean_squares(way[0], judges, way[1]), found.sd) for way in ways]
+        before = mean_squares(nominal, judges, simulator)
+        errors = [between(added.outputs, before, mean_squares(way[0], judges, way[1]), examined.sd) for way in ways]
     least = min(range(len(errors)), key=lambda k: _size(errors[k], "after")) if errors else 0
     closed = ways[least][0]
     if not held_out:
         return closed, None, ""
-    verified = closure(nominal, added, held_out, found.vehicle, found.effects, False, found.sd, as_it_stands=closed)
+    verified = closure(
+        nominal, added, held_out, examined.vehicle, examined.effects, False, examined.sd, as_it_stands=closed
+    )
     verified = replace(verified, errors=errors[least])
     if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):
-        return found.model, left_open(verified), WORSE
+        return examined.model, left_open(verified), WORSE
     if best.candidates and verified.shows and verified.closed_interval[1] < 0:
-        return *closed_model(found, found.selection.base, detected, held_out)[:2], HARMS
+        return *closed_model(examined, examined.selection.base, detected, held_out)[:2], HARMS
     return closed, verified, ""
 
 
-def _errs_as_stated(found: Examined) -> bool:
+def _errs_as_stated(examined: Examined) -> bool:
     """Whether free runs of the model exceed noise as its numbers are stated."""
-    bench = found.bench
-    e = (bench.simulate(bench.model.values[None])[0] - bench.measured) / found.sd
-    return bool(np.mean(e[found.good] ** 2) > 1.0 + CAL.shows) if np.any(found.good) else False
+    bench = examined.bench
+    e = (bench.simulate(bench.model.values[None])[0] - bench.measured) / examined.sd
+    return bool(np.mean(e[examined.good] ** 2) > 1.0 + CAL.shows) if np.any(examined.good) else False
 
 
-def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | None = None) -> Diagnosed:
+def with_effects(examined: Examined, best: Hypothesis, present: Collection[str] | None = None) -> Diagnosed:
     """The model as it was, with a hypothesis' effects at their magnitudes; tolerances stay where they are stated.
 
     Parameters
@@ -84,9 +86,9 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
     present : those of them that act, the others stand at their null or tolerance; None: all of them. The equations are
         the same whichever act, so that they share a compiled kernel.
     """
-    model = found.model
+    model = examined.model
     for candidate, at in best.parts:
-        effect = found.effects[candidate.effect]
+        effect = examined.effects[candidate.effect]
         acts = present is None or candidate.effect in present
         acts = acts and (candidate.part is None or candidate.part.lasts)  # what comes after the recordings
         values = [axis.value(float(m)) for axis, m in zip(candidate.axes, best.m[at], strict=True)]
@@ -100,39 +102,42 @@ def with_effects(found: Examined, best: Hypothesis, present: Collection[str] | N
     return model
 
 
-def _as_they_end(found: Examined, best: Hypothesis) -> list[Recording]:
+def _as_they_end(examined: Examined, best: Hypothesis) -> list[Recording]:
     """The recordings from where every effect that begins or ends has done so: the closed model is of that vehicle."""
     first, row = max(
-        (place_of(found, own.part)[::2] for own in best.candidates if own.part is not None), default=(0, 0)
+        (place_of(examined, candidate.part)[::2] for candidate in best.candidates if candidate.part is not None),
+        default=(0, 0),
     )
-    partly, *whole = found.recordings[first:]
+    partly, *whole = examined.recordings[first:]
     return [partly.rows(row, len(partly)), *whole]
 
 
-def place_of(found: Examined, part: ActingRows) -> tuple[int, int, int]:
+def place_of(examined: Examined, part: ActingRows) -> tuple[int, int, int]:
     """Which recording and which run of it, from 0, an effect begins or ends in, and at which row of the recording."""
     at = part.until if part.since is None else part.since
     assert at is not None
     holding = [  # names need not be unique, and clocks may begin anew
-        (k, n, start + int(np.searchsorted(own.time[start:stop], at)))
-        for k, own in enumerate(found.recordings)
-        if own.name == part.recording
-        for n, (start, stop) in enumerate(own.runs)
-        if own.time[start] <= at <= own.time[stop - 1]
+        (k, n, start + int(np.searchsorted(recording.time[start:stop], at)))
+        for k, recording in enumerate(examined.recordings)
+        if recording.name == part.recording
+        for n, (start, stop) in enumerate(recording.runs)
+        if recording.time[start] <= at <= recording.time[stop - 1]
     ]
-    return next((own for own in holding if own[1] == part.run - 1), holding[0])  # an excerpt counts runs of its own
+    return next((item for item in holding if item[1] == part.run - 1), holding[0])  # an excerpt counts runs of its own
 
 
-def _moved_along(found: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
+def _moved_along(examined: Examined, best: Hypothesis, closed: Diagnosed) -> Diagnosed:
     """The closed model with tolerances where its effects were found: magnitudes go with these and with no others."""
-    search = found.selection.search
-    p, own = search.vector(best), {axis.index for axis in best.axes}
-    moved = [axis for axis in search.moving if axis.name in found.model and axis.index not in own]
+    search = examined.selection.search
+    p, entry = search.vector(best), {axis.index for axis in best.axes}
+    moved = [axis for axis in search.moving if axis.name in examined.model and axis.index not in entry]
     at = {axis.name: float(np.clip(p[axis.index], *closed[axis.name].bounds)) for axis in moved}  # curves reach beyond
     return closed.with_parameters(*(closed[name].with_value(value) for name, value in at.items()))
 
 
-def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -> list[tuple[MotionModel, Simulator]]:
+def _fitted(
+    examined: Examined, best: Hypothesis, begin: Diagnosed, noise: Array
+) -> list[tuple[MotionModel, Simulator]]:
     """The closed model fitted to free runs: its tolerances, and these with the causes' magnitudes; with what simulates.
 
     Magnitudes were found beside unknown forces and with tolerances linearised: where a vehicle's file is far off, all
@@ -145,53 +150,63 @@ def _fitted(found: Examined, best: Hypothesis, begin: Diagnosed, noise: Array) -
     """
     if not isinstance(begin, MotionModel):
         return []
-    believed = with_beliefs(begin, found.effects, found.vehicle)
-    believed = believed.with_parameters(*(believed[own.name].with_value(own.array) for own in begin.parameters))
+    believed = with_beliefs(begin, examined.effects, examined.vehicle)
+    believed = believed.with_parameters(
+        *(believed[parameter.name].with_value(parameter.array) for parameter in begin.parameters)
+    )
     freed = [replace(believed[axis.name], fixed=False) for axis in best.axes if axis.low < axis.high]
-    ways = [own for own in (believed, *([believed.with_parameters(*freed)] if freed else []))
-            if not all(parameter.fixed for parameter in own.parameters)]  # fmt: skip
+    ways = [item for item in (believed, *([believed.with_parameters(*freed)] if freed else []))
+            if not all(parameter.fixed for parameter in item.parameters)]  # fmt: skip
     if not ways:
         return []
     simulator = Simulator(believed)
     simulator.kernel.prepare()
-    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(found, best)))
-    for own in ways:
-        problem = MotionProblem(simulator.of(own), recordings, noise=noise, robust=CAL.far_reading, about=own.values)
+    ended, recordings = list[tuple[MotionModel, Simulator]](), excerpt(thinned(_as_they_end(examined, best)))
+    for way in ways:
+        problem = MotionProblem(simulator.of(way), recordings, noise=noise, robust=CAL.far_reading, about=way.values)
         solution = gauss_newton(
-            problem, problem.unknowns(own.values), tolerance=CAL.fitted, search="levenberg_marquardt"
+            problem, problem.unknowns(way.values), tolerance=CAL.fitted, search="levenberg_marquardt"
         )
         if solution.status is Status.INTERRUPTED:
             raise KeyboardInterrupt
         if np.isfinite(solution.objective):
-            ended.append((own.with_values(problem.shared(solution.x)), simulator))
+            ended.append((way.with_values(problem.shared(solution.x)), simulator))
     return ended
 
 
-def _counted(found: Examined, best: Hypothesis) -> Array:
+def _counted(examined: Examined, best: Hypothesis) -> Array:
     """(outputs,) what a reading counts as in free runs: the spread of what is left, over how long that is alike."""
-    own, counted = found.freed.get(frozenset(best.names), best), []
-    for good, e in zip(found.good.T, own.e.T, strict=True):
+    value, counted = examined.freed.get(frozenset(best.names), best), []
+    for good, e in zip(examined.good.T, value.e.T, strict=True):
         spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
         alike = correlation_time(np.where(good, e, 0.0)[:, None])
         counted.append(max(spread, LEAST_NOISE) * float(np.sqrt(alike)))
     return np.array(counted)
 
 
-def moved(found: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:
+def moved(examined: Examined, best: Hypothesis, closed: Diagnosed) -> tuple[Moved, ...]:
     """Tolerances that a closed model has elsewhere than stated, by more than a standard deviation; furthest first."""
-    told, causes = [], {axis.name for axis in best.axes}
-    for own in with_beliefs(found.model, found.effects, found.vehicle).parameters:
-        if own.fixed or own.prior is None or own.shape != () or own.name not in closed or own.name in causes:
+    known, causes = [], {axis.name for axis in best.axes}
+    for parameter in with_beliefs(examined.model, examined.effects, examined.vehicle).parameters:
+        if (
+            parameter.fixed
+            or parameter.prior is None
+            or parameter.shape != ()
+            or parameter.name not in closed
+            or parameter.name in causes
+        ):
             continue
-        mean = own.array if own.prior.mean is None else own.prior.mean
-        stated, sd, value = (float(np.asarray(each)) for each in (mean, own.prior.sd, closed[own.name].array))
-        one = Moved(own.name, own.unit, stated, sd, value)
+        mean = parameter.array if parameter.prior.mean is None else parameter.prior.mean
+        stated, sd, value = (
+            float(np.asarray(each)) for each in (mean, parameter.prior.sd, closed[parameter.name].array)
+        )
+        one = Moved(parameter.name, parameter.unit, stated, sd, value)
         if one.far > 1.0:
-            told.append(one)
-    return tuple(sorted(told, key=lambda each: -each.far))
+            known.append(one)
+    return tuple(sorted(known, key=lambda each: -each.far))
 
 
 def _size(errors: Sequence[Errors], when: str) -> float:
     """Mean square of errors over all horizons and channels, in units of their floors."""
-    own = [(getattr(each, when) / each.floor) ** 2 for each in errors if each.floor > 0]
-    return float(np.mean(own)) if own else 0.0
+    value = [(getattr(each, when) / each.floor) ** 2 for each in errors if each.floor > 0]
+    return float(np.mean(value)) if value else 0.0

@@ -49,17 +49,17 @@ def closure(
     as_it_stands : the model whose errors over horizons these are, with tolerances elsewhere; None takes `after`.
     """
     stands = as_it_stands or after
-    there = {own.name: float(own.array) for own in stands.parameters if own.shape == ()}
+    there = {parameter.name: float(parameter.array) for parameter in stands.parameters if parameter.shape == ()}
     then, bench = refitted_tolerances(after, recordings, vehicle, effects, sd, there)
     first = then
     if after is not before:
         first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, {**there, **then.values}, then.trust)
-    noise, told = stated_noise(bench, vehicle, then.e)
-    sd = noise if told or sd is None else sd
+    noise, known = stated_noise(bench, vehicle, then.e)
+    sd = noise if known or sd is None else sd
     good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)
     names = tuple(recording.name for recording in recordings)
-    found = closed_by(first, then, sd, good, bench, names)
-    return replace(found, errors=by_horizon(before, stands, recordings, sd)) if horizons else found
+    closure = closed_by(first, then, sd, good, bench, names)
+    return replace(closure, errors=by_horizon(before, stands, recordings, sd)) if horizons else closure
 
 
 def closed_by(
@@ -76,7 +76,7 @@ def closed_by(
     names : of the recordings.
     """
     count = max(int(np.sum(good)), 1)
-    first, then = (np.sum(np.where(good, own.e / sd, 0.0) ** 2, axis=1) for own in (before, after))
+    first, then = (np.sum(np.where(good, item.e / sd, 0.0) ** 2, axis=1) for item in (before, after))
     rows = np.sum(good, axis=1)
     edges = blocks(bench)
     sums = np.array([[np.sum(first[a:b]), np.sum(then[a:b]), np.sum(rows[a:b])] for a, b in edges])
@@ -94,21 +94,28 @@ def closed_by(
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
 
 
-def left_open(found: Closure) -> Closure:
+def left_open(closure: Closure) -> Closure:
     """What a closure is where nothing is applied: errors stay as they were."""
-    errors = tuple(replace(own, after=own.before) for own in found.errors)
+    errors = tuple(replace(error, after=error.before) for error in closure.errors)
     return replace(
-        found, after=found.before, floor=min(1.0, found.before), closed=0.0, closed_interval=(0.0, 0.0), errors=errors
+        closure,
+        after=closure.before,
+        floor=min(1.0, closure.before),
+        closed=0.0,
+        closed_interval=(0.0, 0.0),
+        errors=errors,
     )
 
 
 def _errors(before: Misfit, after: Misfit, sd: Array, good: NDArray[np.bool_], bench: FreeRuns) -> tuple[Errors, ...]:
     """Free-run errors per channel."""
-    found = []
+    result = []
     for c, channel in enumerate(bench.channels):
-        own = good[:, c]
-        if np.any(own):
-            free = ((each.e[own, c], diverges(each.e[own, c], bench.measured[own, c])) for each in (before, after))
+        value = good[:, c]
+        if np.any(value):
+            free = (
+                (each.e[value, c], diverges(each.e[value, c], bench.measured[value, c])) for each in (before, after)
+            )
             a, b = (np.inf if lost else float(np.sqrt(np.mean(e**2))) for e, lost in free)
-            found.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))
-    return tuple(found)
+            result.append(Errors(channel, unit_of(channel), None, a, b, float(sd[c])))
+    return tuple(result)

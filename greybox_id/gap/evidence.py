@@ -46,7 +46,7 @@ def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
     if not forces:
         return lambda effect: CAL.cost_without_forces
     by_chance = 0.5 * float(chdtri(1, CAL.rare / max(len(candidates), 1)))
-    known = {own.effect: by_chance if own.gradual else CAL.cost for own in candidates}
+    known = {candidate.effect: by_chance if candidate.gradual else CAL.cost for candidate in candidates}
     return lambda effect: known.get(effect, CAL.cost)
 
 
@@ -85,16 +85,16 @@ def evidence(
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
-    gained = [temper / search.trust * (selection.base.cost - own.cost) for own in selection.tried]
-    least = [price(own, cost) for own in selection.tried]
-    worth = [gain - asked for gain, asked in zip(gained, least, strict=True)]
+    gained = [temper / search.trust * (selection.base.cost - item.cost) for item in selection.tried]
+    least = [price(item, cost) for item in selection.tried]
+    worth = [gain - option for gain, option in zip(gained, least, strict=True)]
     grown = _stretches(selection, worth, cost, stretches) if stretches is not None else {}
-    prices = _as_dear(selection.tried, [price(own, cost, grown) for own in selection.tried] if grown else least)
-    scores = [own - asked for own, asked in zip(gained, prices, strict=True)]
+    prices = _as_dear(selection.tried, [price(item, cost, grown) for item in selection.tried] if grown else least)
+    scores = [item - price for item, price in zip(gained, prices, strict=True)]
     most = max([*scores, 0.0])
-    beyond = [own for own, each in zip(selection.tried, worth, strict=True) if each > most]
-    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in own.names for own in beyond)}
-    even = [own - asked for own, asked in zip(gained, _as_dear(selection.tried, least), strict=True)]
+    beyond = [item for item, each in zip(selection.tried, worth, strict=True) if each > most]
+    outdone = {name: by for name, by in grown.items() if by > 1.0 and any(name in item.names for item in beyond)}
+    even = [item - option for item, option in zip(gained, _as_dear(selection.tried, least), strict=True)]
     return Evidence(temper, _weights(scores), tuple(scores), outdone, _weights(even))
 
 
@@ -105,11 +105,11 @@ def _weights(scores: Sequence[float]) -> tuple[float, ...]:
     return tuple(weights / np.sum(weights))
 
 
-def heaviest(selection: Selection, found: Evidence) -> Hypothesis:
+def heaviest(selection: Selection, evidence: Evidence) -> Hypothesis:
     """The hypothesis that weighs most, where those with effects outweigh the base together: aliases share a weight."""
-    if not selection.tried or found.weights[-1] >= 0.5:
+    if not selection.tried or evidence.weights[-1] >= 0.5:
         return selection.base
-    return selection.tried[int(np.argmax(found.scores))]
+    return selection.tried[int(np.argmax(evidence.scores))]
 
 
 def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
@@ -129,15 +129,15 @@ def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, stretc
     for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
         for name in tried[k].names:
             best.setdefault(name, k)
-    told = {k: dict(zip(tried[k].names, stretches(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
-    found = dict[str, float]()
+    known = {k: dict(zip(tried[k].names, stretches(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
+    result = dict[str, float]()
     for name, k in best.items():
-        if k in told:
+        if k in known:
             others = set(tried[k].names) - {name}
-            without = min([selection.base.cost, *(own.cost for own in tried if set(own.names) == others)])
-            by, gained = told[k][name], (without - tried[k].cost) / selection.search.trust
-            found[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
-    return found
+            without = min([selection.base.cost, *(item.cost for item in tried if set(item.names) == others)])
+            by, gained = known[k][name], (without - tried[k].cost) / selection.search.trust
+            result[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
+    return result
 
 
 def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = NONE) -> float:
@@ -149,11 +149,11 @@ def price(hypothesis: Hypothesis, cost: Costs, stretches: Mapping[str, float] = 
     stretches : effect -> what multiplies its cost; one where there is none.
     """
     total = 0.0
-    for own, at in hypothesis.parts:
-        total += stretches.get(own.effect, 1.0) * cost(own.effect) + CAL.second_parameter * (own.free - 1)
-        total += CAL.begins if own.part is not None else 0.0
-        axis = own.axes[0]
-        if (axis.shift or not own.gradual) and abs(
+    for item, at in hypothesis.parts:
+        total += stretches.get(item.effect, 1.0) * cost(item.effect) + CAL.second_parameter * (item.free - 1)
+        total += CAL.begins if item.part is not None else 0.0
+        axis = item.axes[0]
+        if (axis.shift or not item.gradual) and abs(
             hypothesis.m[at.start] - axis.null
         ) < CAL.next_to_nothing * axis.scale:
             total += NEVER
@@ -167,25 +167,25 @@ def _as_dear(tried: Sequence[Hypothesis], prices: Sequence[float]) -> list[float
     """
     return [
         max(
-            asked
-            for other, asked in zip(tried, prices, strict=True)
-            if other is own
+            price
+            for other, price in zip(tried, prices, strict=True)
+            if other is item
             or (
-                asked < NEVER
-                and len(other.candidates) == len(own.candidates)
-                and abs(other.cost - own.cost) < CAL.twins
+                price < NEVER
+                and len(other.candidates) == len(item.candidates)
+                and abs(other.cost - item.cost) < CAL.twins
             )
         )
-        for own in tried
+        for item in tried
     ]
 
 
-def probability(found: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:
+def probability(evidence: Evidence, tried: Sequence[Hypothesis], *effects: str) -> float:
     """That an effect is present, or any of several: the weight of the hypotheses that hold it."""
-    own = [
-        weight for weight, each in zip(found.weights, tried, strict=False) if not set(effects).isdisjoint(each.names)
+    value = [
+        weight for weight, each in zip(evidence.weights, tried, strict=False) if not set(effects).isdisjoint(each.names)
     ]
-    return float(min(sum(own), 1.0))
+    return float(min(sum(value), 1.0))
 
 
 def p_value(gain: float, axes: int, candidates: int) -> float:
@@ -216,11 +216,11 @@ def plainly(selection: Selection, sd: Array, good: NDArray[np.bool_]) -> Selecti
     weight = 0.5 / (sd**2 * _lasting(colour))
     base = selection.base
 
-    def cost(own: Hypothesis) -> float:
-        gain = float(np.sum(np.where(good, base.e**2 - own.e**2, 0.0) @ weight))
-        return max(own.cost, base.cost - selection.search.trust * gain)
+    def cost(hypothesis: Hypothesis) -> float:
+        gain = float(np.sum(np.where(good, base.e**2 - hypothesis.e**2, 0.0) @ weight))
+        return max(hypothesis.cost, base.cost - selection.search.trust * gain)
 
-    tried = sorted((replace(own, cost=cost(own)) for own in selection.tried), key=lambda own: own.cost)
+    tried = sorted((replace(item, cost=cost(item)) for item in selection.tried), key=lambda item: item.cost)
     return replace(selection, tried=tuple(tried))
 
 

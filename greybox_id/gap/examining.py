@@ -92,10 +92,12 @@ class Examined:
         search, bench = self.selection.search, self.bench
         if self.amplitudes is None or not isinstance(bench, Bench):
             return ()
-        axes = {own.candidate.effect: own.candidate.axes[0] for own in self.selection.promised}
-        asked = [(name, own) for name, own in axes.items() if not own.abrupt and self.effects[name].group in MOVING]
+        axes = {item.candidate.effect: item.candidate.axes[0] for item in self.selection.promised}
+        requested = [
+            (name, axis) for name, axis in axes.items() if not axis.abrupt and self.effects[name].group in MOVING
+        ]
         p = search.vector(self.best)
-        return wandering(bench, p, self.best.e, self.good, self.amplitudes, self.expected, self.sd, asked)
+        return wandering(bench, p, self.best.e, self.good, self.amplitudes, self.expected, self.sd, requested)
 
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
@@ -113,24 +115,24 @@ def examine(
     tell: Callable[..., None],
 ) -> Examined:
     """Refit and weigh what may explain recordings."""
-    if (seconds := sum(own.duration for own in recordings)) < CAL.least_seconds:
+    if (seconds := sum(recording.duration for recording in recordings)) < CAL.least_seconds:
         raise BadInput(
             f"{recordings[0].name} lasts {seconds:.2g} s: nothing that a simulation lacks shows in so little. Name "
             f"recordings of {CAL.least_seconds:g} s at least; half a minute is usual."
         )
-    examined, rows = excerpt(recordings), sum(len(own) for own in recordings)
+    examined, rows = excerpt(recordings), sum(len(recording) for recording in recordings)
     prepared = prepare(model, examined, effects, vehicle)
     tell(
-        f"{model.name} with {len(prepared.effects)} effects it may lack, on {listed([own.name for own in recordings])}"
+        f"{model.name} with {len(prepared.effects)} effects it may lack, on {listed([one.name for one in recordings])}"
     )
-    if (count := sum(len(own) for own in examined)) < rows:
+    if (count := sum(len(item) for item in examined)) < rows:
         tell(f"examining {count} of {rows} rows, in blocks spread evenly")
     bench = prepared.bench(examined)
     moving = shifting(prepared.everything)
     believed = nuisances(prepared.everything, effects, moving)
-    own = candidates(prepared.everything, prepared.effects, moving)
+    value = candidates(prepared.everything, prepared.effects, moving)
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
-    sd, told = stated_noise(bench, vehicle, start)
+    sd, entry = stated_noise(bench, vehicle, start)
     stale = dropped(repeats(bench))
     good = sound(start, fresh(bench), bench.rows)
     tell(f"refitting {len(believed)} tolerances and what may be missing")
@@ -139,26 +141,26 @@ def examine(
     tempered = rough and not forces
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
-    whiten = _whitener(bench, good, believed_amplitudes(sd, told, not rough, known), sd)
-    cost = costs(forces, own)
-    selection = select(search, own, whiten, cost, _firmly(bench, start, sd, good))
-    selection = with_beginnings(selection, own, whiten, cost)
+    whiten = _whitener(bench, good, believed_amplitudes(sd, entry, not rough, known), sd)
+    cost = costs(forces, value)
+    selection = select(search, value, whiten, cost, _firmly(bench, start, sd, good))
+    selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
-    least = min((selection.base, *selection.tried), key=lambda own: own.cost)
+    least = min((selection.base, *selection.tried), key=lambda item: item.cost)
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
-    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if told and np.any(good) else 0.0  # nobody knows
+    left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if entry and np.any(good) else 0.0  # nobody knows
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
     stretches = _stretches(selection.search, seen) if forces else None
     weighed = evidence(selection, tempered, cost, left, stretches)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
     selection, bench = replace(selection, search=search), search.bench
-    sd, told = stated_noise(bench, vehicle, best.e)
-    if not told:  # the best that is known of noise is what the best explanation leaves
+    sd, entry = stated_noise(bench, vehicle, best.e)
+    if not entry:  # the best that is known of noise is what the best explanation leaves
         squares = np.where(good, best.e, 0.0) ** 2
         sd = np.sqrt(np.sum(squares, axis=0) / np.maximum(np.sum(good, axis=0), 1)) + TINY
-    expected = believed_amplitudes(sd, told, not rough, known)
+    expected = believed_amplitudes(sd, entry, not rough, known)
     amplitudes = _amplitudes(bench, search, best, sd, good, expected)
     left_over = None if amplitudes is None else unnamed(search, best, amplitudes, expected.median)
     jump = jumps_by_commands(bench, search.vector(best), effects)
@@ -166,10 +168,12 @@ def examine(
         best = selection.base
         weighed = replace(weighed, weights=(*[0.0] * len(selection.tried), 1.0))
     y = np.where(bench.counted, best.e + bench.measured, 0.0)
-    ways = {frozenset(own.names): own for own in (selection.base, best)}
+    ways = {frozenset(item.names): item for item in (selection.base, best)}
     freed_ways = dict(zip(ways, at_their_best(search, list(ways.values()), sd, good), strict=True))
-    before, then = (misfit(search, freed_ways[frozenset(own.names)]) for own in (selection.base, best))
-    closed = closed_by(before, then, sd, plain(then.e, good, bench), bench, tuple(own.name for own in recordings))
+    before, then = (misfit(search, freed_ways[frozenset(item.names)]) for item in (selection.base, best))
+    closed = closed_by(
+        before, then, sd, plain(then.e, good, bench), bench, tuple(recording.name for recording in recordings)
+    )
     scatter = {} if stale is None else {"dropped_samples": (stale, surely(weighed.temper * stale.gain))}
     jittered, after, leaves = sole_jitter(bench, best.e, y, sd, good, jump), closed.after, 1.0
     if jittered is not None:
@@ -178,14 +182,14 @@ def examine(
         after = jittered.left if present > CAL.present else after
         if present > CAL.present:
             leaves = float(np.clip((after - 1.0) / max(closed.after - 1.0, TINY), 0.0, 1.0))
-    scattered = sum(own.gain for own, present in scatter.values() if present > CAL.present)
+    scattered = sum(item.gain for item, present in scatter.values() if present > CAL.present)
     alone = CAL.excess_learnt if bench.learnt else CAL.excess_rough if rough else CAL.excess_exact
     beyond = leaves * beyond_what_may_be(then.e, y, sd, good, bench.channels, alone, rough)
     own_signs = signs(
         search, selection.base, best, closed.before, after, beyond, seen, scattered, _alone(selection, best)
     )
     return Examined(
-        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, told, good,
+        model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, entry, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
     )  # fmt: skip
 
@@ -194,8 +198,8 @@ def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
     """By what a cost grows of each effect of a hypothesis."""
     orders = orders_of(seen, len(search.bench.measured))
 
-    def stretches(own: Hypothesis) -> list[float]:
-        return [stretch(search, own, orders, k) for k in range(len(own.candidates))]
+    def stretches(hypothesis: Hypothesis) -> list[float]:
+        return [stretch(search, hypothesis, orders, k) for k in range(len(hypothesis.candidates))]
 
     return stretches
 
@@ -205,16 +209,18 @@ def _whitener(
 ) -> Callable[[Search, Hypothesis | None], Whitener]:
     """How residuals are whitened: by unknown forces where the model has them, else by the colour that is left."""
     if not isinstance(bench, Bench) or not knows_unknown_forces(bench.model):
-        return lambda search, own: white_noise(sd, good, bench.rows) if own is None else colour(own.e, good, bench.rows)
+        return lambda search, item: (
+            white_noise(sd, good, bench.rows) if item is None else colour(item.e, good, bench.rows)
+        )
     sizes = ForceSizes(bench)
 
-    def whiten(search: Search, own: Hypothesis | None) -> Whitener:
-        if own is None:
+    def whiten(search: Search, hypothesis: Hypothesis | None) -> Whitener:
+        if hypothesis is None:
             p = search.moved(np.array([axis.mean for axis in search.moving]))
             return model_error(linearised(bench, p, sd, sizes), prior.median, good)
         assert isinstance(search.bench, Bench)  # not always the same one: an effect may act in part of the rows
-        about = linearised(search.bench, search.vector(own), sd, sizes)
-        return model_error(about, estimated(about, own.e, good, prior), good)
+        about = linearised(search.bench, search.vector(hypothesis), sd, sizes)
+        return model_error(about, estimated(about, hypothesis.e, good, prior), good)
 
     return whiten
 
@@ -230,7 +236,7 @@ def _amplitudes(
 
 def _alone(selection: Selection, best: Hypothesis) -> float:
     """What the effects of a pair take off the base's cost, each by itself, added up; zero where that is not known."""
-    singles = {own.names[0]: selection.base.cost - own.cost for own in selection.of(1)}
+    singles = {item.names[0]: selection.base.cost - item.cost for item in selection.of(1)}
     if len(best.names) != 2 or not set(best.names) <= set(singles):
         return 0.0
     return max(sum(singles[name] for name in best.names), TINY)

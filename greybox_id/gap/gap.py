@@ -143,12 +143,13 @@ class Budget:
 
     def of(self, effect: str) -> Share | None:
         """The share of an effect."""
-        return next((own for own in self.shares if own.effect == effect), None)
+        return next((share for share in self.shares if share.effect == effect), None)
 
     def to_json(self) -> list[dict[str, Any]]:
         """One object per effect, and one for the unnamed rest."""
         rows: list[dict[str, Any]] = [
-            {"effect": own.effect, "share": own.share, "low": own.low, "high": own.high} for own in self.shares
+            {"effect": share.effect, "share": share.share, "low": share.low, "high": share.high}
+            for share in self.shares
         ]
         return [*rows, {"unnamed": self.unnamed.share, "low": self.unnamed.low, "high": self.unnamed.high}]
 

@@ -24,15 +24,15 @@ EQUATIONS = {
 
 def signals(bench: FreeRuns, y: Array) -> dict[str, Array]:
     """What regimes are told by, per row: as simulated, for readings share their noise with residuals."""
-    found = {}
+    result = {}
     for c, channel in enumerate(bench.channels):
         read = np.nan_to_num(bench.measured[:, c])
-        found[channel] = np.where(bench.counted[:, c], y[:, c], read)
+        result[channel] = np.where(bench.counted[:, c], y[:, c], read)
     for k, name in enumerate(bench.model.inputs):
-        found[name] = bench.inputs[:, k]
-    if "a_y" not in found and {"v_x", "yaw_rate"} <= found.keys():  # how hard it turns is known all the same
-        found["a_y"] = found["v_x"] * found["yaw_rate"]
-    return {name: _smooth(values, bench) for name, values in found.items()}
+        result[name] = bench.inputs[:, k]
+    if "a_y" not in result and {"v_x", "yaw_rate"} <= result.keys():  # how hard it turns is known all the same
+        result["a_y"] = result["v_x"] * result["yaw_rate"]
+    return {name: _smooth(values, bench) for name, values in result.items()}
 
 
 def regimes(bench: FreeRuns, seen: Mapping[str, Array]) -> dict[str, NDArray[np.bool_]]:
@@ -79,8 +79,8 @@ def where(
     total = float(np.sum(excess))
     there = total > CAL.no_gap * len(excess)
     shares = {
-        name: (float(np.mean(own)), float(np.clip(np.sum(excess[own]) / total, 0.0, 1.0)) if there else 0.0)
-        for name, own in regimes(bench, seen).items()
+        name: (float(np.mean(regime)), float(np.clip(np.sum(excess[regime]) / total, 0.0, 1.0)) if there else 0.0)
+        for name, regime in regimes(bench, seen).items()
     }
     lifted = {
         name: share / max(time, 1e-3)
@@ -90,9 +90,9 @@ def where(
     best = max(lifted, key=lambda name: lifted[name]) if lifted else "any"
     channels = {c: float(r) for c, r in zip(bench.channels, ratio, strict=True) if np.isfinite(r)}
     gains: dict[str, float] = {}
-    for own in promised:
-        group = EQUATIONS.get(effects[own.candidate.effect].group, effects[own.candidate.effect].group)
-        gains[group] = max(gains.get(group, 0.0), own.gain)
+    for entry in promised:
+        group = EQUATIONS.get(effects[entry.candidate.effect].group, effects[entry.candidate.effect].group)
+        gains[group] = max(gains.get(group, 0.0), entry.gain)
     everything = sum(gains.values()) or 1.0
     return Where(
         channel=max(channels, key=lambda name: channels[name]) if channels else "",
@@ -123,11 +123,11 @@ def _stretch(bench: FreeRuns, excess: Array) -> dict[str, float]:
 
 def _smooth(values: Array, bench: FreeRuns) -> Array:
     """A moving mean: regimes are not told by noise."""
-    length, found = max(1, round(CAL.smooth / bench.sample_time)), []
+    length, result = max(1, round(CAL.smooth / bench.sample_time)), []
     for rows in bench.rows:
-        own = min(length, rows.stop - rows.start)
-        found.append(np.convolve(values[rows], np.ones(own) / own, mode="same"))
-    return np.concatenate(found)
+        value = min(length, rows.stop - rows.start)
+        result.append(np.convolve(values[rows], np.ones(value) / value, mode="same"))
+    return np.concatenate(result)
 
 
 def _top(values: Array) -> float:

@@ -55,7 +55,7 @@ class Selection:
 
     def of(self, size: int) -> list[Hypothesis]:
         """Hypotheses of so many effects, best first."""
-        return [own for own in self.tried if len(own.candidates) == size]
+        return [item for item in self.tried if len(item.candidates) == size]
 
 
 def select(
@@ -75,7 +75,7 @@ def select(
     cost : log-likelihood that a further effect must gain, by its name.
     firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
-    worth = max((cost(own.effect) for own in candidates), default=0.0)
+    worth = max((cost(candidate.effect) for candidate in candidates), default=0.0)
     if firmly is not None:
         search.nominal[firmly.index] = firmly.rate
     search.recoloured(whitener(search, None))
@@ -87,45 +87,47 @@ def select(
     search.recoloured(whitener(search, refitted(search, best)))
     base = _base(search, best)
     promised = promises(search, base, started if firmly is None else candidates)
-    hopeful = [own for k, own in enumerate(promised) if k < CAL.fewest or own.gain > CAL.hope * promised[0].gain]
+    hopeful = [item for k, item in enumerate(promised) if k < CAL.fewest or item.gain > CAL.hope * promised[0].gain]
     singles = _with_each(search, base, hopeful[: CAL.singles])
     known = refitted(search, best)
-    for own in (known,) if len(best.candidates) == 1 else _without_each(search, known):
-        singles = _better(singles, own)
-    for own in _from_beliefs(search, base, candidates, singles, worth):
-        singles = _better(singles, own)
-    tried = {frozenset(own.names): own for own in singles}
+    for from_belief in (known,) if len(best.candidates) == 1 else _without_each(search, known):
+        singles = _better(singles, from_belief)
+    for from_belief in _from_beliefs(search, base, candidates, singles, worth):
+        singles = _better(singles, from_belief)
+    tried = {frozenset(single.names): single for single in singles}
     if len(best.candidates) == 2:
         tried[frozenset(best.names)] = known
     if tried:
         _combine(search, base, singles, tried, best, from_where_best(promised, candidates, singles), cost)
-    found = sorted(tried.values(), key=by_cost)
-    base, found = _polished(search, base, found, found[: CAL.polished + CAL.rivals], worth)
+    hypothesises = sorted(tried.values(), key=by_cost)
+    base, hypothesises = _polished(search, base, hypothesises, hypothesises[: CAL.polished + CAL.rivals], worth)
     if _far(search, base):
         with search.elsewhere():
             search.about(base)
-            for own in _let_go(search, base, candidates):
-                found = _better(found, own)
-    replacing = _in_each_place(search, found, candidates, worth)
-    costs = {frozenset(own.names): own.cost for own in found}
-    replacing = [own for own in replacing if own.cost < costs.get(frozenset(own.names), np.inf) - CAL.enough]
-    if replacing and replacing[0].cost < found[0].cost + worth:
-        base, found = _polished(search, base, found, replacing, worth, 1)
+            for from_belief in _let_go(search, base, candidates):
+                hypothesises = _better(hypothesises, from_belief)
+    replacing = _in_each_place(search, hypothesises, candidates, worth)
+    costs = {frozenset(item.names): item.cost for item in hypothesises}
+    replacing = [item for item in replacing if item.cost < costs.get(frozenset(item.names), np.inf) - CAL.enough]
+    if replacing and replacing[0].cost < hypothesises[0].cost + worth:
+        base, hypothesises = _polished(search, base, hypothesises, replacing, worth, 1)
     elif replacing:
-        names = {frozenset(own.names) for own in replacing}
-        found = sorted((*replacing, *(own for own in found if frozenset(own.names) not in names)), key=by_cost)
-    base, found = _from_each_other(search, base, _gaps(search, found), worth)
-    found = _from_believed_lags(search, found)
-    better = sum(own.cost < base.cost for own in found)  # of these more is told than what they cost
-    found = [*with_slopes(search, found[:better]), *found[better:]]
-    by_effect = {own.candidate.effect: own for own in reversed(promised)}  # of forms the most promising
-    return Selection(search, base, tuple(found), tuple(sorted(by_effect.values(), key=lambda own: -own.gain)))
+        names = {frozenset(item.names) for item in replacing}
+        hypothesises = sorted(
+            (*replacing, *(item for item in hypothesises if frozenset(item.names) not in names)), key=by_cost
+        )
+    base, hypothesises = _from_each_other(search, base, _gaps(search, hypothesises), worth)
+    hypothesises = _from_believed_lags(search, hypothesises)
+    better = sum(item.cost < base.cost for item in hypothesises)  # of these more is told than what they cost
+    hypothesises = [*with_slopes(search, hypothesises[:better]), *hypothesises[better:]]
+    by_effect = {item.candidate.effect: item for item in reversed(promised)}  # of forms the most promising
+    return Selection(search, base, tuple(hypothesises), tuple(sorted(by_effect.values(), key=lambda item: -item.gain)))
 
 
 def _polished(
     search: Search,
     base: Hypothesis,
-    found: list[Hypothesis],
+    hypothesises: list[Hypothesis],
     rivals: Sequence[Hypothesis],
     worth: float,
     rounds: int = CAL.polished,
@@ -135,11 +137,11 @@ def _polished(
     Nuisances that have taken up a gap are far from where they are once it has a name. Rivals are refitted there too,
     and the base: what is compared must have had the same chance. Then the next best, until none gains by it.
     """
-    if not (search.moving or search.shifts) or not found:
-        return base, found
-    better = {frozenset(own.names): own for own in sorted((*found, *rivals, base), key=by_cost, reverse=True)}
+    if not (search.moving or search.shifts) or not hypothesises:
+        return base, hypothesises
+    better = {frozenset(item.names): item for item in sorted((*hypothesises, *rivals, base), key=by_cost, reverse=True)}
     nothing = frozenset[str]()
-    rivalling, done = {frozenset(own.names) for own in rivals}, set[frozenset[str]]()
+    rivalling, done = {frozenset(rival.names) for rival in rivals}, set[frozenset[str]]()
     with search.elsewhere():
         for turn in range(rounds):
             itself = next((names for names in _near(better, rivalling, CAL.near * worth) if names not in done), nothing)
@@ -151,14 +153,16 @@ def _polished(
             search.about(best)
             starts = [search.start_of(better[names]) for names in (nothing, *dict.fromkeys((*beside, itself)))]
             again = refit(search, [*starts, Start((), np.empty(0), best.theta, best.linear)])
-            bases = [own for own in again if not own.names]
-            new = [settled(search, own, 1) if frozenset(own.names) == itself else own for own in again if own.names]
+            bases = [item for item in again if not item.names]
+            new = [
+                settled(search, item, 1) if frozenset(item.names) == itself else item for item in again if item.names
+            ]
             new += sorted(bases, key=by_cost)[:1]  # it may cost more once settled, as rivals may, which are not
-            new += [settled(search, own) for own in new[-1:] if turn == 0 and not own.names]
-            gained = max((better[frozenset(own.names)].cost - own.cost for own in new), default=0.0)
-            for own in sorted(new, key=by_cost, reverse=True):
-                if own.cost < better[names := frozenset(own.names)].cost:
-                    better[names] = own
+            new += [settled(search, item) for item in new[-1:] if turn == 0 and not item.names]
+            gained = max((better[frozenset(item.names)].cost - item.cost for item in new), default=0.0)
+            for item in sorted(new, key=by_cost, reverse=True):
+                if item.cost < better[names := frozenset(item.names)].cost:
+                    better[names] = item
             if gained < CAL.enough:
                 break
     base = better.pop(nothing)
@@ -166,51 +170,51 @@ def _polished(
 
 
 def _from_each_other(
-    search: Search, base: Hypothesis, found: list[Hypothesis], worth: float
+    search: Search, base: Hypothesis, hypothesises: list[Hypothesis], worth: float
 ) -> tuple[Hypothesis, list[Hypothesis]]:
     """The base and the best hypothesis, each refitted from where the other one has nuisances, until neither gains.
 
     Curves of tyres have several optima: what an effect seems to gain may be the way from one to another.
     """
     if not (search.moving or search.shifts):
-        return base, found
+        return base, hypothesises
     for _ in range(CAL.polished):
-        if not found or base.cost - found[0].cost <= CAL.worthy * worth:
+        if not hypothesises or base.cost - hypothesises[0].cost <= CAL.worthy * worth:
             break
-        best = found[0]
+        best = hypothesises[0]
         with search.elsewhere():
             search.about(best)
             starts = [search.start_of(base), Start((), np.empty(0), best.theta, best.linear)]
-            bases = [settled(search, own) for own in sorted(refit(search, starts), key=by_cost)[:1]]
+            bases = [settled(search, item) for item in sorted(refit(search, starts), key=by_cost)[:1]]
             search.about(base)
             beside = Start(best.candidates, best.m, base.theta, search.released(base.linear, best.axes), slopes=best.J)
-            again = [settled(search, own) for own in _gaps(search, refit(search, [beside]))]
-        gained = max(0.0, *(old.cost - own.cost for old, new in ((base, bases), (best, again)) for own in new))
+            again = [settled(search, gap) for gap in _gaps(search, refit(search, [beside]))]
+        gained = max(0.0, *(old.cost - item.cost for old, new in ((base, bases), (best, again)) for item in new))
         base = min([base, *bases], key=by_cost)
-        found = sorted((min([best, *again], key=by_cost), *found[1:]), key=by_cost)
+        hypothesises = sorted((min([best, *again], key=by_cost), *hypothesises[1:]), key=by_cost)
         if gained < CAL.enough:
             break
-    return base, found
+    return base, hypothesises
 
 
 def _near(
-    found: Mapping[frozenset[str], Hypothesis], among: Iterable[frozenset[str]], cost: float
+    result: Mapping[frozenset[str], Hypothesis], among: Iterable[frozenset[str]], cost: float
 ) -> list[frozenset[str]]:
     """Those of them that cost no more than the best of all by so much, best first."""
-    least = min(own.cost for own in found.values())
-    return sorted((names for names in among if found[names].cost - least < cost), key=lambda names: found[names].cost)
+    least = min(item.cost for item in result.values())
+    return sorted((names for names in among if result[names].cost - least < cost), key=lambda names: result[names].cost)
 
 
 def _in_each_place(
-    search: Search, found: Sequence[Hypothesis], candidates: Sequence[Candidate], worth: float
+    search: Search, hypothesises: Sequence[Hypothesis], candidates: Sequence[Candidate], worth: float
 ) -> list[Hypothesis]:
     """What may stand in the place of each effect of the best pair, if that gains what two effects must.
 
     Partners were promised beside an effect, and refitted, while nuisances had taken up what had no name yet. Where
     these are beside the pair, others may do better.
     """
-    pair = min((own for own in found if len(own.candidates) == 2), key=by_cost, default=None)
-    alone = min((own.cost for own in found if len(own.candidates) == 1), default=np.inf)
+    pair = min((item for item in hypothesises if len(item.candidates) == 2), key=by_cost, default=None)
+    alone = min((item.cost for item in hypothesises if len(item.candidates) == 1), default=np.inf)
     if pair is None or alone - pair.cost <= worth or not (search.moving or search.shifts):
         return []
     replacing = list[Hypothesis]()
@@ -218,7 +222,7 @@ def _in_each_place(
         search.about(pair)
         for parent in _without_each(search, pair):
             promised = promises(search, parent, candidates)[: CAL.replacing]
-            replacing += _with_each(search, parent, [own for own in promised if own.gain > CAL.partner_least])
+            replacing += _with_each(search, parent, [item for item in promised if item.gain > CAL.partner_least])
     return list(_best_of_each(replacing).values())
 
 
@@ -233,10 +237,10 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     """Nothing but nuisances, as well as they can do."""
     search.about(best)
     nothing = Start((), np.empty(0), best.theta, best.linear)
-    found = refit(search, [search.start_of(search.at_means()), nothing])
-    if not found:
+    result = refit(search, [search.start_of(search.at_means()), nothing])
+    if not result:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    base = min(found, key=by_cost)
+    base = min(result, key=by_cost)
     return settled(search, base)
 
 
@@ -260,26 +264,28 @@ def _from_beliefs(
         if not np.all(np.isfinite(e)):
             return themselves
         promised = promises(search, believed, candidates)[: CAL.replacing]
-        found = _with_each(search, believed, promised)
-        least = min((own.cost for own in (*singles, *themselves, *found)), default=np.inf)
+        hypothesises = _with_each(search, believed, promised)
+        least = min((item.cost for item in (*singles, *themselves, *hypothesises)), default=np.inf)
         enough = least + max(CAL.close * worth, CAL.nearly * (base.cost - least))
-        found = _gaps(search, [settled(search, own) if own.cost < enough else own for own in found])
-    return [*themselves, *found]
+        hypothesises = _gaps(search, [settled(search, item) if item.cost < enough else item for item in hypothesises])
+    return [*themselves, *hypothesises]
 
 
 def _far(search: Search, base: Hypothesis) -> set[int]:
     """Parameters that are tolerances and further off than these reach."""
     axes = (*search.moving, *search.shifts)
-    return {own.index for own, off in zip(axes, search.far(base), strict=True) if off > CAL.tolerated_sd}
+    return {axis.index for axis, off in zip(axes, search.far(base), strict=True) if off > CAL.tolerated_sd}
 
 
 def _let_go(search: Search, base: Hypothesis, candidates: Sequence[Candidate]) -> list[Hypothesis]:
     """Effects that the base has as tolerances, further off than these reach, from where it has them; best first."""
     far = _far(search, base)
     starts = [
-        Start((own,), np.array([search.where(base, main), *(axis.null for axis in others)]), base.theta, base.linear)
-        for own in candidates
-        for main, *others in [own.axes]
+        Start(
+            (candidate,), np.array([search.where(base, main), *(axis.null for axis in others)]), base.theta, base.linear
+        )
+        for candidate in candidates
+        for main, *others in [candidate.axes]
         if main.index in far
     ]
     return _gaps(search, refit(search, starts))
@@ -295,35 +301,35 @@ def _combine(
     cost: Callable[[str], float],
 ) -> None:
     """Add pairs about the best singles to what was tried, what is left of the best pair without each, and triples."""
-    least = min(own.cost for own in tried.values())
-    first = [own for own in singles if own.names[0] in best.names]
-    hopeful = [own for own in singles[: CAL.pairs] if base.cost - own.cost > CAL.hope * (base.cost - least)]
-    for parent in [*first, *(own for own in hopeful if own not in first)]:
+    least = min(item.cost for item in tried.values())
+    first = [single for single in singles if single.names[0] in best.names]
+    hopeful = [single for single in singles[: CAL.pairs] if base.cost - single.cost > CAL.hope * (base.cost - least)]
+    for parent in [*first, *(item for item in hopeful if item not in first)]:
         behind = CAL.nearly * (parent.cost - least)
         promised = promises(search, parent, likely)[: CAL.partners]
-        needed = {own.candidate.effect: cost(own.candidate.effect) for own in promised}
-        needed = {name: max(own, behind - own) for name, own in needed.items()}
-        enough = [own for own in promised if own.gain > needed[own.candidate.effect]]
+        needed = {item.candidate.effect: cost(item.candidate.effect) for item in promised}
+        needed = {name: max(item, behind - item) for name, item in needed.items()}
+        enough = [item for item in promised if item.gain > needed[item.candidate.effect]]
         explained = not enough and parent is singles[0] and len(best.candidates) < 2  # by one effect
         if parent is singles[0]:  # what comes next is named, however little speaks for it
-            enough = [own for own in promised if own.gain > min(needed[own.candidate.effect], CAL.partner_least)]
-        new = [own for own in enough if frozenset((*parent.names, own.candidate.effect)) not in tried]
-        tried |= {frozenset(own.names): own for own in _with_each(search, parent, new)}
+            enough = [item for item in promised if item.gain > min(needed[item.candidate.effect], CAL.partner_least)]
+        new = [item for item in enough if frozenset((*parent.names, item.candidate.effect)) not in tried]
+        tried |= {frozenset(item.names): item for item in _with_each(search, parent, new)}
         if explained:
             return
-        least = min(own.cost for own in tried.values())
-    pairs = sorted((own for own in tried.values() if len(own.candidates) == 2), key=by_cost)
+        least = min(item.cost for item in tried.values())
+    pairs = sorted((item for item in tried.values() if len(item.candidates) == 2), key=by_cost)
     if not pairs:
         return
-    for own in _without_each(search, pairs[0]):
-        name = frozenset(own.names)
-        if name not in tried or own.cost < tried[name].cost:
-            tried[name] = own
-    alone = min(own.cost for own in tried.values() if len(own.candidates) == 1)
+    for item in _without_each(search, pairs[0]):
+        name = frozenset(item.names)
+        if name not in tried or item.cost < tried[name].cost:
+            tried[name] = item
+    alone = min(item.cost for item in tried.values() if len(item.candidates) == 1)
     if alone - pairs[0].cost > min(cost(name) for name in pairs[0].names):
         promised = promises(search, pairs[0], likely)[: CAL.triples]
-        enough = [own for own in promised if own.gain > cost(own.candidate.effect)]
-        tried |= {frozenset(own.names): own for own in _with_each(search, pairs[0], enough)}
+        enough = [item for item in promised if item.gain > cost(item.candidate.effect)]
+        tried |= {frozenset(item.names): item for item in _with_each(search, pairs[0], enough)}
 
 
 def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis, list[Candidate]]:
@@ -335,7 +341,7 @@ def _rough(search: Search, candidates: Sequence[Candidate]) -> tuple[Hypothesis,
     known = from_where_best(promised, candidates)
     best = min([base, *_with_each(search, base, promised[: CAL.rough_singles])], key=by_cost)
     if best.candidates:
-        more = [own for own in promises(search, best, known)[:2] if own.gain > CAL.much * best.cost]
+        more = [promise for promise in promises(search, best, known)[:2] if promise.gain > CAL.much * best.cost]
         best = min([best, *_with_each(search, best, more)], key=by_cost)
     return best, known
 
@@ -346,70 +352,70 @@ def _without_each(search: Search, whole: Hypothesis) -> list[Hypothesis]:
     return _gaps(search, refit(search, starts))
 
 
-def _gaps(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+def _gaps(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Those of which every effect is larger than its tolerance, best first."""
-    return sorted((own for own in found if not search.tolerated(own)), key=by_cost)
+    return sorted((item for item in hypothesises if not search.tolerated(item)), key=by_cost)
 
 
 def _better(singles: list[Hypothesis], known: Hypothesis) -> list[Hypothesis]:
     """Singles with one that was known before, in place of the same one if it is better."""
-    others = [own for own in singles if own.names != known.names or own.cost <= known.cost]
-    new = others if any(own.names == known.names for own in others) else [*others, known]
+    others = [single for single in singles if single.names != known.names or single.cost <= known.cost]
+    new = others if any(other.names == known.names for other in others) else [*others, known]
     return sorted(new, key=by_cost)
 
 
 def refitted(search: Search, again: Hypothesis) -> Hypothesis:
     """A hypothesis, from where it stood."""
-    found = refit(search, [search.start_of(again)])
-    return found[0] if found else again
+    result = refit(search, [search.start_of(again)])
+    return result[0] if result else again
 
 
 def _with_each(search: Search, parent: Hypothesis, promised: Sequence[Promise]) -> list[Hypothesis]:
     """The parent with one more effect, for each of those that promise something, in its best form; best first."""
     starts = []
-    for own in promised:
-        candidate, m = own.candidate, np.append(parent.m, own.start)
-        null = np.append(parent.m, [search.where(parent, candidate.axes[0]), *own.start[1:]])
+    for item in promised:
+        candidate, m = item.candidate, np.append(parent.m, item.start)
+        null = np.append(parent.m, [search.where(parent, candidate.axes[0]), *item.start[1:]])
         way_back = (parent, null) if candidate.gradual else None
         count = len(parent.theta)
-        theta, linear = own.nuisances[:count], own.nuisances[count:]
+        theta, linear = item.nuisances[:count], item.nuisances[count:]
         starts.append(Start((*parent.candidates, candidate), m, theta, linear, way_back, parent.J))
     return list(_best_of_each(_gaps(search, refit(search, starts))).values())
 
 
-def _best_of_each(found: Iterable[Hypothesis]) -> dict[frozenset[str], Hypothesis]:
+def _best_of_each(hypothesises: Iterable[Hypothesis]) -> dict[frozenset[str], Hypothesis]:
     """The best hypothesis of the same effects, for each; best first."""
     best: dict[frozenset[str], Hypothesis] = {}
-    for own in sorted(found, key=by_cost):
-        best.setdefault(frozenset(own.names), own)
+    for item in sorted(hypothesises, key=by_cost):
+        best.setdefault(frozenset(item.names), item)
     return best
 
 
-def _from_believed_lags(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+def _from_believed_lags(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses, best first; those with delays or lags again from where the lags that are stated are believed to be.
 
     These have taken up what is late before it had a name, each as much as it may. Beside a delay too short by as
     much they stay there: a delay moves by rows, and no derivative leads on.
     """
     stated = [k for k, axis in enumerate(search.shifts) if axis.unit == "s"]
-    better = list(found)
+    better = list(hypothesises)
     if not stated:
         return better
     with search.elsewhere():
-        for k, own in enumerate(better[: CAL.late]):
-            late = [j for j, axis in enumerate(own.axes) if axis.abrupt and axis.unit == "s"]
+        for k, item in enumerate(better[: CAL.late]):
+            late = [j for j, axis in enumerate(item.axes) if axis.abrupt and axis.unit == "s"]
             if not late:
                 continue
-            freed = replace(own, linear=_unmoved(search, own.linear))
+            freed = replace(item, linear=_unmoved(search, item.linear))
             search.about(freed)
-            taken = float(sum(abs(own.linear[j] - search.shifts[j].null) for j in stated))
-            starts = [Start(own.candidates, own.m, own.theta, freed.linear)]
+            taken = float(sum(abs(item.linear[j] - search.shifts[j].null) for j in stated))
+            starts = [Start(item.candidates, item.m, item.theta, freed.linear)]
             for j in late:
-                m = own.m.copy()
-                m[j] = min(m[j] + taken, own.axes[j].high)
-                starts.append(Start(own.candidates, m, own.theta, freed.linear))
+                m = item.m.copy()
+                m[j] = min(m[j] + taken, item.axes[j].high)
+                starts.append(Start(item.candidates, m, item.theta, freed.linear))
             again = refit(search, starts)
-            better[k] = min([own, *again], key=by_cost)
+            better[k] = min([item, *again], key=by_cost)
     return sorted(better, key=by_cost)
 
 

@@ -115,14 +115,14 @@ def beyond_what_may_be(
         return float((np.mean((e / sd)[good] ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / count)) / alone)
     most = 0.0
     for c, channel in enumerate(channels):
-        own, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.of_signal
-        if np.any(own):
-            excess = np.mean((e[own, c] / sd[c]) ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / np.sum(own))
-            most = max(most, float(excess / max(alone, (share * np.std(y[own, c]) / sd[c]) ** 2)))
+        value, share = good[:, c], CAL.of_small_signal if channel == "v_y" else CAL.of_signal
+        if np.any(value):
+            excess = np.mean((e[value, c] / sd[c]) ** 2) - 1.0 - CAL.surely * np.sqrt(2.0 / np.sum(value))
+            most = max(most, float(excess / max(alone, (share * np.std(y[value, c]) / sd[c]) ** 2)))
     return most
 
 
-def without_a_name(own: Signs, temper: float, rough: bool, told: bool = True) -> bool:
+def without_a_name(signs: Signs, temper: float, rough: bool, told: bool = True) -> bool:
     """Whether what is left is a gap that no named effect explains.
 
     It is where errors exceed what they may. Rough equations are off in proportion to what they predict, but what they
@@ -131,40 +131,42 @@ def without_a_name(own: Signs, temper: float, rough: bool, told: bool = True) ->
 
     Parameters
     ----------
-    own : what speaks for it.
+    signs : what speaks for it.
     temper : what log-likelihoods are multiplied with.
     rough : whether equations are.
     told : as in `unknown_probability`.
     """
-    return told and (own.beyond > 1.0 or (rough and temper * own.over > CAL.cost_without_forces))
+    return told and (signs.beyond > 1.0 or (rough and temper * signs.over > CAL.cost_without_forces))
 
 
-def unknown_probability(own: Signs, told: bool = True) -> float:
+def unknown_probability(signs: Signs, told: bool = True) -> float:
     """The probability that something unknown is at work.
 
     Parameters
     ----------
-    own : what speaks for it.
+    signs : what speaks for it.
     told : whether noise was stated: else what is left passes for noise, and cannot speak.
     """
-    x = CAL.nothing_else + CAL.of_left * min(own.left, 1.0) + CAL.of_structure * own.structure
-    x += CAL.of_spread * min(own.spread, CAL.widest_spread) + (CAL.untold if own.effects > CAL.most_effects else 0.0)
-    x += CAL.beyond * np.log(max(own.beyond, 1.0)) + (0.0 if told else CAL.untold)
-    x += CAL.beyond * np.log(max(own.together, 1.0))
+    x = CAL.nothing_else + CAL.of_left * min(signs.left, 1.0) + CAL.of_structure * signs.structure
+    x += CAL.of_spread * min(signs.spread, CAL.widest_spread) + (
+        CAL.untold if signs.effects > CAL.most_effects else 0.0
+    )
+    x += CAL.beyond * np.log(max(signs.beyond, 1.0)) + (0.0 if told else CAL.untold)
+    x += CAL.beyond * np.log(max(signs.together, 1.0))
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 
 
-def left_gain(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> tuple[float, float]:
+def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[float, float]:
     """Log-likelihood that a regression on how the vehicle is driven would still gain, and what noise alone would give.
 
     Parameters
     ----------
-    search, found : the hypothesis and what refitted it.
+    search, hypothesis : the hypothesis and what refitted it.
     seen : signals per row.
     """
     features = _features(search.bench, seen)
     gain, expected = 0.0, 0.0
-    r = search.colour.white(found.e[:, :, None])[:, :, 0]
+    r = search.colour.white(hypothesis.e[:, :, None])[:, :, 0]
     for c in range(r.shape[1]):
         use = search.colour.usable[:, c]
         if np.count_nonzero(use) < 4 * features.shape[1]:
@@ -197,22 +199,24 @@ def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
     for lag in CAL.lags[1:]:
         rows = min(max(1, round(lag / bench.sample_time)), count)
         columns += [
-            np.concatenate([np.zeros(rows), own[: count - rows]]) for own in (steer, a_y, a_x, drive, r) if np.any(own)
+            np.concatenate([np.zeros(rows), item[: count - rows]])
+            for item in (steer, a_y, a_x, drive, r)
+            if np.any(item)
         ]
     X = np.column_stack(columns)
     return np.asarray(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-9))
 
 
-def unnamed(search: Search, best: Hypothesis, found: Amplitudes, median: Amplitudes) -> Unnamed:
+def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes) -> Unnamed:
     """Collect it."""
     off = np.concatenate([best.theta, best.linear]) - search.means
-    own = search.beliefs({axis.index for axis in best.axes})
-    each = np.sqrt(np.maximum(np.diag(own), 0.0)) * np.abs(off)
+    value = search.beliefs({axis.index for axis in best.axes})
+    each = np.sqrt(np.maximum(np.diag(value), 0.0)) * np.abs(off)
     names = [axis.name for axis in (*search.moving, *search.shifts, *search.shifts)]
     k = int(np.argmax(each[: len(names)])) if names else -1
-    total = np.hypot(found.noise, found.colour) / np.hypot(median.noise, median.colour)
+    total = np.hypot(result.noise, result.colour) / np.hypot(median.noise, median.colour)
     return Unnamed(
-        found.share_y, found.share_x, found.floor_y, found.floor_x, found.memory_y, found.memory_x,
-        float(off @ own @ off), (names[k], float(each[k])) if names else ("", 0.0),
+        result.share_y, result.share_x, result.floor_y, result.floor_x, result.memory_y, result.memory_x,
+        float(off @ value @ off), (names[k], float(each[k])) if names else ("", 0.0),
         {c: float(v) for c, v in zip(search.bench.channels, total, strict=True)}, search.expected_charge(best),
     )  # fmt: skip

@@ -68,16 +68,16 @@ class Effect:
 
     def __post_init__(self) -> None:
         for name in ("parameter", "memory_parameter"):
-            own = getattr(self, name)
-            if own is not None and own.null is None and own.shape == ():
-                object.__setattr__(self, name, replace(own, null=float(own.array)))
+            value = getattr(self, name)
+            if value is not None and value.null is None and value.shape == ():
+                object.__setattr__(self, name, replace(value, null=float(value.array)))
 
     def __repr__(self) -> str:
-        own = self.parameter
-        unit = "" if own.unit == "1" else f" [{pretty_unit(own.unit)}]"
-        null = "" if own.null is None else f", nothing changes at {own.null:g}"
-        at = "" if own.null is None or float(own.array) == own.null else f"; here {float(own.array):g}"
-        return f"Effect {self.name}: {own.about}{unit}{null}{at}{' (fixed)' if own.fixed else ''}"
+        value = self.parameter
+        unit = "" if value.unit == "1" else f" [{pretty_unit(value.unit)}]"
+        null = "" if value.null is None else f", nothing changes at {value.null:g}"
+        at = "" if value.null is None or float(value.array) == value.null else f"; here {float(value.array):g}"
+        return f"Effect {self.name}: {value.about}{unit}{null}{at}{' (fixed)' if value.fixed else ''}"
 
     def __call__(self, model: AnyModel) -> AnyModel:
         """Put the effect on a model and on those of its parts that it concerns."""
@@ -136,8 +136,8 @@ class Effect:
         if acts is None:
             return model
         magnitude, apply = acts
-        own = tuple(parameter for parameter in self.others if parameter.name not in model)
-        changed = apply(model.with_parameters(magnitude, *own))
+        value = tuple(parameter for parameter in self.others if parameter.name not in model)
+        changed = apply(model.with_parameters(magnitude, *value))
         origin = origin_of(self.apply, self.apply_to_memory)
         origins = {**model.origins, self.name: origin} if origin is not None else model.origins
         return cast(AnyModel, replace(changed, effects=(*model.effects, self.name), origins=origins))

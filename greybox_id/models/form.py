@@ -96,8 +96,8 @@ def with_form_error(model: MotionModel) -> MotionModel:
         w, more = q.x.v_y + x * q.x.yaw_rate, transfer(suffix, v * q.x.yaw_rate, q)
         for side in (1.0, -1.0):
             y = 0.5 * side * q.p.steered_wheels * getattr(q.p, f"track_{suffix}")
-            own = cs.atan2(w, forward_speed(v)) - cs.atan2(w, forward_speed(v - y * q.x.yaw_rate))
-            alpha = alpha + 0.5 * (1 - side * more) * own
+            value = cs.atan2(w, forward_speed(v)) - cs.atan2(w, forward_speed(v - y * q.x.yaw_rate))
+            alpha = alpha + 0.5 * (1 - side * more) * value
         return alpha
 
     def turned_back(M_z: Symbol, q: Quantities) -> Symbol:
@@ -134,11 +134,11 @@ def with_form_error(model: MotionModel) -> MotionModel:
         prior=Prior(WHEELS_SD),
         about="mass by which wheels resist being turned",
     )
-    own = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
+    value = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
         steer=toed, alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),
         F_yf=lambda force, q: erring("f", force, q), F_yr=lambda force, q: erring("r", force, q), M_z=turned_back,
     )  # fmt: skip
-    return replace(own, settings={**model.settings, "form": "uncertain"})
+    return replace(value, settings={**model.settings, "form": "uncertain"})
 
 
 def _bumps(slip: Symbol) -> list[Symbol]:
@@ -158,5 +158,5 @@ def _stood_for() -> Array:
     """(KNOTS, 2) how much of each direction is in each bump, where every share of the friction counts alike."""
     shares = (np.arange(SHARES) + 0.5) / SHARES
     slips = SHAPE * np.tan(np.arcsin(shares) / SHAPE)
-    bumps, ways = (np.array(cs.horzcat(*own(cs.DM(slips)))) for own in (_bumps, _directions))
+    bumps, ways = (np.array(cs.horzcat(*item(cs.DM(slips)))) for item in (_bumps, _directions))
     return np.asarray(np.linalg.lstsq(ways, bumps, rcond=None)[0].T)

@@ -54,7 +54,7 @@ SIMILAR = tuple(
 )  # fmt: skip
 ALONG = (
     BODY[4],
-    *(own for own in DRIVE if own.name in ("drive_split_front", "brake_split_front")),
+    *(item for item in DRIVE if item.name in ("drive_split_front", "brake_split_front")),
     *(Parameter(f"mu_{axle}", "1", 1.0, (0.1, 3.0), fixed=True, about=f"friction of the {where} axle")
       for axle, where in (("f", "front"), ("r", "rear"))),
     Parameter("slope_load_exponent", "1", 0.64, (0.0, 1.5), fixed=True,
@@ -232,7 +232,7 @@ def _hybrid(
         }  # fmt: skip
 
     curves = () if tyre is None else (replace(p, fixed=True) for suffix in "fr" for p in tyre.parameters(suffix))
-    known = {own.name: own for own in (*(ALONG if s.longitudinal else ()), *curves)}
+    known = {item.name: item for item in (*(ALONG if s.longitudinal else ()), *curves)}
     return HybridModel(
         name=name,
         about=about,
@@ -253,7 +253,7 @@ def _hybrid(
         readings={"v_y": v_y_of, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
         told_by={"F_yf": partial(_force_error, front=True), "F_yr": partial(_force_error, front=False)},
         least={"v_x": s.least_speed},
-        carried_on=tuple(own.name for own in SIMILAR),
+        carried_on=tuple(item.name for item in SIMILAR),
         sample_time=sample_time,
         substeps=max(ceil(sample_time / _LONGEST_STEP - 1e-9), 1),
         window=s.window,
@@ -328,8 +328,8 @@ def _yaw_acceleration(recording: Recording) -> Array:
 
 
 def _rate(values: Array, recording: Recording) -> Array:
-    found = np.full(len(recording), np.nan)
+    result = np.full(len(recording), np.nan)
     for start, stop in recording.runs:
         if stop - start > 2:
-            found[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
-    return found
+            result[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
+    return result

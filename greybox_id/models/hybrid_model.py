@@ -60,13 +60,13 @@ class RecurrentNetwork:
     @property
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """Parameter name -> its shape."""
-        found: dict[str, tuple[int, ...]] = {}
+        result: dict[str, tuple[int, ...]] = {}
         before = self.features
         for number, units in enumerate(self.hidden, 1):
-            found |= {f"W_{number}": (units, before), f"R_{number}": (units, units), f"b_{number}": (units,)}
+            result |= {f"W_{number}": (units, before), f"R_{number}": (units, units), f"b_{number}": (units,)}
             before = units
-        found |= {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
-        return found | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
+        result |= {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+        return result | ({"W_skip": (self.outputs, self.features)} if self.skip else {})
 
 
 @dataclass(frozen=True)
@@ -95,12 +95,12 @@ class FeedForwardNetwork:
     @property
     def shapes(self) -> Mapping[str, tuple[int, ...]]:
         """Parameter name -> its shape."""
-        found: dict[str, tuple[int, ...]] = {}
+        result: dict[str, tuple[int, ...]] = {}
         before = self.features
         for number, units in enumerate(self.hidden, 1):
-            found |= {f"W_{number}": (units, before), f"b_{number}": (units,)}
+            result |= {f"W_{number}": (units, before), f"b_{number}": (units,)}
             before = units
-        return found | {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
+        return result | {"W_out": (self.outputs, before), "b_out": (self.outputs,)}
 
 
 Integrator = Literal["euler", "ab2", "rk4"]

@@ -103,7 +103,7 @@ def covering_networks(settings: LateralNetworkSettings, recording: Recording) ->
         )
     v_x, steer = recording["v_x"][driven], recording["steer"][driven]
     spread_v, spread_r, spread_steer = (
-        max(float(np.nanstd(own)), 1e-6) for own in (v_y[driven], recording["yaw_rate"][driven], steer)
+        max(float(np.nanstd(item)), 1e-6) for item in (v_y[driven], recording["yaw_rate"][driven], steer)
     )
     scales = (
         spread_v, spread_r, float(np.mean(v_x)), max(float(np.std(v_x)), 0.1 * float(np.mean(v_x))), spread_steer,
@@ -111,7 +111,7 @@ def covering_networks(settings: LateralNetworkSettings, recording: Recording) ->
     )  # fmt: skip
     return replace(
         settings,
-        scales=tuple(float(f"{own:.6g}") for own in scales) if settings.scales is None else settings.scales,
+        scales=tuple(float(f"{scale:.6g}") for scale in scales) if settings.scales is None else settings.scales,
         sample_time=round(recording.sample_time, 9) if settings.sample_time is None else settings.sample_time,
     )
 
@@ -124,11 +124,11 @@ def mlp_lateral(settings: LateralNetworkSettings | None = None) -> HybridModel:
 
 def bicycle_mlp(settings: LateralNetworkSettings | None = None) -> HybridModel:
     """A single track, and a network that says what its rates are off by."""
-    own = settings or LateralNetworkSettings()
+    value = settings or LateralNetworkSettings()
     physical = (*BODY[:4], *pacejka.parameters("f"), *pacejka.parameters("r"), LEVER)
-    held = tuple(p if own.free_physics else replace(p, fixed=True) for p in physical)
+    held = tuple(p if value.free_physics else replace(p, fixed=True) for p in physical)
     about = "single track with Pacejka's tyres, and a feed-forward network of what its rates are off by"
-    return _networked("bicycle_mlp", about, held, _bicycle, own)
+    return _networked("bicycle_mlp", about, held, _bicycle, value)
 
 
 def _bicycle(x: Namespace, u: Namespace, p: Namespace) -> Mapping[str, Symbol]:
@@ -163,7 +163,7 @@ def _networked(
         x: Namespace, u: Namespace, p: Namespace, z: Sequence[Symbol]
     ) -> tuple[Mapping[str, Symbol], Mapping[str, Symbol]]:
         units = (v_y_rate, yaw_rate_rate) if s.scaled else (1.0 / sample_time, 1.0 / sample_time)
-        rates = {name: unit * own for name, unit, own in zip(OUTPUTS, units, z, strict=True)}
+        rates = {name: unit * item for name, unit, item in zip(OUTPUTS, units, z, strict=True)}
         if known is not None:
             rates = {name: rate + rates[name] for name, rate in known(x, u, p).items()}
         return rates, {"sideslip": cs.atan(x.v_y / u.v_x), "yaw_acceleration": rates["yaw_rate"]}

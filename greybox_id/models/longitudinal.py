@@ -57,12 +57,12 @@ def longitudinal(drive: str = "linear", brake: str = "drive") -> MotionModel:
 
         pedal = cs.fmax(u.drive, 0) if brake == "negative" else u.drive
         q.drive_force = p.force_per_unit * pedal if drive == "linear" else motor_force(pedal, x.v_x, p)
-        asked = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
+        requested = cs.fmax(q.drive_force, 0) + p.brake_gain * cs.fmin(q.drive_force, 0) * moving
         if brake != "drive":
             q.brake_force = p.brake_per_unit * cs.fmax(-u.drive if brake == "negative" else u.brake, 0)
-            asked = asked - q.brake_force * moving
+            requested = requested - q.brake_force * moving
         q.road_limit = p.friction * p.m * G
-        q.F_x = asked * within_limit(cs.fabs(asked) / q.road_limit)
+        q.F_x = requested * within_limit(cs.fabs(requested) / q.road_limit)
         q.F_drag = (p.c_0 * cs.cos(u.road_slope) + p.c_1 * cs.fabs(x.v_x) + p.c_2 * x.v_x**2) * moving
 
         q.gravity_x = G * cs.sin(u.road_slope)

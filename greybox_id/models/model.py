@@ -108,7 +108,7 @@ class Model:
             "free": tuple(p.name for p in self.parameters if not p.fixed),
             "fixed": tuple(p.name for p in self.parameters if p.fixed),
         }
-        lines = [f"  {title:8} {_listed(own)}" for title, own in names.items() if own]
+        lines = [f"  {title:8} {_listed(name)}" for title, name in names.items() if name]
         return "\n".join([f"Model {' + '.join((self.name, *self.effects))}: {self.about}", *lines])
 
     def _repr_html_(self) -> str:

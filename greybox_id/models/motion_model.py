@@ -202,15 +202,15 @@ class MotionModel(Model):
     def altered(self, **changes: Callable[[Symbol, Quantities], Symbol]) -> MotionModel:
         """The same model with parameters, inputs or quantities altered, those it has of the names given."""
         known = self.names
-        found = tuple((name, change) for name, change in changes.items() if name in known)
-        if not found:
+        result = tuple((name, change) for name, change in changes.items() if name in known)
+        if not result:
             raise BadModel(f"Model {self.name} has none of {', '.join(changes)}.")
-        return replace(self, alterations=(*self.alterations, *found))
+        return replace(self, alterations=(*self.alterations, *result))
 
     def relaxed(self, time_constant: Callable[[Quantities], Symbol], *quantities: str) -> MotionModel:
         """The same model with quantities that follow with a lag, those it has of the names given."""
-        found = tuple(Relaxation(name, time_constant) for name in quantities if name in self.quantities)
-        return replace(self, relaxations=(*self.relaxations, *found))
+        result = tuple(Relaxation(name, time_constant) for name in quantities if name in self.quantities)
+        return replace(self, relaxations=(*self.relaxations, *result))
 
     def sensed(self, sensor: Sensor) -> MotionModel:
         """The same model with a sensor behind those it already has."""
@@ -218,8 +218,8 @@ class MotionModel(Model):
 
     def late(self, by: Shift, *outputs: str) -> MotionModel:
         """The same model with readings that are late, of the outputs it has of the names given."""
-        found = tuple((name, by) for name in outputs if name in self.outputs)
-        return replace(self, latencies=(*self.latencies, *found))
+        result = tuple((name, by) for name in outputs if name in self.outputs)
+        return replace(self, latencies=(*self.latencies, *result))
 
     def gone_through(self, passes: int) -> MotionModel:
         """The same model with dynamics gone through at least so often."""

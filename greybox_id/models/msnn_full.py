@@ -76,7 +76,7 @@ def msnn_full(settings: FullSettings | None = None) -> MemoryModel:
 
     def feedback(y: Namespace, u: Namespace) -> dict[str, Symbol]:
         fed = {"a_x": y.a_x, "a_y": y.yaw_rate * u.v_x}
-        return {name: own for name, own in fed.items() if name in inputs}
+        return {name: item for name, item in fed.items() if name in inputs}
 
     return MemoryModel(
         name="msnn_full",

@@ -148,7 +148,7 @@ def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
     gain = TYPICAL_GAIN if s.curvature_gain is None else s.curvature_gain
     shape = (len(c.v_x), len(c.steer), len(c.a_x) if s.steady_over_a_x else 1)
     local = (("v_x", c.v_x), *((("a_x", c.a_x),) if s.transient_over_a_x else ()))
-    responses = tuple(len(own) for _, own in local)
+    responses = tuple(len(item) for _, item in local)
     kinematic = np.broadcast_to(gain * np.array(c.steer)[None, :, None], shape)
     steady = "steady_state"
     curvature = (

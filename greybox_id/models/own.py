@@ -34,8 +34,8 @@ def own_model(place: str) -> Model:
     ------
     BadInput : the file is not there or does not run, or it has no model of that name.
     """
-    found = _named(place)
-    made = found if isinstance(found, Model) or not callable(found) else _called(found, place)
+    result = _named(place)
+    made = result if isinstance(result, Model) or not callable(result) else _called(result, place)
     if not isinstance(made, Model):
         raise BadInput(f"{place} is no model but {made!r:.60}; name a MotionModel, or a function that makes one.")
     register(made)
@@ -44,11 +44,11 @@ def own_model(place: str) -> Model:
 
 def own_effect(place: str) -> Effect:
     """The effect of that name in a file, made known by its own name. Raises `BadInput` as `own_model` does."""
-    found = _named(place)
-    if not isinstance(found, Effect):
-        raise BadInput(f"{place} is no effect but {found!r:.60}; make one with greybox_id.alteration or Effect.")
-    register(found)
-    return found
+    result = _named(place)
+    if not isinstance(result, Effect):
+        raise BadInput(f"{place} is no effect but {result!r:.60}; make one with greybox_id.alteration or Effect.")
+    register(result)
+    return result
 
 
 def own(place: str) -> Model | Effect:
@@ -63,7 +63,7 @@ def _named(place: str) -> object:
     file, name = Path(match[1]), match[2]
     module = _loaded(file)
     if not hasattr(module, name):
-        there = [own for own, thing in vars(module).items() if isinstance(thing, Model | Effect)]
+        there = [name for name, thing in vars(module).items() if isinstance(thing, Model | Effect)]
         raise BadInput(
             f"{file} has no {name}.{near_or_all(name, there) if there else ' It has no model and no effect.'}"
         )

@@ -53,7 +53,7 @@ class Prior:
                 "Prior, step_sd: one entry for each axis is needed, a number or None, as in (0.4, None), not "
                 f"{self.step_sd!r:.40}."
             )
-        spreads = {"sd": self.sd} | {f"step_sd[{k}]": own for k, own in enumerate(self.step_sd) if own is not None}
+        spreads = {"sd": self.sd} | {f"step_sd[{k}]": item for k, item in enumerate(self.step_sd) if item is not None}
         for name, value in spreads.items():
             if not np.all(_numbers(value, f"Prior, {name}") > 0.0):
                 raise BadInput(
@@ -136,7 +136,7 @@ class Parameter:
 
     def _bounds(self) -> tuple[float, float]:
         try:
-            low, high = (float(own) for own in self.bounds)
+            low, high = (float(bound) for bound in self.bounds)
         except (TypeError, ValueError) as error:
             raise BadInput(
                 f"Parameter {self.name}, bounds: a lowest and a highest value are needed, not {self.bounds!r:.40}."
@@ -149,10 +149,10 @@ class Parameter:
             return
         if not isinstance(prior, Prior):
             raise BadInput(f"Parameter {self.name}, prior: a Prior is needed, as in Prior(sd=0.5), not {prior!r:.40}.")
-        for name, own in (("sd", np.shape(prior.sd)), ("mean", np.shape(0.0 if prior.mean is None else prior.mean))):
-            if not _broadcasts(own, self.shape):
+        for name, item in (("sd", np.shape(prior.sd)), ("mean", np.shape(0.0 if prior.mean is None else prior.mean))):
+            if not _broadcasts(item, self.shape):
                 raise BadInput(
-                    f"Parameter {self.name} has shape {self.shape}; the {name} of its prior has shape {own}."
+                    f"Parameter {self.name} has shape {self.shape}; the {name} of its prior has shape {item}."
                 )
         if len(prior.step_sd) > len(self.shape):
             raise BadInput(
@@ -161,14 +161,14 @@ class Parameter:
 
     def __repr__(self) -> str:
         unit = "" if self.unit == "1" else f" [{pretty_unit(self.unit)}]"
-        own = self.array
-        ends = f" from {exact(float(own.min()), 6)} to {exact(float(own.max()), 6)}" if own.size else ""
-        said = [exact(float(own), 6) if own.shape == () else f"array of shape {own.shape}{ends}"]
-        said += ["fixed"] * self.fixed
+        array = self.array
+        ends = f" from {exact(float(array.min()), 6)} to {exact(float(array.max()), 6)}" if array.size else ""
+        stated = [exact(float(array), 6) if array.shape == () else f"array of shape {array.shape}{ends}"]
+        stated += ["fixed"] * self.fixed
         if np.any(np.isfinite(self.bounds)):
-            said.append(f"bounds [{', '.join(exact(end, 6) for end in self.bounds)}]")
-        said += ["with a prior"] * (self.prior is not None) + ["one for each run"] * (self.scope == "run")
-        return f"Parameter {self.name}{unit}: {', '.join(said)}{f'; {self.about}' if self.about else ''}"
+            stated.append(f"bounds [{', '.join(exact(end, 6) for end in self.bounds)}]")
+        stated += ["with a prior"] * (self.prior is not None) + ["one for each run"] * (self.scope == "run")
+        return f"Parameter {self.name}{unit}: {', '.join(stated)}{f'; {self.about}' if self.about else ''}"
 
     @property
     def array(self) -> Array:

@@ -167,10 +167,10 @@ def _formed(model: MotionModel, settings: TyreSettings) -> MotionModel:
 
 MODELS: dict[str, ModelEntry] = {
     "single_track": ModelEntry(
-        SingleTrackSettings, lambda own: _formed(single_track(own.model, own.drive, _brake(own)), own), _braked
+        SingleTrackSettings, lambda item: _formed(single_track(item.model, item.drive, _brake(item)), item), _braked
     ),
-    "lateral": ModelEntry(TyreSettings, lambda own: _formed(lateral(own.model), own)),
-    "longitudinal": ModelEntry(DriveSettings, lambda own: longitudinal(own.drive, _brake(own)), _braked),
+    "lateral": ModelEntry(TyreSettings, lambda item: _formed(lateral(item.model), item)),
+    "longitudinal": ModelEntry(DriveSettings, lambda item: longitudinal(item.drive, _brake(item)), _braked),
     "kinematic": ModelEntry(KinematicSettings, kinematic),
     "msnn_lat": ModelEntry(LateralSettings, msnn_lat, covering_lat),
     "msnn_long": ModelEntry(LongitudinalSettings, msnn_long, covering_long),
@@ -263,27 +263,27 @@ POINTS = ("greybox_id.models", "greybox_id.effects")
 """Groups of entry points by which installed packages bring models and effects."""
 
 
-def register(own: Model | Effect) -> str:
+def register(model: Model | Effect) -> str:
     """Let a model or an effect of one's own be known by its name from now on; the name.
 
     Raises
     ------
     BadInput : something shipped has the name.
     """
-    if not isinstance(own, Model | Effect):
-        raise BadInput(f"A model or an effect is needed, not {own!r:.60}.")
-    kind = "model" if isinstance(own, Model) else "effect"
-    if own.name in SHIPPED:
-        raise BadInput(f"Your {kind} calls itself {own.name}, as one that greybox-id ships; give it another name.")
-    if isinstance(own, Model):
-        MODELS[own.name] = ModelEntry(NoSettings, lambda settings: own, own=own)
+    if not isinstance(model, Model | Effect):
+        raise BadInput(f"A model or an effect is needed, not {model!r:.60}.")
+    kind = "model" if isinstance(model, Model) else "effect"
+    if model.name in SHIPPED:
+        raise BadInput(f"Your {kind} calls itself {model.name}, as one that greybox-id ships; give it another name.")
+    if isinstance(model, Model):
+        MODELS[model.name] = ModelEntry(NoSettings, lambda settings: model, own=model)
     else:
-        EFFECTS[own.name] = own
-    return own.name
+        EFFECTS[model.name] = model
+    return model.name
 
 
 @contextmanager
-def known(*own: Model | Effect) -> Iterator[None]:
+def known(*value: Model | Effect) -> Iterator[None]:
     """Let models and effects be known by their names for a while: those of a fit that is loaded, reported, exported.
 
     What is shipped stays what it is: of a model with effects, the equations alone are asked for by its name.
@@ -291,7 +291,7 @@ def known(*own: Model | Effect) -> Iterator[None]:
     install()  # once: what it finds stays known
     models, effects = dict(MODELS), dict(EFFECTS)
     try:
-        for one in own:
+        for one in value:
             if one.name not in SHIPPED:
                 register(one)
         yield
@@ -336,7 +336,7 @@ def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None
     if vehicle is None:
         return with_effects(model, effects or {})
     whole = with_effects(with_vehicle(model, vehicle), effects or {})
-    stated = {name: own.value for name, own in vehicle.values.items() if name in _seconds() and name in whole}
+    stated = {name: value.value for name, value in vehicle.values.items() if name in _seconds() and name in whole}
     return whole.with_parameters(
         *(whole[name].with_value(value) for name, value in stated.items() if value is not None)
     )

@@ -42,7 +42,7 @@ def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]
     usual : of a recording: "speed" at which resistance is as stated, m/s, and root mean squares of "steer", rad, and
         "drive", of its own unit.
     """
-    stated = {name for name, own in vehicle.values.items() if own.sd is not None}
+    stated = {name for name, value in vehicle.values.items() if value.sd is not None}
     for rough, by in ((steered_wheels(), {"B_f", "C_f"}), (_bent("c_0", usual["speed"]), {"c_0"}),
                       (_bent("c_2", usual["speed"]), {"c_2"})):  # fmt: skip
         if by <= stated and rough.name not in model and rough.concerns(model):
@@ -62,7 +62,7 @@ def _regimes(usual: Mapping[str, float]) -> list[Effect]:
         "drive": (lambda q: q.u.drive / q.p.usual_drive, ("drive",)),
     }
     units = {"steer": "rad", "speed": "m/s", "drive": "1"}
-    found = []
+    result = []
     for force in ("F_yf", "F_yr", "F_drag"):
         for regime, (size, needs) in sizes.items():
             if force == "F_drag" and regime == "drive":
@@ -72,15 +72,15 @@ def _regimes(usual: Mapping[str, float]) -> list[Effect]:
             def shaped(value: Symbol, q: Quantities, name: str = name, size: Any = size) -> Symbol:
                 return value * (1 + getattr(q.p, name) * size(q))
 
-            own = Parameter(name, "1", 0.0, (-0.5, 0.5), prior=Prior(FORM_SD), about=f"error of {force} over {regime}")
+            one = Parameter(name, "1", 0.0, (-0.5, 0.5), prior=Prior(FORM_SD), about=f"error of {force} over {regime}")
             others = tuple(
                 Parameter(f"usual_{regime}", unit, usual[regime], (0.0, inf), fixed=True, about=f"usual {regime}")
                 for unit in [units.get(regime)]
                 if unit
             )
             apply = _altering({force: shaped})
-            found.append(Effect(name, own, (force,), apply, group=GROUP, needs=needs, others=others))
-    return found
+            result.append(Effect(name, one, (force,), apply, group=GROUP, needs=needs, others=others))
+    return result
 
 
 def _altering(changes: Mapping[str, Callable[[Symbol, Quantities], Symbol]]) -> Callable[[MotionModel], MotionModel]:
@@ -100,11 +100,11 @@ def steered_wheels() -> Effect:
         across = q.F_yf + q.F_yr
         return M_z - q.p.steered_wheels * cs.sin(q.u.steer) * FRONT_SHARE * q.p.h_cg * across * q.F_yf / q.F_zf
 
-    own = Parameter(
+    parameter = Parameter(
         "steered_wheels", "1", 0.0, (0.0, 2.0), prior=Prior(TRACK_SD), about="share of the outer front wheel's moment"
     )
     return Effect(
-        own.name, own, ("M_z",), lambda model: model.altered(M_z=turned_back), group=GROUP,
+        parameter.name, parameter, ("M_z",), lambda model: model.altered(M_z=turned_back), group=GROUP,
         needs=("steer", "F_yf", "F_yr", "F_zf", "h_cg"),
     )  # fmt: skip
 
@@ -116,11 +116,11 @@ def _bent(coefficient: str, usual_speed: float) -> Effect:
     def bent(value: Symbol, q: Quantities) -> Symbol:
         return value * (1 + getattr(q.p, name) * (cs.fabs(speed(q)) / q.p.usual_speed - 1))
 
-    own = Parameter(
+    entry = Parameter(
         name, "1", 0.0, (-0.5, 0.5), prior=Prior(DRAG_SD), about=f"power of speed beside that of {coefficient}"
     )
     usual = Parameter("usual_speed", "m/s", usual_speed, (0.0, inf), fixed=True, about="where resistance is as stated")
     return Effect(
-        name, own, (coefficient,), lambda model: model.altered(**{coefficient: bent}), group=GROUP, needs=("v_x",),
+        name, entry, (coefficient,), lambda model: model.altered(**{coefficient: bent}), group=GROUP, needs=("v_x",),
         others=(usual,),  # a number in the equations would have every recording compile its own
     )  # fmt: skip

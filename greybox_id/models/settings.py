@@ -30,7 +30,7 @@ def from_mapping(kind: type[T], values: Mapping[str, Any], where: str = "") -> T
     for name in values:
         if name not in known:
             raise BadInput(
-                f"There is no setting {where}{name}; {there_are}.{near(where + name, (where + own for own in known))}"
+                f"There is no setting {where}{name}; {there_are}.{near(where + name, (where + one for one in known))}"
             )
     return kind(**{name: _value(hints[name], value, where + name) for name, value in values.items()})
 

@@ -133,14 +133,14 @@ class TyreFile:
         """
         here, apart = self.at(), [self.at(share * self.nominal_load) for share in LOADS]
         source = f"{Path(self.path).name}: Magic Formula {self.version} at {self.nominal_load:g} N"
-        found = {}
+        result = {}
         for letter in "BCDE":
             value, sd = getattr(here, letter), abs(getattr(apart[1], letter) - getattr(apart[0], letter)) / 2
             if letter in "BD":
                 sd = hypot(sd, BELT * abs(value))
             for suffix in "fr":
-                found[f"{letter}_{suffix}"] = Stated(value, sd if sd > TELLING * abs(value) else None, source=source)
-        return found | self._shifts(here)
+                result[f"{letter}_{suffix}"] = Stated(value, sd if sd > TELLING * abs(value) else None, source=source)
+        return result | self._shifts(here)
 
     def _shifts(self, here: PureLateral) -> dict[str, Stated]:
         """Shifts of an axle: none where its tyres mirror each other, those of one where they do not.
@@ -175,10 +175,10 @@ def parse_tyre_file(text: str, path: str) -> TyreFile:
     numbers: dict[str, float] = {}
     words: dict[str, str] = {}
     for count, line in enumerate(text.splitlines(), 1):
-        found = _LINE.match(line)
-        if found is None:
+        result = _LINE.match(line)
+        if result is None:
             continue
-        key, value = found[1].upper(), found[2]
+        key, value = result[1].upper(), result[2]
         if value[0] in "'\"":
             words[key] = value[1:-1].strip()
         elif _NUMBER.fullmatch(value):
@@ -206,9 +206,9 @@ def parse_tyre_file(text: str, path: str) -> TyreFile:
 
 
 def _version(numbers: Mapping[str, float], words: Mapping[str, str]) -> str:
-    told = numbers.get("FITTYP")
-    if told in FORMATS:
-        return FORMATS[int(told)]
+    known = numbers.get("FITTYP")
+    if known in FORMATS:
+        return FORMATS[int(known)]
     if words.get("PROPERTY_FILE_FORMAT", "").upper() == "PAC2002":
         return "5.2"
     return "6.1" if "PPY1" in numbers or "PKY4" in numbers else "5.2"

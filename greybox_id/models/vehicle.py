@@ -44,9 +44,11 @@ class Stated:
 
     def __post_init__(self) -> None:
         for name in ("value", "sd", "min", "max"):
-            own = getattr(self, name)
-            if own is not None and (not isinstance(own, Real) or isnan(own) or (name == "value" and isinf(own))):
-                raise BadInput(f"Stated, {name}: a number or None is needed, not {own!r:.40}.")
+            value = getattr(self, name)
+            if value is not None and (
+                not isinstance(value, Real) or isnan(value) or (name == "value" and isinf(value))
+            ):
+                raise BadInput(f"Stated, {name}: a number or None is needed, not {value!r:.40}.")
         if self.sd is not None and self.sd < 0.0:
             raise BadInput(f"Stated, sd: a standard deviation cannot be negative, as {self.sd:g} is.")
         if self.min is not None and self.max is not None and self.min > self.max:

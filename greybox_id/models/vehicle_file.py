@@ -56,12 +56,12 @@ def shipped_vehicles() -> tuple[str, ...]:
     return shipped_files("vehicles")
 
 
-def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effects: Collection[str] = ()) -> Vehicle:
+def vehicle(target: str | Path | Vehicle, parameters: Collection[str] = (), effects: Collection[str] = ()) -> Vehicle:
     """The vehicle that is meant: a shipped one by name, a user's by the path of its file, or the vehicle itself.
 
     Parameters
     ----------
-    wanted : name, path ending in .toml or .json, or vehicle.
+    target : name, path ending in .toml or .json, or vehicle.
     parameters, effects : names that mean something to models; others are refused. Empty refuses none.
 
     Raises
@@ -69,9 +69,9 @@ def vehicle(wanted: str | Path | Vehicle, parameters: Collection[str] = (), effe
     BadInput
         There is no such vehicle, or its file is no valid vehicle file.
     """
-    if isinstance(wanted, Vehicle):
-        return wanted
-    text, file = named_text(str(wanted), "vehicles", "vehicle", (".toml", ".json"))
+    if isinstance(target, Vehicle):
+        return target
+    text, file = named_text(str(target), "vehicles", "vehicle", (".toml", ".json"))
     return parse_vehicle(text, file, parameters, effects)
 
 
@@ -159,13 +159,13 @@ def _tracking(table: Mapping[str, Any], where: str) -> TrackingPlan:
 
 
 def _model_errors(table: Mapping[str, Any], where: str) -> dict[str, StatedModelError]:
-    found = dict[str, StatedModelError]()
+    result = dict[str, StatedModelError]()
     must_know(table, FORCES, where, "force")
     for force in table:
-        own = table_of(table, force, where)
-        must_know(own, MODEL_ERROR_KEYS, f"{where} {force}")
-        found[force] = StatedModelError(**{key: _above_zero(own[key], f"{where} {force} {key}") for key in own})
-    return found
+        value = table_of(table, force, where)
+        must_know(value, MODEL_ERROR_KEYS, f"{where} {force}")
+        result[force] = StatedModelError(**{key: _above_zero(value[key], f"{where} {force} {key}") for key in value})
+    return result
 
 
 def _names(table: Mapping[str, Any], key: str, where: str) -> tuple[str, ...]:
@@ -238,7 +238,7 @@ def _all_known(
     """Refuse keys that are not among the names; what another table holds is told where it belongs."""
     for key in table:
         if names and key not in names:
-            if elsewhere := [other for other, own in others.items() if key in own]:
+            if elsewhere := [other for other, item in others.items() if key in item]:
                 raise BadInput(f"{where} {key}: that is no {what} and belongs under [{elsewhere[0]}].")
             raise BadInput(
                 f'{where} {key}: there is no {what} "{key}".{near(key, names)} Mend its name or take it out.'
@@ -288,18 +288,22 @@ def as_plain(vehicle: Vehicle) -> dict[str, Any]:
     plain["effects"] = _plainly(vehicle.effects)
     plain["noise"] = dict(vehicle.noise)
     plain["model_error"] = {
-        force: {key: value for key, value in vars(own).items() if value is not None}
-        for force, own in vehicle.model_error.items()
+        force: {key: value for key, value in vars(item).items() if value is not None}
+        for force, item in vehicle.model_error.items()
     }
     if vehicle.tracking is not None:
-        own = vehicle.tracking
-        plan = {"parameters": list(own.parameters), "disturbances": list(own.disturbances), "noise": dict(own.noise)}
+        tracking = vehicle.tracking
+        plan = {
+            "parameters": list(tracking.parameters),
+            "disturbances": list(tracking.disturbances),
+            "noise": dict(tracking.noise),
+        }
         plain["tracking"] = {key: value for key, value in plan.items() if value}
     return {key: value for key, value in plain.items() if value != {}}
 
 
 def _plainly(stated: Mapping[str, Stated]) -> dict[str, Any]:
-    return {name: _plain(own) for name, own in stated.items()}
+    return {name: _plain(item) for name, item in stated.items()}
 
 
 def _plain(stated: Stated) -> float | dict[str, float | str]:
@@ -326,10 +330,10 @@ def _key(name: str) -> str:
 
 def _inline(value: Any) -> str:
     if isinstance(value, Mapping):
-        entries = [f"{_key(key)} = {_inline(own)}" for key, own in value.items() if own is not None]
+        entries = [f"{_key(key)} = {_inline(item)}" for key, item in value.items() if item is not None]
         return f"{{ {', '.join(entries)} }}" if entries else "{}"
     if isinstance(value, (list, tuple)):
-        return f"[{', '.join(_inline(own) for own in value)}]"
+        return f"[{', '.join(_inline(item) for item in value)}]"
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, (int, float)):

@@ -32,8 +32,8 @@ def with_vehicle(model: AnyModel, vehicle: Vehicle) -> AnyModel:
     BadInput : a value lies outside what the model takes for it.
     """
     stated = {**derived(vehicle), **vehicle.values}
-    new = (_parameter(model[name], own, vehicle) for name, own in stated.items() if name in model)
-    usual = (_scaled(model[name], own) for name, own in scaled(vehicle).items() if name in model)
+    new = (_parameter(model[name], item, vehicle) for name, item in stated.items() if name in model)
+    usual = (_scaled(model[name], item) for name, item in scaled(vehicle).items() if name in model)
     changed = model.with_parameters(*usual, *new)
     return replace(changed, parts=tuple(with_vehicle(part, vehicle) for part in changed.parts))
 
@@ -46,27 +46,27 @@ def scaled(vehicle: Vehicle) -> dict[str, Stated]:
     rolling and the force per unit of a commanded acceleration with mass, drag with length squared, as in a car that is
     built the same way at another size.
     """
-    stated, own = vehicle.values, {p.name: float(p.array) for p in (*BODY, *DRIVE, *WHEELS)}
+    stated, value = vehicle.values, {p.name: float(p.array) for p in (*BODY, *DRIVE, *WHEELS)}
     known = {name: _value(stated, name) for name in ("m", "l_f", "l_r", "wheel_radius") if name in stated}
     if "m" not in known:
         return {}
-    mass = known["m"] / own["m"]
+    mass = known["m"] / value["m"]
     sized = {"l_f", "l_r"} <= known.keys()
-    length = (known["l_f"] + known["l_r"]) / (own["l_f"] + own["l_r"]) if sized else mass ** (1 / 3)
-    radius = known.get("wheel_radius", length * own["wheel_radius"]) / own["wheel_radius"]
+    length = (known["l_f"] + known["l_r"]) / (value["l_f"] + value["l_r"]) if sized else mass ** (1 / 3)
+    radius = known.get("wheel_radius", length * value["wheel_radius"]) / value["wheel_radius"]
     factors = {
         "l_f": length, "l_r": length, "h_cg": length, "track_f": length, "track_r": length, "wheel_radius": radius,
         "I_z": mass * length**2, "I_w": mass * radius**2, "c_0": mass, "c_2": length**2, "force_per_unit": mass,
     }  # fmt: skip
     by = "a car of 1450 kg, scaled with mass and size"
-    return {name: Stated(own[name] * factor, source=by) for name, factor in factors.items() if name not in stated}
+    return {name: Stated(value[name] * factor, source=by) for name, factor in factors.items() if name not in stated}
 
 
-def with_size(model: AnyModel, said: Collection[str]) -> AnyModel:
+def with_size(model: AnyModel, stated: Collection[str]) -> AnyModel:
     """The model with numbers that nobody said anything of scaled to the mass and size that were said."""
-    values = {name: Stated(float(model[name].array)) for name in said if name in model and model[name].shape == ()}
+    values = {name: Stated(float(model[name].array)) for name in stated if name in model and model[name].shape == ()}
     usual = scaled(Vehicle("", values))
-    return model.with_parameters(*(_scaled(model[name], own) for name, own in usual.items() if name in model))
+    return model.with_parameters(*(_scaled(model[name], item) for name, item in usual.items() if name in model))
 
 
 def with_tolerances(model: AnyModel, vehicle: Vehicle, effects: Mapping[str, Effect]) -> AnyModel:
@@ -98,7 +98,7 @@ def derived(vehicle: Vehicle) -> dict[str, Stated]:
     C_alpha = B C D F_z with the static load of the axle, mu = D, the slip curve_slip = 1 / (B C) at which that slope
     alone would give the peak, and the understeer gradient K_us.
     """
-    stated, found = vehicle.values, {}
+    stated, result = vehicle.values, {}
     if not {"m", "l_f", "l_r"} <= stated.keys():
         return {}
     m, l_f, l_r = (_value(stated, name) for name in ("m", "l_f", "l_r"))
@@ -107,18 +107,18 @@ def derived(vehicle: Vehicle) -> dict[str, Stated]:
             factors = [stated[f"{letter}_{suffix}"] for letter in "BCD"]
             B, C, D = (_value(stated, f"{letter}_{suffix}") for letter in "BCD")
             C_alpha = B * C * D * m * G * other / (l_f + l_r)
-            relative = hypot(*((own.sd or 0.0) / (own.value or 1.0) for own in factors))
+            relative = hypot(*((factor.sd or 0.0) / (factor.value or 1.0) for factor in factors))
             by = f"B_{suffix} C_{suffix} D_{suffix} F_z"
-            found[f"C_alpha_{suffix}"] = Stated(C_alpha, abs(C_alpha) * relative or None, source=by)
-            found[f"mu_{suffix}"] = replace(factors[2], source=f"D_{suffix}")
-            found[f"curve_slip_{suffix}"] = Stated(1.0 / (B * C), source=f"1 / (B_{suffix} C_{suffix})")
-    slopes = {**found, **stated}
+            result[f"C_alpha_{suffix}"] = Stated(C_alpha, abs(C_alpha) * relative or None, source=by)
+            result[f"mu_{suffix}"] = replace(factors[2], source=f"D_{suffix}")
+            result[f"curve_slip_{suffix}"] = Stated(1.0 / (B * C), source=f"1 / (B_{suffix} C_{suffix})")
+    slopes = {**result, **stated}
     if {"C_alpha_f", "C_alpha_r"} <= slopes.keys():
         C_f, C_r = (_value(slopes, name) for name in ("C_alpha_f", "C_alpha_r"))
         by_f, by_r = m / (l_f + l_r) * l_r / C_f, m / (l_f + l_r) * l_f / C_r
         sd = hypot(by_f * (slopes["C_alpha_f"].sd or 0.0) / C_f, by_r * (slopes["C_alpha_r"].sd or 0.0) / C_r)
-        found["K_us"] = Stated(by_f - by_r, sd or None, source="m / L (l_r / C_alpha_f - l_f / C_alpha_r)")
-    return found
+        result["K_us"] = Stated(by_f - by_r, sd or None, source="m / L (l_r / C_alpha_f - l_f / C_alpha_r)")
+    return result
 
 
 def _value(stated: Mapping[str, Stated], name: str) -> float:
@@ -132,11 +132,13 @@ def _parameter(parameter: Parameter, stated: Stated, vehicle: Vehicle) -> Parame
     return replace(new, fixed=parameter.fixed or parameter.name in MEASURED) if stated.plain else new
 
 
-def _scaled(parameter: Parameter, own: Stated) -> Parameter:
+def _scaled(parameter: Parameter, stated: Stated) -> Parameter:
     """The parameter at its usual value for such a size, free or held as the model has it."""
-    if parameter.shape or own.value is None or parameter.prior is not None:
+    if parameter.shape or stated.value is None or parameter.prior is not None:
         return parameter
-    return replace(parameter, value=min(max(own.value, parameter.bounds[0]), parameter.bounds[1]), source=own.source)
+    return replace(
+        parameter, value=min(max(stated.value, parameter.bounds[0]), parameter.bounds[1]), source=stated.source
+    )
 
 
 def _bounded(parameter: Parameter, stated: Stated, where: str) -> Parameter:

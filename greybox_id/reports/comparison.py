@@ -91,7 +91,7 @@ def _difference(sums: Array) -> float:
 
 def pairs_of(first: Judged, second: Judged) -> dict[tuple[str, str], Paired]:
     """(output, protocol) -> errors of both, where both predict it."""
-    found = {}
+    result = {}
     for protocol in (name for name in first if name in second and name != "published"):
         outputs = dict.fromkeys(name for _, names, _ in first[protocol] for name in names)
         for output in outputs:
@@ -103,9 +103,9 @@ def pairs_of(first: Judged, second: Judged) -> dict[tuple[str, str], Paired]:
             parts = [part for part in parts if len(part[0])]
             if parts:
                 runs = np.concatenate([part[2] + 1000 * k for k, part in enumerate(parts)])
-                own, others = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
-                found[output, protocol] = paired(own, others, runs, first[protocol][0][0].sample_time)
-    return found
+                value, others = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+                result[output, protocol] = paired(value, others, runs, first[protocol][0][0].sample_time)
+    return result
 
 
 def _together(
@@ -115,9 +115,9 @@ def _together(
 ) -> tuple[Array, Array, Index]:
     """Errors of both at the rows that both predict, and the rows' runs."""
     errors = []
-    for _, outputs, found in (one, other):
+    for _, outputs, item in (one, other):
         k = outputs.index(output)
-        errors.append((found.rows, found.predicted[:, k] - found.measured[:, k], found.run))
+        errors.append((item.rows, item.predicted[:, k] - item.measured[:, k], item.run))
     _, at, also = np.intersect1d(errors[0][0], errors[1][0], return_indices=True)
     first, second, run = errors[0][1][at], errors[1][1][also], errors[0][2][at]
     known = np.isfinite(first) & np.isfinite(second)
@@ -150,9 +150,9 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
     if role is None:
         parts = (VerdictBox((("Not compared", _apart(fits)),)), *titled("The fits", _described(fits)))
         return _document(fits, parts)
-    found = {own.name: _judged(own, role) for own in fits}
+    result = {fit.name: _judged(fit, role) for fit in fits}
     base = fits[0].name
-    pairs = {own.name: pairs_of(found[base], found[own.name]) for own in fits[1:]}
+    pairs = {fit.name: pairs_of(result[base], result[fit.name]) for fit in fits[1:]}
     where = listed([record.name for record in fits[0].fit.data if record.role == role])
     judged = f"{where}{', which they were fitted to' if role == 'train' else ', which they have not seen'}"
     words = (
@@ -161,10 +161,13 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
         "difference of squared errors. An interval that leaves out zero (*) is a difference that these recordings tell."
     )
     parts = (
-        VerdictBox(tuple(_sentence(name, base, own, judged) for name, own in pairs.items())),
+        VerdictBox(tuple(_sentence(name, base, pair, judged) for name, pair in pairs.items())),
         *titled("The fits", _described(fits)),
         *titled(
-            "Errors on the same recordings", *_drawn(found), *(_table(base, *own) for own in pairs.items()), Text(words)
+            "Errors on the same recordings",
+            *_drawn(result),
+            *(_table(base, *pair) for pair in pairs.items()),
+            Text(words),
         ),
         *titled("Their commands", _commands(fits)),
     )
@@ -173,21 +176,21 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
 
 def common_role(fits: Sequence[NamedFit]) -> str | None:
     """The role of files that all fits share: validate, or train where none of them was validated; None for none."""
-    validated = any(record.role == "validate" for own in fits for record in own.fit.data)
+    validated = any(record.role == "validate" for fit in fits for record in fit.fit.data)
     role = "validate" if validated else "train"
-    seen_by = [[d.sha256 or d.name for d in own.fit.data if d.role == role] for own in fits]
+    seen_by = [[d.sha256 or d.name for d in fit.fit.data if d.role == role] for fit in fits]
     same = all(seen_by) and all(sorted(one) == sorted(other) for one, other in pairwise(seen_by))
     return role if same else None
 
 
-def _judged(own: NamedFit, role: str) -> Judged:
-    every = seen(own.fit.model, own.fit, own.recordings)
-    found: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
+def _judged(named_fit: NamedFit, role: str) -> Judged:
+    every = seen(named_fit.fit.model, named_fit.fit, named_fit.recordings)
+    result: dict[str, list[tuple[Recording, tuple[str, ...], Prediction]]] = {}
     for one in sorted((one for one in every if one.role == role), key=lambda one: one.recording.source.sha256):
         for protocol, prediction in one.predicted.items():
             name = FREE_RUN if protocol == OWN_PREDICTIONS else protocol
-            found.setdefault(name, []).append((one.recording, one.outputs, prediction))
-    return {name: tuple(parts) for name, parts in found.items()}
+            result.setdefault(name, []).append((one.recording, one.outputs, prediction))
+    return {name: tuple(parts) for name, parts in result.items()}
 
 
 def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], judged: str) -> tuple[str, str]:
@@ -197,12 +200,12 @@ def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], jud
         return name, f"It makes no prediction of the same kind as {base}, so that their errors are not compared."
     main = FREE_RUN if FREE_RUN in protocols else next(iter(protocols))
     clauses = []
-    for (output, protocol), own in pairs.items():
+    for (output, protocol), pair in pairs.items():
         if protocol == main:
-            ratio = own.second / own.first if own.first > 0 else float("nan")
+            ratio = pair.second / pair.first if pair.first > 0 else float("nan")
             size = percent(abs(ratio - 1.0))
-            word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if own.told else "no different"
-            clauses.append(f"{word if np.isfinite(own.low) else 'indistinguishable'} in {signal_words(output)}")
+            word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if pair.told else "no different"
+            clauses.append(f"{word if np.isfinite(pair.low) else 'indistinguishable'} in {signal_words(output)}")
     how = "in free run" if main == FREE_RUN else _protocol(main)
     return name, f"On {judged}, its errors {how} are, beside those of {base}, {listed(clauses)}, as far as can be told."
 
@@ -211,16 +214,16 @@ def _table(base: str, name: str, pairs: Mapping[tuple[str, str], Paired]) -> Tab
     head = ("output", "prediction", base, name, "difference", "95 % interval", "blocks")
     rows, before = [], ""
     outputs = list(dict.fromkeys(output for output, _ in pairs))
-    for (output, protocol), own in sorted(pairs.items(), key=lambda pair: outputs.index(pair[0][0])):
+    for (output, protocol), item in sorted(pairs.items(), key=lambda pair: outputs.index(pair[0][0])):
         words = f"{signal_words(output)} [{pretty_unit(unit_of(output))}]"
         interval = (
-            interval_of(own.low, own.high, (own.high - own.low) / 4) if np.isfinite(own.low) else "too few blocks"
+            interval_of(item.low, item.high, (item.high - item.low) / 4) if np.isfinite(item.low) else "too few blocks"
         )
         rows.append(
             (
-                words if words != before else "", _protocol(protocol), number(own.first), number(own.second),
-                number(own.second - own.first, 2), interval + (" *" if own.told else ""),
-                f"{own.blocks} of {own.seconds:.1f} s",
+                words if words != before else "", _protocol(protocol), number(item.first), number(item.second),
+                number(item.second - item.first, 2), interval + (" *" if item.told else ""),
+                f"{item.blocks} of {item.seconds:.1f} s",
             )
         )  # fmt: skip
         before = words
@@ -231,20 +234,20 @@ def _protocol(name: str) -> str:
     return {"honest": "one sample ahead"}.get(name, name)
 
 
-def _drawn(found: Mapping[str, Judged]) -> tuple[Drawing, ...]:
+def _drawn(result: Mapping[str, Judged]) -> tuple[Drawing, ...]:
     """A panel for each output that several fits predict: RMSE of every fit over the protocols."""
-    step = next(parts[0][0].sample_time for own in found.values() for parts in own.values())
-    seconds = {p: _seconds(p, step) for own in found.values() for p in own if p != "published"}
+    step = next(parts[0][0].sample_time for item in result.values() for parts in item.values())
+    seconds = {p: _seconds(p, step) for item in result.values() for p in item if p != "published"}
     protocols = sorted(seconds, key=lambda protocol: seconds[protocol])
-    predicted = [{n for parts in own.values() for _, ns, _ in parts for n in ns} for own in found.values()]
-    outputs = [name for name in SIGNALS if sum(name in own for own in predicted) > 1]
+    predicted = [{n for parts in item.values() for _, ns, _ in parts for n in ns} for item in result.values()]
+    outputs = [name for name in SIGNALS if sum(name in item for item in predicted) > 1]
     if not outputs:
         return ()
     sheet, axes = sheet_of(len(outputs), 4, 100.0)
     for ax, output in zip(axes, outputs, strict=True):
-        for k, (name, own) in enumerate(found.items()):
-            at = [j for j, p in enumerate(protocols) if any(output in ns for _, ns, _ in own.get(p, ()))]
-            rmse = [_rmse(output, own[protocols[j]]) for j in at]
+        for k, (name, item) in enumerate(result.items()):
+            at = [j for j, p in enumerate(protocols) if any(output in ns for _, ns, _ in item.get(p, ()))]
+            rmse = [_rmse(output, item[protocols[j]]) for j in at]
             colour, dashes = COLOURS[k % len(COLOURS)], ("-", DASHED, DOTTED)[k % 3]
             ax.plot(at, rmse, **look(colour, 1.1, name, dashes=dashes, dots=1.7))
         ax.set(xlabel="horizon [s]", xlim=(-0.4, len(protocols) - 0.6), title=signal_words(output),
@@ -264,8 +267,8 @@ def _seconds(protocol: str, step: float) -> float:
 
 def _rmse(output: str, parts: Sequence[tuple[Recording, tuple[str, ...], Prediction]]) -> float:
     errors = [
-        found.predicted[:, names.index(output)] - found.measured[:, names.index(output)]
-        for _, names, found in parts
+        item.predicted[:, names.index(output)] - item.measured[:, names.index(output)]
+        for _, names, item in parts
         if output in names
     ]
     return float(np.sqrt(np.nanmean(np.concatenate(errors) ** 2)))
@@ -273,34 +276,34 @@ def _rmse(output: str, parts: Sequence[tuple[Recording, tuple[str, ...], Predict
 
 def _described(fits: Sequence[NamedFit]) -> Table:
     rows = []
-    for own in fits:
-        model = own.fit.model
+    for fit in fits:
+        model = fit.fit.model
         free = sum(p.size for p in model.parameters if not p.fixed)
-        trained = [d.name for d in own.fit.data if d.role == "train"]
-        judged = [d.name for d in own.fit.data if d.role == "validate"]
+        trained = [d.name for d in fit.fit.data if d.role == "train"]
+        judged = [d.name for d in fit.fit.data if d.role == "validate"]
         rows.append(
             (
-                own.name, model.name, ", ".join(model.effects) or "none", counted(free, "free parameter"),
-                listed(trained), listed(judged) or "none", _converged(own.fit),
+                fit.name, model.name, ", ".join(model.effects) or "none", counted(free, "free parameter"),
+                listed(trained), listed(judged) or "none", _converged(fit.fit),
             )
         )  # fmt: skip
     return Table(("fit", "model", "effects", "size", "trained on", "judged on", "converged"), tuple(rows), "llLllll")
 
 
-def _converged(found: Fit) -> str:
-    if not found.stages:
+def _converged(fit: Fit) -> str:
+    if not fit.stages:
         return "not fitted here"  # an imported network
-    return "yes" if found.stages[-1].converged else "no"
+    return "yes" if fit.stages[-1].converged else "no"
 
 
 def _commands(fits: Sequence[NamedFit]) -> Pairs:
-    commands = tuple((own.name, own.fit.command or "not recorded (fitted from Python)") for own in fits)
-    return Pairs(commands, code=tuple(own.name for own in fits))
+    commands = tuple((fit.name, fit.fit.command or "not recorded (fitted from Python)") for fit in fits)
+    return Pairs(commands, code=tuple(fit.name for fit in fits))
 
 
 def _apart(fits: Sequence[NamedFit]) -> str:
     judged = [
-        f"{own.name} on {listed([d.name for d in own.fit.data if d.role == 'validate']) or 'nothing'}" for own in fits
+        f"{fit.name} on {listed([d.name for d in fit.fit.data if d.role == 'validate']) or 'nothing'}" for fit in fits
     ]
     return (
         f"The fits were not judged on the same files ({listed(judged)}), so that their errors cannot be compared. Fit "
@@ -309,6 +312,6 @@ def _apart(fits: Sequence[NamedFit]) -> str:
 
 
 def _document(fits: Sequence[NamedFit], parts: tuple[Part, ...]) -> Document:
-    about = listed([own.name for own in fits])
-    versions = listed(sorted({own.fit.version for own in fits}))
+    about = listed([fit.name for fit in fits])
+    versions = listed(sorted({fit.fit.version for fit in fits}))
     return Document("Comparison of fits", about, "several fits", f"greybox-id {versions}", parts)

@@ -118,9 +118,11 @@ def scalars(fit: Fit, parameters: Sequence[Parameter] | None = None, notes: dict
     notes : name -> what to know of it besides what the fit itself notes.
     """
     chosen = fit.model.parameters if parameters is None else parameters
-    said = fit.notes()
+    stated = fit.notes()
     rows = [
-        _row(fit, p, [words[p.name] for words in (said, notes or {}) if p.name in words]) for p in chosen if not p.shape
+        _row(fit, p, [words[p.name] for words in (stated, notes or {}) if p.name in words])
+        for p in chosen
+        if not p.shape
     ]
     return Table(HEAD, tuple(rows), "lLrrllL")
 
@@ -175,7 +177,7 @@ def starts_table(fit: Fit, stage: Stage) -> Table:
         return Table((), ())
     best, rows = min(stage.starts), []
     for k, objective in enumerate(stage.starts[:MOST_STARTS]):
-        name = max(spread, key=lambda own: abs(spread[own][k][0]))
+        name = max(spread, key=lambda item: abs(spread[item][k][0]))
         above = (objective - best) / abs(best) if best else float("nan")
         off = spread[name][k][0]
         where = (name, f"{number(off, 2)} sd") if abs(off) >= LEAST_OFF else ("–", "–")

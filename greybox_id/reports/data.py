@@ -34,8 +34,8 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
     recordings : what a fit saw.
     signals : what its model reads and predicts.
     """
-    own = [one.recording for one in recordings]
-    return titled("Data", applied(own, signals), *_findings(own), *_map(recordings))
+    value = [one.recording for one in recordings]
+    return titled("Data", applied(value, signals), *_findings(value), *_map(recordings))
 
 
 def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
@@ -48,8 +48,8 @@ def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ..
         low, high = np.quantile(trained, WITHIN)
         beyond = float(np.mean((judged < low) | (judged > high))) if len(judged) else float("nan")
         cells = [
-            f"{number(float(np.min(own)))} to {number(float(np.max(own)))}" if len(own) else "–"
-            for own in (trained, judged)
+            f"{number(float(np.min(item)))} to {number(float(np.max(item)))}" if len(item) else "–"
+            for item in (trained, judged)
         ]
         unit = pretty_unit(unit_of(name))
         rows.append(
@@ -98,13 +98,13 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
     for recording in recordings:
         stop = next((end for _, end in recording.runs if end >= MOST_ROWS), len(recording))
         whole = stop == len(recording)
-        found = check(recording if whole else recording.rows(0, stop))
+        result = check(recording if whole else recording.rows(0, stop))
         part = "" if whole else f", looked at up to row {stop}"
-        if not found:
+        if not result:
             parts.append(Text("nothing noteworthy was found.", lead=f"{recording.name}{part}:"))
             continue
-        more = len(found) - MOST_FINDINGS
-        items = [_said(own) for own in found[:MOST_FINDINGS]]
+        more = len(result) - MOST_FINDINGS
+        items = [_said(item) for item in result[:MOST_FINDINGS]]
         if more > 0:
             items.append(f"and {counted(more, 'finding')} more; greybox data check tells all.")
         parts += [Text("", lead=f"Findings in {recording.name}{part}"), Points(tuple(items))]

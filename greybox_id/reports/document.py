@@ -152,13 +152,13 @@ class Document:
 
 
 def _drawings(parts: tuple[Part, ...]) -> tuple[Drawing, ...]:
-    found: list[Drawing] = []
+    drawings: list[Drawing] = []
     for part in parts:
         if isinstance(part, Drawing):
-            found.append(part)
+            drawings.append(part)
         elif isinstance(part, Together):
-            found += _drawings(part.parts)
-    return tuple(found)
+            drawings += _drawings(part.parts)
+    return tuple(drawings)
 
 
 def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
@@ -199,5 +199,5 @@ def _empty(part: Part) -> bool:
         case Formulas():
             return not part.equations
         case Together():
-            return all(_empty(own) for own in part.parts)
+            return all(_empty(part) for part in part.parts)
     return False

@@ -68,16 +68,16 @@ def driven(
 
 def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
     """Role -> protocol -> output -> the error of holding the reading that a prediction starts from."""
-    found: dict[str, Errors] = {}
+    result: dict[str, Errors] = {}
     for role in dict.fromkeys(one.role for one in recordings):
-        own = of_role(recordings, role)
-        outputs = tuple(name for name in own[0].outputs if all(name in one.outputs for one in own))
-        protocols = dict.fromkeys(protocol for one in own for protocol in one.held)
-        found[role] = {
-            protocol: prediction_errors(outputs, _joined(own, protocol, outputs), own[0].recording.sample_time)
+        value = of_role(recordings, role)
+        outputs = tuple(name for name in value[0].outputs if all(name in one.outputs for one in value))
+        protocols = dict.fromkeys(protocol for one in value for protocol in one.held)
+        result[role] = {
+            protocol: prediction_errors(outputs, _joined(value, protocol, outputs), value[0].recording.sample_time)
             for protocol in protocols
         }
-    return found
+    return result
 
 
 def typical_speed(recordings: Sequence[Driven]) -> float:
@@ -92,10 +92,10 @@ def _driven(
     record: DataRecord, recording: Recording, model: MotionModel, simulator: Simulator, horizons: Sequence[float]
 ) -> Driven:
     predictor = Predictor(simulator, recording, model.values)
-    found = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
-    every: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in found.items() if len(p[0].rows)}
+    result = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
+    every: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in result.items() if len(p[0].rows)}
     every[FREE_RUN] = (predictor.free_run(), None)
-    rows = {ahead(h): (_rows_of(*next(iter(found.values())), h, predictor.runs), h) for h in HORIZONS}
+    rows = {ahead(h): (_rows_of(*next(iter(result.values())), h, predictor.runs), h) for h in HORIZONS}
     kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: every[FREE_RUN]}
     outputs = recorded_outputs(model, recording)
     columns = [model.outputs.index(name) for name in outputs]
@@ -104,8 +104,8 @@ def _driven(
         role=record.role,
         recording=recording,
         outputs=outputs,
-        predicted={name: _of(own, columns) for name, (own, _) in every.items()},
-        held={name: _of(hold(own, predictor.runs, horizon), columns) for name, (own, horizon) in kept.items()},
+        predicted={name: _of(item, columns) for name, (item, _) in every.items()},
+        held={name: _of(hold(item, predictor.runs, horizon), columns) for name, (item, horizon) in kept.items()},
         quantities={
             name: values[np.isfinite(values)]
             for name, values in zip(simulator.trace.model.outputs, soon.predicted.T, strict=True)
@@ -114,24 +114,24 @@ def _driven(
     )
 
 
-def _rows_of(found: Prediction, near: float, horizon: float, runs: Sequence[MotionRun]) -> Prediction:
+def _rows_of(prediction: Prediction, near: float, horizon: float, runs: Sequence[MotionRun]) -> Prediction:
     """The rows that would be predicted over a horizon, told by those that are over a nearer one."""
     rows, number, measured = [], [], []
     for k, run in enumerate(runs):
-        first, later = (max(1, round(own / run.sample_time)) for own in (near, horizon))
-        own = found.rows[found.run == k] - run.rows.start - first + later
-        own = own[own < len(run)]
-        rows.append(run.rows.start + own)
-        number.append(np.full(len(own), k))
-        measured.append(run.measured[own])
+        first, later = (max(1, round(item / run.sample_time)) for item in (near, horizon))
+        value = prediction.rows[prediction.run == k] - run.rows.start - first + later
+        value = value[value < len(run)]
+        rows.append(run.rows.start + value)
+        number.append(np.full(len(value), k))
+        measured.append(run.measured[value])
     read = np.vstack(measured)
     return Prediction(np.concatenate(rows), np.full(read.shape, np.nan), read, np.concatenate(number))
 
 
-def _of(found: Prediction, columns: Sequence[int]) -> Prediction:
+def _of(prediction: Prediction, columns: Sequence[int]) -> Prediction:
     """Some outputs of predictions, in the order of the recording's rows."""
-    own = found.taken(np.argsort(found.rows, kind="stable")).of(columns)
-    return replace(own, predicted=np.where(np.isinf(own.predicted), np.nan, own.predicted))
+    value = prediction.taken(np.argsort(prediction.rows, kind="stable")).of(columns)
+    return replace(value, predicted=np.where(np.isinf(value.predicted), np.nan, value.predicted))
 
 
 def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:

@@ -27,7 +27,7 @@ def page(document: Document) -> str:
     """The page; nothing in names orders a terminal that shows its text."""
     look = resources.files(__package__).joinpath(STYLE).read_text("utf-8")
     light, dark = (
-        f":root{{{''.join(f'--{name}:{own};' for name, own in colours.items())}}}" for colours in (LIGHT, DARK)
+        f":root{{{''.join(f'--{name}:{colour};' for name, colour in colours.items())}}}" for colours in (LIGHT, DARK)
     )
     colours = f"{light}@media(prefers-color-scheme:dark){{{dark}}}"
     body = "\n".join(_part(part) for part in document.parts)
@@ -65,12 +65,12 @@ def _part(part: Part) -> str:
         case Table():
             return _table(part)
         case Formulas(equations):
-            return f"<div class=formulas>{''.join(f'<div>{in_mathml(own)}</div>' for own in equations)}</div>"
+            return f"<div class=formulas>{''.join(f'<div>{in_mathml(item)}</div>' for item in equations)}</div>"
         case Drawing():
             caption = f"<figcaption>{_words(part.caption)}</figcaption>" if part.caption else ""
             return f"<figure>{part.figure.svg(part.alt, colours=False)}{caption}</figure>"
         case Together(parts):
-            return "\n".join(_part(own) for own in parts)
+            return "\n".join(_part(part) for part in parts)
 
 
 def _table(table: Table) -> str:
@@ -97,10 +97,10 @@ def _words(text: str) -> str:
     return _set(spans(text))
 
 
-def _set(found: tuple[Span, ...]) -> str:
+def _set(result: tuple[Span, ...]) -> str:
     parts = []
-    for span in found:
+    for span in result:
         words = escape(span.words)
-        index = ",".join(f"<i>{escape(own)}</i>" if is_symbol_index(own) else escape(own) for own in span.index)
+        index = ",".join(f"<i>{escape(item)}</i>" if is_symbol_index(item) else escape(item) for item in span.index)
         parts.append((f"<i>{words}</i>" if span.symbol else words) + (f"<sub>{index}</sub>" if index else ""))
     return "".join(parts)

@@ -51,26 +51,26 @@ def _sections(
 @seen.register(HybridModel)
 def _seen(model: HybridModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
     """Outputs that follow from what is recorded are added."""
-    found = []
+    result = []
     for record, recording in zip(fit.data, matched(fit, recordings), strict=True):
         read = {name: values for name in model.outputs if (values := model.read(name, recording)) is not None}
         free = hybrid_predictions(model, recording).of([model.outputs.index(name) for name in read])
         whole = recording.with_signals(**{name: values for name, values in read.items() if name not in recording})
-        found.append(Seen(record.role, whole, tuple(read), {FREE_RUN: free}))
-    return tuple(found)
+        result.append(Seen(record.role, whole, tuple(read), {FREE_RUN: free}))
+    return tuple(result)
 
 
 def _against(fit: Fit) -> str:
     role = "validate" if "validate" in fit.metrics else "train"
-    own, noise, trained = fit.metrics[role][FREE_RUN], fit.stages[-1].noise, fit.metrics["train"][FREE_RUN]
+    value, noise, trained = fit.metrics[role][FREE_RUN], fit.stages[-1].noise, fit.metrics["train"][FREE_RUN]
     beside = [
         f"{number(e['rmse'] / noise[name], 2)} in {signal_words(name)}"
-        for name, e in own.items()
+        for name, e in value.items()
         if noise.get(name, 0.0) > 0
     ]
     grown = [
         f"{number(e['rmse'] / trained[name]['rmse'], 2)} in {signal_words(name)}"
-        for name, e in own.items()
+        for name, e in value.items()
         if name in trained and trained[name]["rmse"] > 0
     ]
     against = f"Over the noise of the readings its error is {listed(beside) or 'not known'}"
@@ -89,7 +89,7 @@ def _trained(fit: Fit) -> str:
 
 def _estimates(fit: Fit, runs: Sequence[Seen]) -> tuple[Part, ...]:
     every = [apply_hybrid(fit, one.recording).columns for one in runs]
-    values: Mapping[str, Array] = {name: np.concatenate([own[name] for own in every]) for name in every[0]}
+    values: Mapping[str, Array] = {name: np.concatenate([item[name] for item in every]) for name in every[0]}
     figure = forces_over_slip(values)
     if figure is None:
         return ()

@@ -108,9 +108,9 @@ def memory_seen(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -
 
 def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yardstick]]:
     """Role -> output -> what its error can be held against."""
-    found: dict[str, dict[str, Yardstick]] = {}
+    result: dict[str, dict[str, Yardstick]] = {}
     for role in dict.fromkeys(one.role for one in recordings):
-        found[role] = {}
+        result[role] = {}
         for k, name in enumerate(fit.model.outputs):
             steps, values = [], []
             for one in of_role(recordings, role):
@@ -119,8 +119,8 @@ def yardsticks(fit: Fit, recordings: Sequence[Seen]) -> dict[str, dict[str, Yard
                 steps.append(one.recording[name][scored.rows] - one.recording[name][scored.rows - 1])
             moved, variance = np.concatenate(steps), float(np.var(np.concatenate(values)))
             fvu = float(np.var(moved)) / variance if variance > 0 else float("nan")
-            found[role][name] = Yardstick(float(np.sqrt(np.mean(moved**2))), fvu)
-    return found
+            result[role][name] = Yardstick(float(np.sqrt(np.mean(moved**2))), fvu)
+    return result
 
 
 def verdict(
@@ -162,12 +162,12 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: 
     )
     if role == "train":
         return f"{text}; how the error grows on a recording it has not seen is not known."
-    own = "on its own predictions" if main == "closed_loop" else "one sample ahead"
+    value = "on its own predictions" if main == "closed_loop" else "one sample ahead"
     grown = [
         f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
         for name, error in fit.metrics[role][main].items()
     ]
-    return f"{text}; {own}, the ratio of its error to that on the training data is {listed(grown)}."
+    return f"{text}; {value}, the ratio of its error to that on the training data is {listed(grown)}."
 
 
 def _factor(value: float, reference: float) -> str:
@@ -223,9 +223,9 @@ def _boxes(fit: Fit, drives: Sequence[Seen]) -> Drawing:
 
 def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> list[Drawing]:
     """The pictures that have a meaning for this model."""
-    found = []
+    result = []
     if (curve := steering(model, drives)) is not None:
-        found.append(
+        result.append(
             Drawing(
                 "steering",
                 curve,
@@ -237,7 +237,7 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> list[Drawi
             )
         )
     if (weights := impulse_responses(model, fit)) is not None:
-        found.append(
+        result.append(
             Drawing(
                 "impulse_responses",
                 weights,
@@ -247,7 +247,7 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> list[Drawi
                 "Weights of the model's finite impulse responses over age.",
             )
         )
-    return found
+    return result
 
 
 def _arrays(fit: Fit) -> Table:

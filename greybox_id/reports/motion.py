@@ -160,8 +160,8 @@ def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str
 
 
 def _against_training(fit: Fit) -> str:
-    own, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
-    ratios = {name: _ratio(own[name]["rmse"], train[name]["rmse"]) for name in own if name in train}
+    value, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
+    ratios = {name: _ratio(value[name]["rmse"], train[name]["rmse"]) for name in value if name in train}
     return f", and {_times(ratios, 'that on the training data')}" if ratios else ""
 
 
@@ -185,11 +185,11 @@ def _not_determined(fit: Fit) -> str:
     if not free:
         return "no parameter was free"
     bound = [p.name for p in free if not p.bounds[0] < float(p.array) < p.bounds[1]]
-    found = left_open(fit)
-    if found is None:
+    result = left_open(fit)
+    if result is None:
         return "how well its parameters are determined is not known, as the fit kept no covariance"
-    untold = [each.name for each in found.undetermined if each.name not in bound]
-    pairs = [f"{pair.first} with {pair.second}" for pair in found.pairs[:MOST_PAIRS]]
+    untold = [each.name for each in result.undetermined if each.name not in bound]
+    pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
     clauses = [
         f"the recordings do not determine {listed(untold)}" if untold else "",
@@ -197,10 +197,10 @@ def _not_determined(fit: Fit) -> str:
         f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
         f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
     ]
-    said = [clause for clause in clauses if clause]
-    if not said:
+    stated = [clause for clause in clauses if clause]
+    if not stated:
         return f"{'each of the ' if len(free) > 1 else 'its '}{counted(len(free), 'free parameter')} is determined"
-    return f"of {counted(len(free), 'free parameter')}, {'; '.join(said)}"
+    return f"of {counted(len(free), 'free parameter')}, {'; '.join(stated)}"
 
 
 def _far(parameter: Parameter) -> bool:
@@ -262,8 +262,8 @@ def _held(fit: Fit) -> tuple[str, ...]:
     held = [p for p in fit.model.parameters if p.fixed and p.shape == () and p.name not in fit.model.effects]
     known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
     nothing = [p.name for p in held if not float(p.array)]
-    said = [f"Held: {', '.join(known)}."] if known else []
-    return (*said, f"Held at zero: {', '.join(nothing)}.") if nothing else tuple(said)
+    stated = [f"Held: {', '.join(known)}."] if known else []
+    return (*stated, f"Held at zero: {', '.join(nothing)}.") if nothing else tuple(stated)
 
 
 def _printed(sentence: str) -> str:
@@ -272,13 +272,13 @@ def _printed(sentence: str) -> str:
 
 
 def _combinations(fit: Fit) -> Table:
-    told = [one for one in fit.combined() if np.isfinite(one.sd) and one.sd > 0]
+    known = [one for one in fit.combined() if np.isfinite(one.sd) and one.sd > 0]
     rows = tuple(
         (
             one.name, one.about, with_sd(one.value, one.sd), interval(one.low, one.high, one.sd), pretty_unit(one.unit),
             percent(one.sd / abs(one.value)) if one.value else "–",
         )
-        for one in told
+        for one in known
     )  # fmt: skip
     return Table(("combination", "meaning", "estimate ± sd", "95 % interval", "unit", "sd"), rows, "lLrrlr")
 
@@ -323,10 +323,10 @@ def _errors(fit: Fit, held: Mapping[str, Errors]) -> Table:
     for name in fit.model.outputs:
         output = f"{signal_words(name)} [{pretty_unit(unit_of(name))}]"
         for role in roles:
-            own = fit.metrics[role]
-            if not any(name in of for of in own.values()):
+            metric = fit.metrics[role]
+            if not any(name in of for of in metric.values()):
                 continue
-            errors = [own.get(p, {}).get(name) for p in protocols]
+            errors = [metric.get(p, {}).get(name) for p in protocols]
             rows.append((output, f"model, {ROLE_WORDS[role]}", *(_rmse(error) if error else "–" for error in errors)))
             output = f"residual sd {number(noise[name], 2)}" if name in noise and role == roles[0] else ""
             still = [held[role].get(p, {}).get(name) for p in protocols]

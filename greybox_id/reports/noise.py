@@ -46,8 +46,8 @@ class Noise:
 
     def of(self, name: str) -> list[Array]:
         """One signal on every stretch that has it whole, its trend removed."""
-        found = [recording[name][start:stop] for recording, start, stop in self.stretches if name in recording]
-        return [detrend(values) for values in found if np.all(np.isfinite(values))]
+        result = [recording[name][start:stop] for recording, start, stop in self.stretches if name in recording]
+        return [detrend(values) for values in result if np.all(np.isfinite(values))]
 
     def sd(self, name: str) -> float:
         """Standard deviation of one signal; nan where it was not recorded."""
@@ -58,9 +58,9 @@ class Noise:
 def noise(recordings: Sequence[Recording]) -> Noise | None:
     """Where noise can be heard alone in some recordings: straight at constant speed, else at rest, else None."""
     for where, stretches in (("straight at constant speed", _straight), ("at rest", _at_rest)):
-        found = tuple((r, a, b) for r in recordings if "v_x" in r for a, b in stretches(r))
-        if found:
-            return Noise(where, found)
+        result = tuple((r, a, b) for r in recordings if "v_x" in r for a, b in stretches(r))
+        if result:
+            return Noise(where, result)
     return None
 
 
@@ -100,8 +100,8 @@ def _top(values: Array) -> float:
 
 def _stretches(quiet: NDArray[np.bool_], recording: Recording, seconds: float) -> list[tuple[int, int]]:
     """Row ranges inside runs in which `quiet` holds for long enough."""
-    least, found = round(seconds / recording.sample_time), []
+    least, result = round(seconds / recording.sample_time), []
     for start, stop in recording.runs:
         edges = np.flatnonzero(np.diff(np.concatenate(([0], quiet[start:stop].astype(np.int8), [0]))))
-        found += [(start + int(a), start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= least]
-    return found
+        result += [(start + int(a), start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= least]
+    return result

@@ -65,9 +65,9 @@ def _rendered(document: Document, kind: Literal["pdf", "png"], dots_per_inch: in
             timestamp=0,
             ignore_system_fonts=True,  # the same report everywhere
         )
-    found = pages[0] if isinstance(pages, list) else pages
-    assert isinstance(found, bytes)
-    return found
+    result = pages[0] if isinstance(pages, list) else pages
+    assert isinstance(result, bytes)
+    return result
 
 
 def as_plain_data(document: Document) -> dict[str, Any]:
@@ -87,8 +87,8 @@ def _part(part: Part) -> dict[str, Any]:
         case Section():
             return {"kind": "section", "title": _spans(part.title), "level": part.level}
         case Text():
-            own = {"words": _spans(part.words), "lead": _spans(part.lead), "small": part.small}
-            return {"kind": "text"} | own
+            entry = {"words": _spans(part.words), "lead": _spans(part.lead), "small": part.small}
+            return {"kind": "text"} | entry
         case Points():
             return {"kind": "points", "items": [_spans(item) for item in part.items]}
         case VerdictBox():
@@ -108,25 +108,25 @@ def _part(part: Part) -> dict[str, Any]:
             head = [_spans(cell) for cell in part.head]
             return {"kind": "table", "head": head, "rows": rows, "letters": list(part.letters), "size": size}
         case Formulas():
-            return {"kind": "formulas", "lines": [in_typst(own) for own in part.equations]}
+            return {"kind": "formulas", "lines": [in_typst(equation) for equation in part.equations]}
         case Drawing():
             return {"kind": "figure", "name": part.name, "alt": part.alt, "caption": _spans(part.caption)}
         case Together():
-            return {"kind": "together", "parts": [_part(own) for own in part.parts]}
+            return {"kind": "together", "parts": [_part(part) for part in part.parts]}
 
 
 def _spans(words: str) -> list[dict[str, Any]]:
     return _plain(spans(words))
 
 
-def _plain(found: tuple[Span, ...]) -> list[dict[str, Any]]:
+def _plain(result: tuple[Span, ...]) -> list[dict[str, Any]]:
     return [
         {
             "words": span.words,
             "symbol": span.symbol,
-            "index": [{"words": own, "letter": is_symbol_index(own)} for own in span.index],
+            "index": [{"words": item, "letter": is_symbol_index(item)} for item in span.index],
         }
-        for span in found
+        for span in result
     ]
 
 

@@ -45,27 +45,27 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     BadInput : the posterior is of another fit or has no draws.
     """
     one = shown_first(drives)
-    found = predictive_band(fit, posterior, one.recording)
+    result = predictive_band(fit, posterior, one.recording)
     worst, least = posterior.worst
     met = f" R-hat is at most {worst:.3f}, and" if np.isfinite(worst) else ""
     words = f"{len(posterior)} draws {HOW[posterior.method]}.{met} they are worth {least:.0f} independent ones or more."
     cautions = posterior.cautions()
     return titled(
         "Posterior", _table(fit, posterior), Text(words), *([Points(tuple(cautions))] if cautions else []),
-        _corner(fit, posterior), _bands(fit, found, one),
+        _corner(fit, posterior), _bands(fit, result, one),
     )  # fmt: skip
 
 
 def _table(fit: Fit, posterior: Posterior) -> Table:
     body, rows = [], posterior.table
-    for own in posterior.coordinates:
-        row = {name: float(rows[name].loc[own.name]) for name in ("mean", "sd", "low", "high", "r_hat", "ess")}
-        single = own.run is None and fit.model[own.parameter].shape == ()
-        stated = float(fit.sd[own.parameter]) if single else np.nan
-        value = float(fit.model[own.parameter].array) if single else np.nan
+    for coordinate in posterior.coordinates:
+        row = {name: float(rows[name].loc[coordinate.name]) for name in ("mean", "sd", "low", "high", "r_hat", "ess")}
+        single = coordinate.run is None and fit.model[coordinate.parameter].shape == ()
+        stated = float(fit.sd[coordinate.parameter]) if single else np.nan
+        value = float(fit.model[coordinate.parameter].array) if single else np.nan
         body.append((
-            own.name, number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
-            pretty_unit(own.unit), number(value) if single else "–", number(stated) if single else "–",
+            coordinate.name, number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
+            pretty_unit(coordinate.unit), number(value) if single else "–", number(stated) if single else "–",
             f"{row['r_hat']:.3f}" if np.isfinite(row["r_hat"]) else "–", f"{row['ess']:.0f}",
         ))  # fmt: skip
     head = ("parameter", "mean", "sd", "95 % interval", "unit", "fit", "fit's sd", "R-hat", "ESS")
@@ -76,10 +76,14 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     names = list(posterior.names)
     if len(names) > MOST_DRAWN:
         shift = {
-            own.name: abs(posterior.table["mean"][own.name] - float(fit.model[own.parameter].array))
-            / float(fit.sd[own.parameter])
-            for own in posterior.coordinates
-            if own.run is None and fit.model[own.parameter].shape == () and float(fit.sd[own.parameter]) > 0
+            coordinate.name: abs(
+                posterior.table["mean"][coordinate.name] - float(fit.model[coordinate.parameter].array)
+            )
+            / float(fit.sd[coordinate.parameter])
+            for coordinate in posterior.coordinates
+            if coordinate.run is None
+            and fit.model[coordinate.parameter].shape == ()
+            and float(fit.sd[coordinate.parameter]) > 0
         }
         kept = sorted(shift, key=lambda name: -shift[name])[:MOST_DRAWN] or names[:MOST_DRAWN]
         names = [name for name in names if name in kept]
@@ -95,8 +99,8 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     )  # fmt: skip
 
 
-def _bands(fit: Fit, found: PredictiveBand, one: Driven) -> Drawing:
-    coverage = found.coverage()
+def _bands(fit: Fit, it: PredictiveBand, one: Driven) -> Drawing:
+    coverage = it.coverage()
     held = ", ".join(
         f"{100 * share:.1f} % of {signal_words(name)}"
         for name, share in zip(fit.model.outputs, coverage, strict=True)
@@ -104,26 +108,26 @@ def _bands(fit: Fit, found: PredictiveBand, one: Driven) -> Drawing:
     )
     where, seconds = stretch_words(one)
     return Drawing(
-        "bands", bands(fit, found, one.recording, typical_stretch(one)),
-        f"Free run of {found.draws} draws over {seconds} of {where}: mean, and a band in which {100 * found.level:g} % "
+        "bands", bands(fit, it, one.recording, typical_stretch(one)),
+        f"Free run of {it.draws} draws over {seconds} of {where}: mean, and a band in which {100 * it.level:g} % "
         "of the readings are expected, of the draws' spread and the fit's residual spread together. In the whole "
         f"recording it holds {held}.",
         "Measured signals with the band of predictions.",
     )  # fmt: skip
 
 
-def bands(fit: Fit, found: PredictiveBand, recording: Recording, stretch: tuple[int, int]) -> Sheet:
+def bands(fit: Fit, result: PredictiveBand, recording: Recording, stretch: tuple[int, int]) -> Sheet:
     """Every recorded output over a stretch, with the mean of the draws and the band of readings."""
     drawn = [k for k, name in enumerate(fit.model.outputs) if name in recording]
     sheet = Sheet((HEIGHT,) * len(drawn), joined=True)
     start, stop = stretch
-    inside = (found.mean.rows >= start) & (found.mean.rows < stop)
-    at = recording.time[found.mean.rows[inside]]
+    inside = (result.mean.rows >= start) & (result.mean.rows < stop)
+    at = recording.time[result.mean.rows[inside]]
     for ax, k in zip(sheet.grid[:, 0], drawn, strict=True):
         name = fit.model.outputs[k]
-        band(ax, at, found.low[inside, k], found.high[inside, k], label=f"{100 * found.level:g} % band")
+        band(ax, at, result.low[inside, k], result.high[inside, k], label=f"{100 * result.level:g} % band")
         ax.plot(recording.time[start:stop], recording[name][start:stop], **MEASURED)
-        ax.plot(at, found.mean.predicted[inside, k], **look(BLUE, 1.0, "mean of draws", dashes=DASHED))
+        ax.plot(at, result.mean.predicted[inside, k], **look(BLUE, 1.0, "mean of draws", dashes=DASHED))
         ax.set_ylabel(signal_label(recording, name))
     sheet.grid[-1, 0].set(xlabel="time [s]", xlim=recording.time[[start, stop - 1]])
     return sheet

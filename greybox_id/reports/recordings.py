@@ -66,13 +66,13 @@ def shown_first(recordings: Sequence[AnySeen]) -> AnySeen:
 def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
     """The predictions of each unbroken run of a recording, with the run's number from 1; runs without any left out."""
     whole = one.predicted[protocol]
-    found = []
+    result = []
     for number, ends in enumerate(one.recording.runs, 1):
         inside = slice(*np.searchsorted(whole.rows, ends).tolist())
         if inside.stop > inside.start:
             part = Prediction(whole.rows[inside], whole.predicted[inside], whole.measured[inside], whole.run[inside])
-            found.append((number, part))
-    return found
+            result.append((number, part))
+    return result
 
 
 def typical_stretch(one: Seen) -> tuple[int, int]:

@@ -55,24 +55,24 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
         )
     if posterior is not None:
         must_suit_sampling(fit)
-    model, own = fit.model, sections(fit.model, fit, recordings, posterior)
-    runs, heard = own.runs, noise([one.recording for one in own.runs])
+    model, value = fit.model, sections(fit.model, fit, recordings, posterior)
+    runs, heard = value.runs, noise([one.recording for one in value.runs])
     signals = tuple(dict.fromkeys(name for one in runs for name in (*_recorded_inputs(model, one), *model.outputs)))
     inputs = _recorded_inputs(model, shown_first(runs))
     outputs = [name for name in model.outputs if any(name in one.outputs for one in runs)]
     parts = (
-        VerdictBox((*can_be_used(fit), *own.verdict)),
-        *titled("Provenance", recorded(fit), Pairs(own.provenance)),
-        *own.judged,
-        *titled("Measured and predicted", *trace_drawings(runs, own.beside)),
+        VerdictBox((*can_be_used(fit), *value.verdict)),
+        *titled("Provenance", recorded(fit), Pairs(value.provenance)),
+        *value.judged,
+        *titled("Measured and predicted", *trace_drawings(runs, value.beside)),
         *titled(
             "Residual analysis", *residual_drawings(runs, inputs), *spectrum_drawings(runs, heard),
             Text(noise_words(outputs, heard)),
         ),
-        *own.learned,
+        *value.learned,
         *data_parts(runs, signals),
         *limits(runs, signals),
-        *own.fitted,
+        *value.fitted,
     )  # fmt: skip
     return Document(model.name, model.about, "a fit", f"greybox-id {fit.version}", parts)
 
@@ -80,7 +80,7 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
 def _recorded_inputs(model: Model, one: Seen) -> list[str]:
     """The signals of a recording that are the model's inputs, by their own names or by aliases."""
     names = [(name, *model.aliases.get(name, ())) for name in model.inputs]
-    return [next((own for own in each if own in one.recording), each[0]) for each in names]
+    return [next((item for item in each if item in one.recording), each[0]) for each in names]
 
 
 def kind_of(out: str | Path, kind: str | None = None) -> str:
@@ -90,7 +90,7 @@ def kind_of(out: str | Path, kind: str | None = None) -> str:
     ------
     BadInput : the name says something else than what is asked for.
     """
-    suffix = {"htm": "html"}.get(own := Path(out).suffix.lower().lstrip("."), own)
+    suffix = {"htm": "html"}.get(value := Path(out).suffix.lower().lstrip("."), value)
     if suffix not in FORMATS:
         raise BadInput(f"{out}: a report is a .pdf or a .html file; name it so with ‹out›.")
     if kind not in (None, suffix):

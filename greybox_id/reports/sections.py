@@ -54,12 +54,12 @@ def seen(model: Model, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Se
     ------
     BadInput : one that the fit saw is missing, or is another file.
     """
-    found = []
+    result = []
     for record, recording in zip(fit.data, matched(fit, recordings), strict=True):
         outputs = [k for k, name in enumerate(model.outputs) if name in recording]
         free = simulate(model, recording).of(outputs)
-        found.append(Seen(record.role, recording, tuple(model.outputs[k] for k in outputs), {FREE_RUN: free}))
-    return tuple(found)
+        result.append(Seen(record.role, recording, tuple(model.outputs[k] for k in outputs), {FREE_RUN: free}))
+    return tuple(result)
 
 
 @by_kind

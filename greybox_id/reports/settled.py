@@ -79,14 +79,14 @@ def steady_turns(model: MotionModel, steer: Array, v_x: float) -> Array | None:
     scales = {state.name: state.scale for state in model.states}
     scale = np.array([scales.get(name, 1.0) for name in unknown])
     per_second = np.array([state.scale for state in model.states])
-    found, at = np.full(len(steer), np.nan), np.zeros(len(unknown))
+    result, at = np.full(len(steer), np.nan), np.zeros(len(unknown))
     for k, angle in enumerate(steer):
         settled = _settle(newton, at, float(angle), scale, per_second)
         if settled is None:
             break
         at = settled
-        found[k] = at[unknown.index("yaw_rate")]
-    return found
+        result[k] = at[unknown.index("yaw_rate")]
+    return result
 
 
 def _settle(newton: cs.Function, at: Array, steer: float, scale: Array, per_second: Array) -> Array | None:

@@ -20,7 +20,7 @@ ORDERS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e
 
 def clean(text: str) -> str:
     """A text as it may be shown: an escape character is shown as its picture, other orders as a question mark."""
-    return ORDERS.sub(lambda found: "␛" if found[0] == "\x1b" else "\ufffd", text)
+    return ORDERS.sub(lambda item: "␛" if item[0] == "\x1b" else "\ufffd", text)
 
 
 @dataclass(frozen=True)
@@ -64,11 +64,11 @@ def _parts(text: str) -> Iterator[Span]:
     if alone := _ALONE.match(text):  # a label: a letter and its unit
         yield Span(alone[1], symbol=True)
         at = 1
-    for found in _SYMBOL.finditer(text):
-        if found.start() > at:
-            yield Span(text[at : found.start()])
-        head, indices = found[1], found[2].split("_")[1:]
+    for item in _SYMBOL.finditer(text):
+        if item.start() > at:
+            yield Span(text[at : item.start()])
+        head, indices = item[1], item[2].split("_")[1:]
         yield Span(GREEK.get(head, head), tuple(GREEK.get(index, index) for index in indices), symbol=True)
-        at = found.end()
+        at = item.end()
     if at < len(text):
         yield Span(text[at:])

@@ -47,10 +47,10 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
 
         pages = pages_of(report, name)
         with progress() as say:
-            found = import_module(f"greybox_lab.papers.{module}").measure(data, quick, say)
-            document = found.document()
+            result = import_module(f"greybox_lab.papers.{module}").measure(data, quick, say)
+            document = result.document()
             written = write_pages(document, pages, _command(name, data is not None, quick))
-        _say(found.as_dict(), on_screen(document), None, written, as_json)
+        _say(result.as_dict(), on_screen(document), None, written, as_json)
 
 
 def _command(name: str, data: bool, quick: bool) -> str:
@@ -110,12 +110,12 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 
     kept, pages = KeptBench("msnn", out), pages_of(report, "msnn")
     with progress() as say:
-        found = measure(data, quick=quick, say=say, keep=lambda rows: kept.keep(quick=quick, rows=rows))
-        kept.keep(quick=quick, rows=found.rows)
-        document = msnn_report(found)
+        result = measure(data, quick=quick, say=say, keep=lambda rows: kept.keep(quick=quick, rows=rows))
+        kept.keep(quick=quick, rows=result.rows)
+        document = msnn_report(result)
         written = write_pages(document, pages, _command("msnn", True, quick))
-    told = {"paper": "msnn", "quick": quick, "rows": found.rows, "comparisons": found.comparisons}
-    _say(told, on_screen(document), kept.file, written, as_json)
+    known = {"paper": "msnn", "quick": quick, "rows": result.rows, "comparisons": result.comparisons}
+    _say(known, on_screen(document), kept.file, written, as_json)
 
 
 @bench.command("truck")
@@ -153,10 +153,10 @@ def truck_command(
 
     kept, pages = KeptBench("truck", out, minutes), pages_of(report, "truck")
     with progress() as say:
-        found = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
-        document = truck_report(found)
+        result = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
+        document = truck_report(result)
         written = write_pages(document, pages, _command("truck", True, quick))
-    _say(found, on_screen(document), kept.file, written, as_json)
+    _say(result, on_screen(document), kept.file, written, as_json)
 
 
 @bench.command("loop")
@@ -194,20 +194,20 @@ def loop_command(
     from ..papers.loop_report import tables
 
     with progress() as say:
-        found = loop_tables(
+        result = loop_tables(
             out, quick=quick, cases=cases, arms=arms, cycles=cycles, vehicles=vehicles, seeds=seeds, say=say
         )
     if as_json:
-        print_json(found)
+        print_json(result)
     else:
-        show(tables(found))
+        show(tables(result))
 
 
-def _say(told: Mapping[str, Any], parts: Iterable[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
+def _say(known: Mapping[str, Any], parts: Iterable[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
     """What was measured, and where it was written."""
     if as_json:
         written = {"written": str(file)} if file else {}
-        print_json({**told, **written} | ({"report": [str(own) for own in pages]} if pages else {}))
+        print_json({**known, **written} | ({"report": [str(page) for page in pages]} if pages else {}))
         return
     show(parts)
     for path in [*([] if file is None else [file]), *pages]:

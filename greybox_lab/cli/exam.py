@@ -105,7 +105,7 @@ def make_command(
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
     greybox exam make --tier foreign --seed 7 --out exam_foreign
     """  # fmt: skip
-    asked: dict[str, Any] = {
+    requested: dict[str, Any] = {
         "cases": cases,
         "nulls": nulls,
         "singles": singles,
@@ -114,8 +114,8 @@ def make_command(
         "outside": outside,
         "many": many,
     }
-    asked["family"] = families or None
-    if strangers := [f"--{name}" for name, own in asked.items() if own is not None and name not in ASKED[tier]]:
+    requested["family"] = families or None
+    if strangers := [f"--{name}" for name, item in requested.items() if item is not None and name not in ASKED[tier]]:
         goes = ", ".join(f"--{name}" for name in ASKED[tier])
         raise BadInput(f"{', '.join(strangers)} does not go with --tier {tier}; with it go {goes}.")
     with progress() as say:
@@ -123,7 +123,7 @@ def make_command(
             from ..exam.make import make_foreign
             from ..exam.plan import Counts
 
-            named = {name: own for name in COUNTS[tier] if (own := asked[name]) is not None}
+            named = {name: value for name in COUNTS[tier] if (value := requested[name]) is not None}
             how_many = Counts(**COUNTS[tier] | named)
             made = make_foreign(out, seed, tier, how_many, families or ("rough",) * (tier == "rough"), jobs, say)
         elif tier in ("injected", "changed"):
@@ -237,10 +237,10 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     stated, since, second = vehicle(folder / "vehicle.toml"), sorted(folder.glob(BEFORE)), folder / AFTER
     columns = folder / COLUMNS if (folder / COLUMNS).is_file() else "canonical"
     held_out = [second] if since and second.is_file() else []
-    found = diagnose(stated, folder / "recording.csv", since or None, held_out=held_out, columns=columns)
-    body: dict[str, Any] = found.to_json()
-    if isinstance(found, ChangeResult):
-        return body | {"scatter": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in found.scatter.items()}}
-    assert isinstance(found.closed, MotionModel)  # of a vehicle file
-    write_vehicle(closed_vehicle(stated, found), folder / CLOSED)
-    return body | {"closed_model": plain_model(found.closed)}
+    result = diagnose(stated, folder / "recording.csv", since or None, held_out=held_out, columns=columns)
+    body: dict[str, Any] = result.to_json()
+    if isinstance(result, ChangeResult):
+        return body | {"scatter": {name: {"mean": mean, "sd": sd} for name, (mean, sd) in result.scatter.items()}}
+    assert isinstance(result.closed, MotionModel)  # of a vehicle file
+    write_vehicle(closed_vehicle(stated, result), folder / CLOSED)
+    return body | {"closed_model": plain_model(result.closed)}

@@ -87,11 +87,11 @@ def run_command(
 
     claim(out)
     with _watching() as watch:
-        found = run(
+        result = run(
             plan, out, engine=engine, scheduler=scheduler, jobs=jobs, only=only, retry_failed=retry_failed,
             compact=compact, refit=refit, progress=watch,
         )  # fmt: skip
-    _told(found, as_json)
+    _told(result, as_json)
 
 
 @fleet.command("status")
@@ -144,11 +144,11 @@ def report_command(results: Path, out: Path | None, kind: str, vehicle: str | No
         console().print(f"written  {written}")
 
 
-def _told(found: Any, as_json: bool) -> None:
+def _told(result: Any, as_json: bool) -> None:
     if as_json:
-        print_json(found.to_json())
+        print_json(result.to_json())
     else:
-        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)
+        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager

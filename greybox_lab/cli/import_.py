@@ -60,50 +60,52 @@ def import_(network: str, inputs: str, sample_time: float | None, out: str | Non
         raise BadInput(f"{out}: a fit is a .json file; name one with --out.")
     command = command_line()
     pairs = [pair.strip() for pair in inputs.split(",") if pair.strip()]
-    found = import_network(network, pairs, sample_time, command)
-    target = Path(out) if out is not None else Path(found.fit.model.name) / "fit.json"
-    claim(target, becomes=f"a fit of {found.fit.model.name}")
+    result = import_network(network, pairs, sample_time, command)
+    target = Path(out) if out is not None else Path(result.fit.model.name) / "fit.json"
+    claim(target, becomes=f"a fit of {result.fit.model.name}")
     ensure_writable(target.parent)
-    path = found.fit.save(target)
+    path = result.fit.save(target)
     if as_json:
-        print_json(_summary(found) | {"written": str(path)})
+        print_json(_summary(result) | {"written": str(path)})
     else:
-        _show(found, path)
+        _show(result, path)
 
 
 def _vehicle(file: str, out: str | None, as_json: bool) -> None:
     """Make a vehicle file of another tool's file."""
     if out is not None and Path(out).suffix.lower() not in (".toml", ".json"):
         raise BadInput(f"{out}: a vehicle file ends in .toml or .json; name one with --out.")
-    found = import_vehicle(file)
+    result = import_vehicle(file)
     target = claim(Path(out) if out is not None else Path(f"{Path(file).name.partition('.')[0]}.toml"))
     ensure_writable(target.parent)
-    path = write_vehicle(found.vehicle, target)
+    path = write_vehicle(result.vehicle, target)
     if as_json:
-        print_json({"kind": found.kind, "vehicle": as_plain(found.vehicle), "notes": found.notes, "written": str(path)})
+        print_json(
+            {"kind": result.kind, "vehicle": as_plain(result.vehicle), "notes": result.notes, "written": str(path)}
+        )
         return
-    _show_vehicle(found, path)
+    _show_vehicle(result, path)
 
 
-def _show_vehicle(found: ImportedVehicle, path: Path) -> None:
+def _show_vehicle(vehicle: ImportedVehicle, path: Path) -> None:
     out = console()
-    out.print(f"vehicle  {found.kind}: {', '.join(found.vehicle.values) or 'nothing but limits'}")
-    for note in found.notes:
+    out.print(f"vehicle  {vehicle.kind}: {', '.join(vehicle.vehicle.values) or 'nothing but limits'}")
+    for note in vehicle.notes:
         out.print(f"note     {note}")
     out.print(f"\nwritten  {path}   with a recording: greybox fit --model single_track --vehicle {path} RECORDING")
 
 
-def _show(found: Imported, path: Path) -> None:
-    out, fit = console(), found.fit
+def _show(imported: Imported, path: Path) -> None:
+    out, fit = console(), imported.fit
     out.print(f"network  {fit.how['imported']}: {fit.model.name}, {fit.model.size} numbers, {fit.model.about}")
-    for title, names in (("inputs", found.roles), ("outputs", found.outputs)):
+    for title, names in (("inputs", imported.roles), ("outputs", imported.outputs)):
         words = [f"{signal} [{pretty_unit(unit_of(signal))}] from {name}" for name, signal in names.items()]
         out.print(f"{title:8} {', '.join(words)}")
     for line in _structure(fit):
         out.print(f"         {line}")
-    nearness = f"to {found.error:.0e} of the largest prediction"
+    nearness = f"to {imported.error:.0e} of the largest prediction"
     out.print(f"checked  on random windows the model predicts what the file's own graph does, {nearness}")
-    for note in found.notes:
+    for note in imported.notes:
         out.print(f"note     {note}")
     out.print("held     all numbers: the file says nothing of their uncertainty, so no interval is given")
     out.print(f"\nwritten  {path}   against a recording: greybox validate {path} RECORDING")
@@ -113,27 +115,27 @@ def _structure(fit: Fit) -> list[str]:
     """Local models, windows and centres, a line each."""
     settings = dict(fit.model.settings)
     lines = []
-    for name, own in settings.items() if "lat" in settings else ((fit.model.name.removeprefix("msnn_"), settings),):
-        if not isinstance(own, dict):
+    for name, item in settings.items() if "lat" in settings else ((fit.model.name.removeprefix("msnn_"), settings),):
+        if not isinstance(item, dict):
             continue
-        step = own["sample_time"]
-        samples = 1 + int(own["q"] if "q" in own else own["gamma"])
-        neurons = f", {counted(own['eta'], 'neuron')} each for traction and braking" if "eta" in own else ""
+        step = item["sample_time"]
+        samples = 1 + int(item["q"] if "q" in item else item["gamma"])
+        neurons = f", {counted(item['eta'], 'neuron')} each for traction and braking" if "eta" in item else ""
         lines.append(f"{name}: windows of {counted(samples, 'sample')} of {step:g} s{neurons}")
         for signal in ("v_x", "steer", "a_x", "a_y"):
-            if own.get(signal) is not None:
-                centres = ", ".join(number(centre, 3) for centre in own[signal])
+            if item.get(signal) is not None:
+                centres = ", ".join(number(centre, 3) for centre in item[signal])
                 lines.append(f"{name}: centres over {signal} at {centres} {pretty_unit(unit_of(signal))}")
     return lines
 
 
-def _summary(found: Imported) -> dict[str, object]:
-    model = found.fit.model
+def _summary(imported: Imported) -> dict[str, object]:
+    model = imported.fit.model
     return {
         "model": {"name": model.name, "settings": dict(model.settings), "numbers": model.size},
-        "inputs": dict(found.roles),
-        "outputs": dict(found.outputs),
-        "difference": found.error,
+        "inputs": dict(imported.roles),
+        "outputs": dict(imported.outputs),
+        "difference": imported.error,
         "uncertainty": None,
-        "notes": list(found.notes),
+        "notes": list(imported.notes),
     }

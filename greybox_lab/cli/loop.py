@@ -58,11 +58,11 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
     from ..driving.loop.demo import demo
 
     with progress() as say:
-        found = demo(out, quick=quick, case=case, arm=arm, seed=seed, cycles=cycles, say=say)
+        result = demo(out, quick=quick, case=case, arm=arm, seed=seed, cycles=cycles, say=say)
     if as_json:
-        print_json(found.to_json())
+        print_json(result.to_json())
     else:
-        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)
+        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
 
 
 @loop.command("agent")
@@ -94,11 +94,11 @@ def agent_command(
 
     options = AgentOptions(case, seed, session, arm, trainings, steps)
     with progress() as say:
-        found = agent(server, read_token(token_file), out, options, say=say)
+        result = agent(server, read_token(token_file), out, options, say=say)
     if as_json:
-        print_json(found.to_json())
+        print_json(result.to_json())
     else:
-        console().print(found.summary(), markup=False, highlight=False, soft_wrap=True)
+        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
 
 
 @click.command(name="serve")

@@ -79,13 +79,13 @@ def learn_policy(
     if start is not None and not isinstance(start, Learned | str | Path):
         raise BadInput(f"start: what learn_policy returned, or its file, is needed, not {start!r:.60}.")
     begun = load_learned(start) if isinstance(start, str | Path) else start
-    own = given.vehicle(vehicle)
-    driven = drivable(given.model(model, own, effects))
+    value = given.vehicle(vehicle)
+    driven = drivable(given.model(model, value, effects))
     units = None
     if like is not None:
         units = world(1, given.vehicle(like) or "roboracer", track=track, half_width=half_width)
     place = world(
-        lanes, own or "roboracer", model=driven, track=track, half_width=half_width, randomise=randomise, like=units,
+        lanes, value or "roboracer", model=driven, track=track, half_width=half_width, randomise=randomise, like=units,
         **{**RULES, **rules},
     )  # fmt: skip
     if begun is not None:

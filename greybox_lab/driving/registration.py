@@ -21,7 +21,7 @@ def register() -> None:
     """Make `greybox/Track-v0` known, now or once Gymnasium is imported."""
     if NAME in sys.modules:
         _known_to(sys.modules[NAME])
-    elif not any(isinstance(own, _Afterwards) for own in sys.meta_path):
+    elif not any(isinstance(item, _Afterwards) for item in sys.meta_path):
         sys.meta_path.insert(0, _Afterwards())
 
 
@@ -41,10 +41,10 @@ class _Afterwards(MetaPathFinder):
         if name != NAME:
             return None
         sys.meta_path.remove(self)
-        found = find_spec(NAME)
-        if found is not None and found.loader is not None:
-            found.loader = _Registering(found.loader)
-        return found
+        result = find_spec(NAME)
+        if result is not None and result.loader is not None:
+            result.loader = _Registering(result.loader)
+        return result
 
 
 class _Registering(Loader):

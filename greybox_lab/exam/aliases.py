@@ -65,8 +65,8 @@ def always_alike(effect: str) -> tuple[str, ...]:
 
 def partners(effect: str) -> tuple[str, ...]:
     """Effects that some recordings do not tell from this one."""
-    found = [other for some in _CONFUSABLE if effect in some for other in some]
-    return tuple(dict.fromkeys(other for other in found if other != effect and other not in always_alike(effect)))
+    result = [other for some in _CONFUSABLE if effect in some for other in some]
+    return tuple(dict.fromkeys(other for other in result if other != effect and other not in always_alike(effect)))
 
 
 TELLS = 4.0
@@ -126,7 +126,7 @@ def indistinguishable(
     views : of the recording; a partner must explain each of them.
     also : partners to try besides the usual ones.
     """
-    found = {}
+    result = {}
     for name in present:
         rest = {other: value for other, value in present.items() if other != name}
         tried = [p for p in dict.fromkeys((*partners(name), *also)) if p in causes and p not in present]
@@ -134,8 +134,8 @@ def indistinguishable(
             p for p in tried
             if isfinite(causes[p].null) and all(_left(p, causes[p], rest, present, view) < view.tells for view in views)
         ]  # fmt: skip
-        found[name] = (*(p for p in always_alike(name) if p not in present), *alike)
-    return found
+        result[name] = (*(p for p in always_alike(name) if p not in present), *alike)
+    return result
 
 
 def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mapping[str, float], view: View) -> float:
@@ -150,14 +150,14 @@ def _left(partner: str, cause: Cause, rest: Mapping[str, float], present: Mappin
             moved = view.simulate({**rest, partner: cause.at(tried)}) - without
         except BadInput:  # the motion blew up
             return best
-        own, both = view.product(moved, moved), view.product(moved, change)
+        value, both = view.product(moved, moved), view.product(moved, change)
         if step > 0:
-            best = min(best, all_of_it - 2.0 * both + own)
-        if best < view.tells or own <= 0.0 or (step > 1 and best > hopeless):
+            best = min(best, all_of_it - 2.0 * both + value)
+        if best < view.tells or value <= 0.0 or (step > 1 and best > hopeless):
             break
-        if step == 0 and all_of_it - both**2 / own > max(hopeless, 0.2 * all_of_it):
+        if step == 0 and all_of_it - both**2 / value > max(hopeless, 0.2 * all_of_it):
             break
-        tried *= both / own
+        tried *= both / value
         if (tried < 0 and cause.sides == "up") or (tried > 0 and cause.sides == "down"):
             break
     return best

@@ -102,50 +102,50 @@ def scatter_between(windows: Sequence[Recording]) -> dict[str, float]:
     By plain regressions that no diagnosis uses: of the yaw rate on steering angle and speed, of a_y on yaw rate and
     speed, of v_y on the yaw rate. What is common to a vehicle's recordings, its understeer, is one number for all.
     """
-    found: dict[str, Array] = {}
-    if all("steer" in own for own in windows):
-        found |= _of_steering(windows)
-    if all("a_y" in own for own in windows):
-        rest = [_there(own["a_y"] - own["v_x"] * own["yaw_rate"], own["a_x"]) for own in windows]
-        found["accel_bias_y"] = np.array([np.mean(off) for off, _ in rest])
-        found["imu_mount_yaw"] = np.array([np.polyfit(along, off, 1)[0] for off, along in rest])
-    if all("v_y" in own for own in windows):
-        found["velocity_lever_arm"] = _of_arm(windows)
-    return {name: float(np.std(own, ddof=1)) for name, own in found.items()}
+    result: dict[str, Array] = {}
+    if all("steer" in window for window in windows):
+        result |= _of_steering(windows)
+    if all("a_y" in window for window in windows):
+        rest = [_there(window["a_y"] - window["v_x"] * window["yaw_rate"], window["a_x"]) for window in windows]
+        result["accel_bias_y"] = np.array([np.mean(off) for off, _ in rest])
+        result["imu_mount_yaw"] = np.array([np.polyfit(along, off, 1)[0] for off, along in rest])
+    if all("v_y" in window for window in windows):
+        result["velocity_lever_arm"] = _of_arm(windows)
+    return {name: float(np.std(item, ddof=1)) for name, item in result.items()}
 
 
 def _there(*signals: Array) -> tuple[Array, ...]:
     """Rows in which all are read."""
     whole = np.all(np.isfinite(signals), axis=0)
-    return tuple(own[whole] for own in signals)
+    return tuple(signal[whole] for signal in signals)
 
 
 def _of_steering(windows: Sequence[Recording]) -> dict[str, Array]:
     """Lag, logarithm of gain, and offset of the yaw rate behind the steering, and what is left of it, a window each."""
 
-    def steered(own: Recording, lag: float) -> Array:
-        return _by_run(own, lambda run: {"steer": _later(run, "steer", lag)})["steer"]
+    def steered(recording: Recording, lag: float) -> Array:
+        return _by_run(recording, lambda run: {"steer": _later(run, "steer", lag)})["steer"]
 
-    def regressed(own: Recording, lag: float, understeer: float) -> tuple[float, Array]:
-        v, s, r = _there(own["v_x"], steered(own, lag), own["yaw_rate"])
+    def regressed(recording: Recording, lag: float, understeer: float) -> tuple[float, Array]:
+        v, s, r = _there(recording["v_x"], steered(recording, lag), recording["yaw_rate"])
         gain = v / (1.0 + understeer * v**2)
-        found, *_ = np.linalg.lstsq(np.stack([gain * s, gain], axis=1), r, rcond=None)
-        return float(np.mean((r - gain * (found[0] * s + found[1])) ** 2)), np.asarray(found)
+        result, *_ = np.linalg.lstsq(np.stack([gain * s, gain], axis=1), r, rcond=None)
+        return float(np.mean((r - gain * (result[0] * s + result[1])) ** 2)), np.asarray(result)
 
-    def best(own: Recording, understeer: float) -> tuple[float, float, Array]:
-        tried = [(lag, *regressed(own, lag, understeer)) for lag in LAGS]
-        lag, error, found = min(tried, key=lambda each: each[1])
-        return error, float(lag), found
+    def best(recording: Recording, understeer: float) -> tuple[float, float, Array]:
+        tried = [(lag, *regressed(recording, lag, understeer)) for lag in LAGS]
+        lag, error, result = min(tried, key=lambda each: each[1])
+        return error, float(lag), result
 
-    middle = float(np.median([best(own, 0.0)[1] for own in windows]))
-    errors = [sum(regressed(own, middle, k)[0] for own in windows) for k in UNDERSTEER]
+    middle = float(np.median([best(window, 0.0)[1] for window in windows]))
+    errors = [sum(regressed(window, middle, k)[0] for window in windows) for k in UNDERSTEER]
     understeer = float(UNDERSTEER[int(np.argmin(errors))])
-    each = [best(own, understeer) for own in windows]
-    lags, slopes = np.array([own[1] for own in each]), np.array([own[2] for own in each])
+    each = [best(window, understeer) for window in windows]
+    lags, slopes = np.array([item[1] for item in each]), np.array([item[2] for item in each])
     gain, offset = np.median(slopes, axis=0)
     left = []
-    for own, lag in zip(windows, lags, strict=True):
-        v, s, r = _there(own["v_x"], steered(own, lag), own["yaw_rate"])
+    for window, lag in zip(windows, lags, strict=True):
+        v, s, r = _there(window["v_x"], steered(window, lag), window["yaw_rate"])
         left.append(float(np.mean(r - v / (1.0 + understeer * v**2) * (gain * s + offset))))
     gains = np.log(np.abs(slopes[:, 0]))
     return {
@@ -156,10 +156,10 @@ def _of_steering(windows: Sequence[Recording]) -> dict[str, Array]:
 
 def _of_arm(windows: Sequence[Recording]) -> Array:
     """Slope of v_y over the yaw rate at no speed, a window each; how it goes with speed squared is one for all."""
-    parts = [_there(own["v_y"], own["yaw_rate"], own["v_x"]) for own in windows]
+    parts = [_there(window["v_y"], window["yaw_rate"], window["v_x"]) for window in windows]
     k = len(parts)
-    rows = [np.zeros((len(own[0]), k + 1)) for own in parts]
+    rows = [np.zeros((len(part[0]), k + 1)) for part in parts]
     for place, (block, (_, r, v)) in enumerate(zip(rows, parts, strict=True)):
         block[:, place], block[:, k] = r, r * v**2
-    found, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate([own[0] for own in parts]), rcond=None)
-    return np.asarray(found[:k])
+    result, *_ = np.linalg.lstsq(np.concatenate(rows), np.concatenate([part[0] for part in parts]), rcond=None)
+    return np.asarray(result[:k])

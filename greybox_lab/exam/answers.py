@@ -106,7 +106,7 @@ def exceeds(left: Mapping[str, float]) -> bool:
 
 def write_answer(answer: Answer, file: Path) -> Path:
     """Write an answer as JSON."""
-    plain = {name: dict(own) if isinstance(own, Mapping) else own for name, own in vars(answer).items()}
+    plain = {name: dict(var) if isinstance(var, Mapping) else var for name, var in vars(answer).items()}
     return write_atomically(file, json.dumps(without_nan(plain), indent=1) + "\n")
 
 
@@ -114,8 +114,8 @@ def read_answer(file: Path) -> Answer:
     """Read an answer. Raises `BadInput` where the file is none."""
     body = read_json(file)
     try:
-        effects = {name: nan if own is None else own for name, own in body["effects"].items()}
-        aliases = {name: tuple(own) for name, own in body["aliases"].items()}
+        effects = {name: nan if item is None else item for name, item in body["effects"].items()}
+        aliases = {name: tuple(item) for name, item in body["aliases"].items()}
         nature = tuple(body.get("nature", ()))
         answer = Answer(**{**body, "effects": effects, "aliases": aliases, "nature": nature})
     except (TypeError, KeyError, AttributeError) as error:

@@ -53,15 +53,15 @@ def curves() -> dict[str, Any]:
         x = s / C
         return np.asarray(np.sin(C * np.arctan(x - E * (x - np.arctan(x)))))
 
-    found = dict[str, list[float]]()
+    result = dict[str, list[float]]()
     for name in DEVELOPMENT:
         for far in SLIPS:
             s = np.linspace(0, far, 200)[1:]
             true = np.array([curve(TYRES.index(name), each, 1.0, 1.0, 0.0) for each in s])
             near, _ = curve_fit(formula, s, true, (1.3, 0.3), bounds=((1.01, -10), (2.5, 1)))
             off = formula(s, *near) - true
-            found.setdefault(name, []).append(_round(np.sqrt(np.mean(off**2))))
-    return {"slips": SLIPS, "off": found, "used": CAL.curve_off}
+            result.setdefault(name, []).append(_round(np.sqrt(np.mean(off**2))))
+    return {"slips": SLIPS, "off": result, "used": CAL.curve_off}
 
 
 def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
@@ -69,14 +69,14 @@ def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
 
     `cost` follows from nulls' greatest gains, whose tail is taken for exponential: one in fifty gains as much.
     """
-    read = [own for folder in folders for own in _read(folder)]
-    nulls = np.array([_most(found) for answer, found in read if answer.kind == "null"])
-    causes = [_gain(found, answer.alike(name)) for answer, found in read
+    read = [item for folder in folders for item in _read(folder)]
+    nulls = np.array([_most(item) for answer, item in read if answer.kind == "null"])
+    causes = [_gain(item, answer.alike(name)) for answer, item in read
               if answer.kind in ("single", "double") and answer.sizable for name in answer.effects]  # fmt: skip
     shares, named = [], []
-    for answer, found in read:
-        if answer.kind in ("null", "outside") and found.get("model_error"):
-            shares.append(max(float(own["share"]) for own in found["model_error"].values()) / CAL.form)
+    for answer, item in read:
+        if answer.kind in ("null", "outside") and item.get("model_error"):
+            shares.append(max(float(item["share"]) for item in item["model_error"].values()) / CAL.form)
             named.append(answer.kind == "outside")
     body: dict[str, Any] = {"nulls": len(nulls), "causes": len(causes), "used": {"cost": CAL.cost}}
     if len(nulls):
@@ -85,7 +85,10 @@ def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
         body["cost"] = {"greatest": sorted(nulls.round(1).tolist(), reverse=True)[:5], "median": middle,
                         "one in fifty": middle + tail * log(0.5 / RARE)}  # fmt: skip
     if causes:
-        body["causes gain"] = {"least": sorted(round(own, 1) for own in causes)[:5], "median": float(np.median(causes))}
+        body["causes gain"] = {
+            "least": sorted(round(cause, 1) for cause in causes)[:5],
+            "median": float(np.median(causes)),
+        }
     if any(named) and not all(named):
         body["unnamed"] = _halfway(np.log(shares), np.array(named))
     return body
@@ -105,56 +108,56 @@ def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser:
     cases = [case for folder in folders for case in case_folders(exam_of(folder))]
     changes = [{}, *_drawn(draws, seed)]
     with ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), max_tasks_per_child=1) as pool:
-        asked = [(own, case) for own in changes for case in cases]
-        said = list[dict[str, Any]]()
-        for own in pool.map(_diagnosed, *zip(*((own, case, diagnoser) for own, case in asked), strict=True)):
-            said.append(own)
+        requested = [(change, case) for change in changes for case in cases]
+        stated = list[dict[str, Any]]()
+        for item in pool.map(_diagnosed, *zip(*((item, case, diagnoser) for item, case in requested), strict=True)):
+            stated.append(item)
             print(
-                f"{len(said)} of {len(asked)}: {asked[len(said) - 1][1].name}  {_words(own)}",
+                f"{len(stated)} of {len(requested)}: {requested[len(stated) - 1][1].name}  {_words(item)}",
                 file=sys.stderr,
                 flush=True,
             )
-    usual, rest = said[: len(cases)], said[len(cases) :]
+    usual, rest = stated[: len(cases)], stated[len(cases) :]
     rows = list[dict[str, Any]]()
     for k, change in enumerate(changes[1:]):
         for case, before, then in zip(cases, usual, rest[k * len(cases) :], strict=False):
             answer = read_answer(case.parents[1] / SEALED / case.name / "answer.json")
             rows.append({"draw": k, "case": case.name, **_differs(before, then, answer)})
         rows[-1]["numbers"] = change
-    moved = [own["moved"] for own in rows if own["moved"] is not None]
+    moved = [row["moved"] for row in rows if row["moved"] is not None]
     return {
         "numbers": len(_searched()), "draws": draws, "cases": len(cases), "seed": seed,
-        "verdicts changed": sum(own["verdict"] for own in rows), "of": len(rows),
+        "verdicts changed": sum(row["verdict"] for row in rows), "of": len(rows),
         "magnitudes moved, of half an interval": {"median": _round(np.median(moved)), "most": _round(max(moved))}
-        if moved else None, "cpu": [round(sum(own["cpu"] for own in said[k * len(cases) : (k + 1) * len(cases)]), 1)
+        if moved else None, "cpu": [round(sum(one["cpu"] for one in stated[k * len(cases) : (k + 1) * len(cases)]), 1)
                                     for k in range(len(changes))],
-        "rows": [own for own in rows if own["verdict"]],
+        "rows": [row for row in rows if row["verdict"]],
     }  # fmt: skip
 
 
-def _words(said: Mapping[str, Any]) -> str:
-    return f"{', '.join(said['applied']) or 'nothing'}, {said['cpu']:.0f} CPU s"
+def _words(stated: Mapping[str, Any]) -> str:
+    return f"{', '.join(stated['applied']) or 'nothing'}, {stated['cpu']:.0f} CPU s"
 
 
 def _searched() -> list[str]:
-    return [own.name for own in fields(Calibration) if own.metadata["data"] == SEARCHED]
+    return [field.name for field in fields(Calibration) if field.metadata["data"] == SEARCHED]
 
 
 def _drawn(draws: int, seed: int) -> list[dict[str, Any]]:
     """Numbers of the search, halved or doubled, or by a quarter of that where they are grids."""
-    rng, found = np.random.default_rng(seed), []
+    rng, result = np.random.default_rng(seed), []
     for _ in range(draws):
         change = dict[str, Any]()
         for name in _searched():
             value, power = getattr(CAL, name), int(rng.integers(-1, 2))
             if isinstance(value, tuple):
-                change[name] = tuple(own if own in (0.0, 1.0) else own * 2.0 ** (power / 4) for own in value)
+                change[name] = tuple(item if item in (0.0, 1.0) else item * 2.0 ** (power / 4) for item in value)
             elif isinstance(value, int):
                 change[name] = max(1, round(value * 2.0**power))
             else:
                 change[name] = value * 2.0**power
-        found.append(change)
-    return found
+        result.append(change)
+    return result
 
 
 def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[str, Any]:
@@ -168,7 +171,7 @@ def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[st
     start = process_time()
     with TemporaryDirectory() as folder:
         body = diagnose(copytree(case, Path(folder) / case.name))
-    kept = [{key: own[key] for key in ("effect", "magnitude", "interval", "gain")} for own in body["ranking"][:8]]
+    kept = [{key: item[key] for key in ("effect", "magnitude", "interval", "gain")} for item in body["ranking"][:8]]
     return {
         "applied": sorted(body["applied"]),
         "gap": body["gap_detected"],
@@ -179,16 +182,16 @@ def _diagnosed(change: Mapping[str, Any], case: Path, diagnoser: str) -> dict[st
 
 def _differs(before: Mapping[str, Any], then: Mapping[str, Any], answer: Answer) -> dict[str, Any]:
     """Whether a verdict differs, up to names of one cause, and by how much of half its interval a magnitude does."""
-    names = [{min(answer.alike(name)) for name in own["applied"]} for own in (before, then)]
+    names = [{min(answer.alike(name)) for name in item["applied"]} for item in (before, then)]
     same = names[0] == names[1] and before["gap"] == then["gap"]
-    there = {own["effect"]: own for own in then["ranking"]}
+    there = {item["effect"]: item for item in then["ranking"]}
     moved = [0.0]
-    for own in before["ranking"]:
-        if own["effect"] in before["applied"] and own["effect"] in there:
-            low, high = own["interval"]
-            moved.append(2 * abs(there[own["effect"]]["magnitude"] - own["magnitude"]) / max(high - low, 1e-12))
-    said = {"from": before["applied"], "to": then["applied"]} if not same else {}
-    return {"verdict": not same, "moved": max(moved) if before["applied"] and same else None, **said}
+    for item in before["ranking"]:
+        if item["effect"] in before["applied"] and item["effect"] in there:
+            low, high = item["interval"]
+            moved.append(2 * abs(there[item["effect"]]["magnitude"] - item["magnitude"]) / max(high - low, 1e-12))
+    stated = {"from": before["applied"], "to": then["applied"]} if not same else {}
+    return {"verdict": not same, "moved": max(moved) if before["applied"] and same else None, **stated}
 
 
 def _read(folder: Path) -> Iterator[tuple[Answer, dict[str, Any]]]:
@@ -200,12 +203,12 @@ def _read(folder: Path) -> Iterator[tuple[Answer, dict[str, Any]]]:
             yield read_answer(file), read_json(diagnosis)
 
 
-def _most(found: Mapping[str, Any]) -> float:
-    return max((float(own["gain"]) for own in found.get("ranking", ())), default=0.0)
+def _most(result: Mapping[str, Any]) -> float:
+    return max((float(item["gain"]) for item in result.get("ranking", ())), default=0.0)
 
 
-def _gain(found: Mapping[str, Any], names: frozenset[str]) -> float:
-    return max((float(own["gain"]) for own in found.get("ranking", ()) if own["effect"] in names), default=0.0)
+def _gain(result: Mapping[str, Any], names: frozenset[str]) -> float:
+    return max((float(item["gain"]) for item in result.get("ranking", ()) if item["effect"] in names), default=0.0)
 
 
 def _halfway(x: Array, there: Array) -> dict[str, float]:
@@ -215,8 +218,8 @@ def _halfway(x: Array, there: Array) -> dict[str, float]:
 
     def loss(p: Array) -> float:
         odds = p[0] + p[1] * u
-        own = np.sum(np.logaddexp(0, odds) - there * odds)
-        return float(own + 2.5 * np.log1p((p[1] / 2.5) ** 2) / 2 + 0.005 * p[0] ** 2)
+        value = np.sum(np.logaddexp(0, odds) - there * odds)
+        return float(value + 2.5 * np.log1p((p[1] / 2.5) ** 2) / 2 + 0.005 * p[0] ** 2)
 
     a, b = minimize(loss, np.array([0.0, 1.0])).x
     at = float(np.exp(shift - scale * a / b)) if b else float("nan")
@@ -237,16 +240,16 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--diagnoser", default=DIAGNOSER)
-    own = parser.parse_args(arguments)
-    if own.part != "curves" and not own.folders:
-        parser.error(f"{own.part} needs the folders of examinations for development")
+    value = parser.parse_args(arguments)
+    if value.part != "curves" and not value.folders:
+        parser.error(f"{value.part} needs the folders of examinations for development")
     try:
-        if own.part == "curves":
+        if value.part == "curves":
             body = curves()
-        elif own.part == "thresholds":
-            body = thresholds(own.folders)
+        elif value.part == "thresholds":
+            body = thresholds(value.folders)
         else:
-            body = search(own.folders, own.draws, own.seed, own.jobs, own.diagnoser)
+            body = search(value.folders, value.draws, value.seed, value.jobs, value.diagnoser)
     except BadInput as error:
         parser.error(str(error))
     print(json.dumps(body, indent=1))

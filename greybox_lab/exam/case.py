@@ -101,17 +101,17 @@ class Draw(ABC):
         size, kind, drawn = self.sized.size, self.sized.kind, dict(self.drawn)
         for step in range(RESIZED + len(drawn)):
             over = self.over_background
-            if all(AIMED[0] <= own <= AIMED[1] for own in over.values()):
+            if all(AIMED[0] <= item <= AIMED[1] for item in over.values()):
                 return
             weakest = min(over, key=lambda name: over[name])
             if step >= RESIZED // 2 and over[weakest] < AIMED[0] and len(drawn) > MANY[0]:
                 del drawn[weakest]
             else:
-                for name, own in over.items():
-                    if not AIMED[0] <= own <= AIMED[1]:
-                        factor = np.sqrt((aims[name] ** 2 - 1.0) / max(own**2 - 1.0, 1e-4))
+                for name, item in over.items():
+                    if not AIMED[0] <= item <= AIMED[1]:
+                        factor = np.sqrt((aims[name] ** 2 - 1.0) / max(item**2 - 1.0, 1e-4))
                         drawn[name] = self.known[name].scaled(drawn[name], float(np.clip(factor, 0.2, 5.0)), size, kind)
-            rest = {name: own for name, own in self.effects.items() if name not in self.drawn}
+            rest = {name: effect for name, effect in self.effects.items() if name not in self.drawn}
             self.drawn, self.effects = dict(drawn), {**rest, **drawn}
 
     @property
@@ -123,19 +123,19 @@ class Draw(ABC):
                  for name in self.drawn}  # fmt: skip
         nothing = dict.fromkeys(again.noise, 0.0)
         hidden = nothing if again.form is None else again.beside_tolerances(again.form)
-        found = {}
+        result = {}
         for name, part in parts.items():
-            left = again.beside_tolerances(part, [own for other, own in parts.items() if other != name])
-            found[name] = max(float(np.hypot(1.0, left[c] / np.hypot(1.0, hidden[c]))) for c in left)
-        return found
+            left = again.beside_tolerances(part, [part for other, part in parts.items() if other != name])
+            result[name] = max(float(np.hypot(1.0, left[c] / np.hypot(1.0, hidden[c]))) for c in left)
+        return result
 
     @cached_property
     def shows(self) -> bool:
         """Whether every effect makes a gap beside the others that must be detected, and that form does not hide."""
         if self.planned.kind == "many":
             least, most = OVER_BACKGROUND
-            return all(least <= own <= most for own in self.over_background.values())
-        rests = [{other: own for other, own in self.effects.items() if other != name} for name in self.drawn]
+            return all(least <= item <= most for item in self.over_background.values())
+        rests = [{other: effect for other, effect in self.effects.items() if other != name} for name in self.drawn]
         if not all(exceeds(self.again.size(self.effects, rest)) for rest in rests):
             return False  # before every tolerance is driven, which takes far longer
         if not rests or self.again.form is None:

@@ -79,8 +79,8 @@ CASES: Mapping[str, KnownChange] = {
     "ramps_a": KnownChange(RAMPS[:2], "ramp_1605_pos015", "ramp_1609_neg015"),
     "ramps_b": KnownChange(("ramp_1605_pos015", "ramp_1609_neg015"), "ramp_1615_neg02", "ramp_1653_neg03"),
     "free_two": KnownChange(("free_1002", "free_1012"), "free_1027"),
-    **{f"{name}_null": own for name, own in PAIRS.items()},
-    **{f"{name}_{fault}": replace(own, fault=fault) for fault in FAULTS for name, own in PAIRS.items()},
+    **{f"{name}_null": item for name, item in PAIRS.items()},
+    **{f"{name}_{fault}": replace(item, fault=fault) for fault in FAULTS for name, item in PAIRS.items()},
 }
 DEVELOPMENT: Mapping[str, KnownChange] = {
     f"development_{k}": KnownChange(before, after, held_out) for k, (before, after, held_out) in enumerate((
@@ -110,7 +110,7 @@ EVERY = {**CASES, **DEVELOPMENT}
 SETS: Mapping[str, tuple[str, ...]] = {"examination": tuple(CASES), "development": tuple(DEVELOPMENT)}
 
 
-def make_changed(folder: Path, data: Path, seed: int, wanted: Sequence[str], jobs: int, say: Say) -> Exam:
+def make_changed(folder: Path, data: Path, seed: int, target: Sequence[str], jobs: int, say: Say) -> Exam:
     """Cases of a car whose changes are known.
 
     Parameters
@@ -118,7 +118,7 @@ def make_changed(folder: Path, data: Path, seed: int, wanted: Sequence[str], job
     folder : to be made, or empty, or left unfinished by the same request.
     data : folder with a folder dart of recordings.
     seed : puts cases in order; nothing else is drawn.
-    wanted : cases, or sets of them; none are those of the set "examination".
+    target : cases, or sets of them; none are those of the set "examination".
     jobs : processes at a time.
     say : told of progress.
 
@@ -126,7 +126,7 @@ def make_changed(folder: Path, data: Path, seed: int, wanted: Sequence[str], job
     ------
     BadInput : a recording is missing, or the folder holds something else.
     """
-    names = tuple(dict.fromkeys(name for own in wanted or ("examination",) for name in SETS.get(own, (own,))))
+    names = tuple(dict.fromkeys(name for item in target or ("examination",) for name in SETS.get(item, (item,))))
     for name in names:
         if name not in EVERY:
             raise BadInput(f'There is no case "{name}" of known changes.{near(name, [*EVERY, *SETS])}')
@@ -139,35 +139,35 @@ def make_changed(folder: Path, data: Path, seed: int, wanted: Sequence[str], job
     def recording(name: str) -> Recording:
         whole, _, half = name.partition("/")
         if half:
-            own = recording(whole)
-            middle = len(own) // 2
-            return own.rows(0, middle) if half == "1" else own.rows(middle, len(own))
-        own = read(data / "dart" / f"{whole}.csv.gz", "dart")
-        return replace(own, signals={signal: own[signal] for signal in SIGNALS})
+            value = recording(whole)
+            middle = len(value) // 2
+            return value.rows(0, middle) if half == "1" else value.rows(middle, len(value))
+        value = read(data / "dart" / f"{whole}.csv.gz", "dart")
+        return replace(value, signals={signal: value[signal] for signal in SIGNALS})
 
     def written(case: str, name: str) -> Answer:
         return _case(case, name, recording).written(folder)
 
     cases = {case: partial(written, case, name) for case, name in zip(shuffled(len(names), seed), names, strict=True)}
-    asked = {"tier": "changed", "seed": seed, "cases": list(names), "data": str(data)}
-    return make_cases(folder, asked, dict(sorted(cases.items())), jobs, say)
+    requested = {"tier": "changed", "seed": seed, "cases": list(names), "data": str(data)}
+    return make_cases(folder, requested, dict(sorted(cases.items())), jobs, say)
 
 
 def _case(case: str, name: str, recording: Callable[[str], Recording]) -> ChangedCase:
     """A known change as a case."""
-    own = EVERY[name]
-    before, after = ([recording(one) for one in part if one] for part in (own.before, (own.after, own.held_out)))
+    value = EVERY[name]
+    before, after = ([recording(one) for one in part if one] for part in (value.before, (value.after, value.held_out)))
     answer = Answer(case, "null", "changed", {}, about={"what": name})
-    if own.fault:
-        effect, size = FAULTS[own.fault]
+    if value.fault:
+        effect, size = FAULTS[value.fault]
         after = [altered(one, effect, size) for one in after]
         answer = replace(answer, kind="single", effects={effect: size}, nulls={effect: INJECTIONS[effect].null})
-    elif own.grip:
-        lost = nan if not own.like else _saturated(after) / _saturated([recording(one) for one in own.like])
+    elif value.grip:
+        lost = nan if not value.like else _saturated(after) / _saturated([recording(one) for one in value.like])
         answer = replace(answer, kind="changed", effects={"grip_scale": lost}, nulls={"grip_scale": 1.0})
     return ChangedCase("dart", "", before, after, answer)
 
 
 def _saturated(recordings: Sequence[Recording]) -> float:
     """Lateral acceleration at the tyres' limit, m/s^2: median over recordings."""
-    return float(np.median([np.nanpercentile(np.abs(own["a_y"]), SATURATED) for own in recordings]))
+    return float(np.median([np.nanpercentile(np.abs(recording["a_y"]), SATURATED) for recording in recordings]))

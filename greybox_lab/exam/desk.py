@@ -128,7 +128,7 @@ def _cost(body: dict[str, Any], began: float, cpu: float) -> dict[str, Any]:
 def cpu_seconds() -> float:
     """CPU time of this process and of those it has waited for, such as a compiler, s."""
     spent = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
-    return sum(own.ru_utime + own.ru_stime for own in spent)
+    return sum(item.ru_utime + item.ru_stime for item in spent)
 
 
 STARTING = 300.0

@@ -161,9 +161,9 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
         )
     if lacking := [key for key in NEEDED if key not in diagnosis]:
         raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Take it out and run again.")
-    ranking = [own for own in diagnosis["ranking"] if isinstance(own, Mapping)]
+    ranking = [item for item in diagnosis["ranking"] if isinstance(item, Mapping)]
     detected = bool(diagnosis["gap_detected"])
-    names = [str(own["effect"]) for own in ranking] if detected else []
+    names = [str(item["effect"]) for item in ranking] if detected else []
     applied = _stood_by(diagnosis, ranking if detected else [])
     stands_for = _stands_for(diagnosis)
     first = names[0] if names else ""
@@ -173,14 +173,14 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
         detected=detected,
         unknown=float(diagnosis["unknown_probability"]) > UNKNOWN,
         unknown_probability=float(diagnosis["unknown_probability"]),
-        choices={name: float(own["probability"]) for name, own in zip(names, ranking, strict=False)},
+        choices={name: float(item["probability"]) for name, item in zip(names, ranking, strict=False)},
         first=any(first in answer.alike(name) for name in answer.effects),
         first_strictly=first in answer.effects,
         among_three=_matched(answer, names[:3], {}) == len(answer.effects),
         sizes=tuple(
-            _size(answer, own, diagnosis.get("scatter") or {})
-            for own in ranking[: len(answer.effects)]
-            if own["effect"] in answer.effects
+            _size(answer, item, diagnosis.get("scatter") or {})
+            for item in ranking[: len(answer.effects)]
+            if item["effect"] in answer.effects
         )
         if detected and (library or answer.kind == "changed")
         else (),
@@ -188,14 +188,14 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
         beside=_beside(answer, diagnosis, ranking if detected else []),
         applied_right=_matched(answer, applied, stands_for),
         classes=tuple(
-            (float(own["probability"]), bool(_right(answer) & {*own["members"]}))
-            for own in diagnosis.get("classes") or ()
+            (float(item["probability"]), bool(_right(answer) & {*item["members"]}))
+            for item in diagnosis.get("classes") or ()
         ),
         misplaced=_misplaced(answer, diagnosis.get("budget") or ()),
         told=tuple(
-            (float(own["probability"]), own["effect"] in answer.effects)
-            for own in ranking
-            if own["effect"] not in answer.nature
+            (float(item["probability"]), item["effect"] in answer.effects)
+            for item in ranking
+            if item["effect"] not in answer.nature
         ),
         claimed=_closed(diagnosis["gap"]) if diagnosis["applied"] else nan,
         verified=verified if diagnosis["applied"] else nan,
@@ -206,18 +206,18 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
 
 def _stood_by(diagnosis: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     """Names that were applied, and those named of which nothing can be."""
-    named = [str(own["effect"]) for own in ranking if own["effect"] in SCATTERING and own["probability"] >= NAMED]
+    named = [str(item["effect"]) for item in ranking if item["effect"] in SCATTERING and item["probability"] >= NAMED]
     return tuple(dict.fromkeys([*map(str, diagnosis["applied"]), *named]))
 
 
 def _stands_for(diagnosis: Mapping[str, Any]) -> dict[str, set[str]]:
     """Applied name -> itself, and the likely members of the class of causes of which it is the one applied."""
-    found = {str(name): {str(name)} for name in diagnosis["applied"]}
-    for own in diagnosis.get("classes") or ():
-        if own.get("applied") in found:
-            each = own.get("each") or {}
-            found[own["applied"]] |= {name for name in own["members"] if (each.get(name) or 0.0) >= IN_A_CLASS}
-    return found
+    result = {str(name): {str(name)} for name in diagnosis["applied"]}
+    for item in diagnosis.get("classes") or ():
+        if item.get("applied") in result:
+            each = item.get("each") or {}
+            result[item["applied"]] |= {name for name in item["members"] if (each.get(name) or 0.0) >= IN_A_CLASS}
+    return result
 
 
 def _matched(answer: Answer, names: Sequence[str], stands_for: Mapping[str, set[str]]) -> int:
@@ -233,14 +233,14 @@ def _beside(answer: Answer, diagnosis: Mapping[str, Any], ranking: Sequence[Mapp
     """Names that the diagnosis stands by and that are not there."""
     given = [*_stood_by(diagnosis, ranking)]
     if answer.kind == "outside":
-        given += [str(own["effect"]) for own in ranking if float(own["probability"]) >= NAMED]
+        given += [str(item["effect"]) for item in ranking if float(item["probability"]) >= NAMED]
     right, stands_for = _right(answer), _stands_for(diagnosis)
     return tuple(name for name in dict.fromkeys(given) if not right & (stands_for.get(name) or {name}))
 
 
 def _misplaced(answer: Answer, budget: Sequence[Mapping[str, Any]]) -> float:
     """Share of the excess that a budget gives to names that are not there; NaN where there is no budget."""
-    shares = {str(own["effect"]): float(own["share"]) for own in budget if own.get("effect") and own.get("share")}
+    shares = {str(item["effect"]): float(item["share"]) for item in budget if item.get("effect") and item.get("share")}
     right = _right(answer)
     return sum(abs(share) for name, share in shares.items() if name not in right) if budget else nan
 
@@ -262,11 +262,11 @@ def _size(answer: Answer, ranked: Mapping[str, Any], scatter: Mapping[str, Any])
         return float(value) / before if null == 1.0 else float(value) - before + null
 
     low, high = (beyond(end, side * inf) for end, side in zip(ranked["interval"], (-1, 1), strict=True))
-    found = beyond(ranked["magnitude"], inf)
-    apart = abs(found - true) if isfinite(found) else inf
+    result = beyond(ranked["magnitude"], inf)
+    apart = abs(result - true) if isfinite(result) else inf
     return Size(name, apart / (abs(true) if null == inf else abs(true - null)), apart, low <= true <= high)
 
 
 def _closed(closure: Mapping[str, Any]) -> float:
-    own = closure.get("closed")
-    return nan if own is None else float(own)
+    value = closure.get("closed")
+    return nan if value is None else float(value)

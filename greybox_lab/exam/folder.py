@@ -40,10 +40,10 @@ def exam_of(cases: Path) -> Path:
 
 def case_folders(exam: Path) -> list[Path]:
     """Folders of all cases, in order."""
-    found = sorted(folder for folder in (exam / CASES).iterdir() if (folder / GIVEN[0]).is_file())
-    if not found:
+    result = sorted(folder for folder in (exam / CASES).iterdir() if (folder / GIVEN[0]).is_file())
+    if not result:
         raise BadInput(f"{exam / CASES} holds no cases. Make them with greybox exam make.")
-    return found
+    return result
 
 
 SEAL = "seal.json"
@@ -73,17 +73,17 @@ def unbroken(exam: Path, noted: str = "") -> str:
     if not file.is_file():
         raise BadInput(f"{exam} has no seal: it was never finished. Make the examination again.")
     body = read_json(file)
-    told = body.get("files", {}) if isinstance(body, dict) else {}
-    found = _hashes(exam)
-    for name in sorted(told.keys() | found.keys()):
-        if name not in found:
+    known = body.get("files", {}) if isinstance(body, dict) else {}
+    result = _hashes(exam)
+    for name in sorted(known.keys() | result.keys()):
+        if name not in result:
             raise BadInput(f"The seal is broken: {exam / name} is missing. This examination cannot be scored.")
-        if told.get(name) != found[name]:
-            how = "was changed" if name in told else "was added"
+        if known.get(name) != result[name]:
+            how = "was changed" if name in known else "was added"
             raise BadInput(f"The seal is broken: {exam / name} {how}. This examination cannot be scored.")
-    if body.get("sum") != _sum(found) or (noted and noted != body["sum"]):
+    if body.get("sum") != _sum(result) or (noted and noted != body["sum"]):
         raise BadInput(f"The seal is broken: {file} was replaced. This examination cannot be scored.")
-    return _sum(found)
+    return _sum(result)
 
 
 def _hashes(exam: Path) -> dict[str, str]:
@@ -98,5 +98,5 @@ def _hashes(exam: Path) -> dict[str, str]:
 
 
 def _sum(hashes: dict[str, str]) -> str:
-    lines = "".join(f"{own}  {name}\n" for name, own in sorted(hashes.items()))
+    lines = "".join(f"{item}  {name}\n" for name, item in sorted(hashes.items()))
     return hashlib.sha256(lines.encode()).hexdigest()

@@ -89,17 +89,17 @@ RUNS = 3
 """Recordings from before."""
 
 
-def sources(wanted: Sequence[str]) -> tuple[str, ...]:
+def sources(target: Sequence[str]) -> tuple[str, ...]:
     """Names of sources, sets taken apart; none are those of the set "examination"."""
-    found = [name for own in wanted or ("examination",) for name in SETS.get(own, (own,))]
-    for name in found:
+    result = [name for item in target or ("examination",) for name in SETS.get(item, (item,))]
+    for name in result:
         if name not in SOURCES:
             raise BadInput(f'There is no source "{name}" of recordings{near(name, [*SOURCES, *SETS])}')
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(result))
 
 
 def make_injected(
-    folder: Path, data: Path, seed: int, singles: int, wanted: Sequence[str], jobs: int, say: Say
+    folder: Path, data: Path, seed: int, singles: int, target: Sequence[str], jobs: int, say: Say
 ) -> Exam:
     """Cases of altered real recordings, and the same recordings unaltered.
 
@@ -109,7 +109,7 @@ def make_injected(
     data : folder with the folders of recordings.
     seed : draws recordings, effects and magnitudes.
     singles : how many altered ones; there are as many nulls.
-    wanted : sources, or sets of them; none are those of the set "examination".
+    target : sources, or sets of them; none are those of the set "examination".
     jobs : processes at a time.
     say : told of progress.
 
@@ -119,7 +119,7 @@ def make_injected(
     """
     if singles < 1:
         raise BadInput("An examination needs at least one case; ask for some with ‹singles›.")
-    names = sources(wanted)
+    names = sources(target)
     if missing := lacking(data, [file for name in names for file in SOURCES[name].files]):
         raise BadInput(f"{data} holds no {', '.join(missing)}. Name the folder of the recordings with ‹data›.")
     rng = np.random.default_rng((seed, 61031))
@@ -129,11 +129,11 @@ def make_injected(
         pools.append(Pool.of(name, data))
     drawn = [case for k in range(singles) for case in pools[k % len(pools)].drawn(rng, seed)]
     cases = {
-        case: partial(replace(own, answer=replace(own.answer, case=case)).written, folder)
-        for case, own in zip(shuffled(len(drawn), seed), drawn, strict=True)
+        case: partial(replace(item, answer=replace(item.answer, case=case)).written, folder)
+        for case, item in zip(shuffled(len(drawn), seed), drawn, strict=True)
     }
-    asked = {"tier": "injected", "seed": seed, "singles": singles, "sources": list(names), "data": str(data)}
-    return make_cases(folder, asked, dict(sorted(cases.items())), jobs, say)
+    requested = {"tier": "injected", "seed": seed, "singles": singles, "sources": list(names), "data": str(data)}
+    return make_cases(folder, requested, dict(sorted(cases.items())), jobs, say)
 
 
 @dataclass(frozen=True)
@@ -155,21 +155,21 @@ class Pool:
     @classmethod
     def of(cls, name: str, data: Path) -> Pool:
         """Read a source and cut it into recordings."""
-        own = SOURCES[name]
-        files = {file: _thinned(read(data / file, own.columns), own.rate) for file in own.files}
-        before, after = (_cut(files, part, own.seconds) for part in (own.before, own.after))
-        stated = vehicle(own.vehicle)
-        model = build(own.model, vehicle=stated) if own.model else motion_model_of(stated)
-        every = before if own.before == own.after else (*before, *after)
+        value = SOURCES[name]
+        files = {file: _thinned(read(data / file, value.columns), value.rate) for file in value.files}
+        before, after = (_cut(files, part, value.seconds) for part in (value.before, value.after))
+        stated = vehicle(value.vehicle)
+        model = build(value.model, vehicle=stated) if value.model else motion_model_of(stated)
+        every = before if value.before == value.after else (*before, *after)
         scatter = scatter_between(every)
-        measured = set(model.outputs) - set(own.derived)
+        measured = set(model.outputs) - set(value.derived)
         able = {key: scatter[key] for key, one in INJECTIONS.items() if key in scatter and _shows(one, every, measured)}
         return cls(name, before, after, able)
 
     def drawn(self, rng: np.random.Generator, seed: int) -> tuple[ChangedCase, ChangedCase]:
         """An altered case, and itself unaltered."""
-        own = SOURCES[self.name]
-        if own.before == own.after:
+        value = SOURCES[self.name]
+        if value.before == value.after:
             several = [self.before[k] for k in rng.permutation(len(self.before))[: RUNS + 2]]
             before, after = several[:RUNS], several[RUNS:]
         else:
@@ -179,36 +179,38 @@ class Pool:
         size = _magnitude(INJECTIONS[name], self.scatter[name], rng)
         about = {"source": self.name, "after": [f"{one.name} from {one.time[0]:g} s" for one in after]}
         plain = Answer("", "null", "injected", {}, seed=seed, about=about)
-        null = ChangedCase(own.vehicle, own.model, before, after, plain)
+        null = ChangedCase(value.vehicle, value.model, before, after, plain)
         answer = Answer("", "single", "injected", {name: size}, {name: INJECTIONS[name].null}, seed=seed, about=about,
                         scatter={name: self.scatter[name]})  # fmt: skip
         return replace(null, after=[altered(one, name, size) for one in after], answer=answer), null
 
 
-def _shows(own: Injection, recordings: Sequence[Recording], measured: Collection[str]) -> bool:
+def _shows(injection: Injection, recordings: Sequence[Recording], measured: Collection[str]) -> bool:
     """Whether it alters what is recorded, and what the model says of it."""
-    there = all(signal in one for one in recordings for signal in own.needs)
-    return there and (not own.outputs or set(own.needs) <= set(measured))
+    there = all(signal in one for one in recordings for signal in injection.needs)
+    return there and (not injection.outputs or set(injection.needs) <= set(measured))
 
 
-def _magnitude(own: Injection, scatter: float, rng: np.random.Generator) -> float:
-    size = min(scatter * float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST)))), own.most)
-    down = own.sides and rng.random() < 0.5
-    if own.null == 1.0:
+def _magnitude(injection: Injection, scatter: float, rng: np.random.Generator) -> float:
+    size = min(scatter * float(np.exp(rng.uniform(np.log(LEAST), np.log(MOST)))), injection.most)
+    down = injection.sides and rng.random() < 0.5
+    if injection.null == 1.0:
         return float(np.exp(-size if down else size))
     return -size if down else size
 
 
 def _cut(files: Mapping[str, Recording], stretches: Sequence[Stretch], seconds: float) -> tuple[Recording, ...]:
     """Recordings of about so many seconds, one after the other, in motion."""
-    found = []
+    result = []
     for name, low, high in stretches:
-        own = files[name].rows(round(low * len(files[name])), round(high * len(files[name])))
-        fastest = np.nanmax(np.abs(own["v_x"]))
-        edges = np.linspace(0, len(own), max(1, round(len(own) * own.sample_time / seconds)) + 1).round().astype(int)
-        parts = (own.rows(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
-        found += [part for part in parts if np.nanmean(np.abs(part["v_x"])) > LEAST_SPEED * fastest]
-    return tuple(found)
+        value = files[name].rows(round(low * len(files[name])), round(high * len(files[name])))
+        fastest = np.nanmax(np.abs(value["v_x"]))
+        edges = (
+            np.linspace(0, len(value), max(1, round(len(value) * value.sample_time / seconds)) + 1).round().astype(int)
+        )
+        parts = (value.rows(int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
+        result += [part for part in parts if np.nanmean(np.abs(part["v_x"])) > LEAST_SPEED * fastest]
+    return tuple(result)
 
 
 def _thinned(recording: Recording, rate: float) -> Recording:
@@ -217,7 +219,7 @@ def _thinned(recording: Recording, rate: float) -> Recording:
     if step == 1:
         return recording
     kept = [np.arange(start, stop, step) for start, stop in recording.runs]
-    ends = np.cumsum([0, *(len(own) for own in kept)])
+    ends = np.cumsum([0, *(len(item) for item in kept)])
     rows = np.concatenate(kept)
     return replace(
         recording, time=recording.time[rows],

@@ -73,7 +73,7 @@ def make(folder: Path, seed: int, tier: Tier, cases: int, nulls: int | None, job
 
 
 def make_foreign(
-    folder: Path, seed: int, tier: Tier, counts: Counts, wanted: Sequence[str], jobs: int, say: Say
+    folder: Path, seed: int, tier: Tier, counts: Counts, target: Sequence[str], jobs: int, say: Say
 ) -> Exam:
     """Make an examination on vehicles of foreign simulators; parameters and errors as of `make`.
 
@@ -81,24 +81,24 @@ def make_foreign(
     ----------
     tier : "foreign", "many" or "rough".
     counts : how many cases of each kind.
-    wanted : families, or sets of them; none are those of the set "examination".
+    target : families, or sets of them; none are those of the set "examination".
     """
     from .foreign.families import dealt_out
 
-    planned = dealt_out(counts, tier, seed, wanted)
-    asked = {"tier": tier, "seed": seed, **vars(counts), "families": list(wanted)}
-    return make_cases(folder, asked, _written(planned, folder), jobs, say)
+    planned = dealt_out(counts, tier, seed, target)
+    requested = {"tier": tier, "seed": seed, **vars(counts), "families": list(target)}
+    return make_cases(folder, requested, _written(planned, folder), jobs, say)
 
 
 def make_cases(
-    folder: Path, asked: Mapping[str, Any], cases: Mapping[str, Callable[[], Answer]], jobs: int, say: Say
+    folder: Path, requested: Mapping[str, Any], cases: Mapping[str, Callable[[], Answer]], jobs: int, say: Say
 ) -> Exam:
     """Make cases, as far as they are not made yet, and seal them.
 
     Parameters
     ----------
     folder : to be made, or empty, or left unfinished by the same request.
-    asked : tier, seed and all else that says which examination it is.
+    requested : tier, seed and all else that says which examination it is.
     cases : name of a case's folder -> what writes it, the answer last, and returns the answer.
     jobs : processes at a time.
     say : is told of every case.
@@ -107,7 +107,7 @@ def make_cases(
     ------
     BadInput : there is something else in the folder already, or nothing can be written to it.
     """
-    _begin(folder, {**asked, "version": __version__})
+    _begin(folder, {**requested, "version": __version__})
     files = {name: folder / SEALED / name / "answer.json" for name in cases}
     answers = [read_answer(file) for file in files.values() if file.is_file()]
     todo = [cases[name] for name, file in files.items() if not file.is_file()]
@@ -121,26 +121,26 @@ def make_cases(
 
     if side_by_side(lambda number: todo[number](), len(todo), jobs, told).interrupted:
         raise KeyboardInterrupt
-    exam = finish(folder, asked["tier"], asked["seed"], sorted(answers, key=lambda own: own.case))
+    exam = finish(folder, requested["tier"], requested["seed"], sorted(answers, key=lambda item: item.case))
     (folder / SEALED / UNFINISHED).unlink()
     return exam
 
 
-def _begin(folder: Path, asked: dict[str, Any]) -> None:
+def _begin(folder: Path, requested: dict[str, Any]) -> None:
     """Write down what is asked for in a new folder; do nothing where the same was begun."""
     file = folder / SEALED / UNFINISHED
     begun = read_json(file) if file.is_file() else None
-    if begun == asked:
+    if begun == requested:
         ensure_writable(folder)
         return
     if isinstance(begun, dict):
-        told = ", ".join(f"{name} {value}" for name, value in begun.items())
+        known = ", ".join(f"{name} {value}" for name, value in begun.items())
         raise BadInput(
-            f"{folder} holds an unfinished examination ({told}), and another one was asked for. "
+            f"{folder} holds an unfinished examination ({known}), and another one was asked for. "
             "Ask for the same to go on with it, or name a new folder with ‹out›."
         )
     prepare(folder)
-    write_atomically(file, json.dumps(asked, indent=1) + "\n")
+    write_atomically(file, json.dumps(requested, indent=1) + "\n")
 
 
 def prepare(folder: Path) -> None:
@@ -161,7 +161,7 @@ def finish(folder: Path, tier: Tier, seed: int, answers: list[Answer]) -> Exam:
 
 def _written(planned: Sequence[Planned], folder: Path) -> dict[str, Callable[[], Answer]]:
     """What writes each case of simulated vehicles."""
-    return {own.case: partial(_write, own, folder) for own in planned}
+    return {item.case: partial(_write, item, folder) for item in planned}
 
 
 def _write(planned: Planned, folder: Path) -> Answer:
@@ -182,7 +182,7 @@ def _write(planned: Planned, folder: Path) -> Answer:
 
 def write_recording(recording: Recording, file: Path) -> None:
     """Write a recording as CSV that the column map "canonical" reads."""
-    table = pd.DataFrame({name: own for name, own in sorted(recording.signals.items()) if name in SIGNALS})
+    table = pd.DataFrame({name: item for name, item in sorted(recording.signals.items()) if name in SIGNALS})
     table.insert(0, "time", recording.time.round(9))
     if len(recording.runs) > 1:
         table["run"] = np.repeat(np.arange(len(recording.runs)), [b - a for a, b in recording.runs])

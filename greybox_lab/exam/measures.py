@@ -35,14 +35,14 @@ def median(values: Sequence[float]) -> tuple[float, tuple[float, float]]:
     return float(np.median(ordered)), interval
 
 
-def calibration_error(told: Sequence[tuple[float, bool]]) -> float:
+def calibration_error(known: Sequence[tuple[float, bool]]) -> float:
     """Mean distance between probabilities and how often they come true, over ten bins, weighted by what is in them."""
-    if not told:
+    if not known:
         return nan
-    probabilities, true = np.array([own for own, _ in told]), np.array([own for _, own in told], float)
+    probabilities, true = np.array([item for item, _ in known]), np.array([item for _, item in known], float)
     bins = np.clip((probabilities * BINS).astype(int), 0, BINS - 1)
     apart = [np.sum(bins == k) * abs(np.mean((probabilities - true)[bins == k])) for k in set(bins.tolist())]
-    return float(sum(apart) / len(told))
+    return float(sum(apart) / len(known))
 
 
 Bar = tuple[float, float]
@@ -145,57 +145,57 @@ class Measure:
         return self.bar[0] - _ROUNDING <= self.value <= self.bar[1] + _ROUNDING
 
 
-def measures(found: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
+def measures(exam_findings: Sequence[ExamFinding], tier: Tier) -> tuple[Measure, ...]:
     """Every line of the score of one tier."""
     kinds = {
-        kind: [own for own in found if own.answer.kind == kind]
+        kind: [item for item in exam_findings if item.answer.kind == kind]
         for kind in ("null", "single", "double", "many", "outside", "changed")
     }
-    above = [own for own in kinds["single"] if own.answer.above]
-    off = [size.off for own in kinds["changed"] for size in own.sizes if isfinite(size.off)]
+    above = [kind for kind in kinds["single"] if kind.answer.above]
+    off = [size.off for kind in kinds["changed"] for size in kind.sizes if isfinite(size.off)]
     library = kinds["single"] + kinds["double"] + kinds["many"]
-    sizes = [size for own in library for size in own.sizes]
-    applied = [own for own in library + kinds["outside"] if isfinite(own.claimed) and not isnan(own.verified)]
-    told = [pair for own in found for pair in own.told]
-    classes = [pair for own in found for pair in own.classes]
-    truly = [own.of_truth for own in library if not isnan(own.of_truth)]
-    causes = [k < own.applied_right for own in library for k in range(len(own.answer.effects))]
-    cpu = [own.cpu for own in found if isfinite(own.cpu)]
+    sizes = [size for item in library for size in item.sizes]
+    applied = [item for item in library + kinds["outside"] if isfinite(item.claimed) and not isnan(item.verified)]
+    known = [pair for item in exam_findings for pair in item.told]
+    classes = [pair for item in exam_findings for pair in item.classes]
+    truly = [item.of_truth for item in library if not isnan(item.of_truth)]
+    causes = [k < item.applied_right for item in library for k in range(len(item.answer.effects))]
+    cpu = [item.cpu for item in exam_findings if isfinite(item.cpu)]
     values = {
-        "false_alarms": _share(own.detected for own in kinds["null"]),
-        "detection": _share(own.detected for own in found if own.answer.sizable),
-        "changed_first": _share(own.first and own.right for own in kinds["changed"]),
+        "false_alarms": _share(kind.detected for kind in kinds["null"]),
+        "detection": _share(item.detected for item in exam_findings if item.answer.sizable),
+        "changed_first": _share(kind.first and kind.right for kind in kinds["changed"]),
         "changed_off": _plain(max(off, default=nan), off),
-        "first": _share(own.first for own in above),
-        "first_strictly": _share(own.first_strictly for own in above),
-        "among_three": _share(own.among_three for own in above),
-        "doubles": _share(own.among_three for own in kinds["double"]),
+        "first": _share(item.first for item in above),
+        "first_strictly": _share(item.first_strictly for item in above),
+        "among_three": _share(item.among_three for item in above),
+        "doubles": _share(kind.among_three for kind in kinds["double"]),
         "causes": _share(causes),
-        "everything": _share(own.right for own in library),
-        "extra": _mean([float(len(own.beside)) for own in library]),
+        "everything": _share(item.right for item in library),
+        "extra": _mean([float(len(item.beside)) for item in library]),
         "of_truth": _median(truly),
-        "unknown": _share(own.unknown for own in kinds["outside"]),
-        "beside": _share(bool(own.beside) for own in library),
-        "null_names": _share(bool(own.beside) for own in kinds["null"]),
-        "right": _share(own.right for own in kinds["single"]),
-        "silent": _share(not own.applied for own in kinds["single"]),
-        "above": _share(own.right for own in above),
-        "outside_named": _share(bool(own.beside) for own in kinds["outside"]),
-        "misplaced": _mean([own.misplaced for own in library if isfinite(own.misplaced)]),
-        "wrongly_unknown": _share(own.unknown for own in library),
+        "unknown": _share(kind.unknown for kind in kinds["outside"]),
+        "beside": _share(bool(item.beside) for item in library),
+        "null_names": _share(bool(kind.beside) for kind in kinds["null"]),
+        "right": _share(kind.right for kind in kinds["single"]),
+        "silent": _share(not kind.applied for kind in kinds["single"]),
+        "above": _share(item.right for item in above),
+        "outside_named": _share(bool(kind.beside) for kind in kinds["outside"]),
+        "misplaced": _mean([item.misplaced for item in library if isfinite(item.misplaced)]),
+        "wrongly_unknown": _share(item.unknown for item in library),
         "magnitude": _median([size.error for size in sizes]),
         "coverage": _share(size.covered for size in sizes),
-        "closed": _median([own.verified for own in applied if own.answer.kind in LIBRARY]),
-        "claim": _median([abs(own.claimed - own.verified) for own in applied]),
-        "calibration": _plain(calibration_error(told), told),
+        "closed": _median([item.verified for item in applied if item.answer.kind in LIBRARY]),
+        "claim": _median([abs(item.claimed - item.verified) for item in applied]),
+        "calibration": _plain(calibration_error(known), known),
         "classes": _plain(calibration_error(classes), classes),
         "cpu": _mean(cpu),
     }
     bars = _BARS.get(tier, {})
     aside = {*_CHANGES} if tier in _ALONE else set()
     aside |= {"false_alarms"} if tier == "rough" else set()  # such a car has a gap by its nature
-    asked = [key for key in values if key in bars or (values[key][2] and key not in aside)]
-    return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in asked)
+    requested = [key for key in values if key in bars or (values[key][2] and key not in aside)]
+    return tuple(Measure(key, _NAMES[key], *values[key], bars.get(key)) for key in requested)
 
 
 _Value = tuple[float, tuple[float, float], int]
@@ -218,23 +218,23 @@ def _plain(value: float, of: Sequence[object]) -> _Value:
     return value, (nan, nan), len(of)
 
 
-def confusions(found: Sequence[ExamFinding]) -> dict[str, dict[str, int]]:
+def confusions(exam_findings: Sequence[ExamFinding]) -> dict[str, dict[str, int]]:
     """Effect that is there -> first choice -> how often; of cases with one effect, of the vocabulary or outside."""
     table: dict[str, Counter[str]] = {}
-    for own in found:
-        if own.answer.kind in ("single", "outside", "changed"):
-            (true,) = own.answer.effects
-            first = next(iter(own.choices), "error" if own.error else "nothing" if own.detected else "no gap")
-            if own.answer.kind == "outside" and own.unknown:
+    for item in exam_findings:
+        if item.answer.kind in ("single", "outside", "changed"):
+            (true,) = item.answer.effects
+            first = next(iter(item.choices), "error" if item.error else "nothing" if item.detected else "no gap")
+            if item.answer.kind == "outside" and item.unknown:
                 first = "unknown"
             table.setdefault(true, Counter())[first] += 1
     return {true: dict(choices.most_common()) for true, choices in sorted(table.items())}
 
 
-def sizes_by_effect(found: Sequence[ExamFinding]) -> dict[str, tuple[Size, ...]]:
+def sizes_by_effect(exam_findings: Sequence[ExamFinding]) -> dict[str, tuple[Size, ...]]:
     """Effect -> its magnitudes as found."""
     table: dict[str, tuple[Size, ...]] = {}
-    for own in found:
-        for size in own.sizes:
+    for item in exam_findings:
+        for size in item.sizes:
             table[size.effect] = (*table.get(size.effect, ()), size)
     return dict(sorted(table.items()))

@@ -113,7 +113,7 @@ def _several(deck: Iterator[str], rng: np.random.Generator) -> tuple[str, ...]:
     count = int(rng.integers(MANY[0], MANY[1] + 1))
     while len(chosen) < count:
         name = next(deck)
-        mates = [own for own in chosen if group_of(own) == group_of(name)]
+        mates = [item for item in chosen if group_of(item) == group_of(name)]
         if name not in chosen and len(mates) < OF_A_GROUP and not set(always_alike(name)) & set(chosen):
             chosen.append(name)
     return tuple(chosen)

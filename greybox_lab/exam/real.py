@@ -40,8 +40,8 @@ class ChangedCase:
     def written(self, folder: Path) -> Answer:
         """Write it into an examination."""
         given, (first, *more) = folder / CASES / self.answer.case, self.after
-        own = vehicle(self.vehicle)
-        write_vehicle(replace(own, model=ChosenModel(self.model)) if self.model else own, given / "vehicle.toml")
+        value = vehicle(self.vehicle)
+        write_vehicle(replace(value, model=ChosenModel(self.model)) if self.model else value, given / "vehicle.toml")
         write_atomically(given / COLUMNS, _columns("canonical").replace('hold = "zero"', f'hold = "{first.hold}"'))
         write_recording(first, given / "recording.csv")
         for one in more:

@@ -69,8 +69,8 @@ class Replays:
         key = part, beyond, *sorted(effects.items())
         if key not in self._seen:
             rows = min(round(GLANCE / self.period), self.rows) if part else self.rows
-            found = self.drive(effects, rows, beyond)
-            self._seen[key] = np.stack([found[name] / sd for name, sd in self.noise.items()])
+            result = self.drive(effects, rows, beyond)
+            self._seen[key] = np.stack([result[name] / sd for name, sd in self.noise.items()])
         return self._seen[key]
 
     def size(self, effects: Mapping[str, float], rest: Mapping[str, float]) -> dict[str, float]:
@@ -91,7 +91,7 @@ class Replays:
         left = difference.ravel()
         if not np.any(left):
             return self._by_channel(difference)
-        basis, _ = np.linalg.qr(np.stack([own.ravel() for own in others], axis=1)) if others else (None, None)
+        basis, _ = np.linalg.qr(np.stack([other.ravel() for other in others], axis=1)) if others else (None, None)
 
         def beside(rows: Array) -> Array:
             return rows if basis is None else rows - (rows @ basis) @ basis.T
@@ -104,7 +104,7 @@ class Replays:
 
     def _by_channel(self, difference: Array) -> dict[str, float]:
         sizes = np.sqrt(np.mean(difference**2, axis=1))
-        return {name: float(own) for name, own in zip(self.noise, sizes, strict=True)}
+        return {name: float(siz) for name, siz in zip(self.noise, sizes, strict=True)}
 
     def views(self) -> Sequence[View]:
         """The first seconds, and all of the recording."""
@@ -119,8 +119,8 @@ class Replays:
 
         tells = TELLS
         if self.form is not None:
-            own = self.form[:, : self.readings({}, part).shape[1]]
-            tells = max(TELLS, product(own, own))
+            value = self.form[:, : self.readings({}, part).shape[1]]
+            tells = max(TELLS, product(value, value))
         return View(lambda other: self.readings(other, part), product, tells)
 
     def _shifts(self, part: bool) -> Array:
@@ -137,14 +137,14 @@ class Replays:
 def _likely(gram: Array, aim: Array) -> Array:
     """Tolerances, in their sds, that come nearest to an aim while they are `LIKELY` to lie as far off altogether."""
     values, vectors = np.linalg.eigh(gram)
-    own, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
+    value, most = vectors.T @ aim, float(chi2.ppf(LIKELY, len(aim)))
 
     def length(log_held: float) -> float:
-        return float(np.sum((own / (values + np.exp(log_held))) ** 2)) - most
+        return float(np.sum((value / (values + np.exp(log_held))) ** 2)) - most
 
-    least, greatest = np.log(1e-9 * values[-1] + 1e-300), np.log(np.linalg.norm(own) / np.sqrt(most) + 1e-300)
+    least, greatest = np.log(1e-9 * values[-1] + 1e-300), np.log(np.linalg.norm(value) / np.sqrt(most) + 1e-300)
     held = least if length(least) <= 0 else brentq(length, least, max(greatest, least) + 1.0)
-    return np.asarray(vectors @ (own / (np.maximum(values, 0.0) + np.exp(held))))
+    return np.asarray(vectors @ (value / (np.maximum(values, 0.0) + np.exp(held))))
 
 
 def _inner(shifts: Array) -> Array:

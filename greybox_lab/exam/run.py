@@ -77,8 +77,8 @@ def run(
             stop.set()
             for desk in desks:
                 desk.leave()
-    for own in sat:
-        own.result()
+    for item in sat:
+        item.result()
     return Sat(
         cases=len(folders),
         before=len(folders) - len(todo),
@@ -143,5 +143,5 @@ class _Room:
 def _sentence(body: dict[str, Any]) -> str:
     if "error" in body:
         return str(body["error"])
-    found = body["ranking"][0]["effect"] if body.get("gap_detected") and body.get("ranking") else "no gap"
-    return f"{found}, {body['cost']['cpu_s']:.1f} CPU s"
+    result = body["ranking"][0]["effect"] if body.get("gap_detected") and body.get("ranking") else "no gap"
+    return f"{result}, {body['cost']['cpu_s']:.1f} CPU s"

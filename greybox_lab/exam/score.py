@@ -57,48 +57,60 @@ def score(
         return read_json(exam / SCORE), True
     about = read_json(exam / SEALED / "exam.json")
     answers = [read_answer(file) for file in sorted((exam / SEALED).glob("*/answer.json"))]
-    lacking = [own.case for own in answers if not (exam / CASES / own.case / DIAGNOSIS).is_file()]
-    answers = [own for own in answers if own.case not in lacking] if partial else answers
+    lacking = [answer.case for answer in answers if not (exam / CASES / answer.case / DIAGNOSIS).is_file()]
+    answers = [answer for answer in answers if answer.case not in lacking] if partial else answers
     if lacking and not (partial and answers):
         raise BadInput(
             f"{len(lacking)} of {len(answers)} cases have no diagnosis, {lacking[0]} first. A score is taken once: "
             f"run greybox exam run {exam / CASES} before, or score what is diagnosed with --partial."
         )
-    diagnoses = {own.case: _diagnosis(exam / CASES / own.case / DIAGNOSIS) for own in answers}
+    diagnoses = {answer.case: _diagnosis(exam / CASES / answer.case / DIAGNOSIS) for answer in answers}
     verified = _verified(exam, answers, diagnoses, verify, jobs, say)
-    found = [finding(own, diagnoses[own.case], *verified.get(own.case, (nan, nan))) for own in answers]
-    body = {"tier": about["tier"], "version": about["version"], "seal": seal, **summary(found, about["tier"])}
+    result = [finding(answer, diagnoses[answer.case], *verified.get(answer.case, (nan, nan))) for answer in answers]
+    body = {"tier": about["tier"], "version": about["version"], "seal": seal, **summary(result, about["tier"])}
     body["opened"] = datetime.now(UTC).isoformat(timespec="seconds")
     if not partial:
         write_atomically(exam / SCORE, json.dumps(without_nan(body), indent=1) + "\n")
     return body, False
 
 
-def summary(found: list[ExamFinding], tier: Any) -> dict[str, Any]:
+def summary(exam_findings: list[ExamFinding], tier: Any) -> dict[str, Any]:
     """Measures, confusions and single cases as plain data."""
-    sizes = sizes_by_effect(found)
+    sizes = sizes_by_effect(exam_findings)
     return {
-        "cases": len(found),
-        "errors": sum(bool(own.error) for own in found),
-        "measures": [asdict(own) | {"passed": own.passed} for own in measures(found, tier)],
-        "confusions": confusions(found),
+        "cases": len(exam_findings),
+        "errors": sum(bool(item.error) for item in exam_findings),
+        "measures": [asdict(measure) | {"passed": measure.passed} for measure in measures(exam_findings, tier)],
+        "confusions": confusions(exam_findings),
         "magnitudes": {
-            name: {"median_error": median([own.error for own in some])[0], "covered": sum(own.covered for own in some),
+            name: {"median_error": median([one.error for one in some])[0], "covered": sum(one.covered for one in some),
                    "of": len(some)}
             for name, some in sizes.items()
         },
-        "findings": [_plain(own) for own in found],
+        "findings": [_plain(item) for item in exam_findings],
     }  # fmt: skip
 
 
-def _plain(own: ExamFinding) -> dict[str, Any]:
+def _plain(exam_finding: ExamFinding) -> dict[str, Any]:
     """A finding without what is sealed and long."""
-    short: dict[str, Any] = {"case": own.answer.case, "kind": own.answer.kind, "effects": dict(own.answer.effects)}
-    short["aliases"] = {name: list(alike) for name, alike in own.answer.aliases.items() if alike}
-    short["size"] = own.answer.largest
-    rest = {key: value for key, value in vars(own).items() if key not in ("answer", "sizes", "told", "choices")}
-    choices = dict(list(own.choices.items())[:5])
-    return {**short, "wrong": own.wrong, "choices": choices, "sizes": [asdict(size) for size in own.sizes], **rest}
+    short: dict[str, Any] = {
+        "case": exam_finding.answer.case,
+        "kind": exam_finding.answer.kind,
+        "effects": dict(exam_finding.answer.effects),
+    }
+    short["aliases"] = {name: list(alike) for name, alike in exam_finding.answer.aliases.items() if alike}
+    short["size"] = exam_finding.answer.largest
+    rest = {
+        key: value for key, value in vars(exam_finding).items() if key not in ("answer", "sizes", "told", "choices")
+    }
+    choices = dict(list(exam_finding.choices.items())[:5])
+    return {
+        **short,
+        "wrong": exam_finding.wrong,
+        "choices": choices,
+        "sizes": [asdict(size) for size in exam_finding.sizes],
+        **rest,
+    }
 
 
 def _diagnosis(file: Path) -> Mapping[str, Any]:
@@ -117,24 +129,28 @@ def _verified(
     say: Say,
 ) -> dict[str, tuple[float, float]]:
     """Share of the gap that closes on the recording held out, by what was applied and, of many, by what is there."""
-    wanted = [
-        own
-        for own in answers
-        if (diagnoses[own.case].get("applied") or own.kind == "many")
-        and (exam / SEALED / own.case / "held_out.csv").is_file()
+    target = [
+        answer
+        for answer in answers
+        if (diagnoses[answer.case].get("applied") or answer.kind == "many")
+        and (exam / SEALED / answer.case / "held_out.csv").is_file()
     ]
 
     def one(number: int) -> tuple[float, float]:
-        own = wanted[number]
-        given, held_out, said = exam / CASES / own.case, exam / SEALED / own.case / "held_out.csv", diagnoses[own.case]
-        by_truth = true_closure(given, held_out, own) if own.kind == "many" else nan
-        return verify(given, held_out, said) if said.get("applied") else nan, by_truth
+        value = target[number]
+        given, held_out, stated = (
+            exam / CASES / value.case,
+            exam / SEALED / value.case / "held_out.csv",
+            diagnoses[value.case],
+        )
+        by_truth = true_closure(given, held_out, value) if value.kind == "many" else nan
+        return verify(given, held_out, stated) if stated.get("applied") else nan, by_truth
 
-    done = side_by_side(one, len(wanted), jobs)
+    done = side_by_side(one, len(target), jobs)
     if done.interrupted:
         raise KeyboardInterrupt
-    say(f"{len(wanted)} closed models verified on what was held out")
-    return {own.case: both for own, both in zip(wanted, done.results, strict=True)}
+    say(f"{len(target)} closed models verified on what was held out")
+    return {item.case: both for item, both in zip(target, done.results, strict=True)}
 
 
 SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
@@ -163,17 +179,17 @@ def score_table(body: Mapping[str, Any]) -> Table:
     """Every measure with its interval, how many cases it rests on, and the bar."""
     table = _table(("what", "left"), ("measured", "right"), ("95 % interval", "right"), ("of", "right"),
                    ("bar", "right"), ("", "left"))  # fmt: skip
-    for own in body["measures"]:
-        percent = own["key"] in PERCENT
-        low, high = own["interval"]
+    for one in body["measures"]:
+        percent = one["key"] in PERCENT
+        low, high = one["interval"]
         interval = f"[{_number(low, percent, bare=True)}, {_number(high, percent, bare=True)}]"
         table.add_row(
-            own["name"],
-            _number(own["value"], percent) if own["of"] else "–",
+            one["name"],
+            _number(one["value"], percent) if one["of"] else "–",
             interval if _there(low) and _there(high) else "–",
-            str(own["of"]),
-            bar_words(own["bar"], percent) + (f", better {STRETCH:g}" if own["key"] == "cpu" and own["bar"] else ""),
-            MARKS[own["passed"]],
+            str(one["of"]),
+            bar_words(one["bar"], percent) + (f", better {STRETCH:g}" if one["key"] == "cpu" and one["bar"] else ""),
+            MARKS[one["passed"]],
         )
     return table
 
@@ -182,7 +198,7 @@ def bar_words(bar: tuple[float, float] | None, percent: bool) -> str:
     """A bar as a person writes it."""
     if bar is None:
         return ""
-    low, high = (inf if own is None else float(own) for own in bar)
+    low, high = (inf if item is None else float(item) for item in bar)
     unit = " %" if percent else ""
     scale = 100.0 if percent else 1.0
     if low == 0.0:
@@ -206,19 +222,19 @@ def confusions_table(body: Mapping[str, Any]) -> Table:
 def wrong_table(body: Mapping[str, Any]) -> Table:
     """Cases that were wrong, or gave a name that is not there; real changes all."""
     table = _table(("case", "left"), ("truth", "left"), ("size", "right"), ("wrong", "left"), ("first choices", "left"))
-    for own in body["findings"]:
-        if not _worth_telling(own):
+    for one in body["findings"]:
+        if not _worth_telling(one):
             continue
-        told = [f"{name} {value:.3g}" if _there(value) else name for name, value in own["effects"].items()]
-        truth = ", ".join(told) or own["kind"]
-        choices = ", ".join(f"{name} {value:.2f}" for name, value in list(own["choices"].items())[:3] if _there(value))
-        unknown = own["unknown_probability"]
+        known = [f"{name} {value:.3g}" if _there(value) else name for name, value in one["effects"].items()]
+        truth = ", ".join(known) or one["kind"]
+        choices = ", ".join(f"{name} {value:.2f}" for name, value in list(one["choices"].items())[:3] if _there(value))
+        unknown = one["unknown_probability"]
         if _there(unknown) and unknown > 0.05:
             choices += f"{', ' if choices else ''}unknown {unknown:.2f}"
-        what = own["error"] or own["wrong"] or ("gap" if own["detected"] else "no gap")
-        if own["beside"]:
-            what += f", {', '.join(own['beside'])} applied"
-        table.add_row(own["case"], truth, f"{own['size']:.2g}", what, choices)
+        what = one["error"] or one["wrong"] or ("gap" if one["detected"] else "no gap")
+        if one["beside"]:
+            what += f", {', '.join(one['beside'])} applied"
+        table.add_row(one["case"], truth, f"{one['size']:.2g}", what, choices)
     return table
 
 
@@ -227,13 +243,13 @@ def tables(body: Mapping[str, Any], detail: bool) -> Iterator[Table]:
     yield score_table(body)
     if detail:
         yield confusions_table(body)
-        if any(_worth_telling(own) for own in body["findings"]):
+        if any(_worth_telling(item) for item in body["findings"]):
             yield wrong_table(body)
 
 
-def _worth_telling(own: Mapping[str, Any]) -> bool:
+def _worth_telling(value: Mapping[str, Any]) -> bool:
     """Whether a case is told by itself: what is wrong, and what is real."""
-    return bool(own["wrong"] or own["beside"]) or own["kind"] == "changed"
+    return bool(value["wrong"] or value["beside"]) or value["kind"] == "changed"
 
 
 def _there(value: float | None) -> bool:

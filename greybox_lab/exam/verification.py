@@ -41,7 +41,9 @@ def model_from(plain: Mapping[str, Any]) -> MotionModel:
     """The model that `plain_model` wrote down."""
     model = must_be(MotionModel, build(plain["name"], plain["settings"], dict.fromkeys(plain["effects"])))
     values = plain["values"]
-    return model.with_parameters(*(replace(own, value=np.asarray(values[own.name])) for own in model.parameters))
+    return model.with_parameters(
+        *(replace(parameter, value=np.asarray(values[parameter.name])) for parameter in model.parameters)
+    )
 
 
 def held_out_closure(case: Path, held_out: Path, diagnosis: Mapping[str, Any]) -> float:
@@ -68,7 +70,7 @@ def true_closure(case: Path, held_out: Path, answer: Answer) -> float:
     second = {name: value for name, value in answer.about.get("drawn", {}).items() if name not in answer.effects}
     try:
         after = motion_model_of(replace(stated, effects={**stated.effects, **there}))
-        after = after.with_parameters(*(after[name].with_value(own) for name, own in second.items() if name in after))
+        after = after.with_parameters(*(after[name].with_value(item) for name, item in second.items() if name in after))
         return _closed(case, held_out, after)
     except GreyboxError:
         return nan
@@ -78,5 +80,5 @@ def _closed(case: Path, held_out: Path, after: MotionModel) -> float:
     """How far a model closes the gap on a recording held out."""
     stated, mapping = vehicle(case / "vehicle.toml"), case / COLUMNS
     recording = read(held_out, mapping) if mapping.is_file() else read(held_out)
-    found = closure(motion_model_of(stated), after, [recording], stated, EFFECTS, horizons=False)
-    return float(found.closed)
+    result = closure(motion_model_of(stated), after, [recording], stated, EFFECTS, horizons=False)
+    return float(result.closed)

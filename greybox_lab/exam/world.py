@@ -59,7 +59,7 @@ class _VirtualCase(Draw):
         self.spoilt = {}
         if workshop:
             self.spoilt = {"colour": float(rng.uniform(*COLOUR)), "outliers": float(rng.uniform(*OUTLIERS))}
-        seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
+        seed, self.other_seed = (int(item) for item in rng.choice(2**31 - 1, 2, replace=False))
         self.effects, self.seed = self.drawn, seed
         self._drive("other" if workshop else "nominal")
         if planned.kind == "many":
@@ -68,7 +68,7 @@ class _VirtualCase(Draw):
 
     def _drive(self, forms: str | Forms) -> None:
         self.recording, self.truth = self._driven(DURATION, self.effects, forms, self.seed)
-        wind = {name: own for name, own in self.truth.effects.items() if name == "wind_direction"}
+        wind = {name: effect for name, effect in self.truth.effects.items() if name == "wind_direction"}
         self.effects = {**self.drawn, **wind}
         period = self.recording.sample_time
         self.again = Replays(self._driven_again, self.car.noise, len(self.recording), period, self.tolerances)
@@ -86,8 +86,8 @@ class _VirtualCase(Draw):
                 car = replace(car, small={**car.small, beyond: moved})
         commands = self.recording.rows(0, rows) if rows < len(self.recording) else self.recording
         start = {name: float(self.truth.states[name][0]) for name in ("v_x", "v_y", "yaw_rate")}
-        found, _ = replay(car, commands, start, effects, self.truth.forms, self.seed)
-        return found.signals
+        result, _ = replay(car, commands, start, effects, self.truth.forms, self.seed)
+        return result.signals
 
     def _driven(
         self, duration: tuple[float, float], effects: Mapping[str, float], forms: str | Forms, seed: int
@@ -103,7 +103,7 @@ class _VirtualCase(Draw):
     def made(self) -> MadeCase:
         """The case with its answer."""
         held_out, _ = self._driven(HELD_OUT, self.effects, self.truth.forms, self.other_seed)
-        withheld = {name: self.truth.effects.get(name, own) for name, own in self.drawn.items()}
+        withheld = {name: self.truth.effects.get(name, item) for name, item in self.drawn.items()}
         more = {"forms": asdict(self.truth.forms), **self.spoilt}
         return self.case(held_out, withheld, _plain(self.car), {"rate": self.rate}, more)
 

@@ -45,15 +45,15 @@ def evaluate(network: Network, root: str, given: Mapping[str, Array]) -> Array:
     BadInput : the graph holds what is not understood; the sentence names the relation.
     """
     order = network.order(root, given)
-    left = Counter(own for name in order if name not in given for own in _taken(network, name))
+    left = Counter(item for name in order if name not in given for item in _taken(network, name))
     values: dict[str, Array] = {}
     with np.errstate(all="ignore"):
         for name in order:
             values[name] = np.asarray(given[name]) if name in given else _value(network, name, values)
-            for own in _taken(network, name) if name not in given else ():
-                left[own] -= 1
-                if not left[own] and own != root:
-                    del values[own]
+            for item in _taken(network, name) if name not in given else ():
+                left[item] -= 1
+                if not left[item] and item != root:
+                    del values[item]
     return values[root]
 
 
@@ -84,8 +84,8 @@ def window_of(network: Network, relation: NetworkRelation) -> tuple[str, int, in
 def fuzzy_of(network: Network, relation: NetworkRelation) -> tuple[str, tuple[float, ...]]:
     """Form and centres of a Fuzzify. Raises `BadInput` where they are none of nnodely's own."""
     name = relation.rest[0] if relation.rest else None
-    own = network.functions.get(name, {}) if isinstance(name, str) else {}
-    form, centres = own.get("functions"), own.get("centers")
+    value = network.functions.get(name, {}) if isinstance(name, str) else {}
+    form, centres = value.get("functions"), value.get("centers")
     if form not in ("Triangular", "Rectangular"):
         raise network.wrong(
             f"relation {relation.name} has membership functions of its own (function {name}); "
@@ -127,9 +127,9 @@ def _value(network: Network, name: str, values: Mapping[str, Array]) -> Array:
     if name in network.inputs:
         raise network.wrong(f"input {name} is taken where it should not count.")
     relation = network.relations[name]
-    if relation.operation not in ("SamplePart", "TimePart") and any(own in network.inputs for own in relation.inputs):
+    if relation.operation not in ("SamplePart", "TimePart") and any(item in network.inputs for item in relation.inputs):
         raise network.wrong(f"relation {name} takes an input without a window; windows are taken with sw() or last().")
-    taken = [values[own] for own in relation.inputs]
+    taken = [values[item] for item in relation.inputs]
     operation = OPERATIONS.get(relation.operation)
     if relation.operation in ELEMENTWISE:
         function, count = ELEMENTWISE[relation.operation]
@@ -153,14 +153,14 @@ def _together(network: Network, name: str, work: Callable[[], Any]) -> Any:
 
 def _called(network: Network, relation: NetworkRelation, taken: list[Array]) -> Array:
     function = relation.rest[0] if relation.rest else None
-    own = network.functions.get(function) if isinstance(function, str) else None
-    if own is None or own.get("map_over_dim") not in (False, None):
+    entry = network.functions.get(function) if isinstance(function, str) else None
+    if entry is None or entry.get("map_over_dim") not in (False, None):
         raise network.wrong(f"relation {relation.name} states no function that is evaluated sample by sample.")
     where = f"function {function}"
     if any(value.shape[-1] != 1 for value in taken):
         raise network.wrong(f"{where} takes more than single signals and numbers.")
     _together(network, relation.name, lambda: _fitting(taken))
-    return understood(network.file, str(function), own.get("code"))(*taken)
+    return understood(network.file, str(function), entry.get("code"))(*taken)
 
 
 @lru_cache(maxsize=512)
@@ -224,7 +224,7 @@ def _linear(network: Network, relation: NetworkRelation, x: Array) -> Array:
 
 
 def _fitting(taken: list[Array]) -> list[Array]:
-    _bounded(np.broadcast_shapes(*(own.shape for own in taken)))
+    _bounded(np.broadcast_shapes(*(item.shape for item in taken)))
     return taken
 
 

@@ -39,7 +39,7 @@ class NetworkFamily:
     notes: tuple[str, ...]
 
 
-def recognise(network: Network, said: Mapping[str, str]) -> NetworkFamily:
+def recognise(network: Network, stated: Mapping[str, str]) -> NetworkFamily:
     """Understand every output of a file.
 
     Raises
@@ -49,8 +49,8 @@ def recognise(network: Network, said: Mapping[str, str]) -> NetworkFamily:
     relations = list(dict.fromkeys(network.outputs.values()))
     if not 0 < len(relations) <= MOST_OUTPUTS:
         raise network.wrong(f"it has {len(relations)} outputs; 1 to {MOST_OUTPUTS} are read.")
-    derived = [own for own in relations if len(set(relations).intersection(network.order(own))) > 1]
-    parts = [_part(network, own, said) for own in relations if own not in derived]
+    derived = [relation for relation in relations if len(set(relations).intersection(network.order(relation))) > 1]
+    parts = [_part(network, relation, stated) for relation in relations if relation not in derived]
     models = [part.model for part in parts]
     if len(set(models)) < len(models):
         raise network.wrong(f"{len(models)} outputs are {models[0]}; save one model per file (saveModel(models=...)).")
@@ -61,27 +61,27 @@ def recognise(network: Network, said: Mapping[str, str]) -> NetworkFamily:
     return NetworkFamily(tuple(parts), _loops(network, parts, derived))
 
 
-def _part(network: Network, output: str, said: Mapping[str, str]) -> NetworkPart:
+def _part(network: Network, output: str, stated: Mapping[str, str]) -> NetworkPart:
     nearest = {network.relations[name].operation for name in leaves(network, output, ("Fir", "Linear"))[0]}
     model = "msnn_long" if "Linear" in nearest else "msnn_lat"
     reader, signals, needed = READERS[model]
-    found: list[NetworkPart] = []
+    network_parts: list[NetworkPart] = []
     errors: list[BadInput] = []
-    ways = list(assignments(network, output, signals, needed, said))
+    ways = list(assignments(network, output, signals, needed, stated))
     for roles in ways:
         try:
-            found.append(reader(network, output, roles))
+            network_parts.append(reader(network, output, roles))
         except BadInput as error:
             errors.append(error)
-    if len(found) == 1:
-        return found[0]
+    if len(network_parts) == 1:
+        return network_parts[0]
     if len(ways) == 1:
         raise errors[0]
     if not ways:
         raise network.wrong(f"output {output} follows from too little: {model} needs {' and '.join(needed)}.")
     unclear = ", ".join(name for name in ways[0] if len({roles[name] for roles in ways}) > 1)
     hint = f"say what {unclear[:200]} are with ‹inputs› SIGNAL=INPUT ({', '.join(signals)})."
-    if found:
+    if network_parts:
         raise network.wrong(f"the names of its inputs do not tell which signal is which; {hint}")
     raise BadInput(f"{errors[0]} If that is because of names, {hint}")
 
@@ -90,9 +90,9 @@ def _must_be_ahead(network: Network, part: NetworkPart) -> None:
     """What training compared with an output has to be the sample after the window."""
     names = {part.relation, *(name for name, relation in network.outputs.items() if relation == part.relation)}
     for pair in network.targets:
-        for own, other in (pair, pair[::-1]):
+        for item, other in (pair, pair[::-1]):
             target = network.relations.get(other)
-            if own not in names or target is None or target.operation not in ("SamplePart", "TimePart"):
+            if item not in names or target is None or target.operation not in ("SamplePart", "TimePart"):
                 continue
             ends = target.rest[1] if len(target.rest) > 1 else None
             if isinstance(ends, list) and len(ends) == 2 and ends[-1] in (0, 0.0):
@@ -108,8 +108,8 @@ def _must_accelerate(network: Network, parts: list[NetworkPart], derived: list[s
     turning = next((part for part in parts if part.model == "msnn_lat"), None)
     for name in derived:
         if turning is not None:
-            speed = next(own for own, signal in turning.roles.items() if signal == "v_x")
-            given = {own: rng.uniform(0.5, 2.0, (PROBES, 1, 1)) for own in network.inputs}
+            speed = next(name for name, signal in turning.roles.items() if signal == "v_x")
+            given = {item: rng.uniform(0.5, 2.0, (PROBES, 1, 1)) for item in network.inputs}
             rate = rng.uniform(0.5, 2.0, (PROBES, 1, 1))
             try:
                 value = evaluate(network, name, given | {turning.relation: rate})
@@ -123,20 +123,20 @@ def _must_accelerate(network: Network, parts: list[NetworkPart], derived: list[s
 def _loops(network: Network, parts: list[NetworkPart], derived: list[str]) -> tuple[str, ...]:
     """What is to be said of loops. Raises `BadInput` where one is closed by something else than the family's."""
     roles = {name: signal for part in parts for name, signal in part.roles.items()}
-    closed = {name: own for name, own in network.inputs.items() if own is not None and name in roles}
+    closed = {name: item for name, item in network.inputs.items() if item is not None and name in roles}
     closing = {"a_x": [part.relation for part in parts if part.output == "a_x"], "a_y": derived}
-    for name, own in closed.items():
-        if network.outputs.get(own, own) not in closing.get(roles[name], ()):
+    for name, one in closed.items():
+        if network.outputs.get(one, one) not in closing.get(roles[name], ()):
             raise network.wrong(
-                f"input {name} is fed back from {own[:60]}; MS-NN-full feeds a_x back from its prediction and a_y from "
+                f"input {name} is fed back from {one[:60]}; MS-NN-full feeds a_x back from its prediction and a_y from "
                 "yaw rate times speed."
             )
     if len(parts) < 2:
         return ()
-    found = [
+    result = [
         "in closed loop a_y is the predicted yaw rate times the speed of the same sample; nnodely multiplies by the "
         "speed one sample before. One sample ahead (open loop) both are the same."
     ]
     if len({roles[name] for name in closed}) < 2:
-        found.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but in open loop.")
-    return tuple(found)
+        result.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but in open loop.")
+    return tuple(result)

@@ -96,8 +96,10 @@ class Formula:
         raise self._not_understood(node)
 
     def _called(self, name: str, first: list[Any], node: ast.Call, known: Mapping[str, Any]) -> Any:
-        arguments = first + [self._value(own, known) for own in node.args]
-        named = {own.arg: self._value(own.value, known) for own in node.keywords if own.arg in ("min", "max")}
+        arguments = first + [self._value(arg, known) for arg in node.args]
+        named = {
+            keyword.arg: self._value(keyword.value, known) for keyword in node.keywords if keyword.arg in ("min", "max")
+        }
         if len(named) < len(node.keywords) or (named and name != "clamp"):
             raise self._not_understood(node)  # out=, where= and dtype= of numpy are none of torch's
         taken = 3 if name == "where" else getattr(FUNCTIONS[name], "nin", 1)
@@ -148,24 +150,24 @@ def formula(code: object, where: str) -> Formula:
             raise BadInput(f"{where} is not one plain function; a lambda or a decorated one is not understood.")
     if arguments.vararg or arguments.kwarg or arguments.kwonlyargs or arguments.defaults or arguments.posonlyargs:
         raise BadInput(f"{where}: only plain arguments, without defaults, are understood.")
-    found: list[tuple[str, ast.expr]] = []
+    result: list[tuple[str, ast.expr]] = []
     for place, line in enumerate(lines):
         match line:
             case ast.Expr(value=ast.Constant(value=str())) if place == 0:
                 continue
             case ast.Assign(targets=[ast.Name(id=name)], value=value) if place < len(lines) - 1:
-                found.append((name, value))
+                result.append((name, value))
             case ast.Return(value=ast.expr() as value) if place == len(lines) - 1:
-                found.append(("return", value))
+                result.append(("return", value))
             case _:
                 raise BadInput(
                     f"{where}: {_quoted(line)} is not understood; only assignments to names and one return are."
                 )
-    if not found or found[-1][0] != "return":
+    if not result or result[-1][0] != "return":
         raise BadInput(f"{where} returns nothing.")
-    if any(_deep(value) for _, value in found):
+    if any(_deep(value) for _, value in result):
         raise BadInput(f"{where} nests its expressions deeper than {DEEPEST} levels.")
-    return Formula(where, tuple(own.arg for own in arguments.args), tuple(found))
+    return Formula(where, tuple(arg.arg for arg in arguments.args), tuple(result))
 
 
 def _quoted(node: ast.AST) -> str:

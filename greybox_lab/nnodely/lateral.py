@@ -35,14 +35,14 @@ def lateral(network: Network, output: str, roles: Mapping[str, str]) -> NetworkP
     filtered, factors = _filtered(network, output)
     models = local_models(network, filtered[0])
     of = {signal: name for name, signal in roles.items()}
-    places = [own.place for own in filtered] + [place for place, _ in models]
+    places = [item.place for item in filtered] + [place for place, _ in models]
     centres = _centres(network, places, roles)
     kappa = _curvatures(network, models, len(filtered[0].weights), centres, of)
     F = _impulse_responses(network, filtered, factors, centres, of)
     if np.any(np.isnan(kappa)) or np.any(np.isnan(F)):
         raise network.wrong(
             f"relation {output} lacks local models or impulse responses: there is one of each for every centre "
-            f"({' × '.join(str(len(own)) for own in centres.values())} over {', '.join(AXES)})."
+            f"({' × '.join(str(len(centre)) for centre in centres.values())} over {', '.join(AXES)})."
         )
     settings = LateralSettings(
         n_delta=len(centres["steer"]), n_v=len(centres["v_x"]), n_x=len(centres["a_x"]), q=F.shape[-1] - 1,
@@ -64,33 +64,33 @@ def _curvatures(
     kappa = np.full((4, *(len(centres[axis]) for axis in AXES)), np.nan)
     for place, g in models:
         at = {axis: place.index.get(of.get(axis, ""), 0) for axis in AXES}
-        found = affine(network, g, window, [of[axis] for axis in by], of["v_x"], FORM)
-        slope = dict.fromkeys(AXES, 0.0) | dict(zip(by, found[1:].tolist(), strict=True))
-        middle = found[0] + sum(slope[axis] * centres[axis][at[axis]] for axis in AXES)
+        result = affine(network, g, window, [of[axis] for axis in by], of["v_x"], FORM)
+        slope = dict.fromkeys(AXES, 0.0) | dict(zip(by, result[1:].tolist(), strict=True))
+        middle = result[0] + sum(slope[axis] * centres[axis][at[axis]] for axis in AXES)
         put(network, kappa, (slice(None), *at.values()), [middle, slope["steer"], slope["v_x"], slope["a_x"]])
     return kappa
 
 
 def _impulse_responses(
     network: Network,
-    found: Sequence[Response],
+    result: Sequence[Response],
     factors: Array,
     centres: Mapping[str, tuple[float, ...]],
     of: Mapping[str, str],
 ) -> Array:
     """F, (v_x, a_x, window); a response without memberships along an axis acts everywhere along it."""
-    length = max(len(own.weights) for own in found)
+    length = max(len(item.weights) for item in result)
     F = np.full((len(centres["v_x"]), len(centres["a_x"]), length), np.nan)
-    for own, factor in zip(found, factors.tolist(), strict=True):
-        along = [own.place.index.get(of.get(axis, ""), slice(None)) for axis in ("v_x", "a_x")]
-        put(network, F, (*along, slice(None)), padded(factor * own.weights, length))
+    for item, factor in zip(result, factors.tolist(), strict=True):
+        along = [item.place.index.get(of.get(axis, ""), slice(None)) for axis in ("v_x", "a_x")]
+        put(network, F, (*along, slice(None)), padded(factor * item.weights, length))
     return F
 
 
 def _filtered(network: Network, output: str) -> tuple[list[Response], Array]:
     """The impulse responses that make up an output, and the factor of each."""
     firs, others = leaves(network, output, ("Fir",))
-    found = responses(network, output, firs)
+    result = responses(network, output, firs)
     if not firs or any(name not in network.numbers for name in others):
         raise network.wrong(f"relation {output} is not a sum of impulse responses (Fir) alone.")
     rng = np.random.default_rng(0)
@@ -98,21 +98,21 @@ def _filtered(network: Network, output: str) -> tuple[list[Response], Array]:
     columns = np.stack([values.ravel() for values in probes.values()], axis=1)
     value = np.broadcast_to(evaluate(network, output, probes), (len(columns), 1, 1)).ravel()
     factors = matched(network, columns, value, f"relation {output}", "a sum of impulse responses")
-    return found, factors
+    return result, factors
 
 
 def _centres(network: Network, places: Sequence[LocalPlace], roles: Mapping[str, str]) -> dict[str, tuple[float, ...]]:
     """Centres along every axis; an axis without memberships has one local model, at zero."""
     centres: dict[str, tuple[float, ...]] = {}
     for place in places:
-        for name, own in place.centres.items():
+        for name, centre in place.centres.items():
             axis = roles[name]
             if axis not in AXES:
                 raise network.wrong(
                     f"input {name} ({axis}) has memberships; MS-NN-lat has them over {', '.join(AXES)}."
                 )
-            known = centres.setdefault(axis, own)
-            if len(known) != len(own) or not np.allclose(known, own, rtol=1e-6, atol=1e-9):
+            known = centres.setdefault(axis, centre)
+            if len(known) != len(centre) or not np.allclose(known, centre, rtol=1e-6, atol=1e-9):
                 raise network.wrong(
                     f"input {name} has other centres in its steady than in its transient part; one set is read."
                 )

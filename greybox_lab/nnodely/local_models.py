@@ -56,19 +56,19 @@ class Response:
 
 def leaves(network: Network, root: str, operations: Sequence[str]) -> tuple[list[str], list[str]]:
     """Relations of some operations nearest to `root`, and the other things it follows from: windows and numbers."""
-    found, others, seen, stack = [], [], {root}, [root]
+    result, others, seen, stack = [], [], {root}, [root]
     while stack:
         name = stack.pop()
         relation = network.relations.get(name)
         if relation is None or relation.operation in ("SamplePart", "TimePart"):
             others.append(name)
         elif relation.operation in operations:
-            found.append(name)
+            result.append(name)
         else:
-            new = [own for own in reversed(relation.inputs) if own not in seen]
+            new = [item for item in reversed(relation.inputs) if item not in seen]
             seen.update(new)
             stack += new
-    return found, others
+    return result, others
 
 
 def responses(network: Network, root: str, firs: Sequence[str]) -> list[Response]:
@@ -77,13 +77,13 @@ def responses(network: Network, root: str, firs: Sequence[str]) -> list[Response
         raise network.wrong(f"it holds {len(firs)} impulse responses; up to {MOST_RESPONSES} are read.")
     fuzzy: set[str] = set()
     for name in network.order(root):
-        own = network.relations.get(name)
-        if own is not None and (own.operation == "Fuzzify" or not fuzzy.isdisjoint(own.inputs)):
+        value = network.relations.get(name)
+        if value is not None and (value.operation == "Fuzzify" or not fuzzy.isdisjoint(value.inputs)):
             fuzzy.add(name)
-    found = [_response(network, name, fuzzy) for name in firs]
-    if len({(own.steady, own.factors) for own in found}) > 1:
+    result = [_response(network, name, fuzzy) for name in firs]
+    if len({(item.steady, item.factors) for item in result}) > 1:
         raise network.wrong(f"{', '.join(firs)[:200]} do not filter one sum of local models; one is read.")
-    return found
+    return result
 
 
 def _response(network: Network, fir: str, fuzzy: Collection[str]) -> Response:
@@ -106,13 +106,13 @@ def local_models(network: Network, of: Response) -> list[tuple[LocalPlace, tuple
     """Places and factors of every local model in the steady state of a response."""
     if of.steady is None:
         return [(of.place, of.factors)]
-    found = []
+    result = []
     for term in _flat(network, of.steady, "Add"):
         selects, rest = _parted(network, _flat(network, term, "Mul"))
         if not selects:
             raise network.wrong(f"relation {term} is not a local model times its memberships.")
-        found.append((_place(network, selects), (*(_simple(network, name) for name in rest), *of.factors)))
-    return found
+        result.append((_place(network, selects), (*(_simple(network, name) for name in rest), *of.factors)))
+    return result
 
 
 def _simple(network: Network, name: str) -> str:
@@ -133,20 +133,20 @@ def _place(network: Network, selects: Sequence[str]) -> LocalPlace:
     index: dict[str, int] = {}
     centres: dict[str, tuple[float, ...]] = {}
     for name in selects:
-        own = network.relations[name]
-        fuzzy = network.relations.get(own.inputs[0])
+        relation = network.relations[name]
+        fuzzy = network.relations.get(relation.inputs[0])
         if fuzzy is None or fuzzy.operation != "Fuzzify":
             raise network.wrong(f"relation {name} selects from something else than memberships (Fuzzify).")
-        form, found = fuzzy_of(network, fuzzy)
+        form, result = fuzzy_of(network, fuzzy)
         window = network.relations.get(fuzzy.inputs[0])
         if window is None or window.operation not in ("SamplePart", "TimePart"):
             raise network.wrong(f"relation {fuzzy.name} is not over the window of an input.")
-        if form == "Rectangular" and len(found) > 1:
+        if form == "Rectangular" and len(result) > 1:
             raise network.wrong(f"relation {fuzzy.name} has rectangular memberships; triangular ones are understood.")
-        signal, at = window_of(network, window)[0], index_of(network, own)
-        if at >= len(found):
-            raise network.wrong(f"relation {name} selects membership {at + 1} of {len(found)}.")
-        if index.setdefault(signal, at) != at or centres.setdefault(signal, found) != found:
+        signal, at = window_of(network, window)[0], index_of(network, relation)
+        if at >= len(result):
+            raise network.wrong(f"relation {name} selects membership {at + 1} of {len(result)}.")
+        if index.setdefault(signal, at) != at or centres.setdefault(signal, result) != result:
             raise network.wrong(f"relation {name}: one product of memberships holds two over {signal}.")
     return LocalPlace(index, centres)
 
@@ -180,9 +180,9 @@ def affine(
 def matched(network: Network, columns: Array, value: Array, what: str, form: str) -> Array:
     """Coefficients by which columns make up a value. Raises `BadInput` where they do not."""
     if np.all(np.isfinite(value)):
-        found = np.linalg.lstsq(columns, value, rcond=None)[0]
-        if np.max(np.abs(columns @ found - value)) <= SAME * np.max(np.abs(value)):
-            return np.asarray(found)
+        result = np.linalg.lstsq(columns, value, rcond=None)[0]
+        if np.max(np.abs(columns @ result - value)) <= SAME * np.max(np.abs(value)):
+            return np.asarray(result)
     raise network.wrong(f"{what} is not of the form {form}.")
 
 
@@ -195,17 +195,17 @@ def _sampled(network: Network, name: str, given: Mapping[str, Array], window: in
 
 def _flat(network: Network, root: str, operation: str) -> list[str]:
     """What a tree of sums or products puts together, in order."""
-    found, stack = [], [root]
+    result, stack = [], [root]
     while stack:
         name = stack.pop()
-        own = network.relations.get(name)
-        if own is not None and own.operation in (operation, "Identity"):
-            stack += reversed(own.inputs)
+        value = network.relations.get(name)
+        if value is not None and value.operation in (operation, "Identity"):
+            stack += reversed(value.inputs)
         else:
-            found.append(name)
-        if len(found) + len(stack) > MOST_TERMS:
+            result.append(name)
+        if len(result) + len(stack) > MOST_TERMS:
             raise network.wrong(f"relation {root} puts together more than {MOST_TERMS} terms.")
-    return found
+    return result
 
 
 def _parted(network: Network, names: Sequence[str]) -> tuple[list[str], list[str]]:

@@ -33,9 +33,9 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Net
             f"relation {output} is not of two networks of the motor current, one of its positive part and one of its "
             "negative part (Linear of Tanh of Fir)."
         )
-    found = responses(network, output, sides)
+    result = responses(network, output, sides)
     physical, factors = newton(network, output, (torques, sides), others, roles)
-    lengths = [W.shape[0] for _, W, _, _ in branches.values()] + [len(own.weights) for own in found]
+    lengths = [W.shape[0] for _, W, _, _ in branches.values()] + [len(item.weights) for item in result]
     length, eta = max(lengths), max(W.shape[1] for _, W, _, _ in branches.values())
     values: dict[str, Array] = {name: np.array(number) for name, number in physical.items()}
     for sign, (name, W, b, G) in branches.items():
@@ -43,7 +43,7 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Net
         values[f"G_1{sign}"] = np.pad(W.T, ((0, more), (length - len(W), 0)))
         values[f"b_1{sign}"] = np.pad(b, (0, more))
         values[f"G_2{sign}"] = np.pad(factors[name] * G, (0, more))
-    v_x, a_y, lateral_force = _sides(network, found, [factors[name] for name in sides], length, of)
+    v_x, a_y, lateral_force = _sides(network, result, [factors[name] for name in sides], length, of)
     settings = LongitudinalSettings(
         n_v=len(v_x), n_y=len(a_y), eta=eta, gamma=length - 1, one_inertia="I_w" in physical, v_x=v_x, a_y=a_y
     )
@@ -76,27 +76,27 @@ def _branch(network: Network, linear: str, current: str) -> tuple[str, tuple[str
 
 
 def _sides(
-    network: Network, found: Sequence[Response], factors: Sequence[float], length: int, of: Mapping[str, str]
+    network: Network, result: Sequence[Response], factors: Sequence[float], length: int, of: Mapping[str, str]
 ) -> tuple[tuple[float, ...], tuple[float, ...], dict[str, Array]]:
     """Centres over v_x and a_y, and the values of the lateral force; zeros where the file has none."""
-    if not found:
+    if not result:
         zeros = {"q_1": np.zeros(1), "q_2": np.zeros(1), "F_y": np.zeros((1, length))}
         return (0.0,), (0.0,), zeros
     if "a_y" not in of:
         raise network.wrong("its lateral force has no input that is a_y.")
-    v, a, first = of["v_x"], of["a_y"], found[0]
+    v, a, first = of["v_x"], of["a_y"], result[0]
     models = local_models(network, first)
     v_x = first.place.centres.get(v, (0.0,))
     a_y = models[0][0].centres.get(a, (0.0,))
-    centres = [own.place.centres for own in found] + [place.centres for place, _ in models]
-    if any(own.get(v, v_x) != v_x or own.get(a, a_y) != a_y or not set(own) <= {v, a} for own in centres):
+    centres = [item.place.centres for item in result] + [place.centres for place, _ in models]
+    if any(centre.get(v, v_x) != v_x or centre.get(a, a_y) != a_y or not set(centre) <= {v, a} for centre in centres):
         raise network.wrong("the lateral force has memberships over other signals than v_x and a_y, or several sets.")
     q, F = np.full((2, len(a_y)), np.nan), np.full((len(v_x), length), np.nan)
-    for place, own in models:
+    for place, item in models:
         at = place.index.get(a, 0)
-        level, slope = affine(network, own, len(first.weights), [a], None, FORM)
+        level, slope = affine(network, item, len(first.weights), [a], None, FORM)
         put(network, q, (slice(None), at), [level + slope * a_y[at], slope])
-    for one, factor in zip(found, factors, strict=True):
+    for one, factor in zip(result, factors, strict=True):
         put(network, F, (one.place.index.get(v, 0), slice(None)), padded(factor * one.weights, length))
     if np.any(np.isnan(q)) or np.any(np.isnan(F)):
         raise network.wrong("local models or impulse responses of the lateral force are missing.")

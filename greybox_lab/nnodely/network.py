@@ -88,28 +88,28 @@ class Network:
         ------
         BadInput : a relation follows from itself, or takes what the file does not hold.
         """
-        found: dict[str, bool] = {}  # name -> whether all it takes stands before it
+        result: dict[str, bool] = {}  # name -> whether all it takes stands before it
         stack = [(root, "the outputs")]
         while stack:
             name, asked_by = stack[-1]
-            if found.get(name):
+            if result.get(name):
                 stack.pop()
                 continue
             relation = self.relations.get(name) if name not in stop else None
             if relation is None:
                 if not (name in stop or name in self.inputs or name in self.numbers):
                     raise self.wrong(f"{asked_by} takes {_short(name)}, which the file does not hold.")
-                found[name] = True
-            elif name in found:
-                found.pop(name)
-                found[name] = True
+                result[name] = True
+            elif name in result:
+                result.pop(name)
+                result[name] = True
             else:
-                found[name] = False
-                waiting = [own for own in relation.inputs if not found.get(own)]
-                if any(own in found for own in waiting):
+                result[name] = False
+                waiting = [item for item in relation.inputs if not result.get(item)]
+                if any(item in result for item in waiting):
                     raise self.wrong(f"relation {_short(name)} follows from itself.")
-                stack += [(own, f"relation {_short(name)}") for own in reversed(waiting)]
-        return list(found)
+                stack += [(item, f"relation {_short(name)}") for item in reversed(waiting)]
+        return list(result)
 
 
 def read_network(path: str | Path) -> Network:
@@ -123,10 +123,10 @@ def read_network(path: str | Path) -> Network:
     body = _json(file)
     parts = {name: _part(body, name, file) for name in ("Info", "Inputs", "Relations", "Outputs")}
     optional = {name: _part(body, name, file, {}) for name in ("Functions", "Parameters", "Constants", "Minimizers")}
-    functions = {name: _dict(own) for name, own in optional["Functions"].items()}
-    relations = {name: _relation(file, name, own, functions) for name, own in parts["Relations"].items()}
+    functions = {name: _dict(item) for name, item in optional["Functions"].items()}
+    relations = {name: _relation(file, name, part, functions) for name, part in parts["Relations"].items()}
     held = {**optional["Parameters"], **optional["Constants"]}
-    numbers = {name: _numbers(file, name, own["values"]) for name, own in held.items() if "values" in _dict(own)}
+    numbers = {name: _numbers(file, name, item["values"]) for name, item in held.items() if "values" in _dict(item)}
     if sum(values.size for values in numbers.values()) > MOST_NUMBERS:
         raise BadInput(f"{file} holds more than {MOST_NUMBERS} numbers; no network of this family has as many.")
     names = [*parts["Inputs"], *relations, *held]
@@ -139,12 +139,14 @@ def read_network(path: str | Path) -> Network:
     return Network(
         file=str(file),
         sample_time=_sample_time(file, parts["Info"].get("SampleTime")),
-        inputs={name: _loop(file, name, own) for name, own in parts["Inputs"].items()},
+        inputs={name: _loop(file, name, part) for name, part in parts["Inputs"].items()},
         relations=relations,
         functions=functions,
         numbers=numbers,
-        outputs={name: _text(file, own, f"output {_short(name)}") for name, own in parts["Outputs"].items()},
-        targets=tuple((str(_dict(own).get("A")), str(_dict(own).get("B"))) for own in optional["Minimizers"].values()),
+        outputs={name: _text(file, part, f"output {_short(name)}") for name, part in parts["Outputs"].items()},
+        targets=tuple(
+            (str(_dict(item).get("A")), str(_dict(item).get("B"))) for item in optional["Minimizers"].values()
+        ),
     )
 
 
@@ -169,10 +171,10 @@ def _json(file: Path) -> dict[str, Any]:
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    found = dict(pairs)
-    if len(found) < len(pairs):
+    result = dict(pairs)
+    if len(result) < len(pairs):
         raise ValueError("a name stands twice in one object")
-    return found
+    return result
 
 
 def _no_constant(word: str) -> float:
@@ -186,8 +188,8 @@ def _part(body: Mapping[str, Any], name: str, file: Path, otherwise: dict[str, A
     return part
 
 
-def _relation(file: Path, name: str, own: Any, functions: Mapping[str, Mapping[str, Any]]) -> NetworkRelation:
-    match own:
+def _relation(file: Path, name: str, value: Any, functions: Mapping[str, Mapping[str, Any]]) -> NetworkRelation:
+    match value:
         case [str(operation), [str(), *_] as taken, *rest] if all(isinstance(one, str) for one in taken):
             if operation == "ParamFun" and rest and isinstance(rest[0], str):
                 numbers = functions.get(rest[0], {}).get("params_and_consts", [])
@@ -198,27 +200,27 @@ def _relation(file: Path, name: str, own: Any, functions: Mapping[str, Mapping[s
     raise BadInput(f"{file}: relation {_short(name)} is not [operation, [what it takes], ...].")
 
 
-def _loop(file: Path, name: str, own: Any) -> str | None:
-    own = _dict(own)
-    if own.get("dim") != 1:
-        raise BadInput(f"{file}: input {_short(name)} is not a single signal (dim {_short(own.get('dim'))}).")
-    if "connect" in own:
+def _loop(file: Path, name: str, value: Any) -> str | None:
+    value = _dict(value)
+    if value.get("dim") != 1:
+        raise BadInput(f"{file}: input {_short(name)} is not a single signal (dim {_short(value.get('dim'))}).")
+    if "connect" in value:
         raise BadInput(
-            f"{file}: input {_short(name)} is connected to {_short(own['connect'])} within one sample. Models here "
+            f"{file}: input {_short(name)} is connected to {_short(value['connect'])} within one sample. Models here "
             "feed predictions back from one sample to the next: use addClosedLoop in place of addConnect."
         )
-    return _text(file, own["closedLoop"], f"the loop of input {_short(name)}") if "closedLoop" in own else None
+    return _text(file, value["closedLoop"], f"the loop of input {_short(name)}") if "closedLoop" in value else None
 
 
 def _numbers(file: Path, name: str, values: Any) -> Array:
     flat = values
     for _ in range(3):  # weights have two axes, [window, outputs]; a number may stand alone
         if isinstance(flat, list) and flat and all(isinstance(row, list) for row in flat):
-            flat = [own for row in flat for own in row]
+            flat = [item for row in flat for item in row]
     flat = flat if isinstance(flat, list) else [flat]
-    if not flat or not all(isinstance(own, (int, float)) and not isinstance(own, bool) for own in flat):
+    if not flat or not all(isinstance(item, (int, float)) and not isinstance(item, bool) for item in flat):
         raise BadInput(f"{file}: the values of {_short(name)} are not numbers in rows and columns.")
-    if not all(abs(own) <= LARGEST for own in flat):
+    if not all(abs(item) <= LARGEST for item in flat):
         raise BadInput(f"{file}: {_short(name)} holds a number beyond {LARGEST:g}.")
     try:
         return np.array(values, dtype=float)

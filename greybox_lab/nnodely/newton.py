@@ -60,12 +60,12 @@ def newton(
     orders = list(permutations(p))
     given = {name: x[name] for name in (*torques, *sides)} | {name: x[signal] for name, signal in signals.items()}
 
-    def stated(own: Mapping[str, Array]) -> Array:
+    def stated(value: Mapping[str, Array]) -> Array:
         """The law as the file has it, (count, orders), with values of the parameters."""
         flat = {name: np.tile(values, len(orders)) for name, values in given.items()}
-        flat |= {number: np.concatenate([own[order[k]] for order in orders]) for k, number in enumerate(numbers)}
-        found = evaluate(network, output, {name: values[:, None, None] for name, values in flat.items()})
-        return np.broadcast_to(found, (len(orders) * count, 1, 1)).reshape(len(orders), count).T
+        flat |= {number: np.concatenate([value[order[k]] for order in orders]) for k, number in enumerate(numbers)}
+        result = evaluate(network, output, {name: values[:, None, None] for name, values in flat.items()})
+        return np.broadcast_to(result, (len(orders) * count, 1, 1)).reshape(len(orders), count).T
 
     force = stated(p | {name: np.zeros(count) for name in inertias})
     columns = [x[name] / p["r"] / p["m"] for name in torques]
@@ -104,7 +104,7 @@ def _solved(columns: Array, values: Array) -> tuple[Array, NDArray[np.bool_]]:
     """Coefficients (columns, orders) by which columns make up values (count, orders), and for which orders they do."""
     finite = np.all(np.isfinite(values), axis=0)
     values = np.where(finite, values, 0.0)
-    found = np.linalg.lstsq(columns, values, rcond=None)[0]
-    off = np.max(np.abs(columns @ found - values), axis=0)
-    makes_up = finite & (off <= SAME * np.max(np.abs(values), axis=0)) & np.all(np.abs(found) > SAME, axis=0)
-    return np.asarray(found), makes_up
+    result = np.linalg.lstsq(columns, values, rcond=None)[0]
+    off = np.max(np.abs(columns @ result - values), axis=0)
+    makes_up = finite & (off <= SAME * np.max(np.abs(values), axis=0)) & np.all(np.abs(result) > SAME, axis=0)
+    return np.asarray(result), makes_up

@@ -20,14 +20,14 @@ SPELLINGS: dict[str, tuple[str, ...]] = {
 
 
 def assignments(
-    network: Network, output: str, signals: Sequence[str], needed: Sequence[str], said: Mapping[str, str]
+    network: Network, output: str, signals: Sequence[str], needed: Sequence[str], one: Mapping[str, str]
 ) -> Iterator[dict[str, str]]:
     """Ways to give the inputs that an output follows from a signal each; one where all are said or known by name.
 
     Parameters
     ----------
     signals, needed : what the model takes, and what it cannot do without.
-    said : input -> signal, as the user said.
+    one : input -> signal, as the user said.
 
     Raises
     ------
@@ -35,9 +35,9 @@ def assignments(
     """
     used = [name for name in network.order(output) if name in network.inputs]
     for name in used:
-        if said.get(name, signals[0]) not in signals:
-            raise network.wrong(f"input {name} is said to be {said[name]}; {output} is made of {', '.join(signals)}.")
-    named = {name: said.get(name) or by_name(name) for name in used}
+        if one.get(name, signals[0]) not in signals:
+            raise network.wrong(f"input {name} is said to be {one[name]}; {output} is made of {', '.join(signals)}.")
+    named = {name: one.get(name) or by_name(name) for name in used}
     known = {name: signal for name, signal in named.items() if signal is not None and signal in signals}
     if len(set(known.values())) < len(known) or len(used) > len(signals):
         raise network.wrong(
@@ -60,13 +60,13 @@ def by_name(name: str) -> str | None:
 
 def roles_of(pairs: Sequence[str], network: Network) -> dict[str, str]:
     """Input -> signal from SIGNAL=INPUT pairs. Raises `BadInput` where either is unknown."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for pair in pairs:
         signal, equals, name = pair.partition("=")
         if not equals or signal not in SPELLINGS:
             raise BadInput(f"‹inputs› {pair}: write SIGNAL=INPUT, where SIGNAL is one of {', '.join(SPELLINGS)}.")
         if name not in network.inputs:
             raise network.wrong(f"there is no input {name}; there are {', '.join(network.inputs)[:200]} (‹inputs›).")
-        if found.setdefault(name, signal) != signal:
-            raise BadInput(f"‹inputs› says that {name} is both {found[name]} and {signal}.")
-    return found
+        if result.setdefault(name, signal) != signal:
+            raise BadInput(f"‹inputs› says that {name} is both {result[name]} and {signal}.")
+    return result

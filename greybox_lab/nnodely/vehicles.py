@@ -120,63 +120,63 @@ def _of_tyre(file: Path) -> ImportedVehicle:
 
 
 def _of_autoware(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
-    own = _Numbers(table, file, "Autoware")
-    base = own.of("wheel_base")
-    between = Stated(base / 2, base / sqrt(12), 0.0, base, own.source("wheel_base; anywhere between the axles"))
+    value = _Numbers(table, file, "Autoware")
+    base = value.of("wheel_base")
+    between = Stated(base / 2, base / sqrt(12), 0.0, base, value.source("wheel_base; anywhere between the axles"))
     values = {"l_f": between, "l_r": between}
-    values |= {name: own.stated("wheel_tread") for name in ("track_f", "track_r") if own.has("wheel_tread")}
-    if own.has("wheel_radius"):
-        values["wheel_radius"] = own.stated("wheel_radius")
-    limit = own.of("max_steer_angle") if own.has("max_steer_angle") else None
+    values |= {name: value.stated("wheel_tread") for name in ("track_f", "track_r") if value.has("wheel_tread")}
+    if value.has("wheel_radius"):
+        values["wheel_radius"] = value.stated("wheel_radius")
+    limit = value.of("max_steer_angle") if value.has("max_steer_angle") else None
     notes = [
         "the file says how far apart the axles are, not where the centre of gravity lies: state l_f and l_r",
         "mass, inertia and tyres are not in such a file: state them",
-        *own.notes(),
+        *value.notes(),
     ]
     vehicle = Vehicle(file.name.partition(".")[0], values, steer_max=limit, about=f"from Autoware's {file.name}")
     return ImportedVehicle(vehicle, "Autoware's vehicle_info", tuple(notes))
 
 
 def _of_gym(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
-    own = _Numbers(table, file, "f1tenth_gym")
+    value = _Numbers(table, file, "f1tenth_gym")
     names = {"m": "m", "I": "I_z", "lf": "l_f", "lr": "l_r", "h": "h_cg"}
-    values = {name: own.stated(key) for key, name in names.items() if own.has(key)}
-    m, l_f, l_r, mu = own.of("m"), own.of("lf"), own.of("lr"), own.of("mu")
+    values = {name: value.stated(key) for key, name in names.items() if value.has(key)}
+    m, l_f, l_r, mu = value.of("m"), value.of("lf"), value.of("lr"), value.of("mu")
     for suffix, other in (("f", l_r), ("r", l_f)):
-        stiffness = mu * own.of(f"C_S{suffix}") * m * G * other / (l_f + l_r)
-        values[f"C_alpha_{suffix}"] = Stated(stiffness, source=own.source(f"mu C_S{suffix} times the static load"))
-        values[f"mu_{suffix}"] = own.stated("mu")
-    limit = own.of("s_max") if own.has("s_max") else None
-    effects = {"steering_rate_limit": own.stated("sv_max")} if own.has("sv_max") else {}
+        stiffness = mu * value.of(f"C_S{suffix}") * m * G * other / (l_f + l_r)
+        values[f"C_alpha_{suffix}"] = Stated(stiffness, source=value.source(f"mu C_S{suffix} times the static load"))
+        values[f"mu_{suffix}"] = value.stated("mu")
+    limit = value.of("s_max") if value.has("s_max") else None
+    effects = {"steering_rate_limit": value.stated("sv_max")} if value.has("sv_max") else {}
     model = ChosenModel("single_track", {"tyre": "linear"}, effects)
     vehicle = Vehicle(file.stem, values, steer_max=limit, model=model, about=f"from f1tenth_gym's {file.name}")
-    return ImportedVehicle(vehicle, "f1tenth_gym's parameters", tuple(own.notes()))
+    return ImportedVehicle(vehicle, "f1tenth_gym's parameters", tuple(value.notes()))
 
 
 def _of_commonroad(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
-    own = _Numbers(table, file, "CommonRoad")
+    value = _Numbers(table, file, "CommonRoad")
     names = {"m": "m", "I_z": "I_z", "a": "l_f", "b": "l_r", "h_cg": "h_cg", "T_f": "track_f", "T_r": "track_r",
              "R_w": "wheel_radius", "I_y_w": "I_w"}  # fmt: skip
-    values = {name: own.stated(key) for key, name in names.items() if own.has(key)}
-    if own.has("T_sb"):
-        values["brake_split_front"] = own.stated("T_sb")
-    if own.has("T_se"):
-        values["drive_split_front"] = Stated(own.of("T_se", above=None), source=own.source("T_se"))
+    values = {name: value.stated(key) for key, name in names.items() if value.has(key)}
+    if value.has("T_sb"):
+        values["brake_split_front"] = value.stated("T_sb")
+    if value.has("T_se"):
+        values["drive_split_front"] = Stated(value.of("T_se", above=None), source=value.source("T_se"))
     limit, model = None, None
     steering = table.get("steering")
     if isinstance(steering, Mapping):
-        own.used.add("steering")
+        value.used.add("steering")
         inner = _Numbers(steering, file, "CommonRoad")
         limit = inner.of("max") if inner.has("max") else None
         if inner.has("v_max"):
             model = ChosenModel("single_track", {}, {"steering_rate_limit": inner.stated("v_max")})
     tyres = table.get("tire")
     if isinstance(tyres, Mapping):
-        own.used.add("tire")
+        value.used.add("tire")
         values |= _tyres(tyres, file)
     notes = [] if isinstance(tyres, Mapping) else ["tyres are in CommonRoad's parameters_tire.yaml: import that, too"]
     vehicle = Vehicle(file.stem, values, steer_max=limit, model=model, about=f"from CommonRoad's {file.name}")
-    return ImportedVehicle(vehicle, "CommonRoad's vehicle parameters", (*notes, *own.notes()))
+    return ImportedVehicle(vehicle, "CommonRoad's vehicle parameters", (*notes, *value.notes()))
 
 
 def _of_commonroad_tyre(table: Mapping[str, Any], file: Path) -> ImportedVehicle:
@@ -195,15 +195,15 @@ def _of_commonroad_tyre(table: Mapping[str, Any], file: Path) -> ImportedVehicle
 
 def _tyres(table: Mapping[str, Any], file: Path) -> dict[str, Stated]:
     """B, C, D, E from coefficients of the Magic Formula at the nominal load; K = p_ky1 F_z."""
-    own = _Numbers(table, file, "CommonRoad")
-    C, D, E, K = own.of("p_cy1"), own.of("p_dy1"), own.of("p_ey1", above=None), abs(own.of("p_ky1", above=None))
+    entry = _Numbers(table, file, "CommonRoad")
+    C, D, E, K = entry.of("p_cy1"), entry.of("p_dy1"), entry.of("p_ey1", above=None), abs(entry.of("p_ky1", above=None))
     if not K:
         raise BadInput(f"{file}: p_ky1 must not be zero; mend it.")
-    found = {"B": (float(f"{K / (C * D):.{DIGITS}g}"), "p_ky1 over p_cy1 p_dy1"), "C": (C, "p_cy1"),
+    result = {"B": (float(f"{K / (C * D):.{DIGITS}g}"), "p_ky1 over p_cy1 p_dy1"), "C": (C, "p_cy1"),
              "D": (D, "p_dy1"), "E": (E, "p_ey1")}  # fmt: skip
     return {
-        f"{letter}_{suffix}": Stated(value, source=own.source(words))
-        for letter, (value, words) in found.items()
+        f"{letter}_{suffix}": Stated(value, source=entry.source(words))
+        for letter, (value, words) in result.items()
         for suffix in "fr"
     }
 

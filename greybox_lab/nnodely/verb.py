@@ -159,11 +159,11 @@ def _difference(network: Network, family: NetworkFamily, model: MemoryModel) -> 
     for part in family.parts:
         given = {name: windows[signal][:, :, None] for name, signal in part.roles.items()}
         stated = evaluate(network, part.relation, given).ravel()
-        own = predicted[:, model.outputs.index(part.output)]
-        if stated.shape != own.shape or not np.all(np.isfinite(stated) & np.isfinite(own)):
+        value = predicted[:, model.outputs.index(part.output)]
+        if stated.shape != value.shape or not np.all(np.isfinite(stated) & np.isfinite(value)):
             raise network.wrong(f"{part.relation} gives no finite predictions of its own.")
         scale = max(float(np.max(np.abs(stated))), np.finfo(float).tiny)
-        worst = max(worst, float(np.max(np.abs(stated - own))) / scale)
+        worst = max(worst, float(np.max(np.abs(stated - value))) / scale)
     if worst > CHECKED:
         raise BadInput(
             f"{network.file} was read as {model.name}, but its own graph predicts otherwise (by {worst:.1e} of the "

@@ -37,7 +37,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     train, valid = laps.values()
     fresh = ~seen_before(train, valid)
     rows: list[Row] = []
-    found: dict[str, Any] = {"rows_of_validation_in_training": int(np.sum(~fresh))}
+    result: dict[str, Any] = {"rows_of_validation_in_training": int(np.sum(~fresh))}
     for column, word in TARGETS.items() if not quick else list(TARGETS.items())[:1]:
         say(f"inverse model of the {word} steering")
         with clocked() as spent:
@@ -62,16 +62,16 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
                     **common,
                 )
             )
-        found[f"inverse_{column}"] = fit.params.to_dict()
-    rows += servo(train, valid, fresh, found)
+        result[f"inverse_{column}"] = fit.params.to_dict()
+    rows += servo(train, valid, fresh, result)
     best = min(value for value, _ in PUBLISHED)
-    own = next(row for row in rows if not row.published)
-    verdict = "is" if own.value <= 1e3 * best else "is not"
+    one = next(row for row in rows if not row.published)
+    verdict = "is" if one.value <= 1e3 * best else "is not"
     answers = (
-        f"The inverse single track needs {own.parameters} parameters where the published network has 155 to 225; its "
-        f"error {verdict} below the best one printed ({own.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
+        f"The inverse single track needs {one.parameters} parameters where the published network has 155 to 225; its "
+        f"error {verdict} below the best one printed ({one.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
         f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}).",
-        servo_words(found),
+        servo_words(result),
         f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too: published figures "
         "are partly in sample; the table of fresh rows is not.",
     )  # fmt: skip
@@ -84,16 +84,16 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         "which runs straight between rows; intervals of 95 % from the residuals' own correlation.",
     )
     about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."
-    return PublishedBench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, found)
+    return PublishedBench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, result)
 
 
-def servo_words(found: Mapping[str, Any]) -> str:
+def servo_words(result: Mapping[str, Any]) -> str:
     """What a reader takes the servo for."""
-    own, other = (found[f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap"))
-    middle, agree = 5e2 * sum(own), own[0] <= other[1] and other[0] <= own[1]
+    value, other = (result[f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap"))
+    middle, agree = 5e2 * sum(value), value[0] <= other[1] and other[0] <= value[1]
     return (
         f"Take the servo as {middle:.0f} ms late: the intervals of the two laps {'overlap' if agree else 'part'}, "
-        f"[{1e3 * own[0]:.0f}, {1e3 * own[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms. Whether "
+        f"[{1e3 * value[0]:.0f}, {1e3 * value[1]:.0f}] and [{1e3 * other[0]:.0f}, {1e3 * other[1]:.0f}] ms. Whether "
         "it is a delay or a lag, rows 50 ms apart do not separate."
     )
 
@@ -112,7 +112,7 @@ def turned(lap: pd.DataFrame, column: str) -> gb.Recording:
     """
     angle = np.append(lap[column].to_numpy()[1:], np.nan)
     names = {"curv": "curvature", "vx": "v_x", "ax": "a_x", "ay": "a_y"}
-    signals = {name: lap[own].to_numpy()[:-1][::-1] for own, name in names.items()} | {"steering": angle[:-1][::-1]}
+    signals = {name: lap[item].to_numpy()[:-1][::-1] for item, name in names.items()} | {"steering": angle[:-1][::-1]}
     time: Array = STEP * np.arange(len(lap) - 1.0)
     return gb.Recording(column, time, signals, extra_units={"curvature": "1/m", "steering": "rad"})
 
@@ -126,7 +126,7 @@ def errors(fit: gb.Fit, lap: pd.DataFrame, column: str) -> Array:
     return off[: len(lap) - AHEAD + 1]
 
 
-def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], found: dict[str, Any]) -> list[Row]:
+def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], result: dict[str, Any]) -> list[Row]:
     """How late the wheels are in either lap, as a pure delay and as a lag; the error of the one on the other.
 
     Free together, neither lap distinguishes the two: at 20 Hz only their sum is identifiable.
@@ -153,7 +153,7 @@ def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], fo
                 )
             )
             fits[name, symbol] = fit
-            found[f"servo, {name}, {symbol}"] = [low, high]
+            result[f"servo, {name}, {symbol}"] = [low, high]
     lap, task = laps["validation lap"], "Servo, fresh rows of the validation lap: RMSE of the measured angle"
     for symbol in ("steering_delay", "lag"):
         off = gb.simulate(fits["training lap", symbol], lap)["steer_measured"] - lap["steer_measured"]

@@ -162,17 +162,17 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
     """
     if not data.is_dir():
         raise BadInput(f"{data} is no folder; name the one that holds {name}.csv (‹data›).")
-    path = next((own for own in (data / f"{name}.csv.gz", data / f"{name}.csv") if own.is_file()), None)
+    path = next((item for item in (data / f"{name}.csv.gz", data / f"{name}.csv") if item.is_file()), None)
     if path is None:
         raise BadInput(
             f"{data / name}.csv is not there; greybox datasets fetch {fetched} brings it, or name its folder."
         )
     try:
-        found = pd.read_csv(path)
-        missing = [column for column in columns if column not in found]
+        one = pd.read_csv(path)
+        missing = [column for column in columns if column not in one]
         if missing:
-            raise BadInput(f"{path} has no column {missing[0]}; its columns are {', '.join(map(str, found.columns))}.")
-        values = found[list(columns)].astype(float)
+            raise BadInput(f"{path} has no column {missing[0]}; its columns are {', '.join(map(str, one.columns))}.")
+        values = one[list(columns)].astype(float)
     except (OSError, ValueError, EOFError) as error:
         raise BadInput(f"{path} cannot be read as a table of numbers ({error}); fetch it again.") from error
     if len(values) < LEAST_ROWS or not np.isfinite(values.to_numpy()).all():

@@ -91,9 +91,9 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         "Beside it, as its authors select among networks: acceleration of the last second predicted from pedal, motor "
         "torque and speed by a model of each road, the road whose errors are smaller is chosen.",
     )
-    found = {"estimates": fit.params.to_dict(), "known_share": float(known.mean())}
+    result = {"estimates": fit.params.to_dict(), "known_share": float(known.mean())}
     about = "Brakes with and without grip, 300 s each at 20 Hz of a simulator that shares no code with this project."
-    return PublishedBench("abs", "Grip under brakes", about, protocol, tuple(rows), answers, found)
+    return PublishedBench("abs", "Grip under brakes", about, protocol, tuple(rows), answers, result)
 
 
 def stepped(data: Path, roads: dict[str, pd.DataFrame]) -> tuple[pd.DataFrame, Array, str]:
@@ -131,12 +131,12 @@ def braked(lap: pd.DataFrame, name: str) -> gb.Recording:
         "a_x": lap["acc"].to_numpy(),
         "motor_torque": lap["motor_torque"].to_numpy(),
     }
-    for axle, own in torque.items():
+    for axle, item in torque.items():
         wheels = lap[f"{axle[0]}_rot_speed"].to_numpy() * RADIUS / 2.0
         slips = (1.0 - wheels / np.maximum(speed, 1.0) > LOCKED) & (speed > STANDING)
         settled = np.convolve(slips, np.ones(SETTLED))[: len(slips)] > SETTLED - 0.5
-        signals[f"brake_{axle}"] = own.to_numpy() / RADIUS
-        signals[f"sliding_{axle}"] = np.where(settled, own.to_numpy() / RADIUS, np.nan)
+        signals[f"brake_{axle}"] = item.to_numpy() / RADIUS
+        signals[f"sliding_{axle}"] = np.where(settled, item.to_numpy() / RADIUS, np.nan)
     units = {"motor_torque": "N m"} | {f"{what}_{axle}": "N" for what in ("brake", "sliding") for axle in torque}
     return gb.Recording(name, STEP * np.arange(1.0, len(lap) + 1.0), signals, extra_units=units, hold="linear")
 
@@ -160,8 +160,8 @@ def chosen_road(roads: dict[str, pd.DataFrame], lap: pd.DataFrame) -> Array:
 def features(lap: pd.DataFrame) -> Array:
     """(n, 23) the last ten samples of pedal and motor torque, speed, its square and one."""
     windows = [
-        np.concatenate([np.full(k, own[0]), own[: len(own) - k]])
-        for own in (lap["brake_pedal"].to_numpy(), lap["motor_torque"].to_numpy())
+        np.concatenate([np.full(k, item[0]), item[: len(item) - k]])
+        for item in (lap["brake_pedal"].to_numpy(), lap["motor_torque"].to_numpy())
         for k in range(WINDOW)
     ]
     speed = lap["speed"].to_numpy()

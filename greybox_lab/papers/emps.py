@@ -48,7 +48,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
 
     def add(name: str, spent: float, estimates: dict[str, float], count: int) -> None:
         start = float(other["position"].iloc[0])
-        theta = np.array([estimates[own] for own in TRUTH])
+        theta = np.array([estimates[item] for item in TRUTH])
         off = simulated(theta, start, other["force"].to_numpy(), STEP) - other["position"].to_numpy()
         rows.append(
             Row(
@@ -62,7 +62,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
             )
         )
         if data is None:
-            away = max(abs(estimates[own] / true - 1.0) for own, true in TRUTH.items())
+            away = max(abs(estimates[name] / true - 1.0) for name, true in TRUTH.items())
             rows.append(Row("Largest error of a parameter", name, 100.0 * away, "%", None, 4, spent))
         speed[name] = count * len(TRUTH) / spent
 
@@ -73,7 +73,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
     for name in ("greybox-id, first call", "greybox-id"):
         with clocked() as spent:
             fit = gb.fit(servo_axis(), [recording], options=gb.FitOptions(solver="gauss-newton"))
-        estimates = {own: float(fit.params[own]) for own in TRUTH}
+        estimates = {item: float(fit.params[item]) for item in TRUTH}
         add(name, spent[0], estimates, len(time))
     add("greybox-id, its search alone", sum(stage.cpu_seconds for stage in fit.stages), estimates, len(time))
     for name, (peer, most) in PEERS.items():
@@ -120,14 +120,14 @@ def tried(
     """What another tool estimates, and its CPU seconds; or why it does not."""
     try:
         with clocked() as spent:
-            found = peer(time, force, position, np.array(list(nominal.values())))
+            result = peer(time, force, position, np.array(list(nominal.values())))
     except ImportError as error:
         return None, 0.0, f"it is not installed ({error})"
     except Exception as error:  # whatever another library raises is told, not raised
         return None, 0.0, f"it fails ({type(error).__name__}: {error})"
-    if not np.all(np.isfinite(found)):
+    if not np.all(np.isfinite(result)):
         return None, 0.0, "its estimates are no numbers"
-    return np.asarray(found), spent[0], ""
+    return np.asarray(result), spent[0], ""
 
 
 def made(seed: int) -> pd.DataFrame:

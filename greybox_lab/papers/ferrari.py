@@ -55,7 +55,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     made[GREY] = {name: [np.rad2deg(gb.simulate(fit, motion(one))["yaw_rate"])] for name, one in drives.items()}
     free = sum(parameter.size for parameter in fit.model.parameters if not parameter.fixed)
     sizes[GREY] = free, spent[0]
-    for name, rest in ((STRUCTURED, None), (BOTH, {own: one[0] for own, one in made[GREY].items()})):
+    for name, rest in ((STRUCTURED, None), (BOTH, {name: one[0] for name, one in made[GREY].items()})):
         say(name)
         with clocked() as spent:
             made[name], size = networked([local_models("rest", CENTRES)], drives, rest, quick)
@@ -77,28 +77,30 @@ def page(
     """Errors of everything on the drives that nothing was fitted to."""
     rows: list[Row] = []
     answers: list[str] = []
-    found: dict[str, Any] = {"estimates": fit.params.to_dict(), "paired": {}}
+    result: dict[str, Any] = {"estimates": fit.params.to_dict(), "paired": {}}
     for drive in (name for name in JUDGED if name in drives):
         one = drives[drive]
-        score = {name: [yaw_errors(one, each) for each in own[drive]] for name, own in made.items()}
+        score = {name: [yaw_errors(one, each) for each in item[drive]] for name, item in made.items()}
         for task in score[GREY][0]:
             unit = "deg/s" if task == "yaw rate" else "deg"
             for name, each in score.items():
-                values = np.array([rmse(own[task]) for own in each])
+                values = np.array([rmse(item[task]) for item in each])
                 spread = float(np.std(values) / np.sqrt(len(values))) if len(values) > 1 else None
                 rows.append(
                     Row(f"{task.capitalize()}, {drive}: RMSE", name, float(values.mean()), unit, spread, *sizes[name])
                 )
-        better = min((STRUCTURED, BLACK_BOX), key=lambda name: np.mean([rmse(own["yaw rate"]) for own in score[name]]))
+        better = min(
+            (STRUCTURED, BLACK_BOX), key=lambda name: np.mean([rmse(item["yaw rate"]) for item in score[name]])
+        )
         for name in (GREY, BOTH):
             pair = paired(score[better][0]["yaw rate"], score[name][0]["yaw rate"], np.zeros(len(one) - FIRST), STEP)
-            ratio = pair.second / float(np.mean([rmse(own["yaw rate"]) for own in score[better]]))
+            ratio = pair.second / float(np.mean([rmse(item["yaw rate"]) for item in score[better]]))
             word = "not distinguished" if pair.low < 0.0 < pair.high else "worse" if pair.low > 0.0 else "better"
             answers.append(
                 f"{drive}: the {name} errs {ratio:.2f} times as much in yaw rate as the {better}: {word} "
                 f"(difference of RMSE {pair.second - pair.first:+.3f} [{pair.low:+.3f}, {pair.high:+.3f}] deg/s)."
             )
-            found["paired"][f"{drive}, {name}"] = {
+            result["paired"][f"{drive}, {name}"] = {
                 "against": better,
                 "ratio": ratio,
                 "low": pair.low,
@@ -116,7 +118,7 @@ def page(
         "training drives and of valid_0; test_0 was not looked at.",
     )
     about = "Ferrari 250 LM on a race track, 20 Hz, to 61 m/s; beside networks of tonegas/nnodely-applications."
-    return PublishedBench("ferrari", "Yaw of a Ferrari 250 LM", about, protocol, tuple(rows), tuple(answers), found)
+    return PublishedBench("ferrari", "Yaw of a Ferrari 250 LM", about, protocol, tuple(rows), tuple(answers), result)
 
 
 def motion(drive: pd.DataFrame) -> gb.Recording:
@@ -138,7 +140,7 @@ def scales(drives: Mapping[str, pd.DataFrame]) -> dict[str, tuple[float, float]]
     """Means and standard deviations over the training drives."""
     both = pd.concat([drives[name] for name in TRAIN])
     names = {"hand_wheel": "handwheelAngle", "v_x": "vxCG", "a_x": "axCG", "rest": "yawRate"}
-    return {name: (float(both[own].mean()), float(both[own].std())) for name, own in names.items()}
+    return {name: (float(both[item].mean()), float(both[item].std())) for name, item in names.items()}
 
 
 def networked(
@@ -158,7 +160,7 @@ def networked(
 def yaw_errors(drive: pd.DataFrame, predicted: Array) -> dict[str, Array]:
     """Errors of the yaw rate, deg/s, and of the yaw angle over windows in turn, deg."""
     rate, angle = predicted[FIRST:], drive["yawAngle"].to_numpy()[FIRST:]
-    found = {"yaw rate": rate - drive["yawRate"].to_numpy()[FIRST:]}
+    result = {"yaw rate": rate - drive["yawRate"].to_numpy()[FIRST:]}
     for seconds, word in WINDOWS.items():
         length = round(seconds / STEP)
         off = []
@@ -166,5 +168,5 @@ def yaw_errors(drive: pd.DataFrame, predicted: Array) -> dict[str, Array]:
             part = slice(start, start + length + 1)
             turned = np.concatenate([[0.0], np.cumsum(STEP * 0.5 * (rate[part][1:] + rate[part][:-1]))])
             off.append(turned - (angle[part] - angle[start]))
-        found[f"yaw angle over {word}"] = np.concatenate(off) if off else np.array([np.nan])
-    return found
+        result[f"yaw angle over {word}"] = np.concatenate(off) if off else np.array([np.nan])
+    return result

@@ -55,28 +55,28 @@ class KeptBench:
         train : makes it, as plain data.
         """
         key = str(checksum(plain(about)))
-        found: dict[str, Any] = self._body.setdefault("trainings", {})
-        if key not in found:
+        result: dict[str, Any] = self._body.setdefault("trainings", {})
+        if key not in result:
             if time.monotonic() > self._end:
                 self.left_out += 1
                 return None
-            found[key] = {"about": dict(about), **train()}
+            result[key] = {"about": dict(about), **train()}
             self.keep()
-        own: Mapping[str, Any] = found[key]
-        return own
+        value: Mapping[str, Any] = result[key]
+        return value
 
     def keep(self, **more: Any) -> None:
         """Write what there is, and more, atomically."""
         self._body.update(more)
         if self.file is not None:
-            body = {"paper": self.paper, **{name: own for name, own in self._body.items() if name != "paper"}}
+            body = {"paper": self.paper, **{name: item for name, item in self._body.items() if name != "paper"}}
             write_atomically(self.file, BENCH.text(body), continued=True)
 
     def _sound(self, body: Mapping[str, Any]) -> dict[str, Any]:
         if body["paper"] != self.paper:
             raise BadInput(f"{self.file} holds the bench of {body['paper']!r:.40}; name another place with ‹out›.")
         trainings = body.get("trainings", {})
-        if not all(isinstance(own, dict) for own in trainings.values()):
+        if not all(isinstance(training, dict) for training in trainings.values()):
             raise ValueError("its trainings are none")
         return {"trainings": trainings} if trainings else {}
 

@@ -118,35 +118,35 @@ def loop_tables(
         if name not in ARMS:
             raise BadInput(f"There is no arm {name!r}.{near_or_all(name, ARMS)}")
     folder = Path(out)
-    asked = {"quick": quick, "cycles": size.cycles, "version": __version__}
-    begun(folder / "bench.json", "bench", asked, {})
+    requested = {"quick": quick, "cycles": size.cycles, "version": __version__}
+    begun(folder / "bench.json", "bench", requested, {})
     chosen = [name for name in ARMS if name in (arms or size.arms)]
-    wanted = [
+    target = [
         _BenchCase(folder, number, FIRST_VEHICLE + vehicle, seed, size)
         for seed in range(seeds)
         for vehicle in range(vehicles)
         for number in (cases or size.cases)
     ]
     with threadpool_limits(1):
-        for k, case in enumerate(wanted, 1):
-            case.run(chosen, _after(f"{k}/{len(wanted)} ", say))
+        for k, case in enumerate(target, 1):
+            case.run(chosen, _after(f"{k}/{len(target)} ", say))
     return {"quick": quick, "folder": str(folder), **reported(kept(folder))}
 
 
 def _after(words: str, say: Say) -> Say:
     """Says what it is told after these words."""
-    return lambda said: say(words + said)
+    return lambda sentence: say(words + sentence)
 
 
 def kept(folder: Path) -> list[dict[str, Any]]:
     """All that is done in a folder, case by case."""
-    found = []
-    for own in sorted(folder.glob("case_*")):
-        about = read_json(own / "case.json") if (own / "case.json").is_file() else None
+    result = []
+    for file in sorted(folder.glob("case_*")):
+        about = read_json(file / "case.json") if (file / "case.json").is_file() else None
         if isinstance(about, dict):
-            arms = {name: read_json(own / f"{name}.json") for name in ARMS if (own / f"{name}.json").is_file()}
-            found.append({**about, "arms": arms})
-    return found
+            arms = {name: read_json(file / f"{name}.json") for name in ARMS if (file / f"{name}.json").is_file()}
+            result.append({**about, "arms": arms})
+    return result
 
 
 class _BenchCase:
@@ -207,7 +207,7 @@ class _BenchCase:
             now = time.process_time()
             seconds[on], clock = seconds[on] + now - clock, now
 
-        told: dict[str, Any] = {"arm": name, "cycles": []}
+        known: dict[str, Any] = {"arm": name, "cycles": []}
         learned, rows = base, list[Recording]()
         try:
             for k in range(0 if name == BASE else self.size.cycles):
@@ -215,25 +215,25 @@ class _BenchCase:
                     drive = driven(self.scene, self._hands(learned, CAPS[k]), self.size.rows, self._seed(k))
                     rows = last_rows([*rows, *drive.recordings], self.size.rows)
                     spent("driving")
-                    told["cycles"].append({"cap": CAPS[k], **judged(drive)})
-                found = self._twin(name, rows, k)
-                if found is None:
+                    known["cycles"].append({"cap": CAPS[k], **judged(drive)})
+                result = self._twin(name, rows, k)
+                if result is None:
                     return {"arm": name, "failed": "no model has it"}
                 spent("model")
                 if k == 0:
-                    told |= self._modelled(name, found, held)
+                    known |= self._modelled(name, result, held)
                     clock = time.process_time()
-                learned = self._learned(found, learned, CAPS[k + 1], k, say)
+                learned = self._learned(result, learned, CAPS[k + 1], k, say)
                 spent("learning")
         except GreyboxError as error:
             return {"arm": name, "failed": str(error)}
         if name == BASE:
-            told |= self._modelled(name, Twin(self.vehicle, self.nominal), held)
-        told["cpu_seconds"] = seconds
+            known |= self._modelled(name, Twin(self.vehicle, self.nominal), held)
+        known["cpu_seconds"] = seconds
         for when, cap in (("first", CAPS[0]), ("last", CAPS[self.size.cycles])):
             drive = driven(self.scene, self._hands(learned, cap), self.size.judged, self._seed(9))
-            told[when] = {"cap": cap, **judged(drive)}
-        return told
+            known[when] = {"cap": cap, **judged(drive)}
+        return known
 
     def _hands(self, learned: Learned, cap: float) -> Hands:
         return Hands(self._units(cap), learned.policy.act)
@@ -249,42 +249,42 @@ class _BenchCase:
             raise BadInput("The vehicle crashed so soon, time and again, that there are no rows to learn from.")
         return twin(name, self.vehicle, rows, self.seed + k)
 
-    def _learned(self, found: Twin, start: Learned, cap: float, k: int, say: Say) -> Learned:
+    def _learned(self, result: Twin, start: Learned, cap: float, k: int, say: Say) -> Learned:
         """Go on in a twin, at all speeds up to those of the next cap."""
         return learned_on(
-            found, self.vehicle, start, self._units(cap), steps=self.size.steps, cap=cap, seed=self.seed + k + 1,
+            result, self.vehicle, start, self._units(cap), steps=self.size.steps, cap=cap, seed=self.seed + k + 1,
             usage=(CAPS[0], cap), say=say,
         )  # fmt: skip
 
-    def _modelled(self, name: str, found: Twin, held: Mapping[str, Recording]) -> dict[str, Any]:
+    def _modelled(self, name: str, result: Twin, held: Mapping[str, Recording]) -> dict[str, Any]:
         """What an arm's first model is, and how far it errs on laps that nobody learned from."""
-        errors = {share: _plainly(errors_ahead(found.model, [own])) for share, own in held.items()}
-        told: dict[str, Any] = {"errors": errors, "named": [dict(own) for own in found.named]}
-        told |= {"applied": dict(found.applied), "unknown_probability": found.unknown_probability}
-        return told | ({"curve": {str(self.size.rows): errors} | self._curve(name, held)} if name in CURVE else {})
+        errors = {share: _plainly(errors_ahead(result.model, [item])) for share, item in held.items()}
+        known: dict[str, Any] = {"errors": errors, "named": [dict(item) for item in result.named]}
+        known |= {"applied": dict(result.applied), "unknown_probability": result.unknown_probability}
+        return known | ({"curve": {str(self.size.rows): errors} | self._curve(name, held)} if name in CURVE else {})
 
     def _curve(self, name: str, held: Mapping[str, Recording]) -> dict[str, Any]:
         """Errors of models of other numbers of rows, driven by the driver before any data."""
-        base, found = self._base(), {}
+        base, result = self._base(), {}
         for rows in CURVE[name]:
             if rows <= self.size.curve and rows != self.size.rows:
                 drive = driven(self.scene, self._hands(base, CAPS[0]), rows, self._seed(0))
                 made = twin(name, self.vehicle, drive.recordings, self.seed)
-                found[str(rows)] = {share: _plainly(errors_ahead(made.model, [own])) for share, own in held.items()}
-        return found
+                result[str(rows)] = {share: _plainly(errors_ahead(made.model, [item])) for share, item in held.items()}
+        return result
 
 
 def judged(drive: DrivenRows) -> dict[str, Any]:
     """How a vehicle was driven, as plain data."""
-    off = np.concatenate([np.abs(own.e_y[own.time >= SETTLED]) for own in drive.episodes])
-    steps = [np.diff(own["steer"]) / own.sample_time for own in drive.recordings]
+    off = np.concatenate([np.abs(episode.e_y[episode.time >= SETTLED]) for episode in drive.episodes])
+    steps = [np.diff(recording["steer"]) / recording.sample_time for recording in drive.recordings]
     rates = np.concatenate(steps) if steps else np.array([np.nan])
     return {
         "rows": drive.rows,
         "path_error_rms": drive.path_error,
         "path_error_p95": float(np.quantile(off, 0.95)) if len(off) else float("nan"),
         "lap_time": drive.lap_time,
-        "laps": sum(len(own.laps) for own in drive.episodes),
+        "laps": sum(len(episode.laps) for episode in drive.episodes),
         "crashes": drive.crashes,
         "steering_rate_rms": float(np.sqrt(np.mean(rates**2))),
     }
@@ -321,8 +321,8 @@ def held_out(scene: Scene, share: float, seconds: float = SECONDS) -> Recording:
         if abs(e_y) > 4.0 * path.half_width:
             raise GreyboxError(f"the driver left the track after {k / RATE:.0f} s at {share:.0%} of the grip")
         steer = _pursued(path, s, now, size.length)
-        wanted = path.line("speed", np.array([s + 0.1 * now["v_x"]]))[0][0]
-        a_x = np.clip((wanted - now["v_x"]) / (0.3 * size.time), -size.brake, size.drive)
+        target = path.line("speed", np.array([s + 0.1 * now["v_x"]]))[0][0]
+        a_x = np.clip((target - now["v_x"]) / (0.3 * size.time), -size.brake, size.drive)
         commands[k] = np.clip(steer, -scene.stated.steer_max, scene.stated.steer_max), a_x * per_acceleration
         ride.step(*commands[k])
     channels = {"steer": commands[:, 0], scene.stated.drive_channel: commands[:, 1]}
@@ -344,7 +344,7 @@ def _track(scene: Scene, share: float) -> RaceTrack:
 def _pursued(path: RaceTrack, s: float, now: Mapping[str, float], wheelbase: float) -> float:
     """Steering, rad, of pure pursuit (Coulter 1992): along the circle to a point ahead on the path."""
     ahead = np.array([s + max(LOOK * now["v_x"], wheelbase)])
-    x, y = (np.interp(ahead % path.length, path.s, own, period=path.length)[0] for own in (path.x, path.y))
+    x, y = (np.interp(ahead % path.length, path.s, item, period=path.length)[0] for item in (path.x, path.y))
     c, d = np.cos(now["yaw"]), np.sin(now["yaw"])
     along, across = c * (x - now["x"]) + d * (y - now["y"]), c * (y - now["y"]) - d * (x - now["x"])
     return float(np.arctan(2.0 * wheelbase * across / (along**2 + across**2)))

@@ -41,13 +41,13 @@ def reported(cases: Sequence[Case]) -> dict[str, Any]:
 
 def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
     """Every bar, what was measured, on how many cases, and whether it is met; None where it was not measured."""
-    known = [own for own in cases if not own["outside"]]
-    outside = [own for own in cases if own["outside"]]
+    known = [item for item in cases if not item["outside"]]
+    outside = [item for item in cases if item["outside"]]
     crashes, laps = _crashes("named", known)
     true_crashes, true_laps = _crashes(ORACLE, known)
     beside = _measured(outside, _wrong)
-    points_outside = _measured(outside, lambda own: _less(saved(own, "named_residual"), saved(own, "actuator_net")))
-    errs = _measured(known, lambda own: _over(_error(own, "named"), _error(own, "actuator_net")))
+    points_outside = _measured(outside, lambda item: _less(saved(item, "named_residual"), saved(item, "actuator_net")))
+    errs = _measured(known, lambda item: _over(_error(item, "named"), _error(item, "actuator_net")))
     few = _measured(known, _with_few_rows)
     rate, true_rate = _share(crashes, laps), _share(true_crashes, true_laps)
     allowed = None if rate is None or true_rate is None else max(0.05, true_rate + 0.03)
@@ -71,12 +71,12 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
 
 def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
     """How near to the path is driven, at the first cap or the last."""
-    removes = _measured(cases, lambda own: removed(own, "named", when))
-    points = _measured(cases, lambda own: _less(removed(own, "named", when), removed(own, "actuator_net", when)))
-    closer = _measured(cases, lambda own: _less(saved(own, "named", when), saved(own, "actuator_net", when)))
+    removes = _measured(cases, lambda item: removed(item, "named", when))
+    points = _measured(cases, lambda item: _less(removed(item, "named", when), removed(item, "actuator_net", when)))
+    closer = _measured(cases, lambda item: _less(saved(item, "named", when), saved(item, "actuator_net", when)))
     higher = sum(one > 0 for one in closer)  # also where the truth helps too little for a share of it
     sign = float(binomtest(higher, len(closer), alternative="greater").pvalue) if closer else None
-    over = _measured(cases, lambda own: _less(1.0, saved(own, "named", when)))
+    over = _measured(cases, lambda item: _less(1.0, saved(item, "named", when)))
     return [
         _bar(f"{when} cap, named: share of the excess path error removed, median", "at least", 0.8, _median(removes),
              len(removes)),
@@ -89,16 +89,16 @@ def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
 
 def removed(case: Case, arm: str, when: str = "first") -> Number:
     """(E_base - E_arm) / (E_base - E_oracle) of path errors at the first or last cap; None where truth helps little."""
-    base, own, true = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm, ORACLE))
-    if base is None or own is None or true is None or base - true < EXCESS * base:
+    base, value, true = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm, ORACLE))
+    if base is None or value is None or true is None or base - true < EXCESS * base:
         return None
-    return (base - own) / (base - true)
+    return (base - value) / (base - true)
 
 
 def saved(case: Case, arm: str, when: str = "first") -> Number:
     """(E_base - E_arm) / E_base of the path error at the first or last cap."""
-    base, own = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm))
-    return None if base is None or own is None else (base - own) / base
+    base, value = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm))
+    return None if base is None or value is None else (base - value) / base
 
 
 def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
@@ -106,16 +106,16 @@ def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
     crashes, laps = _crashes(name, done)
     low, high = wilson(crashes, laps + crashes) if laps + crashes else (None, None)
     medians: dict[str, Number] = {
-        "removed": _median(_measured(done, lambda own: removed(own, name))),
-        "removed_last": _median(_measured(done, lambda own: removed(own, name, "last"))),
-        "saved": _median(_measured(done, lambda own: saved(own, name))),
-        "model_error": _median(_measured(done, lambda own: _error(own, name))),
-        "cpu_seconds": _median(_measured(done, lambda own: float(sum(own["arms"][name]["cpu_seconds"].values())))),
+        "removed": _median(_measured(done, lambda item: removed(item, name))),
+        "removed_last": _median(_measured(done, lambda item: removed(item, name, "last"))),
+        "saved": _median(_measured(done, lambda item: saved(item, name))),
+        "model_error": _median(_measured(done, lambda item: _error(item, name))),
+        "cpu_seconds": _median(_measured(done, lambda item: float(sum(item["arms"][name]["cpu_seconds"].values())))),
     }
     for when in ("first", "last"):
         for what in ("path_error_rms", "path_error_p95", "lap_time", "steering_rate_rms"):
-            found = [own["arms"][name][when][what] for own in done]
-            medians[f"{what}_{when}"] = _median([value for value in found if value is not None and np.isfinite(value)])
+            one = [item["arms"][name][when][what] for item in done]
+            medians[f"{what}_{when}"] = _median([value for value in one if value is not None and np.isfinite(value)])
     crash = {"crashes_last": crashes, "laps_last": laps, "crash_rate_interval": [low, high]}
     return {"arm": name, "cases": len(done), **medians, **crash}
 
@@ -129,7 +129,7 @@ def _bar(bar: str, sense: str, limit: float, measured: Number, of: int) -> dict[
 
 def _of(name: str, cases: Sequence[Case]) -> list[Case]:
     """Cases in which an arm came to its end."""
-    return [own for own in cases if "first" in own["arms"].get(name, {})]
+    return [item for item in cases if "first" in item["arms"].get(name, {})]
 
 
 def _measured(cases: Sequence[Case], what: Callable[[Case], Number]) -> list[float]:
@@ -163,44 +163,46 @@ def _driving(case: Case, arm: str, what: str, when: str) -> Number:
 
 def _driven(cases: Sequence[Case], what: str, when: str) -> tuple[Number, int]:
     """Median of named over the base, which drives at the first cap; on how many cases."""
-    found = _measured(cases, lambda own: _over(_driving(own, "named", what, when), _driving(own, BASE, what, "first")))
-    return _median(found), len(found)
+    result = _measured(
+        cases, lambda item: _over(_driving(item, "named", what, when), _driving(item, BASE, what, "first"))
+    )
+    return _median(result), len(result)
 
 
 def _crashes(name: str, cases: Sequence[Case]) -> tuple[int, int]:
     """Crashes and laps at the last cap."""
-    ends = [own["arms"][name]["last"] for own in _of(name, cases)]
-    return sum(own["crashes"] for own in ends), sum(own["laps"] for own in ends)
+    ends = [item["arms"][name]["last"] for item in _of(name, cases)]
+    return sum(end["crashes"] for end in ends), sum(end["laps"] for end in ends)
 
 
 def _error(case: Case, arm: str, errors: Mapping[str, Any] | None = None) -> Number:
     """Yaw rate error at 0.5 s and 90 % of the grip, rad/s."""
-    found = errors or case["arms"].get(arm, {}).get("errors", {})
-    value = found.get("90%", {}).get("0.5", {}).get("yaw_rate")
+    result = errors or case["arms"].get(arm, {}).get("errors", {})
+    value = result.get("90%", {}).get("0.5", {}).get("yaw_rate")
     return None if value is None else float(value)
 
 
 def _wrong(case: Case) -> Number:
     """1 where named applied no name that is not there, else 0."""
-    own = case["arms"].get("named", {})
-    return None if "applied" not in own else float(not set(own["applied"]) - set(case["withheld"]))
+    value = case["arms"].get("named", {})
+    return None if "applied" not in value else float(not set(value["applied"]) - set(case["withheld"]))
 
 
 def _with_few_rows(case: Case) -> Number:
     """Share of the vehicle file's error that named removes with 2000 rows."""
     few = case["arms"].get("named", {}).get("curve", {}).get("2000")
     base = _error(case, BASE)
-    own = None if few is None else _error(case, "named", few)
-    return None if base is None or own is None or base == 0 else 1.0 - own / base
+    number = None if few is None else _error(case, "named", few)
+    return None if base is None or number is None or base == 0 else 1.0 - number / base
 
 
-def tables(found: Mapping[str, Any]) -> list[Any]:
+def tables(result: Mapping[str, Any]) -> list[Any]:
     """Parts to print: an arm a row, then bar by bar."""
     arms = plain_table(
         "arm", "cases", "path error, mm", "p95, mm", "removed", "lap, s", "at the last cap: mm", "removed", "lap, s",
         "crashes", "model, rad/s", "CPU s",
     )  # fmt: skip
-    for row in found["table"]:
+    for row in result["table"]:
         low, high = row["crash_rate_interval"]
         interval = "" if low is None else f" ({low:.0%} to {high:.0%})"
         arms.add_row(
@@ -211,14 +213,14 @@ def tables(found: Mapping[str, Any]) -> list[Any]:
             _number(row["model_error"], "{:.4f}"), _number(row["cpu_seconds"], "{:.1f}"),
         )  # fmt: skip
     bars = plain_table("bar", "wanted", "measured", "on", "")
-    for own in found["bars"]:
-        met = {None: "not measured", True: "met", False: "MISSED"}[own["met"]]
-        bars.add_row(own["bar"], own["wanted"], _number(own["measured"], "{:.3g}"), str(own["of"]), met)
+    for item in result["bars"]:
+        met = {None: "not measured", True: "met", False: "MISSED"}[item["met"]]
+        bars.add_row(item["bar"], item["wanted"], _number(item["measured"], "{:.3g}"), str(item["of"]), met)
     failed = [
-        f"case {case['case']}, vehicle {case['vehicle']}, seed {case['seed']}, {name}: {own['failed']}"
-        for case in found["cases"]
-        for name, own in case["arms"].items()
-        if "failed" in own
+        f"case {case['case']}, vehicle {case['vehicle']}, seed {case['seed']}, {name}: {item['failed']}"
+        for case in result["cases"]
+        for name, item in case["arms"].items()
+        if "failed" in item
     ]
     head = "Medians over cases: path error and lap at the first cap; model: yaw rate error at 0.5 s, 90 % of the grip\n"
     return [head, arms, "", bars, *(["", *failed] if failed else [])]

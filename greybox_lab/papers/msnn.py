@@ -211,10 +211,10 @@ def measure(
                 say(f"{entry.name} ({entry.model}), {share} % of train")
                 part = train.rows(0, round(len(train) * share / 100))
                 rows += _published(entry, share, part, valid)
-                honest, found = _honest(entry, share, part, valid, how)
+                honest, result = _honest(entry, share, part, valid, how)
                 rows += honest
                 if share == 100:
-                    whole[entry.name, entry.model] = found
+                    whole[entry.name, entry.model] = result
                 if keep is not None:
                     keep(rows)
         rows += _closed(train, valid, quick, how, say)
@@ -234,10 +234,10 @@ def measure(
 
 def compared(fits: Mapping[tuple[str, str], Fit], valid: Recording) -> list[Row]:
     """Errors of every model of Tables 1 and 2 against those of MS-NN-full at the same rows, by the output."""
-    found: list[Row] = []
+    result: list[Row] = []
     for output in ("yaw_rate", "a_x"):
         seen = {
-            name: one_output(own.model, valid, output) for (name, _), own in fits.items() if output in own.model.outputs
+            name: one_output(one.model, valid, output) for (name, _), one in fits.items() if output in one.model.outputs
         }
         ours = seen.pop(OURS, None)
         if ours is None:
@@ -246,11 +246,11 @@ def compared(fits: Mapping[tuple[str, str], Fit], valid: Recording) -> list[Row]
             rows, mine, other = np.intersect1d(ours.rows, theirs.rows, return_indices=True)
             runs = np.searchsorted([start for start, _ in valid.runs], rows, side="right").astype(float)
             pair = paired(_errors(ours)[mine], _errors(theirs)[other], runs, valid.sample_time)
-            found.append(
+            result.append(
                 {"output": output, "model": name, "against": OURS, "difference": pair.second - pair.first,
                  "low": pair.low, "high": pair.high, "distinguished": pair.told, "blocks": pair.blocks}
             )  # fmt: skip
-    return found
+    return result
 
 
 def one_output(model: Model, recording: Recording, output: str) -> Prediction:
@@ -284,11 +284,11 @@ def _published(entry: PaperModel, share: int, train: Recording, valid: Recording
     spent = time.process_time() - clock
     rows = []
     for split, recording in (("train", train), ("valid", valid)):
-        found = errors(model, predictions(model, recording, "published"), "published")
+        result = errors(model, predictions(model, recording, "published"), "published")
         for output, table in entry.tables.items():
-            own = found[output]
+            value = result[output]
             rows.append(
-                _row(table, entry.name, share, split, "published", output, own, fvu=own.fvu_published,
+                _row(table, entry.name, share, split, "published", output, value, fvu=value.fvu_published,
                      parameters=model.size, cpu=spent, paper=PAPER.get((entry.name, output, share, split)))
             )  # fmt: skip
     return rows
@@ -310,8 +310,8 @@ def as_the_authors(model: MemoryModel, train: Recording, valid: Recording) -> Me
             x = solution.x
             problem = problem.counted(keep=_by_batch(problem, x))
             fitted = model.with_values(problem.shared(x))
-            told = errors(fitted, predictions(fitted, valid, "published", trace=trace), "published")
-            error = max(own.rmse for own in told.values())
+            known = errors(fitted, predictions(fitted, valid, "published", trace=trace), "published")
+            error = max(item.rmse for item in known.values())
             if error < least:
                 best, least = fitted, error
     return best
@@ -335,11 +335,11 @@ def _by_batch(problem: Problem, x: Array) -> list[Array]:
     weight[:full] = np.repeat(np.mean(size) / np.maximum(size, 1e-9), BATCH)
     keep, start = [], 0
     for run in problem.runs:
-        own = np.ones(len(run))
+        value = np.ones(len(run))
         count = len(run) - run.first
-        own[run.predicted] = weight[start : start + count]
+        value[run.predicted] = weight[start : start + count]
         start += count
-        keep.append(own)
+        keep.append(value)
     return keep
 
 
@@ -349,18 +349,18 @@ def _memory(entry: PaperModel, train: Recording) -> MemoryModel:
 
 def _honest(entry: PaperModel, share: int, train: Recording, valid: Recording, how: How) -> tuple[list[Row], Fit]:
     clock = time.process_time()
-    found = fit(_memory(entry, train), [train], how=how)
+    result = fit(_memory(entry, train), [train], how=how)
     spent = time.process_time() - clock
-    model = must_be(MemoryModel, found.model)
+    model = must_be(MemoryModel, result.model)
     rows = []
     for split, recording in (("train", train), ("valid", valid)):
-        told = errors(model, predictions(model, recording), "honest")
+        known = errors(model, predictions(model, recording), "honest")
         for output, table in entry.tables.items():
             rows.append(
-                _row(table, entry.name, share, split, "honest", output, told[output], fvu=told[output].fvu,
+                _row(table, entry.name, share, split, "honest", output, known[output], fvu=known[output].fvu,
                      parameters=model.size, cpu=spent, paper=PAPER.get((entry.name, output, share, split)))
             )  # fmt: skip
-    return rows, found
+    return rows, result
 
 
 def _closed(train: Recording, valid: Recording, quick: bool, how: How, say: Say) -> list[Row]:
@@ -370,16 +370,16 @@ def _closed(train: Recording, valid: Recording, quick: bool, how: How, say: Say)
         say(f"{name}, closed loop")
         clock = time.process_time()
         several = [prepared(kind, train, settings)] if quick else candidates(kind, train, settings)
-        found = fit(several, [train], how=how)
+        result = fit(several, [train], how=how)
         spent = time.process_time() - clock
-        model = must_be(MemoryModel, found.model)
-        told: dict[str, Mapping[str, Error]] = {
+        model = must_be(MemoryModel, result.model)
+        known: dict[str, Mapping[str, Error]] = {
             protocol: errors(model, predictions(model, valid, protocol), protocol)
             for protocol in ("published", "honest", "closed_loop")
         }
-        told[calibration_words(CALIBRATED)] = calibrated_errors(model, valid, calibrated_timing(found, valid))
-        for protocol, own in told.items():
-            for output, error in own.items():
+        known[calibration_words(CALIBRATED)] = calibrated_errors(model, valid, calibrated_timing(result, valid))
+        for protocol, item in known.items():
+            for output, error in item.items():
                 alone = OURS if name == kind else name.partition(",")[0]
                 paper = PAPER.get((alone, output, 100, "valid")) if protocol in ("published", "honest") else None
                 rows.append(
@@ -399,16 +399,16 @@ def _adapted(
 ) -> list[Row]:
     """Table 3 for one recording: all of it in sample, as published, and its first 20 s against what follows."""
     rows = []
-    for (name, kind), found in whole.items():
+    for (name, kind), item in whole.items():
         if name.startswith("Ablation"):
             continue
-        model = must_be(MemoryModel, found.model)
+        model = must_be(MemoryModel, item.model)
         before = errors(model, predictions(model, recording, "published"), "published")
         pooled = errors(model, predictions(model, recording), "honest")
         clock = time.process_time()
-        tuned = tuned_in_sample(found, recording)
+        tuned = tuned_in_sample(item, recording)
         spent = time.process_time() - clock
-        first = keep[car, kind] = adapt(found, recording, trained=[train])
+        first = keep[car, kind] = adapt(item, recording, trained=[train])
         for output in model.outputs:
             paper = ADAPTED.get((car, name, output))
             common: dict[str, Any] = {"parameters": model.size}
@@ -418,10 +418,10 @@ def _adapted(
                      fvu=before[output].fvu_pooled, cpu=0.0,
                      paper=None if paper is None else (paper[0], None), **common)
             )  # fmt: skip
-            own = tuned[output]
+            value = tuned[output]
             rows.append(
                 _row(3, name, 100, f"{car}, fine-tuned in sample", "published", output,
-                     replace(zero, rmse=own["rmse"], rmse_sd=np.nan), fvu=own["fvu_pooled"], cpu=spent,
+                     replace(zero, rmse=value["rmse"], rmse_sd=np.nan), fvu=value["fvu_pooled"], cpu=spent,
                      paper=None if paper is None else (paper[1], None), **common)
             )  # fmt: skip
             for outcome, words in ((first.zero_shot, "zero-shot"), (first.chosen, "adapted to 20 s")):

@@ -79,7 +79,7 @@ def speed_ranges(train: Recording, fit: Fit) -> Sheet:
     v_x, steer, rho = v_x[known], steer[known], yaw_rate[known] / v_x[known]
     sheet = Sheet((140.0,), 2, widths=(1.7, 1.0))
     left, right = sheet.grid[0]
-    across, along = ((float(low), float(high)) for low, high in (np.quantile(own, SHOWN) for own in (steer, rho)))
+    across, along = ((float(low), float(high)) for low, high in (np.quantile(item, SHOWN) for item in (steer, rho)))
     scale_of_counts(left, density(left, steer, rho, across, along))
     edges = np.quantile(v_x, np.linspace(0, 1, SPEED_RANGES + 1))
     angles = np.array(across)
@@ -110,7 +110,9 @@ def criterion(grids: Mapping[str, Grid]) -> Sheet:
         ax.plot(k[low], aic[low], **look(BLUE, 1.0, "least so far", dots=1.6))
         chosen = look(INK, 0.0, "by cross-validation on the training data", dashes="", dots=3.2)
         ax.plot([grid.chosen["parameters"]], [grid.chosen["aic"]], **chosen)
-        ax.plot(*[[own] for own in PUBLISHED[name]], linestyle="", marker="x", color=RUST, label="the authors' weights")
+        ax.plot(
+            *[[item] for item in PUBLISHED[name]], linestyle="", marker="x", color=RUST, label="the authors' weights"
+        )
         ax.set(xlabel="parameters [number]", ylabel="AIC on valid.csv [1]", title=name)
     return sheet
 
@@ -128,8 +130,8 @@ def predicted(seen: Mapping[str, Mapping[str, Prediction]], recordings: Mapping[
     top, *below = sheet.grid[:, 0]
     boxes, at, names = [], [], []
     for n, (name, models) in enumerate(seen.items()):
-        for k, (model, own) in enumerate(models.items()):
-            ends = np.quantile(own.predicted[:, 0] - own.measured[:, 0], QUANTILES)
+        for k, (model, item) in enumerate(models.items()):
+            ends = np.quantile(item.predicted[:, 0] - item.measured[:, 0], QUANTILES)
             boxes.append(dict(zip(("whislo", "q1", "med", "q3", "whishi"), ends, strict=True)))
             at.append(n * (len(models) + 1) + k)
             names.append(f"{model}\n{name}")
@@ -144,7 +146,7 @@ def predicted(seen: Mapping[str, Mapping[str, Prediction]], recordings: Mapping[
     for ax, (name, models) in zip(below, seen.items(), strict=True):
         recording = recordings[name]
         start, stop = busiest(recording, next(iter(models.values())))
-        lines = {model: (own, LOOKS[model]) for model, own in models.items()}
+        lines = {model: (item, LOOKS[model]) for model, item in models.items()}
         stretch(ax, recording, output, start, stop, lines)
         ax.set_title(name)
     return sheet
@@ -157,9 +159,9 @@ def stretch(
     """Draw a stretch of a recording, measured and predicted."""
     time = recording.time
     ax.plot(time[start:stop], recording[output][start:stop], **MEASURED)
-    for own, line in lines.values():
-        inside = (own.rows >= start) & (own.rows < stop)
-        ax.plot(time[own.rows[inside]], own.predicted[inside, 0], **line)
+    for item, line in lines.values():
+        inside = (item.rows >= start) & (item.rows < stop)
+        ax.plot(time[item.rows[inside]], item.predicted[inside, 0], **line)
     ax.set(xlabel="time [s]", ylabel=signal_label(recording, output), xlim=(time[start], time[stop - 1]))
 
 
@@ -168,9 +170,9 @@ def busiest(recording: Recording, seen: Prediction) -> tuple[int, int]:
     length = round(SECONDS / recording.sample_time)
     best, most = seen.rows[:length], -1.0
     for number_ in np.unique(seen.run):
-        own = np.flatnonzero(seen.run == number_)
-        for first in range(0, max(1, len(own) - length), max(1, length // 4)):
-            part = own[first : first + length]
+        value = np.flatnonzero(seen.run == number_)
+        for first in range(0, max(1, len(value) - length), max(1, length // 4)):
+            part = value[first : first + length]
             varies = float(np.std(seen.measured[part, 0])) * (len(part) == length)
             if varies > most:
                 best, most = seen.rows[part], varies
@@ -184,8 +186,8 @@ def densities(seen: Mapping[str, Prediction], recording: Recording, output: str,
     first = next(iter(seen.values()))
     curves = [(MEASURED, _runs(first, first.measured[:, 0]))]
     curves += [
-        (LOOKS[model] | {"label": f"residual of {model}"}, _runs(own, own.predicted[:, 0] - own.measured[:, 0]))
-        for model, own in seen.items()
+        (LOOKS[model] | {"label": f"residual of {model}"}, _runs(item, item.predicted[:, 0] - item.measured[:, 0]))
+        for model, item in seen.items()
     ]
     if heard is not None and heard.of(output):
         curves.append((NOISE | {"label": f"noise, {heard.where}"}, heard.of(output)))
@@ -209,13 +211,13 @@ def responses(fit: Fit) -> Sheet:
     spread = sd.reshape(weights.shape)
     step = must_be(MemoryModel, fit.model).sample_time
     age = step * np.arange(float(F.shape[-1]), 0.0, -1.0)
-    centres = [own for _, own in F.axes]
+    centres = [item for _, item in F.axes]
     sheet = Sheet((95.0,) * F.shape[0], max(1, len(weights) // F.shape[0]))
-    for n, (ax, own, each) in enumerate(zip(sheet.grid.flat, weights, spread, strict=True)):
+    for n, (ax, weight, each) in enumerate(zip(sheet.grid.flat, weights, spread, strict=True)):
         place = np.unravel_index(n, F.shape[:-1])
         ax.axhline(0.0, **ZERO)
-        band(ax, age, own - each, own + each)
-        ax.plot(age, own, **look(BLUE, dots=1.2))
+        band(ax, age, weight - each, weight + each)
+        ax.plot(age, weight, **look(BLUE, dots=1.2))
         names = [
             f"{name} = {number(values[k], 2)}" for (name, _), values, k in zip(F.axes, centres, place, strict=True)
         ]
@@ -239,15 +241,15 @@ def handling(cars: Mapping[str, Recording]) -> Sheet:
         line = CARS[name]
         ax.plot(a_y, beyond, color=line["color"], linestyle="", marker="o", markersize=1.2, markeredgewidth=0.0,
                 alpha=0.35)  # fmt: skip
-        low, high = (float(own) for own in np.quantile(a_y, (0.02, 0.98)))
+        low, high = (float(item) for item in np.quantile(a_y, (0.02, 0.98)))
         at = np.linspace(low, high, 61)
         powers = [np.vander(x / 5.0, 4) for x in (a_y, at)]
-        found, *_ = np.linalg.lstsq(powers[0], beyond, rcond=None)
-        left = beyond - powers[0] @ found
+        result, *_ = np.linalg.lstsq(powers[0], beyond, rcond=None)
+        left = beyond - powers[0] @ result
         variance = float(np.mean(left**2)) * max(1.0, correlation_time(left[:, None]))
         inverse = np.linalg.pinv(powers[0].T @ powers[0])
         sd = np.sqrt(variance * np.einsum("ij,jk,ik->i", powers[1], inverse, powers[1]))
-        curve = powers[1] @ found
+        curve = powers[1] @ result
         band(ax, at, curve - 1.96 * sd, curve + 1.96 * sd, line["color"], opacity=0.18)
         ax.plot(at, curve, **line)
     ax.set(xlabel="lateral acceleration v_x · yaw rate [m/s²]", ylabel="steer − wheelbase · curvature [rad]")
@@ -262,11 +264,11 @@ def quasi_steady(recording: Recording) -> tuple[Array, Array]:
         if len(v_x) <= 2 * SMOOTH:
             continue
         window = np.ones(SMOOTH) / SMOOTH
-        smooth = [np.convolve(own, window, "same") for own in (v_x, steer, yaw_rate)]
-        rates.append([*smooth, *(np.gradient(own) / recording.sample_time for own in (smooth[2], smooth[0]))])
+        smooth = [np.convolve(item, window, "same") for item in (v_x, steer, yaw_rate)]
+        rates.append([*smooth, *(np.gradient(item) / recording.sample_time for item in (smooth[2], smooth[0]))])
     if not rates:
         return np.zeros(0), np.zeros(0)
-    v_x, steer, yaw_rate, turning, speeding = (np.concatenate(own) for own in zip(*rates, strict=True))
+    v_x, steer, yaw_rate, turning, speeding = (np.concatenate(item) for item in zip(*rates, strict=True))
     known = np.all(np.isfinite([v_x, steer, yaw_rate, turning, speeding]), axis=0)
     moving = known & (v_x > MOVING * float(np.quantile(v_x[known], 0.99)))
     steady = moving & (np.abs(turning) < STEADY[0] * np.std(turning[moving]))

@@ -35,32 +35,32 @@ ADAM = (
 )
 
 
-def msnn_report(found: MsnnBench) -> Document:
+def msnn_report(bench: MsnnBench) -> Document:
     """What was measured, beside what was published."""
-    rows = found.rows
-    about = f"Tables 1 to 3 and Figs. 2 and 7 to 12 of Mungiello et al., on {found.train.name} and {found.valid.name}"
+    rows = bench.rows
+    about = f"Tables 1 to 3 and Figs. 2 and 7 to 12 of Mungiello et al., on {bench.train.name} and {bench.valid.name}"
     words = (
         "Priors as stated, few structures in Fig. 7; a run that is not quick cross-validates priors and fits all 288."
     )
     quick = (Text(words, "Quick:"),)
     parts: tuple[Part, ...] = (
-        *titled("Protocols", Points(PROTOCOLS), Text(ADAM), *(quick if found.quick else ())),
-        *titled("Table 1: yaw rate, rad/s", _table([own for own in rows if own["table"] == 1])),
-        *titled("Table 2: longitudinal acceleration, m/s²", _table([own for own in rows if own["table"] == 2])),
-        *titled("Models compared", _comparisons(found.comparisons), Text(
+        *titled("Protocols", Points(PROTOCOLS), Text(ADAM), *(quick if bench.quick else ())),
+        *titled("Table 1: yaw rate, rad/s", _table([row for row in rows if row["table"] == 1])),
+        *titled("Table 2: longitudinal acceleration, m/s²", _table([row for row in rows if row["table"] == 2])),
+        *titled("Models compared", _comparisons(bench.comparisons), Text(
             f"RMSE less that of {OURS}, on valid.csv, one sample ahead at the same rows, trained on all of train.csv; "
             "95 % interval from blocks drawn in pairs. What includes zero is not distinguished.")),
         *titled("Table 3: a changed car, yaw rate in rad/s, a_x in m/s²",
-                _adapted_table([own for own in rows if own["table"] == 3]), Text(
+                _adapted_table([row for row in rows if row["table"] == 3]), Text(
             "RMSE of the network as it was → fine-tuned. CPU s: of the longer of both ways of tuning.")),
         *titled("Coupled networks: yaw rate in rad/s, a_x in m/s²",
-                _coupled_table([own for own in rows if own["table"] == "coupled"]), Text(
+                _coupled_table([row for row in rows if row["table"] == "coupled"]), Text(
             "Trained on train.csv, scored on valid.csv; ablations are those of their lateral or longitudinal network. "
             f"Timing told: one sample ahead, with {calibration_words(CALIBRATED)}, which are not scored.")),
-        *titled("Physical parameters", _physical(found), Text(
+        *titled("Physical parameters", _physical(bench), Text(
             "Theirs are of their stored networks: a wheel of negative radius and inertia, a factor D on inertia below "
             "zero, drag that drives, a gain close to its pole. Bounds and priors forbid that here.")),
-        *titled("Figures", *drawings(found)),
+        *titled("Figures", *drawings(bench)),
     )  # fmt: skip
     return Document("Model-structured networks of a 1:10 car", about, "a bench", f"greybox-id {__version__}", parts)
 
@@ -77,23 +77,23 @@ def _table(rows: Sequence[Row]) -> Table:
 
 def _coupled_table(rows: Sequence[Row]) -> Table:
     """All are fitted to all of train.csv and scored on valid.csv."""
-    protocols = [own for own in dict.fromkeys(own["protocol"] for own in rows) if own != "published"]
+    protocols = [item for item in dict.fromkeys(row["protocol"] for row in rows) if item != "published"]
     body = [
         (model.removesuffix(", coupled"), str(first["parameters"]), WORDS[output], _paper(first),
-         _cell(by.get("published"), fvu=True), *(_cell(by.get(own)) for own in protocols),
+         _cell(by.get("published"), fvu=True), *(_cell(by.get(protocol)) for protocol in protocols),
          f"{first['cpu_seconds']:.1f}")
         for (model, _, _, output), by, first in _grouped(rows)
     ]  # fmt: skip
-    told = ("timing told" if own.startswith("timing") else own.replace("_", " ") for own in protocols)
-    head = ("model", "weights", "output", "paper", "published", *told, "CPU s")
+    known = ("timing told" if protocol.startswith("timing") else protocol.replace("_", " ") for protocol in protocols)
+    head = ("model", "weights", "output", "paper", "published", *known, "CPU s")
     return Table(head, tuple(body), "lrl" + "r" * (len(head) - 3))
 
 
 def _grouped(rows: Sequence[Row]) -> Iterator[tuple[tuple[str, int, str, str], dict[str, Row], Row]]:
     """Model, share, split and output, the rows of all protocols by name, and the first of them."""
     grouped: dict[tuple[str, int, str, str], dict[str, Row]] = {}
-    for own in rows:
-        grouped.setdefault((own["model"], own["share"], own["split"], own["output"]), {})[own["protocol"]] = own
+    for row in rows:
+        grouped.setdefault((row["model"], row["share"], row["split"], row["output"]), {})[row["protocol"]] = row
     for key, by in grouped.items():
         yield key, by, next(iter(by.values()))
 
@@ -101,18 +101,18 @@ def _grouped(rows: Sequence[Row]) -> Iterator[tuple[tuple[str, int, str, str], d
 def _adapted_table(rows: Sequence[Row]) -> Table:
     """A row for each model, car and output: errors as it was, then fine-tuned or adapted."""
     grouped: dict[tuple[str, str, str], dict[tuple[str, str], Row]] = {}
-    for own in rows:
-        car, _, what = own["split"].partition(", ")
-        grouped.setdefault((car, own["model"], own["output"]), {})[own["protocol"], what] = own
+    for row in rows:
+        car, _, what = row["split"].partition(", ")
+        grouped.setdefault((car, row["model"], row["output"]), {})[row["protocol"], what] = row
     body = []
     for (car, model, output), by in grouped.items():
         before, tuned, zero, after = (
-            by.get(own)
-            for own in (("published", "zero-shot"), ("published", "fine-tuned in sample"),
+            by.get(item)
+            for item in (("published", "zero-shot"), ("published", "fine-tuned in sample"),
                         ("honest", "zero-shot"), ("honest", "adapted to 20 s"))
         )  # fmt: skip
-        cpu = max(own["cpu_seconds"] for own in by.values())
-        theirs = [f"{own['paper']:.3f}" if own and own["paper"] is not None else "–" for own in (before, tuned)]
+        cpu = max(item["cpu_seconds"] for item in by.values())
+        theirs = [f"{item['paper']:.3f}" if item and item["paper"] is not None else "–" for item in (before, tuned)]
         body.append((
             car, model, WORDS[output], _pair(*theirs), _pair(_cell(before, fvu=True), _cell(tuned, fvu=True)),
             _pair(_cell(zero), _cell(after)), f"{cpu:.1f}",
@@ -141,49 +141,49 @@ def _cell(row: Row | None, *, fvu: bool = False) -> str:
 
 def _comparisons(rows: Sequence[Row]) -> Table:
     body = tuple(
-        (own["model"], f"{WORDS[own['output']]} [{UNITS[own['output']]}]",
-         f"{own['difference']:+.4f}".replace("-", "−"),
-         f"[{own['low']:+.4f}, {own['high']:+.4f}]".replace("-", "−"),
-         ("worse" if own["difference"] > 0 else "better") if own["distinguished"] else "not distinguished")
-        for own in rows
+        (row["model"], f"{WORDS[row['output']]} [{UNITS[row['output']]}]",
+         f"{row['difference']:+.4f}".replace("-", "−"),
+         f"[{row['low']:+.4f}, {row['high']:+.4f}]".replace("-", "−"),
+         ("worse" if row["difference"] > 0 else "better") if row["distinguished"] else "not distinguished")
+        for row in rows
     )  # fmt: skip
     return Table(("model", "output", "difference of RMSE", "95 % interval", ""), body, "llrrl")
 
 
-def _physical(found: MsnnBench) -> Table:
+def _physical(msnn_bench: MsnnBench) -> Table:
     """Parameters with a physical meaning, and what follows from them, beside those of the authors' stored networks."""
     body: list[tuple[str, ...]] = []
 
-    def told(name: str, what: str, own: float, theirs: float | None) -> None:
-        body.append((name, what, number(own, 3), "–" if theirs is None else number(theirs, 3)))
+    def told(name: str, what: str, value: float, theirs: float | None) -> None:
+        body.append((name, what, number(value, 3), "–" if theirs is None else number(theirs, 3)))
 
     for (name, kind), theirs in PHYSICAL.items():
-        model = found.fits[name, kind].model
-        for symbol, own in theirs.items():
+        model = msnn_bench.fits[name, kind].model
+        for symbol, their in theirs.items():
             unit = model[symbol].unit
-            told(name, symbol if unit == "1" else f"{symbol} [{pretty_unit(unit)}]", float(model[symbol].array), own)
-    long, bench = found.fits[OURS, "msnn_long"].model, found.fits["MS-NN-bench", "msnn_bench_lat"].model
-    m, I_w, r, A = (float(own.array) for own in (long["m"], long["I_w"], long["r"], bench["A"]))
+            told(name, symbol if unit == "1" else f"{symbol} [{pretty_unit(unit)}]", float(model[symbol].array), their)
+    long, bench = msnn_bench.fits[OURS, "msnn_long"].model, msnn_bench.fits["MS-NN-bench", "msnn_bench_lat"].model
+    m, I_w, r, A = (float(item.array) for item in (long["m"], long["I_w"], long["r"], bench["A"]))
     told(OURS, "D = 1 + 4 I_w/(m r²)", 1.0 + 4.0 * I_w / (m * r**2), -2.15)
-    fastest = float(np.nanmax(found.train["v_x"]))
-    told("MS-NN-bench", f"1 + A v² at top speed, {fastest:.2f} m/s", *(1.0 + own * fastest**2 for own in (A, -0.070)))
+    fastest = float(np.nanmax(msnn_bench.train["v_x"]))
+    told("MS-NN-bench", f"1 + A v² at top speed, {fastest:.2f} m/s", *(1.0 + one * fastest**2 for one in (A, -0.070)))
     return Table(("model", "parameter", "ours", "the authors'"), tuple(body), "llrr")
 
 
-def drawings(found: MsnnBench) -> tuple[Drawing, ...]:
+def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
     """The figures, in the paper's order."""
-    lat, long = found.fits[OURS, "msnn_lat"], found.fits[OURS, "msnn_long"]
+    lat, long = bench.fits[OURS, "msnn_lat"], bench.fits[OURS, "msnn_long"]
     made = [
-        Drawing("fig_2", speed_ranges(found.train, lat),
+        Drawing("fig_2", speed_ranges(bench.train, lat),
                 "As Fig. 2 of the paper. Curvature of the path over the steering angle in train.csv, samples of all "
                 "speeds as a density, with least-squares lines for thirds of the samples by speed; memberships of "
                 "MS-NN-lat's local models over the steering angle.",
                 "Curvature over steering angle with three lines; triangular memberships."),
-        Drawing("fig_7", criterion(found.grids), _criterion_words(found), "AIC over the number of parameters."),
+        Drawing("fig_7", criterion(bench.grids), _criterion_words(bench), "AIC over the number of parameters."),
     ]  # fmt: skip
-    recordings = {"train.csv": found.train, "valid.csv": found.valid}
+    recordings = {"train.csv": bench.train, "valid.csv": bench.valid}
     for output, name, words in (("yaw_rate", "fig_8", "8"), ("a_x", "fig_10", "10a to 10c")):
-        seen = {where: _predictions(found, recording, output) for where, recording in recordings.items()}
+        seen = {where: _predictions(bench, recording, output) for where, recording in recordings.items()}
         made.append(Drawing(
             name, predicted(seen, recordings, output),
             f"As Fig. {words}. Errors one sample ahead: boxes hold the middle half of the samples, whiskers the middle "
@@ -198,15 +198,15 @@ def drawings(found: MsnnBench) -> tuple[Drawing, ...]:
                 "Impulse responses of local models.",
             ))  # fmt: skip
         else:
-            heard = noise([found.train, found.valid])
+            heard = noise([bench.train, bench.valid])
             made.append(Drawing(
-                "fig_10d", densities({n: own for n, own in seen["valid.csv"].items() if n != "MS-NN-bench"},
-                                     found.valid, output, heard),
+                "fig_10d", densities({n: item for n, item in seen["valid.csv"].items() if n != "MS-NN-bench"},
+                                     bench.valid, output, heard),
                 "As Fig. 10d. Power spectral densities on valid.csv: Welch's method within runs, Hamming windows that "
                 "overlap by half.",
                 "Power spectra of the measured acceleration and of residuals.",
             ))  # fmt: skip
-    cars = {"nominal": found.train, **found.cars}
+    cars = {"nominal": bench.train, **bench.cars}
     made.append(Drawing(
         "fig_11", handling(cars),
         "As Fig. 11b. Handling diagram as measured: steering angle less wheelbase (0.325 m) times curvature, where yaw "
@@ -214,53 +214,55 @@ def drawings(found: MsnnBench) -> tuple[Drawing, ...]:
         "sinusoidal steering.",
         "Handling diagrams of several cars.",
     ))  # fmt: skip
-    for car, recording in found.cars.items():
+    for car, recording in bench.cars.items():
         rest = parted(recording, 20.0)[1]
         if rest is None:
             continue
         seen_on = [
-            (output, one_output(fit.model, rest, output), _after(found, car, kind, rest, output))
+            (output, one_output(fit.model, rest, output), _after(bench, car, kind, rest, output))
             for output, kind, fit in (("yaw_rate", "msnn_lat", lat), ("a_x", "msnn_long", long))
         ]
         made.append(Drawing(
             f"fig_12_{car}", adapted(rest, seen_on),
             f"As Fig. 12, {car}. One sample ahead, behind the first 20 s of motion: the 8 s in which each signal "
             "varies most, or all there are, by the network as it was and as it was adapted to those 20 s. "
-            + " ".join(_choice(found, car, kind) for kind in ("msnn_lat", "msnn_long")),
+            + " ".join(_choice(bench, car, kind) for kind in ("msnn_lat", "msnn_long")),
             "Predictions before and after adaptation.",
         ))  # fmt: skip
     return tuple(made)
 
 
-def _criterion_words(found: MsnnBench) -> str:
-    said = []
-    for name, grid in found.grids.items():
+def _criterion_words(msnn_bench: MsnnBench) -> str:
+    stated = []
+    for name, grid in msnn_bench.grids.items():
         best, chosen = grid.aic_best, grid.chosen
-        own, chose = (", ".join(f"{n} = {row[n]:g}" for n in grid.names) for row in (best, chosen))
-        said.append(
+        value, chose = (", ".join(f"{n} = {row[n]:g}" for n in grid.names) for row in (best, chosen))
+        stated.append(
             f"{name}: {len(grid.table)} structures; least AIC {number(best['aic'], 4)} at {best['parameters']:g} "
-            f"parameters ({own}); cross-validation on the training data chooses {chosen['parameters']:g} ({chose})."
+            f"parameters ({value}); cross-validation on the training data chooses {chosen['parameters']:g} ({chose})."
         )
-    return "As Fig. 7. Akaike's criterion as published, on valid.csv, over the number of parameters. " + " ".join(said)
+    return "As Fig. 7. Akaike's criterion as published, on valid.csv, over the number of parameters. " + " ".join(
+        stated
+    )
 
 
-def _choice(found: MsnnBench, car: str, kind: str) -> str:
-    return f"{kind}: {found.adapted[car, kind].chosen.name}."
+def _choice(msnn_bench: MsnnBench, car: str, kind: str) -> str:
+    return f"{kind}: {msnn_bench.adapted[car, kind].chosen.name}."
 
 
-def _predictions(found: MsnnBench, recording: Recording, output: str) -> dict[str, Prediction]:
+def _predictions(msnn_bench: MsnnBench, recording: Recording, output: str) -> dict[str, Prediction]:
     """Model -> predictions of an output, of the models of Figs. 8 and 10."""
     return {
         name: one_output(fit.model, recording, output)
         for name in (OURS, "G-NN", "MS-NN-bench")
-        for (own, _), fit in found.fits.items()
-        if own == name and output in fit.model.outputs
+        for (item, _), fit in msnn_bench.fits.items()
+        if item == name and output in fit.model.outputs
     }
 
 
-def _after(found: MsnnBench, car: str, kind: str, rest: Recording, output: str) -> Prediction:
+def _after(msnn_bench: MsnnBench, car: str, kind: str, rest: Recording, output: str) -> Prediction:
     """Predictions of the adapted network; of the run that goes on, with the delay that the new seconds told."""
-    own = found.adapted[car, kind]
-    model = must_be(MemoryModel, own.fit.model)
-    delays = {0: list(own.delays.values())[-1][output]} if own.delays else {}
+    value = msnn_bench.adapted[car, kind]
+    model = must_be(MemoryModel, value.fit.model)
+    delays = {0: list(value.delays.values())[-1][output]} if value.delays else {}
     return timed(model, rest, delays)

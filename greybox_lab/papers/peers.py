@@ -42,11 +42,11 @@ def simulated(theta: Array, start: float, force: Array, step: float) -> Array:
     """(n, ...) positions under a force (n,); theta (4,) or (4, k) for k axes side by side."""
     position = np.full(np.shape(theta)[1:], start)
     velocity = np.zeros_like(position)
-    found = np.empty((len(force), *position.shape))
-    for k, own in enumerate(force):
-        found[k] = position
-        position, velocity = runge_kutta(position, velocity, own, theta, step)
-    return found
+    result = np.empty((len(force), *position.shape))
+    for k, item in enumerate(force):
+        result[k] = position
+        position, velocity = runge_kutta(position, velocity, item, theta, step)
+    return result
 
 
 def _residuals(
@@ -56,14 +56,14 @@ def _residuals(
     size, step = scale(start), float(time[1] - time[0])
 
     def off(x: Array) -> Array:
-        found: Array = (simulated(x * size, position[0], force, step) - position) / 1e-3
-        return found
+        result: Array = (simulated(x * size, position[0], force, step) - position) / 1e-3
+        return result
 
     def slope(x: Array) -> Array:
         moved = np.concatenate([[x], x + 1e-6 * np.eye(len(x))])
         many = simulated(moved.T * size[:, None], position[0], force, step) / 1e-3
-        found: Array = (many[:, 1:] - many[:, :1]) / 1e-6
-        return found
+        result: Array = (many[:, 1:] - many[:, :1]) / 1e-6
+        return result
 
     return off, slope
 
@@ -100,8 +100,8 @@ def by_casadi(time: Array, force: Array, position: Array, start: Array) -> Array
     quiet = {"ipopt.print_level": 0, "print_time": False, "hess_lag": hessian}
     solver = cs.nlpsol("solver", "ipopt", {"x": unknown, "f": 0.5 * cs.dot(off, off), "g": cs.vec(gaps)}, quiet)
     guess = np.stack([position, np.gradient(position, step)])
-    found = solver(x0=cs.veccat(start / size, guess), lbg=0, ubg=0)["x"]
-    return np.asarray(found[:4]).ravel() * size
+    result = solver(x0=cs.veccat(start / size, guess), lbg=0, ubg=0)["x"]
+    return np.asarray(result[:4]).ravel() * size
 
 
 def by_jax_sysid(time: Array, force: Array, position: Array, start: Array) -> Array:
@@ -161,8 +161,8 @@ def by_do_mpc(time: Array, force: Array, position: Array, start: Array) -> Array
     mhe.setup()
     mhe.x0, mhe.p_est0 = np.array([position[0], 0.0]), start / size
     mhe.set_initial_guess()
-    for own, pushed in zip(position, force, strict=True):
-        mhe.make_step(np.array([own, pushed]))
+    for item, pushed in zip(position, force, strict=True):
+        mhe.make_step(np.array([item, pushed]))
     return np.asarray(mhe.data["_p", "theta"][-1]).ravel() * size
 
 
@@ -176,14 +176,19 @@ def by_filterpy(time: Array, force: Array, position: Array, start: Array) -> Arr
         return np.array([*runge_kutta(x[0], x[1], u, x[2:] * size, dt), *x[2:]])
 
     points = MerweScaledSigmaPoints(6, 1e-1, 2.0, -3.0)
-    own = UnscentedKalmanFilter(dim_x=6, dim_z=1, dt=step, hx=lambda x: x[:1], fx=ahead, points=points)
-    own.x = np.array([position[0], 0.0, *(start / size)])
-    own.P = np.diag([1e-8, 1e-6, 0.3, 0.3, 0.3, 0.3]) ** 1.0
-    own.R, own.Q = np.array([[1e-10]]), np.diag([1e-14, 1e-10, 1e-10, 1e-10, 1e-10, 1e-10])
+    unscented_kalman_filter = UnscentedKalmanFilter(
+        dim_x=6, dim_z=1, dt=step, hx=lambda x: x[:1], fx=ahead, points=points
+    )
+    unscented_kalman_filter.x = np.array([position[0], 0.0, *(start / size)])
+    unscented_kalman_filter.P = np.diag([1e-8, 1e-6, 0.3, 0.3, 0.3, 0.3]) ** 1.0
+    unscented_kalman_filter.R, unscented_kalman_filter.Q = (
+        np.array([[1e-10]]),
+        np.diag([1e-14, 1e-10, 1e-10, 1e-10, 1e-10, 1e-10]),
+    )
     for k in range(1, len(time)):
-        own.predict(u=force[k - 1])
-        own.update(position[k])
-    return np.asarray(own.x[2:] * size)
+        unscented_kalman_filter.predict(u=force[k - 1])
+        unscented_kalman_filter.update(position[k])
+    return np.asarray(unscented_kalman_filter.x[2:] * size)
 
 
 def by_nnodely(time: Array, force: Array, position: Array, start: Array) -> Array:

@@ -114,7 +114,7 @@ def truck_tables(
                 f"{data / f'{split}.parquet'} is not there; fetch the truck's recordings (greybox datasets list) and "
                 "name their folder with ‹data›."
             )
-    told: dict[str, Any] = {}
+    known: dict[str, Any] = {}
     rows: list[dict[str, Any]] = []
     durations: list[dict[str, Any]] = []
     scores: dict[tuple[str, bool], Mapping[str, Array]] = {}
@@ -123,21 +123,21 @@ def truck_tables(
         for split in (AS_PUBLISHED, BY_RECORDING):
             for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:5]:
                 say(f"{candidate.name}, {split}")
-                own = GreyBoxRun.of(candidate, data, split == BY_RECORDING, say)
-                if own is None:
+                value = GreyBoxRun.of(candidate, data, split == BY_RECORDING, say)
+                if value is None:
                     continue
-                rows += own.rows
-                scores[candidate.name, split == BY_RECORDING] = own.runs
-                durations.append(_durations(candidate.name, split, own.errors))
+                rows += value.rows
+                scores[candidate.name, split == BY_RECORDING] = value.runs
+                durations.append(_durations(candidate.name, split, value.errors))
                 if split == AS_PUBLISHED:
-                    told[candidate.name] = own.identified
-        found = _trained(sets, how, say, store)
+                    known[candidate.name] = value.identified
+        trainings = _trained(sets, how, say, store)
         if not (how.quick or how.curves_alone):
             rows += _of_authors(data, say, store)
         if store.left_out:
             say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
         trained_on = (AS_PUBLISHED, ANGLE_HELD, BY_RECORDING)
-        on = {split: [one for one in found if one.cell.data == split] for split in trained_on}
+        on = {split: [one for one in trainings if one.cell.data == split] for split in trained_on}
         comparisons = []
         for split, every in on.items():
             own_cells = [one for one in every if one.cell.taught == BICYCLE]
@@ -147,15 +147,15 @@ def truck_tables(
                 durations += [_durations(one.cell.name, split, one.errors) for one in own_cells]
             wide = [one for one in own_cells if one.cell.horizon == HORIZONS[-1]]
             scores |= {
-                (_named(one.cell), split == BY_RECORDING): {s: np.mean(own, axis=0) for s, own in one.runs.items()}
-                for one in wide if one.cell.units == max(own.cell.units for own in wide)
+                (_named(one.cell), split == BY_RECORDING): {s: np.mean(run, axis=0) for s, run in one.runs.items()}
+                for one in wide if one.cell.units == max(item.cell.units for item in wide)
             }  # fmt: skip
         comparisons += _beside_bicycle(scores, sets)
         result = {
             "rows": rows, "comparisons": comparisons, "durations": durations,
-            "learning_curves": [] if how.quick else _curves(found, sets), "lessons": _lessons(found, sets),
-            "out_of_range": _out_of_range(found, sets),
-            "traces": _traces(on[AS_PUBLISHED], sets), "identified": told, "paper": PAPER, "quick": how.quick,
+            "learning_curves": [] if how.quick else _curves(trainings, sets), "lessons": _lessons(trainings, sets),
+            "out_of_range": _out_of_range(trainings, sets),
+            "traces": _traces(on[AS_PUBLISHED], sets), "identified": known, "paper": PAPER, "quick": how.quick,
             "seeds": 1 if how.quick else how.seeds, "left_out": store.left_out,
             "cpu_seconds": time.process_time() - clock,
         }  # fmt: skip
@@ -178,7 +178,7 @@ class TruckSets:
 
     def recordings(self, name: str) -> dict[str, Recording]:
         """Split -> recording."""
-        return {split: own.recording for split, own in self.chunks(name).items()}
+        return {split: chunk.recording for split, chunk in self.chunks(name).items()}
 
     def _chunks(self, name: str) -> dict[str, Chunks]:
         """Of "as published", "by recording", "by speed", "angle held" or a share of the training recordings, 0.1."""
@@ -188,14 +188,14 @@ class TruckSets:
             held = splits(self._data, causal, by_recording=False)
             problem, solution = fitted(truck(*CAUSAL_ANGLE), held["train"].recording)
             model = problem.plain.model.with_values(problem.plain.shared(solution.x))
-            return {s: replace(own, recording=with_held_angle(own.recording, model)) for s, own in held.items()}
-        found = self.chunks(AS_PUBLISHED)
+            return {s: replace(item, recording=with_held_angle(item.recording, model)) for s, item in held.items()}
+        result = self.chunks(AS_PUBLISHED)
         if name == BY_SPEED:
-            return by_speed(found, SLOW, FAST)
-        train = found["train"]
+            return by_speed(result, SLOW, FAST)
+        train = result["train"]
         order = np.random.default_rng(77).permutation(np.unique(train.piece_of))
         some = order[: max(2, round(float(name) * len(order)))]
-        return {"train": train.of(np.isin(train.piece_of, some), f"{name} of train"), "val": found["val"]}
+        return {"train": train.of(np.isin(train.piece_of, some), f"{name} of train"), "val": result["val"]}
 
     def _bicycle(self, name: str) -> MotionModel:
         return fitted_bicycle(self.chunks(name)["train"].recording)
@@ -219,43 +219,43 @@ class GreyBoxRun:
     @property
     def runs(self) -> dict[str, Array]:
         """Split -> (trajectories, outputs) RMSE of free runs."""
-        return {split: np.sqrt(np.mean(own[0] ** 2, axis=1)) for split, own in self.errors.items()}
+        return {split: np.sqrt(np.mean(error[0] ** 2, axis=1)) for split, error in self.errors.items()}
 
     @classmethod
     def of(cls, candidate: TruckCandidate, data: Path, by_recording: bool, say: Say = quiet) -> GreyBoxRun | None:
         """Fit and score a candidate; None, and a sentence, where train or val lacks what it reads."""
         clock = time.process_time()
-        found = splits(data, candidate.prepare, by_recording)
-        for split in tuple(found):
-            lacking = [name for name in candidate.needs if name not in found[split].recording.signals]
+        result = splits(data, candidate.prepare, by_recording)
+        for split in tuple(result):
+            lacking = [name for name in candidate.needs if name not in result[split].recording.signals]
             if lacking:
                 say(f"{candidate.name} is left out: {split} has no {' and no '.join(lacking)}")
                 if split != "test":
                     return None
-                del found[split]
-        train = found["train"].recording
+                del result[split]
+        train = result["train"].recording
         problem, solution = fitted(candidate.model(train), train)
         seconds = time.process_time() - clock
         simulator, p = problem.plain.simulator, problem.plain.shared(solution.x)
-        free = sum(own.size for own in simulator.trace.model.parameters if not own.fixed)
-        away = {split: deviations(simulator, own.recording, p) for split, own in found.items()}
+        free = sum(parameter.size for parameter in simulator.trace.model.parameters if not parameter.fixed)
+        away = {split: deviations(simulator, item.recording, p) for split, item in result.items()}
         table = "II" if candidate is CANDIDATES[0] else "grey box"
         rows = [
             _row(table, candidate.name, candidate.inputs, split, by_recording,
-                 np.sqrt([np.mean(one**2, axis=0) for one in away[split]]), own.piece_of, free, seconds)
-            for split, own in found.items()
+                 np.sqrt([np.mean(one**2, axis=0) for one in away[split]]), item.piece_of, free, seconds)
+            for split, item in result.items()
         ]  # fmt: skip
-        shortest = {split: min(len(one) for one in own) for split, own in away.items()}
-        errors = {split: np.array([[one[: shortest[split]] for one in own]]) for split, own in away.items()}
-        told = {"solver": solution.status.value, "steps": solution.steps, **identified(problem, solution)}
-        return cls(rows, errors, told)
+        shortest = {split: min(len(one) for one in item) for split, item in away.items()}
+        errors = {split: np.array([[one[: shortest[split]] for one in item]]) for split, item in away.items()}
+        known = {"solver": solution.status.value, "steps": solution.steps, **identified(problem, solution)}
+        return cls(rows, errors, known)
 
 
 def _of_authors(data: Path, say: Say, store: KeptBench) -> list[dict[str, Any]]:
     """Table II: the fifteen particles of least distance, of windows of each length; their means and scatter."""
-    found, rows = splits(data, published_signs, by_recording=False), list[dict[str, Any]]()
-    train = found["train"].recording
-    for horizon, as_published in [*((own, True) for own in HORIZONS[::-1]), (HORIZONS[-1], False)]:
+    result, rows = splits(data, published_signs, by_recording=False), list[dict[str, Any]]()
+    train = result["train"].recording
+    for horizon, as_published in [*((item, True) for item in HORIZONS[::-1]), (HORIZONS[-1], False)]:
         name = f"{AUTHORS}{' as published' if as_published else ''}, {horizon:g} s"
         about = {"method": name, "horizon": horizon, "seed": 0, "version": __version__, "train": hashed(train)}
 
@@ -263,13 +263,13 @@ def _of_authors(data: Path, say: Say, store: KeptBench) -> list[dict[str, Any]]:
             say(name)
             return authors_particles(train, horizon, 0, as_published)
 
-        own = _kept(store, about, sampled, say)
-        if own is None:
+        value = _kept(store, about, sampled, say)
+        if value is None:
             continue
-        for split, chunks in found.items():
-            each = np.sqrt(np.mean(authors_errors(chunks.recording, own["x"]) ** 2, axis=2))
+        for split, chunks in result.items():
+            each = np.sqrt(np.mean(authors_errors(chunks.recording, value["x"]) ** 2, axis=2))
             row = _row("II", name, "v_x, alpha1", split, False, np.mean(each, axis=0), chunks.piece_of, len(PRIORS),
-                       own["cpu_seconds"])  # fmt: skip
+                       value["cpu_seconds"])  # fmt: skip
             spread = np.std(np.mean(each, axis=1), axis=0, ddof=1).tolist()
             rows.append(
                 row | {"particles": len(each)}
@@ -306,35 +306,35 @@ def _cells(how: TruckOptions) -> list[NetworkCell]:
     curves += [NetworkCell(BY_SPEED, method, smallest, last, FASTER) for method in METHODS[1:]]
     if how.curves_alone:
         return curves
-    wanted = [
+    target = [
         NetworkCell(AS_PUBLISHED, method, units, horizon)
         for horizon in HORIZONS[::-1] for units in SIZES for method in METHODS
     ]  # fmt: skip
-    wanted += [NetworkCell(BY_RECORDING, method, largest, last) for method in METHODS]
-    wanted += [NetworkCell(ANGLE_HELD, "discrepancy", largest, last)]
-    wanted += curves
-    wanted += [NetworkCell(AS_PUBLISHED, method, SIZES[1], WHOLE) for method in METHODS]
-    return list(dict.fromkeys(wanted))
+    target += [NetworkCell(BY_RECORDING, method, largest, last) for method in METHODS]
+    target += [NetworkCell(ANGLE_HELD, "discrepancy", largest, last)]
+    target += curves
+    target += [NetworkCell(AS_PUBLISHED, method, SIZES[1], WHOLE) for method in METHODS]
+    return list(dict.fromkeys(target))
 
 
 def _trained(sets: TruckSets, how: TruckOptions, say: Say, store: KeptBench) -> list[NetworkTraining]:
     """All cells from one seed before any from the next; those of which there is a training."""
     cells = [cell for cell in _cells(how) if sets.chunks(cell.data)]
-    found: dict[NetworkCell, list[Mapping[str, Any]]] = {cell: [] for cell in cells}
+    result: dict[NetworkCell, list[Mapping[str, Any]]] = {cell: [] for cell in cells}
     for seed in range(1 if how.quick else how.seeds):
         for cell in cells:
-            own = {split: sets.recordings(cell.data)[split] for split in SPLITS[:2]}
+            value = {split: sets.recordings(cell.data)[split] for split in SPLITS[:2]}
             name = f"{cell.name}, {_of_data(cell.data)}, seed {seed}"
 
-            def train(cell: NetworkCell = cell, own: Any = own, seed: int = seed, name: str = name) -> Any:
+            def train(cell: NetworkCell = cell, value: Any = value, seed: int = seed, name: str = name) -> Any:
                 say(name)
-                return trained(cell, own, sets.bicycle(cell.data), seed, say)
+                return trained(cell, value, sets.bicycle(cell.data), seed, say)
 
-            one = _kept(store, about(cell, own, seed), train, say)
+            one = _kept(store, about(cell, value, seed), train, say)
             if one is not None:
-                found[cell].append(one)
+                result[cell].append(one)
     return [
-        scored(cell, sets.recordings(cell.data), sets.bicycle(cell.data), own) for cell, own in found.items() if own
+        scored(cell, sets.recordings(cell.data), sets.bicycle(cell.data), item) for cell, item in result.items() if item
     ]
 
 
@@ -349,20 +349,20 @@ def _named(cell: NetworkCell) -> str:
 def _rows(one: NetworkTraining, sets: TruckSets) -> list[dict[str, Any]]:
     by_recording, cell, name = one.cell.data == BY_RECORDING, one.cell, _named(one.cell)
     table = "III" if cell.horizon in HORIZONS and cell.data != ANGLE_HELD else "own"
-    found = []
+    result = []
     for split, runs in one.runs.items():
         piece_of = sets.chunks(cell.data)[split].piece_of
-        own = _row(table, name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
+        it = _row(table, name, "v_x, alpha1", split, by_recording, np.mean(runs, axis=0), piece_of,
                    one.parameters, one.cpu_seconds)  # fmt: skip
         spread = np.std(np.mean(runs, axis=1), axis=0, ddof=1) if len(runs) > 1 else np.full(len(OUTPUTS), np.nan)
-        own |= {"seeds": one.seeds}
-        found.append(own | {f"{output}_sd_over_seeds": float(sd) for output, sd in zip(OUTPUTS, spread, strict=True)})
+        it |= {"seeds": one.seeds}
+        result.append(it | {f"{output}_sd_over_seeds": float(sd) for output, sd in zip(OUTPUTS, spread, strict=True)})
         if len(runs) > 1:
-            found.append(
+            result.append(
                 _row("own", f"{name}, mean of {len(runs)}", "v_x, alpha1", split, by_recording,
                      one.together[split], piece_of, one.parameters * len(runs), one.cpu_seconds * len(runs))
             )  # fmt: skip
-    return found
+    return result
 
 
 def _row(
@@ -408,11 +408,11 @@ def _differences(away: Array, piece_of: Array) -> Iterator[dict[str, Any]]:
         }  # fmt: skip
 
 
-def _compared(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+def _compared(network_trainings: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
     """Transfer and discrepancy beside learning alone, of the same size and windows."""
-    alone = {(one.cell.units, one.cell.horizon): one for one in found if one.cell.method == "learning"}
+    alone = {(one.cell.units, one.cell.horizon): one for one in network_trainings if one.cell.method == "learning"}
     compared = []
-    for one in found:
+    for one in network_trainings:
         base = alone.get((one.cell.units, one.cell.horizon))
         if one.cell.method == "learning" or base is None:
             continue
@@ -429,33 +429,33 @@ def _compared(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[st
 def _beside_bicycle(scores: Mapping[tuple[str, bool], Mapping[str, Array]], sets: TruckSets) -> list[dict[str, Any]]:
     """Grey boxes, and the widest networks at the longest windows, beside the bicycle with the signs put right."""
     compared, bicycle = [], CANDIDATES[1].name
-    for (name, by_recording), own in scores.items():
+    for (name, by_recording), score in scores.items():
         base = scores.get((bicycle, by_recording), {})
         for split in SPLITS[1:]:
-            if name != bicycle and split in own and split in base:
+            if name != bicycle and split in score and split in base:
                 pieces = sets.chunks(BY_RECORDING if by_recording else AS_PUBLISHED)[split].piece_of
                 head = {"model": name, "against": bicycle, "split": split, "by_recording": by_recording}
-                compared += [head | pair for pair in _differences(own[split] - base[split], pieces)]
+                compared += [head | pair for pair in _differences(score[split] - base[split], pieces)]
     return compared
 
 
 def _durations(model: str, split: str, errors: Mapping[str, Array]) -> dict[str, Any]:
     """RMSE over all trajectories from their start to so many seconds (Fig. 3); of several seeds the mean."""
     scored_on = "test" if "test" in errors else "val"
-    own = np.mean([along(each) for each in errors[scored_on]], axis=0)
-    rows = [min(round(seconds / 0.05), len(own) - 1) for seconds in DURATIONS]
-    told: Mapping[str, list[float]] = {name: own[rows, k].tolist() for k, name in enumerate(OUTPUTS)}
+    value = np.mean([along(each) for each in errors[scored_on]], axis=0)
+    rows = [min(round(seconds / 0.05), len(value) - 1) for seconds in DURATIONS]
+    known: Mapping[str, list[float]] = {name: value[rows, k].tolist() for k, name in enumerate(OUTPUTS)}
     by_recording = split == BY_RECORDING
-    return {"model": model, "split": scored_on, "by_recording": by_recording, "seconds": list(DURATIONS), **told}
+    return {"model": model, "split": scored_on, "by_recording": by_recording, "seconds": list(DURATIONS), **known}
 
 
 def _of_share(share: float) -> str:
     return AS_PUBLISHED if share == 1.0 else f"{share:g}"
 
 
-def _curves(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+def _curves(network_trainings: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
     """Learning alone and after a bicycle, on shares of the training recordings, scored on val."""
-    at = {one.cell: one for one in found}
+    at = {one.cell: one for one in network_trainings}
     curves = []
     for share in SHARES:
         cells = [NetworkCell(_of_share(share), method, SIZES[0], HORIZONS[-1]) for method in ("learning", "transfer")]
@@ -475,9 +475,9 @@ def _curves(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str,
     return curves
 
 
-def _lessons(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+def _lessons(network_trainings: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
     """Which effect of transfer is distinguished: every lesson against none, and against the fitted bicycle, on val."""
-    at = {one.cell: one for one in found}
+    at = {one.cell: one for one in network_trainings}
     lessons = []
     for share in TAUGHT_ON:
         none = at.get(NetworkCell(_of_share(share), "learning", SIZES[0], HORIZONS[-1]))
@@ -497,15 +497,15 @@ def _lessons(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str
     return lessons
 
 
-def _out_of_range(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
+def _out_of_range(network_trainings: Sequence[NetworkTraining], sets: TruckSets) -> list[dict[str, Any]]:
     """Trained on slow trajectories, scored on fast ones: everything over learning from measurements alone."""
-    own = [one for one in found if one.cell.data == BY_SPEED]
-    alone_of = [one.cell.name for one in own if one.cell.method == "learning"]
+    value = [one for one in network_trainings if one.cell.data == BY_SPEED]
+    alone_of = [one.cell.name for one in value if one.cell.method == "learning"]
     if not alone_of:
         return []
     fast, bicycle = sets.chunks(BY_SPEED)["fast"], sets.bicycle(BY_SPEED)
     alone = deviations(Simulator(bicycle), fast.recording, bicycle.values)
-    scores = {one.cell.name: (np.mean(one.runs["fast"], axis=0), one.seeds) for one in own}
+    scores = {one.cell.name: (np.mean(one.runs["fast"], axis=0), one.seeds) for one in value}
     scores["bicycle"] = (np.sqrt([np.mean(each**2, axis=0) for each in alone]), 1)
     base, _ = scores[alone_of[0]]
     rows = []
@@ -521,27 +521,27 @@ def _out_of_range(found: Sequence[NetworkTraining], sets: TruckSets) -> list[dic
     return rows
 
 
-def _traces(found: Sequence[NetworkTraining], sets: TruckSets) -> dict[str, Any]:
+def _traces(network_trainings: Sequence[NetworkTraining], sets: TruckSets) -> dict[str, Any]:
     """A slalom, measured and predicted by each method with a 95 % band (Fig. 4).
 
     The band is as wide as errors on train spread so many seconds after a start, and as seeds part; the share of all
     readings of the split within it is told.
     """
-    wide = [one for one in found if one.cell.horizon == HORIZONS[-1]]
+    wide = [one for one in network_trainings if one.cell.horizon == HORIZONS[-1]]
     if not wide:
         return {}
     units = max(one.cell.units for one in wide)
-    own = [one for one in wide if one.cell.units == units]
-    split = "test" if "test" in own[0].errors else "val"
+    value = [one for one in wide if one.cell.units == units]
+    split = "test" if "test" in value[0].errors else "val"
     recording = sets.recordings(AS_PUBLISHED)[split]
-    rows = own[0].errors[split].shape[2]
+    rows = value[0].errors[split].shape[2]
     read = np.array([np.column_stack([recording[n][b - rows : b] for n in OUTPUTS]) for _, b in recording.runs])
     yaw_rate = read[:, :, OUTPUTS.index("yaw_rate")]
     turning = [np.sign(one[np.abs(one) > np.std(yaw_rate)]) for one in yaw_rate]
     turns = np.array([np.sum(np.diff(one) != 0) for one in turning])  # from one side well to the other
     chosen = int(np.lexsort((np.std(yaw_rate, axis=1), turns))[-1])
     lines = []
-    for one in own:
+    for one in value:
         mean = np.mean(one.errors[split], axis=0)
         among = np.var(one.errors[split], axis=0, ddof=1) if one.seeds > 1 else 0.0
         within = np.mean(one.errors["train"] ** 2, axis=(0, 1))[: mean.shape[1]]

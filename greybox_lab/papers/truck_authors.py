@@ -65,8 +65,8 @@ def _step() -> cs.Function:
     turned_y = front * cs.cos(steer) - v_x * cs.sin(steer)
     slips = steer - cs.atan(turned_y / turned_x), -cs.atan((v_y - l_r * yaw_rate) / v_x)
     F_yf, F_yr = (
-        m * G * length / wheelbase * _pacejka(cs.fmin(cs.fmax(slip, -STEEPEST), STEEPEST), *own)
-        for slip, length, own in zip(slips, (l_f, l_r), (tyres[:4], tyres[4:]), strict=True)
+        m * G * length / wheelbase * _pacejka(cs.fmin(cs.fmax(slip, -STEEPEST), STEEPEST), *item)
+        for slip, length, item in zip(slips, (l_f, l_r), (tyres[:4], tyres[4:]), strict=True)
     )
     F_yf = F_yf * cs.cos(steer)
     turning = (l_f * F_yf - l_r * F_yr) / I_z
@@ -100,8 +100,8 @@ class WindowDistances:
     def __call__(self, at: Array) -> Array:
         """(n, d) -> (n,); infinite where a simulation is not finite."""
         with np.errstate(all="ignore"):
-            found = np.array([np.sqrt(np.mean((self.errors(own) / self._scale) ** 2)) for own in at])
-        return np.where(np.isfinite(found), found, np.inf)
+            result = np.array([np.sqrt(np.mean((self.errors(item) / self._scale) ** 2)) for item in at])
+        return np.where(np.isfinite(result), result, np.inf)
 
     def errors(self, p: Array) -> Array:
         """(windows, steps, outputs) predicted less read."""
@@ -173,36 +173,40 @@ def _published(away: Away, seed: int) -> ParticleSet:
     weights divide by a density of another size that is summed over parameters, where it ought to be their product.
     """
     mean, sd = np.array(list(PRIORS.values())).T
-    rng, threshold, found = np.random.default_rng((seed, 1)), FIRST_THRESHOLD, None
+    rng, threshold, particle_set = np.random.default_rng((seed, 1)), FIRST_THRESHOLD, None
     for number, target in enumerate(abc_smc.TARGETS):
         kept, near_by, collecting, simulated = np.empty((0, len(mean))), np.empty(0), False, 0
         while len(kept) < PARTICLES:
             u = rng.standard_normal((TRIALS, len(mean)))
-            if found is not None:
-                u = found.at[rng.choice(len(found.at), TRIALS, p=found.weight)] + STEP * u
+            if particle_set is not None:
+                u = particle_set.at[rng.choice(len(particle_set.at), TRIALS, p=particle_set.weight)] + STEP * u
             distance = away(mean + sd * u)
             near = distance < threshold
             if collecting:
                 simulated += TRIALS
                 kept, near_by = np.concatenate([kept, u[near]]), np.concatenate([near_by, distance[near]])
-                if found is not None and len(kept) < abc_smc.HOPELESS * target * simulated and simulated > 20 * TRIALS:
-                    return replace(found, at=mean + sd * found.at)
+                if (
+                    particle_set is not None
+                    and len(kept) < abc_smc.HOPELESS * target * simulated
+                    and simulated > 20 * TRIALS
+                ):
+                    return replace(particle_set, at=mean + sd * particle_set.at)
             elif abs(np.mean(near) - target) <= TOLERANCE:
                 collecting = True
             else:
                 threshold *= 0.95 if np.mean(near) > target else 1.05
         kept, near_by = kept[:PARTICLES], near_by[:PARTICLES]
-        weight = np.full(PARTICLES, 1 / PARTICLES) if found is None else _published_weights(kept, found)
-        found = ParticleSet(number + 1, kept, weight, near_by, threshold, len(kept) / simulated)
-    assert found is not None
-    return replace(found, at=mean + sd * found.at)
+        weight = np.full(PARTICLES, 1 / PARTICLES) if particle_set is None else _published_weights(kept, particle_set)
+        particle_set = ParticleSet(number + 1, kept, weight, near_by, threshold, len(kept) / simulated)
+    assert particle_set is not None
+    return replace(particle_set, at=mean + sd * particle_set.at)
 
 
 def _published_weights(at: Array, before: ParticleSet) -> Array:
     """(n,) that sum to one, of particles in units of their standard normal priors."""
     density = np.zeros(len(at))
-    for own, those in zip(at.T, before.at.T, strict=True):
-        density += np.exp(-0.5 * ((own[:, None] - those) / WIDTH_IN_WEIGHTS) ** 2) @ before.weight
+    for item, those in zip(at.T, before.at.T, strict=True):
+        density += np.exp(-0.5 * ((item[:, None] - those) / WIDTH_IN_WEIGHTS) ** 2) @ before.weight
     weight = np.exp(-0.5 * np.sum(at**2, axis=1)) / density
     return np.asarray(weight / np.sum(weight))
 
@@ -210,5 +214,5 @@ def _published_weights(at: Array, before: ParticleSet) -> Array:
 def authors_errors(recording: Recording, particles: Sequence[Sequence[float]]) -> Array:
     """(particles, trajectories, rows, outputs) of free runs over whole trajectories, the first row left out."""
     shortest = min(b - a for a, b in recording.runs)
-    own = WindowDistances(recording, shortest - 1, first_alone=True)
-    return np.array([own.errors(np.array(p)) for p in particles])
+    window_distances = WindowDistances(recording, shortest - 1, first_alone=True)
+    return np.array([window_distances.errors(np.array(p)) for p in particles])

@@ -136,13 +136,13 @@ class MeanError:
         """The least-squares problem that touches the metric at a point."""
         weights = 1 / np.maximum(self._relative(nodes), FLOOR)
         runs = zip(weights, self.plain.runs, strict=True)
-        return self.plain.weighing([np.tile(own, (len(run), 1)) for own, run in runs])
+        return self.plain.weighing([np.tile(item, (len(run), 1)) for item, run in runs])
 
     def _relative(self, nodes: SimulatedRuns) -> Array:
         """(trajectories, outputs) RMSE over the typical one."""
         with np.errstate(over="ignore"):
             squares = ((nodes.y - self.plain.target) / TYPICAL) ** 2
-        return np.sqrt([np.mean(own, axis=0) for own in np.split(squares, nodes.lanes.rows[1:-1])])
+        return np.sqrt([np.mean(item, axis=0) for item in np.split(squares, nodes.lanes.rows[1:-1])])
 
 
 def fitted(model: MotionModel, train: Recording, max_steps: int = MOST_STEPS) -> tuple[MeanError, Solution]:
@@ -164,24 +164,24 @@ def fitted(model: MotionModel, train: Recording, max_steps: int = MOST_STEPS) ->
 
 def deviations(simulator: Simulator, recording: Recording, p: Array) -> list[Array]:
     """Of every trajectory (rows, outputs): a free run's predictions less what was read."""
-    found = Predictor(simulator, recording, p).free_run()
-    away = found.predicted - found.measured
-    return [away[found.run == run] for run in np.unique(found.run)]
+    result = Predictor(simulator, recording, p).free_run()
+    away = result.predicted - result.measured
+    return [away[result.run == run] for run in np.unique(result.run)]
 
 
 def identified(problem: MeanError, solution: Solution) -> dict[str, Any]:
     """Parameters and combinations with standard deviations, which errors that last have widened."""
-    found = uncertainty(problem.weighted(solution.nodes), solution.x, solution.nodes)
+    result = uncertainty(problem.weighted(solution.nodes), solution.x, solution.nodes)
     model = problem.plain.model.with_values(problem.plain.shared(solution.x))
     parameters, dof, at = {}, {}, 0
     for parameter in model.parameters:
         if not parameter.fixed and parameter.shape == () and parameter.prior is not None:
-            dof[parameter.name] = found.dof[at]
+            dof[parameter.name] = result.dof[at]
             parameters[parameter.name] = {
-                "unit": parameter.unit, "value": float(parameter.array), "sd": float(found.sd[at]),
-                "believed_sd": float(np.asarray(parameter.prior.sd)), "at_bound": bool(found.at_bound[at]),
+                "unit": parameter.unit, "value": float(parameter.array), "sd": float(result.sd[at]),
+                "believed_sd": float(np.asarray(parameter.prior.sd)), "at_bound": bool(result.at_bound[at]),
             }  # fmt: skip
         at += parameter.size
-    every = (combined(each, model, found.covariance, dof) for each in model.combinations)
+    every = (combined(each, model, result.covariance, dof) for each in model.combinations)
     combinations = {one.name: {"unit": one.unit, "value": one.value, "sd": one.sd} for one in every}
     return {"parameters": parameters, "combinations": combinations}

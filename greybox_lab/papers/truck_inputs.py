@@ -58,8 +58,8 @@ Filter = Callable[[Array], Array]
 
 def published_signs(path: Path) -> Recording:
     """The file as if all its signs were of one frame, as the publication takes them."""
-    found = raw(path)
-    return found.with_signals(yaw_rate=-found["yaw_rate"], steer=-found["steer"])
+    recording = raw(path)
+    return recording.with_signals(yaw_rate=-recording["yaw_rate"], steer=-recording["steer"])
 
 
 def raw(path: Path) -> Recording:
@@ -75,27 +75,27 @@ def prepared(path: Path) -> Recording:
     position was: x, y, metres east and north of the track's middle; along_road, the cosine of the angle between course
     and straights.
     """
-    found = read(path, "truck")
-    runs = found.runs
-    bridged = np.concatenate([_bridged(found["steer"][a:b]) for a, b in runs])
+    result = read(path, "truck")
+    runs = result.runs
+    bridged = np.concatenate([_bridged(result["steer"][a:b]) for a, b in runs])
     resting = _each((np.abs(bridged) < 1e-9).astype(float), runs, lambda z: _mean(z, 21))
     more = {
         "steer": _each(bridged, runs, lambda a: _mean(a, 21)),
-        "v_x": _each(found["v_x"], runs, lambda v: savgol_filter(v, 41, 1)),
-        "v_x_rate": _each(found["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=1 / RATE)),
+        "v_x": _each(result["v_x"], runs, lambda v: savgol_filter(v, 41, 1)),
+        "v_x_rate": _each(result["v_x"], runs, lambda v: savgol_filter(v, 201, 2, deriv=1, delta=1 / RATE)),
         "at_rest": resting,
     }
-    if "alpha2" in found.signals:
-        second = _each(found["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
+    if "alpha2" in result.signals:
+        second = _each(result["alpha2"], runs, lambda a: _mean(_median(a, 5), 11))
         more |= {"alpha2": second, "alpha2_at_rest": resting * _each(second, runs, _later)}
-    if {"longitude", "latitude"} <= set(found.signals):
-        x = (found["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
-        y = (found["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
+    if {"longitude", "latitude"} <= set(result.signals):
+        x = (result["longitude"] - ORIGIN[1]) * METRES_PER_DEGREE[1]
+        y = (result["latitude"] - ORIGIN[0]) * METRES_PER_DEGREE[0]
         east, north = (_each(v, runs, lambda v: savgol_filter(v, 101, 1, deriv=1)) for v in (x, y))
         course = np.hypot(east, north)
         along = (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0)
         more |= {"x": x, "y": y, "along_road": along}
-    return _thinned(found.with_signals(**more))
+    return _thinned(result.with_signals(**more))
 
 
 def causal(path: Path) -> Recording:
@@ -105,15 +105,15 @@ def causal(path: Path) -> Recording:
     `HELD_FOR` says [rad], and `sliding` [rad], how far it would have come at the slope it had, fading with the first of
     them. While it does not: `turning` [rad/s], its slope.
     """
-    found = read(path, "truck")
-    runs = found.runs
-    kept = [_remembered(found["steer"][a:b]) for a, b in runs]
-    level, since, slope = (np.concatenate([own[k] for own in kept]) for k in range(3))
+    result = read(path, "truck")
+    runs = result.runs
+    kept = [_remembered(result["steer"][a:b]) for a, b in runs]
+    level, since, slope = (np.concatenate([item[k] for item in kept]) for k in range(3))
     fading = {name: np.where(since > 0, np.exp(-since / tau), 0.0) for name, tau in HELD_FOR.items()}
-    more = {name: level * own for name, own in fading.items()}
+    more = {name: level * item for name, item in fading.items()}
     more |= {"sliding": slope * since * fading["held_short"], "turning": np.where(since > 0, 0.0, slope)}
-    more |= {"v_x_rate": _each(found["v_x"], runs, _rise)}
-    return _thinned(found.with_signals(**more))
+    more |= {"v_x_rate": _each(result["v_x"], runs, _rise)}
+    return _thinned(result.with_signals(**more))
 
 
 @dataclass(frozen=True)
@@ -131,12 +131,12 @@ class Chunks:
 
     def of(self, which: NDArray[np.bool_], name: str) -> Chunks:
         """Some of the trajectories, (trajectories,) bool."""
-        own = self.recording
-        runs = [run for run, taken in zip(own.runs, which, strict=True) if taken]
+        value = self.recording
+        runs = [run for run, taken in zip(value.runs, which, strict=True) if taken]
         rows = np.concatenate([np.arange(a, b) for a, b in runs])
         stops = np.cumsum([b - a for a, b in runs]).tolist()
         chosen = replace(
-            own, name=name, time=own.time[rows], signals={n: v[rows] for n, v in own.signals.items()},
+            value, name=name, time=value.time[rows], signals={n: v[rows] for n, v in value.signals.items()},
             runs=tuple(zip([0, *stops[:-1]], stops, strict=True)),
         )  # fmt: skip
         return Chunks(chosen, self.piece_of[which])
@@ -149,20 +149,20 @@ def chunks(path: Path, prepare: Any = raw) -> Chunks:
     ------
     BadInput : the file is none of the truck's, or not recorded as these are.
     """
-    found: Recording = prepare(path)
-    _must_be_chunks(path, found)
+    result: Recording = prepare(path)
+    _must_be_chunks(path, result)
     table = pd.read_parquet(path, columns=["trajectory", "time"])
     begun = table.groupby("trajectory", sort=False)["time"].first()
     numbers = begun.index.to_numpy(dtype=float) - np.round(begun.to_numpy(dtype=float) / SECONDS)
-    if len(numbers) != len(found.runs):
-        raise BadInput(f"{path} has {len(numbers)} trajectories in {len(found.runs)} unbroken runs; is it complete?")
-    return Chunks(found, numbers)
+    if len(numbers) != len(result.runs):
+        raise BadInput(f"{path} has {len(numbers)} trajectories in {len(result.runs)} unbroken runs; is it complete?")
+    return Chunks(result, numbers)
 
 
-def _must_be_chunks(path: Path, found: Recording) -> None:
+def _must_be_chunks(path: Path, one: Recording) -> None:
     """Raise `BadInput` where the published metric cannot be taken of a file: ten seconds at 200 Hz, nothing missing."""
-    for number, (a, b) in enumerate(found.runs, 1):
-        apart = float(np.median(np.diff(found.time[a:b]))) if b - a > 1 else np.inf
+    for number, (a, b) in enumerate(one.runs, 1):
+        apart = float(np.median(np.diff(one.time[a:b]))) if b - a > 1 else np.inf
         lasts = apart * (b - a)
         if abs(lasts / SECONDS - 1) > NEARLY or abs(apart * RATE / EVERY - 1) > NEARLY:
             raise BadInput(
@@ -170,36 +170,36 @@ def _must_be_chunks(path: Path, found: Recording) -> None:
                 f"{lasts:.3g} s at {EVERY / apart:.3g} Hz. Cut or resample the file to such chunks."
             )
     for name in ("v_x", "steer", "v_y", "yaw_rate"):
-        lacking = np.flatnonzero(~np.isfinite(found[name]))
+        lacking = np.flatnonzero(~np.isfinite(one[name]))
         if len(lacking):
             raise BadInput(
-                f"{path} has no reading of {name} in {len(lacking)} of {len(found)} rows; the metric wants all. Leave "
+                f"{path} has no reading of {name} in {len(lacking)} of {len(one)} rows; the metric wants all. Leave "
                 "out these trajectories."
             )
 
 
 def splits(data: Path, prepare: Any, by_recording: bool) -> dict[str, Chunks]:
     """Split -> trajectories; test where its file is there."""
-    found = {split: chunks(data / f"{split}.parquet", prepare) for split in SPLITS[:2]}
+    result = {split: chunks(data / f"{split}.parquet", prepare) for split in SPLITS[:2]}
     if by_recording:
-        both = _joined(found["train"], found["val"])
+        both = _joined(result["train"], result["val"])
         held = np.isin(both.piece_of, np.unique(both.piece_of)[HELD_OUT - 1 :: HELD_OUT])
-        found = {"train": both.of(~held, "train, by recording"), "val": both.of(held, "val, by recording")}
+        result = {"train": both.of(~held, "train, by recording"), "val": both.of(held, "val, by recording")}
     elif (data / "test.parquet").is_file():
-        found["test"] = chunks(data / "test.parquet", prepare)
-    return found
+        result["test"] = chunks(data / "test.parquet", prepare)
+    return result
 
 
-def by_speed(found: dict[str, Chunks], slow: float, fast: float) -> dict[str, Chunks]:
+def by_speed(result: dict[str, Chunks], slow: float, fast: float) -> dict[str, Chunks]:
     """Trajectories no faster than `slow` [m/s] of train and val, and "fast": those of both whose mean is above `fast`.
 
     Of a recording that has a fast trajectory no slow one is taken. Empty where one of the three would be.
     """
-    both = _joined(found["train"], found["val"])
+    both = _joined(result["train"], result["val"])
     speed = [both.recording["v_x"][a:b] for a, b in both.recording.runs]
-    quick = np.array([np.mean(own) > fast for own in speed])
-    calm = np.array([np.max(own) <= slow for own in speed]) & ~np.isin(both.piece_of, both.piece_of[quick])
-    of_train = np.arange(len(calm)) < len(found["train"].piece_of)
+    quick = np.array([np.mean(item) > fast for item in speed])
+    calm = np.array([np.max(item) <= slow for item in speed]) & ~np.isin(both.piece_of, both.piece_of[quick])
+    of_train = np.arange(len(calm)) < len(result["train"].piece_of)
     taken = {"train": calm & of_train, "val": calm & ~of_train, "fast": quick}
     if not all(np.any(which) for which in taken.values()):
         return {}
@@ -210,7 +210,9 @@ def _joined(one: Chunks, other: Chunks) -> Chunks:
     a, b = one.recording, other.recording
     shift = len(a)
     runs = (*a.runs, *((start + shift, stop + shift) for start, stop in b.runs))
-    signals = {name: np.concatenate([own, b.signals[name]]) for name, own in a.signals.items() if name in b.signals}
+    signals = {
+        name: np.concatenate([signal, b.signals[name]]) for name, signal in a.signals.items() if name in b.signals
+    }
     whole = replace(a, time=np.concatenate([a.time, b.time]), signals=signals, runs=runs)
     return Chunks(whole, np.concatenate([one.piece_of, other.piece_of]))
 
@@ -228,19 +230,19 @@ def _thinned(recording: Recording) -> Recording:
 
 def _bridged(steer: Array) -> Array:
     """alpha1 (n,) without its rests at zero, where its neighbours tell what is between them."""
-    found = steer.copy()
+    result = steer.copy()
     for begin, end in _rests(steer):
         before, after = steer[:begin][::-1], steer[end:]  # both lead away from the rest
         if len(before) and len(after) and end - begin <= SHORT:
-            found[begin:end] = np.linspace(before[0], after[0], end - begin + 2)[1:-1]
+            result[begin:end] = np.linspace(before[0], after[0], end - begin + 2)[1:-1]
             continue
         if len(after):
             ramp = _ramp(after, end - begin)
-            found[end - len(ramp) : end] = ramp[::-1]
+            result[end - len(ramp) : end] = ramp[::-1]
         if len(before):
             ramp = _ramp(before, end - begin)
-            found[begin : begin + len(ramp)] = ramp
-    return _median(found, 9)
+            result[begin : begin + len(ramp)] = ramp
+    return _median(result, 9)
 
 
 def _rests(steer: Array) -> Iterator[tuple[int, int]]:

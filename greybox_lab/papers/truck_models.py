@@ -88,8 +88,8 @@ BUMPS, WIDTH = 40, 35.0
 def truck(*effects: Effect, believed: Belief = BICYCLE) -> MotionModel:
     """The lateral model of the truck with effects; what is believed of is free, all else is held."""
     model = replace(lateral(), outputs=("v_y", "yaw_rate"))
-    for own in effects:
-        model = model + own
+    for item in effects:
+        model = model + item
     beliefs = {**OF_EFFECTS, **believed}
     model = model.with_parameters(*(_stated(parameter, beliefs) for parameter in model.parameters))
     if "velocity_lever_arm" not in model:

@@ -103,8 +103,8 @@ class NetworkCell:
     @property
     def name(self) -> str:
         """For people."""
-        own = "" if self.taught == BICYCLE else f" after {self.taught}"
-        return f"{WORDS[self.method]}{own}, 4 x {self.units}, {self.horizon:g} s"
+        value = "" if self.taught == BICYCLE else f" after {self.taught}"
+        return f"{WORDS[self.method]}{value}, 4 x {self.units}, {self.horizon:g} s"
 
 
 @dataclass(frozen=True)
@@ -132,12 +132,12 @@ class NetworkTraining:
     @cached_property
     def runs(self) -> dict[str, Array]:
         """Split -> (seeds, trajectories, outputs) RMSE of free runs."""
-        return {split: np.sqrt(np.mean(own**2, axis=2)) for split, own in self.errors.items()}
+        return {split: np.sqrt(np.mean(error**2, axis=2)) for split, error in self.errors.items()}
 
     @cached_property
     def together(self) -> dict[str, Array]:
         """Split -> (trajectories, outputs) RMSE of the mean of all seeds' free runs."""
-        return {split: np.sqrt(np.mean(np.mean(own, axis=0) ** 2, axis=1)) for split, own in self.errors.items()}
+        return {split: np.sqrt(np.mean(np.mean(error, axis=0) ** 2, axis=1)) for split, error in self.errors.items()}
 
 
 def along(errors: Array) -> Array:
@@ -162,34 +162,34 @@ def trained(cell: NetworkCell, recordings: Mapping[str, Recording], bicycle: Mot
     model = _model(cell, train, bicycle)
     laid, held_out = stretches(model, train), stretches(model, val)
     sd = counted(model, laid, How())
-    whole = replace(model, window=min(ROWS, *(len(own) for own in held_out)), warm_up=0)
+    whole = replace(model, window=min(ROWS, *(len(item) for item in held_out)), warm_up=0)
     known = lesson(cell.taught, bicycle) if cell.method == "transfer" or cell.taught == FASTER else None
-    found = trained_from(model, [train], laid, sd, WindowErrors(whole, held_out, sd), seed, say, known)
-    if found.status == "interrupted":
+    result = trained_from(model, [train], laid, sd, WindowErrors(whole, held_out, sd), seed, say, known)
+    if result.status == "interrupted":
         raise KeyboardInterrupt
-    return {"x": found.x.tolist(), "cpu_seconds": time.process_time() - clock}
+    return {"x": result.x.tolist(), "cpu_seconds": time.process_time() - clock}
 
 
 def about(cell: NetworkCell, recordings: Mapping[str, Recording], seed: int) -> dict[str, Any]:
     """What tells a training from others: model, size, windows, seed, hashes of what it is trained on, version."""
-    told = {"method": cell.method}
+    known = {"method": cell.method}
     if cell.method == "transfer" or cell.taught == FASTER:
-        told |= {"taught": cell.taught}
+        known |= {"taught": cell.taught}
     return {
-        **told, "units": cell.units, "horizon": cell.horizon, "seed": seed, "version": __version__,
+        **known, "units": cell.units, "horizon": cell.horizon, "seed": seed, "version": __version__,
         **{split: hashed(recordings[split]) for split in ("train", "val")},
     }  # fmt: skip
 
 
 def scored(
-    cell: NetworkCell, recordings: Mapping[str, Recording], bicycle: MotionModel, found: Sequence[Mapping[str, Any]]
+    cell: NetworkCell, recordings: Mapping[str, Recording], bicycle: MotionModel, result: Sequence[Mapping[str, Any]]
 ) -> NetworkTraining:
     """Free runs of trainings of a cell on every recording there is."""
     model = _model(cell, recordings["train"], bicycle)
-    vectors = [np.array(own["x"], dtype=float) for own in found]
-    errors = {split: _errors(model, vectors, own) for split, own in recordings.items()}
+    vectors = [np.array(item["x"], dtype=float) for item in result]
+    errors = {split: _errors(model, vectors, recording) for split, recording in recordings.items()}
     weights = sum(int(np.prod(shape)) for shape in model.network.shapes.values())
-    return NetworkTraining(cell, errors, weights, float(np.mean([own["cpu_seconds"] for own in found])))
+    return NetworkTraining(cell, errors, weights, float(np.mean([item["cpu_seconds"] for item in result])))
 
 
 def _model(cell: NetworkCell, train: Recording, bicycle: MotionModel) -> HybridModel:
@@ -199,17 +199,17 @@ def _model(cell: NetworkCell, train: Recording, bicycle: MotionModel) -> HybridM
     return known_physics(model, lesson(BICYCLE, bicycle)) if cell.method == "discrepancy" else model
 
 
-def _errors(model: HybridModel, found: Sequence[Array], recording: Recording) -> Array:
+def _errors(model: HybridModel, result: Sequence[Array], recording: Recording) -> Array:
     """(seeds, trajectories, rows, outputs) of free runs, cut to the rows that all trajectories have."""
     laid = stretches(model, recording)
-    rows = min(len(own) for own in laid)
+    rows = min(len(item) for item in laid)
     every = []
-    for p in found:
-        told = free_run(model.with_values(p), recording)
+    for p in result:
+        known = free_run(model.with_values(p), recording)
         every.append(
             [
-                np.column_stack([told[n][own.rows] - own.outputs[k] for k, n in enumerate(model.outputs)])[:rows]
-                for own in laid
+                np.column_stack([known[n][item.rows] - item.outputs[k] for k, n in enumerate(model.outputs)])[:rows]
+                for item in laid
             ]
         )
     return np.array(every)
@@ -217,7 +217,7 @@ def _errors(model: HybridModel, found: Sequence[Array], recording: Recording) ->
 
 def hashed(recording: Recording) -> str:
     """Of what networks read of a recording."""
-    found = hashlib.sha256(repr(recording.runs).encode())
+    result = hashlib.sha256(repr(recording.runs).encode())
     for name in ("v_y", "yaw_rate", "v_x", "steer"):
-        found.update(np.ascontiguousarray(recording[name], dtype=float).tobytes())
-    return found.hexdigest()
+        result.update(np.ascontiguousarray(recording[name], dtype=float).tobytes())
+    return result.hexdigest()

@@ -42,23 +42,25 @@ def looks(names: Sequence[str]) -> dict[str, Look]:
 def over_durations(durations: Sequence[Mapping[str, Any]]) -> Sheet:
     """Fig. 3: RMSE of free runs over how long they have run, by output."""
     sheet = Sheet((120.0,), len(UNITS))
-    lines = looks([own["model"] for own in durations])
+    lines = looks([duration["model"] for duration in durations])
     for ax, (output, unit) in zip(sheet.grid[0], UNITS.items(), strict=True):
-        for own in durations:
-            ax.plot(own["seconds"], own[output], **lines[own["model"]] | {"marker": "o", "markersize": 2.4})
+        for duration in durations:
+            ax.plot(
+                duration["seconds"], duration[output], **lines[duration["model"]] | {"marker": "o", "markersize": 2.4}
+            )
         ax.set(xlabel="time since the start [s]", ylabel=f"RMSE of {label(output, unit)}", ylim=(0.0, None))
     return sheet
 
 
 def slalom(traces: Mapping[str, Any]) -> Sheet:
     """Fig. 4: a slalom, measured and predicted, with 95 % bands: a row of axes for each method."""
-    lines = looks([own["model"] for own in traces["lines"]])
+    lines = looks([trace["model"] for trace in traces["lines"]])
     sheet = Sheet((80.0,) * len(lines), len(UNITS), joined=True)
     seconds = np.array(traces["seconds"])
-    for row, own in zip(sheet.grid, traces["lines"], strict=True):
-        line = lines[own["model"]]
+    for row, trace in zip(sheet.grid, traces["lines"], strict=True):
+        line = lines[trace["model"]]
         for ax, (output, unit) in zip(row, UNITS.items(), strict=True):
-            mean, reach = np.array(own[output]), np.array(own[f"{output}_reach"])
+            mean, reach = np.array(trace[output]), np.array(trace[f"{output}_reach"])
             band(ax, seconds, mean - reach, mean + reach, line["color"])
             ax.plot(seconds, traces["measured"][output], **MEASURED)
             ax.plot(seconds, mean, **line)
@@ -74,12 +76,12 @@ def learning_curves(curves: Sequence[Mapping[str, Any]]) -> Sheet:
     lines = {"learning": look(ORANGE, 1.1, "MLP", dashes=DASHED, dots=1.6),
              "transfer": look(BLUE, 1.1, "MLP, transfer learning", dots=1.6)}  # fmt: skip
     for column, (output, unit) in zip(sheet.grid.T, UNITS.items(), strict=True):
-        own = [each for each in curves if each["output"] == output]
-        share = 100 * np.array([each["share"] for each in own])
+        value = [each for each in curves if each["output"] == output]
+        share = 100 * np.array([each["share"] for each in value])
         for method, line in lines.items():
-            column[0].plot(share, [each[method] for each in own], **line)
+            column[0].plot(share, [each[method] for each in value], **line)
         column[0].set(ylabel=f"RMSE of {label(output, unit)}", ylim=(0.0, None))
-        ratio, low, high = (np.array([each[name] for each in own]) for name in ("ratio", "low", "high"))
+        ratio, low, high = (np.array([each[name] for each in value]) for name in ("ratio", "low", "high"))
         column[1].axhline(1.0, color=MEASURED["color"], linewidth=0.6)
         band(column[1], share, low, high)
         column[1].plot(share, ratio, **lines["transfer"])
@@ -105,47 +107,47 @@ PROTOCOLS = (
 )
 
 
-def truck_report(found: Found) -> Document:
+def truck_report(one: Found) -> Document:
     """What was measured, beside what was published."""
-    split = "test" if any(own["split"] == "test" for own in found["rows"]) else "val"
+    split = "test" if any(item["split"] == "test" for item in one["rows"]) else "val"
     notes: list[Part] = []
-    if found["quick"]:
+    if one["quick"]:
         notes.append(Text("The smallest networks at 1 s from one seed.", "Quick:"))
-    if found["left_out"]:
-        notes.append(Text(f"{found['left_out']} trainings, for want of time; tables hold what there is.", "Left out:"))
-    rows = found["rows"]
-    published = [own for own in rows if not own["by_recording"]]
+    if one["left_out"]:
+        notes.append(Text(f"{one['left_out']} trainings, for want of time; tables hold what there is.", "Left out:"))
+    rows = one["rows"]
+    published = [row for row in rows if not row["by_recording"]]
     parts: tuple[Part, ...] = (
         *titled("Protocols", Points(PROTOCOLS), *notes),
-        *titled("Grey boxes", _models([own for own in published if own["table"] in ("II", "grey box")]), Text(
+        *titled("Grey boxes", _models([item for item in published if item["table"] in ("II", "grey box")]), Text(
             "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. They read "
             "v_x and alpha1, of models with both angles alpha2, and for a map of the road the position. From the "
             "fourth model on inputs pass filters that are not causal. Table II of the paper: the bicycle as its "
             "authors coded it, not the one they print; mean of the fifteen particles of least distance.")),
-        *titled("Published figures, on the authors' test split", _paper(found["paper"])),
-        *titled("Table III: networks, as published", _models([own for own in published if own["table"] == "III"])),
-        *titled("Further networks", _models([own for own in published if own["table"] == "own"])),
-        *titled("By recording", _models([own for own in rows if own["by_recording"]])),
+        *titled("Published figures, on the authors' test split", _paper(one["paper"])),
+        *titled("Table III: networks, as published", _models([item for item in published if item["table"] == "III"])),
+        *titled("Further networks", _models([item for item in published if item["table"] == "own"])),
+        *titled("By recording", _models([row for row in rows if row["by_recording"]])),
         *titled("Table IV: gain over the MLP", _gains(published, split), Text(
             f"On {split}, the best of each method in each column; above zero is better. Choosing the best of several "
             "on what they are scored by flatters each of them alike.")),
-        *titled("Paired, against the MLP of that size", _pairs(found["comparisons"], False), Text(PAIRED)),
-        *titled(f"Paired, against the {BICYCLES[1]}", _pairs(found["comparisons"], True), Text(PAIRED)),
-        *titled("Which effect of transfer is distinguished", _lessons(found["lessons"]), Text(
+        *titled("Paired, against the MLP of that size", _pairs(one["comparisons"], False), Text(PAIRED)),
+        *titled(f"Paired, against the {BICYCLES[1]}", _pairs(one["comparisons"], True), Text(PAIRED)),
+        *titled("Which effect of transfer is distinguished", _lessons(one["lessons"]), Text(
             "Networks of 4 x 8, windows of 1 s, on val: what each learnt before it saw a recording.")),
-        *titled("Beyond the speeds that were seen", _beyond(found["out_of_range"]), Text(OUT_OF_RANGE)),
-        *titled("Figures", *drawings(found)),
+        *titled("Beyond the speeds that were seen", _beyond(one["out_of_range"]), Text(OUT_OF_RANGE)),
+        *titled("Figures", *drawings(one)),
     )  # fmt: skip
     about = "Tables II to IV and Figs. 3 and 4 of the paper on transfer learning in lateral dynamics"
     return Document("A truck, ten seconds of free run", about, "a bench", f"greybox-id {__version__}", parts)
 
 
-def drawings(found: Found) -> tuple[Drawing, ...]:
+def drawings(result: Found) -> tuple[Drawing, ...]:
     """Figures of what there is, in the paper's order."""
     made = []
-    published = [own for own in found["durations"] if not own["by_recording"]]
-    drawn = _best_of_methods(published) + [own for own in published if own["model"] in BICYCLES[1:]]
-    bicycles = [own for own in published if own["model"] in BICYCLES]
+    published = [item for item in result["durations"] if not item["by_recording"]]
+    drawn = _best_of_methods(published) + [item for item in published if item["model"] in BICYCLES[1:]]
+    bicycles = [item for item in published if item["model"] in BICYCLES]
     if len(drawn) > 1:
         made.append(Drawing(
             "fig_3", over_durations(drawn),
@@ -154,11 +156,11 @@ def drawings(found: Found) -> tuple[Drawing, ...]:
             f"is off by {_end(bicycles, BICYCLES[0])} after 10 s and is not drawn.",
             "Errors of free runs over how long they have run.",
         ))  # fmt: skip
-    traces = found["traces"]
+    traces = result["traces"]
     if traces:
         held = "; ".join(
-            f"{own['model']} {100 * own['coverage'][0]:.1f} % of v_y, {100 * own['coverage'][1]:.1f} % of yaw rate"
-            for own in traces["lines"]
+            f"{item['model']} {100 * item['coverage'][0]:.1f} % of v_y, {100 * item['coverage'][1]:.1f} % of yaw rate"
+            for item in traces["lines"]
         )
         made.append(Drawing(
             "fig_4", slalom(traces),
@@ -167,10 +169,10 @@ def drawings(found: Found) -> tuple[Drawing, ...]:
             f"of all readings of {traces['split']}: {held}.",
             "Measured and predicted lateral velocity and yaw rate over time.",
         ))  # fmt: skip
-    if len({own["share"] for own in found["learning_curves"]}) > 1:
-        seeds = min(own["seeds"] for own in found["learning_curves"])
+    if len({item["share"] for item in result["learning_curves"]}) > 1:
+        seeds = min(item["seeds"] for item in result["learning_curves"])
         made.append(Drawing(
-            "learning_curves", learning_curves(found["learning_curves"]),
+            "learning_curves", learning_curves(result["learning_curves"]),
             "Errors on val of networks of 4 x 8 at 1 s over the share of the training recordings, alone and after a "
             f"bicycle fitted to that share; below, their ratio with 95 % intervals over recordings. Seeds: {seeds}.",
             "Errors over the share of training data, and their ratio.",
@@ -180,24 +182,24 @@ def drawings(found: Found) -> tuple[Drawing, ...]:
 
 def _best_of_methods(durations: Sequence[Found]) -> list[Found]:
     """Of each method the network with the least v_y error over the whole time."""
-    found = []
+    result = []
     for words in WORDS.values():
-        own = [each for each in durations if each["model"].startswith(f"{words}, 4 x")]
-        found += [min(own, key=lambda each: each["v_y"][-1])] if own else []
-    return found
+        value = [each for each in durations if each["model"].startswith(f"{words}, 4 x")]
+        result += [min(value, key=lambda each: each["v_y"][-1])] if value else []
+    return result
 
 
 def _end(durations: Sequence[Found], model: str) -> str:
-    own = next(each for each in durations if each["model"] == model)
-    return f"{number(own['v_y'][-1], 2)} m/s and {number(own['yaw_rate'][-1], 2)} rad/s"
+    value = next(each for each in durations if each["model"] == model)
+    return f"{number(value['v_y'][-1], 2)} m/s and {number(value['yaw_rate'][-1], 2)} rad/s"
 
 
 def _models(rows: Sequence[Found]) -> Table:
     body = tuple(
-        (own["model"], str(own["parameters"]), own["split"],
-         f"{own['v_y']:.4f} ± {own['v_y_stderr']:.4f}", f"{own['yaw_rate']:.5f} ± {own['yaw_rate_stderr']:.5f}",
-         f"{own['cpu_seconds']:.1f}")
-        for own in rows
+        (row["model"], str(row["parameters"]), row["split"],
+         f"{row['v_y']:.4f} ± {row['v_y_stderr']:.4f}", f"{row['yaw_rate']:.5f} ± {row['yaw_rate_stderr']:.5f}",
+         f"{row['cpu_seconds']:.1f}")
+        for row in rows
     )  # fmt: skip
     return Table(("model", "numbers", "on", "v_y, m/s", "yaw rate, rad/s", "CPU s"), body, "lrlrrr")
 
@@ -211,50 +213,50 @@ def _gains(rows: Sequence[Found], split: str) -> Table:
     """Percent by which the best of each method is better than the best MLP."""
     best: dict[str, dict[str, float]] = {}
     for words in WORDS.values():
-        own = [
+        value = [
             r for r in rows if r["table"] == "III" and r["split"] == split and r["model"].startswith(f"{words}, 4 x")
         ]
-        if own:
-            best[words] = {output: min(r[output] for r in own) for output in UNITS}
+        if value:
+            best[words] = {output: min(r[output] for r in value) for output in UNITS}
     base = best.pop(WORDS["learning"], None)
     if base is None:
         return Table(("model",), ())
     body = tuple(
-        (name, *(f"{100 * (1 - own[output] / base[output]):+.1f}".replace("-", "−") for output in UNITS))
-        for name, own in best.items()
+        (name, *(f"{100 * (1 - item[output] / base[output]):+.1f}".replace("-", "−") for output in UNITS))
+        for name, item in best.items()
     )
     return Table(("model", "v_y, %", "yaw rate, %"), body, "lrr")
 
 
 def _pairs(rows: Sequence[Found], beside_bicycle: bool) -> Table:
     body = tuple(
-        (own["model"], f"{own['split']}{', by recording' if own['by_recording'] else ''}", *_difference(own))
-        for own in rows if (own["against"] == BICYCLES[1]) == beside_bicycle
+        (row["model"], f"{row['split']}{', by recording' if row['by_recording'] else ''}", *_difference(row))
+        for row in rows if (row["against"] == BICYCLES[1]) == beside_bicycle
     )  # fmt: skip
     return Table(("model", "on", "output", "difference", "95 % interval", ""), body, "lllrrl")
 
 
 def _lessons(rows: Sequence[Found]) -> Table:
     body = tuple(
-        (f"{100 * own['share']:g} %", own["taught"], own["against"], *_difference(own)) for own in rows
+        (f"{100 * row['share']:g} %", row["taught"], row["against"], *_difference(row)) for row in rows
     )  # fmt: skip
     return Table(("of train", "taught", "against", "output", "difference", "95 % interval", ""), body, "rlllrrl")
 
 
 def _beyond(rows: Sequence[Found]) -> Table:
     body = tuple(
-        (own["model"], own["output"].replace("_", " ").replace("v y", "v_y"), f"{own['error']:.4f}",
-         f"{own['ratio']:.2f}", f"[{own['low']:.2f}, {own['high']:.2f}]", str(own["seeds"]))
-        for own in rows
+        (row["model"], row["output"].replace("_", " ").replace("v y", "v_y"), f"{row['error']:.4f}",
+         f"{row['ratio']:.2f}", f"[{row['low']:.2f}, {row['high']:.2f}]", str(row["seeds"]))
+        for row in rows
     )  # fmt: skip
     return Table(("model", "output", "RMSE, SI", "over MLP", "95 % interval", "seeds"), body, "llrrrr")
 
 
-def _difference(own: Found) -> tuple[str, str, str, str]:
-    better = "worse" if own["difference"] > 0 else "better"
+def _difference(value: Found) -> tuple[str, str, str, str]:
+    better = "worse" if value["difference"] > 0 else "better"
     return (
-        f"{own['output'].replace('_', ' ')} [{UNITS[own['output']]}]".replace("v y", "v_y"),
-        f"{own['difference']:+.5f}".replace("-", "−"),
-        f"[{own['low']:+.5f}, {own['high']:+.5f}]".replace("-", "−"),
-        better if own["distinguished"] else "not distinguished",
+        f"{value['output'].replace('_', ' ')} [{UNITS[value['output']]}]".replace("v y", "v_y"),
+        f"{value['difference']:+.5f}".replace("-", "−"),
+        f"[{value['low']:+.5f}, {value['high']:+.5f}]".replace("-", "−"),
+        better if value["distinguished"] else "not distinguished",
     )

@@ -47,7 +47,7 @@ _TOP_SPEED = 20.0
 def simrod() -> VirtualCar:
     """The SimRod as its vehicle file states it: m 930 kg, I_z 700 kg m^2, l_f 1.175 m, wheelbase 2.346 m."""
     stated = vehicle("simrod")
-    values = {name: own.value for name, own in stated.values.items() if own.value is not None}
+    values = {name: value.value for name, value in stated.values.items() if value.value is not None}
     return VirtualCar(
         name="synthetic SimRod",
         kind="car",
@@ -190,8 +190,8 @@ class TyreTruth:
 
     def columns(self) -> dict[str, Array]:
         """All that is known of every row, by name, each with `true_` before it: nobody reads it by mistake."""
-        own = {field.name: getattr(self, field.name) for field in fields(self) if field.name[:2] != "C_"}
-        every = {**own, "C_alpha_f": self.C_alpha_f, "C_alpha_r": self.C_alpha_r}
+        value = {field.name: getattr(self, field.name) for field in fields(self) if field.name[:2] != "C_"}
+        every = {**value, "C_alpha_f": self.C_alpha_f, "C_alpha_r": self.C_alpha_r}
         return {name if name == "time" else f"true_{name}": values for name, values in every.items()}
 
 
@@ -279,7 +279,7 @@ def drive(
     rate : rows a second.
     colour : share of the noise's variance that is correlated over 0.08 s.
     """
-    car, found = simrod(), []
+    car, result = simrod(), []
     car = replace(car, parameters={**car.parameters, **tyres})
     for manoeuvre, seed in zip(manoeuvres, seeds, strict=True):
         steer = steering(manoeuvre, rate)
@@ -287,8 +287,8 @@ def drive(
         recording, truth = steered(
             car, manoeuvre.name, steer, speed, rate, effects, forms, seed, noise=noise, colour=colour
         )
-        found.append(Test(manoeuvre, recording, tyre_truth(truth, recording.time)))
-    return tuple(found)
+        result.append(Test(manoeuvre, recording, tyre_truth(truth, recording.time)))
+    return tuple(result)
 
 
 TRUTH = "truth"

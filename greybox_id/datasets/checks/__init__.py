@@ -41,9 +41,9 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
     global _last
     if _last is not None and _last[0]() is recording and _last[1] == wheelbase:
         return list(_last[2])
-    found = _checked(recording, wheelbase)
-    _last = ref(recording), wheelbase, tuple(found)
-    return found
+    result = _checked(recording, wheelbase)
+    _last = ref(recording), wheelbase, tuple(result)
+    return result
 
 
 def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
@@ -52,9 +52,9 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]
     if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
         findings += check_mapping(recording)
-        found = pairs(recording)
+        result = pairs(recording)
         findings += [*check_duplicates(recording), *check_rest(recording)]
-        findings += [*check_consistency(recording, found, wheelbase), *check_delays(recording, found)]
+        findings += [*check_consistency(recording, result, wheelbase), *check_delays(recording, result)]
         findings = with_sizes(recording, findings)
     gravest = list(Severity)[::-1]
     return sorted(findings, key=lambda finding: gravest.index(finding.severity))

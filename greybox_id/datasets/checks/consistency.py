@@ -35,21 +35,21 @@ LIMITS = {
 """Largest believable size (99th percentile) in SI units, for all vehicles from model car to race car."""
 
 
-def check_consistency(recording: Recording, found: list[Pair], wheelbase: float | None = None) -> list[Finding]:
+def check_consistency(recording: Recording, pairs: list[Pair], wheelbase: float | None = None) -> list[Finding]:
     """Sign and unit findings from the pairs of channels that must agree.
 
     Parameters
     ----------
     recording : what is checked.
-    found : its pairs.
+    pairs : its pairs.
     wheelbase : in m, if known; without it only gross errors of the steering's unit show.
     """
-    measured = [(pair, agreement(recording, pair.left_values, pair.right_values, pair.smoothing)) for pair in found]
+    measured = [(pair, agreement(recording, pair.left_values, pair.right_values, pair.smoothing)) for pair in pairs]
     certain = [(pair, agreed) for pair, agreed in measured if agreed.certain]
     return [
         *_signs(certain),
         *_lateral_velocity(recording),
-        *_turned_runs(recording, found),
+        *_turned_runs(recording, pairs),
         *_units(certain, wheelbase),
         *_limits(recording),
     ]
@@ -124,10 +124,10 @@ def _slow_share(recording: Recording) -> NDArray[np.bool_] | None:
     return rows if np.count_nonzero(rows) * recording.sample_time > 10.0 else None
 
 
-def _turned_runs(recording: Recording, found: list[Pair]) -> list[Finding]:
+def _turned_runs(recording: Recording, pairs: list[Pair]) -> list[Finding]:
     """Runs whose sign differs from that of other runs."""
     findings = []
-    for pair in found if len(recording.runs) > 1 else []:
+    for pair in pairs if len(recording.runs) > 1 else []:
         parts = run_agreements(recording, pair.left_values, pair.right_values, pair.smoothing)
         certain = {number: part.correlation < 0 for number, part in parts.items() if part.certain}
         turned = [number for number, negative in certain.items() if negative]

@@ -28,10 +28,10 @@ PRECISE = 0.5
 """Samples of uncertainty above which a delay is not told."""
 
 
-def check_delays(recording: Recording, found: list[Pair]) -> list[Finding]:
+def check_delays(recording: Recording, pairs: list[Pair]) -> list[Finding]:
     """Delays of each pair, and runs whose delay differs from the others'."""
     findings: list[Finding] = []
-    for pair in found:
+    for pair in pairs:
         lags = run_lags(recording, pair)
         if lags:
             findings += _usual(pair, lags, recording.sample_time)

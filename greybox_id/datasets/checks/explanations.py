@@ -91,21 +91,24 @@ def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Findin
 
     An IMU that is turned by another angle looks as if it were turned by 90°, of all that a map may say.
     """
-    wrong = [own for own in findings if own.kind in ("mapping", "sign", "unit")]
+    wrong = [finding for finding in findings if finding.kind in ("mapping", "sign", "unit")]
     if not wrong:
         return [*findings, *check_explanations(recording)]
-    strange = [own for own in wrong if own.kind == "mapping" and "follows neither" in own.sentence]
+    strange = [item for item in wrong if item.kind == "mapping" and "follows neither" in item.sentence]
     if strange and len(strange) == len(wrong) and recording.has("v_x"):
-        clocks = [own for own in _clocks(recording) if own.channel == strange[0].where.channel]
-        return [*(_finding(own) for own in clocks[:1]), *(own for own in findings if not clocks or own not in wrong)]
-    turned = [own for own in wrong if own.kind == "mapping" and "turned by 90°" in own.sentence]
+        clocks = [clock for clock in _clocks(recording) if clock.channel == strange[0].where.channel]
+        return [
+            *(_finding(clock) for clock in clocks[:1]),
+            *(finding for finding in findings if not clocks or finding not in wrong),
+        ]
+    turned = [item for item in wrong if item.kind == "mapping" and "turned by 90°" in item.sentence]
     short = thinned(recording) if turned else recording
     if not turned or len(short) < 10 * BLOCKS or not short.has("v_x", "a_x", "a_y", "yaw_rate"):
         return list(findings)
-    sized = [own for own in _turned(short, None) if abs(abs(own.value) - 90.0) > NEAR_RIGHT]
+    sized = [item for item in _turned(short, None) if abs(abs(item.value) - 90.0) > NEAR_RIGHT]
     if not sized:
         return list(findings)
-    return [_finding(sized[0]), *(own for own in findings if own not in wrong)]
+    return [_finding(sized[0]), *(finding for finding in findings if finding not in wrong)]
 
 
 def _finding(one: Explanation, also: str = "") -> Finding:
@@ -116,18 +119,18 @@ def _finding(one: Explanation, also: str = "") -> Finding:
 
 def check_explanations(recording: Recording) -> list[Finding]:
     """Faults with their sizes, the most plausible first."""
-    found = _frozen(recording)
+    result = _frozen(recording)
     short = thinned(recording)
     if len(short) < 10 * BLOCKS or not short.has("v_x"):
-        return found
+        return result
     explained = _sideways(short)
-    offset = next((own.value for own in explained if own.channel == "yaw_rate" and own.unit == "rad/s"), 0.0)
+    offset = next((item.value for item in explained if item.channel == "yaw_rate" and item.unit == "rad/s"), 0.0)
     explained += _steered(short.with_signals(yaw_rate=short["yaw_rate"] - offset)) if "yaw_rate" in short else []
-    explained = sorted(explained + _clocks(recording), key=lambda own: -own.gain)
-    findings = list(found)
+    explained = sorted(explained + _clocks(recording), key=lambda item: -item.gain)
+    findings = list(result)
     if explained:
         first, *others = explained
-        near = [own.sentence.split(":")[0].split(" (")[0] for own in others if own.gain > ALSO * first.gain]
+        near = [other.sentence.split(":")[0].split(" (")[0] for other in others if other.gain > ALSO * first.gain]
         findings.append(_finding(first, f" Nearly as likely: {listed(near, 3)}." if near else ""))
     return findings
 
@@ -176,7 +179,7 @@ def _sideways(r: Recording) -> list[Explanation]:
     dv = rate(r, v)
     aside = [v * turn, v, dv, np.ones(len(v))]
     aside[0] = aside[0] + rate(r, r["v_y"]) if r.has("v_y") else aside[0]
-    smoothed = [smooth(r, own, SMOOTHING) for own in aside]
+    smoothed = [smooth(r, item, SMOOTHING) for item in aside]
     a_y = smooth(r, r["a_y"], SMOOTHING)
     both = _regression(a_y, smoothed)
     steady = both is None
@@ -189,7 +192,7 @@ def _sideways(r: Recording) -> list[Explanation]:
         gain, bias, turned, constant = 0, 1, 2, 3
     if both.explained < FITS:
         return []
-    found = []
+    result = []
     strength: Callable[[int], float] = lambda k: float((both.values[k] / both.errors[k]) ** 2)  # noqa: E731
     scale = float(both.values[gain])
     usual = float(np.nanmean(v))
@@ -198,7 +201,7 @@ def _sideways(r: Recording) -> list[Explanation]:
     net = abs(by_bias + by_constant)  # of one cause; two that undo each other are a curve over speed
     if bias >= 0 and both.sure(bias, TURN_RATE) and net > HALF_LEFT * abs(by_bias):
         size, error = -float(both.values[bias]) / scale, float(both.errors[bias])
-        found.append(
+        result.append(
             Explanation(
                 f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x. Set "
                 f"offset = {number(-size, 3)} rad/s for it in the column map.",
@@ -209,18 +212,18 @@ def _sideways(r: Recording) -> list[Explanation]:
         size = by_constant
         bank = np.degrees(np.arcsin(np.clip(size / 9.81, -1.0, 1.0)))
         also = f", or yaw_rate one of {signed(-size / usual, 2)} rad/s" if steady else ""
-        found.append(
+        result.append(
             Explanation(
                 f"a_y has a constant of {signed(size, 2)} m/s²: the road is banked, or the IMU rolled, by "
                 f"{number(abs(float(bank)), 2)}°, or a_y has an offset{also}. Fit with road_bank, or subtract it.",
                 "a_y", size, float(both.errors[constant]), "m/s^2", strength(constant),
             )
         )  # fmt: skip
-    found += _turned(r, float(both.values[turned]))
+    result += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
-    if (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not found:
-        found.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
-    return found
+    if (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not result:
+        result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
+    return result
 
 
 def _turned(r: Recording, aside: float | None) -> list[Explanation]:
@@ -233,7 +236,7 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
     v, turn = r["v_x"], r["yaw_rate"]
     ahead = _regression(
         smooth(r, r["a_x"], SMOOTHING),
-        [smooth(r, own, SMOOTHING) for own in (rate(r, v), v * turn, np.ones(len(v)))],
+        [smooth(r, item, SMOOTHING) for item in (rate(r, v), v * turn, np.ones(len(v)))],
     )
     if ahead is None:
         return []
@@ -264,11 +267,11 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
         right = smooth(r, rate(r, r["yaw"], True), SMOOTHING)
         witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
     for name, left, right in witnesses:
-        found = _regression(left, [right])
-        if found is not None and found.explained > FITS and abs(np.log(abs(found.values[0]))) > 0.5 * SCALE:
-            blamed = {name: float(found.values[0])}
+        result = _regression(left, [right])
+        if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > 0.5 * SCALE:
+            blamed = {name: float(result.values[0])}
     (name, by), *_ = blamed.items()
-    others = [own for own in ("a_y", "yaw_rate", "v_x") if own != name]
+    others = [item for item in ("a_y", "yaw_rate", "v_x") if item != name]
     doubt = "" if witnesses else f" (or {listed(others)} as much too {'large' if scale < 1 else 'small'})"
     return Explanation(
         f"{name} is {number(by, 3)} times what the motion says{doubt}: a_y against v_x · yaw_rate has gain "
@@ -289,14 +292,14 @@ def _steered(r: Recording) -> list[Explanation]:
     gentle = moving & (pushed < min(GENTLE, HALF_GRIP * float(np.nanquantile(pushed, 0.99))))
     columns = [turn, v**2 * turn, v]
     left = np.where(gentle, v * steer, np.nan)
-    found: list[Explanation] = []
+    result: list[Explanation] = []
     whole = _regression(left, columns)
     left_turns = float(np.mean(turn[gentle & np.isfinite(turn)] > 0.0)) if np.any(gentle) else 0.0
     both_ways = ONE_WAY < left_turns < 1.0 - ONE_WAY  # round one way, tyres that give way look like an offset
     explained = whole is not None and whole.explained > HELD_TOGETHER and whole.values[0] > 0
     if whole is not None and explained and both_ways and whole.sure(2, STEERING):
         size = float(whole.values[2])
-        found.append(
+        result.append(
             Explanation(
                 f"steer has an offset of {signed(1000 * size, 2)} mrad: v_x · steer is {signed(size, 2)} v_x where "
                 f"yaw_rate is none. Set offset = {number(-size, 3)} rad for it, or fit with steering_offset.",
@@ -308,9 +311,9 @@ def _steered(r: Recording) -> list[Explanation]:
     if halves is not None and halves.explained > HELD_TOGETHER and halves.values[0] > 0:
         pace = float(np.nanmedian(np.abs(v[gentle])))
         apart, error = float(halves.values[1]), float(halves.errors[1])
-        lengths = [float(halves.values[0] + halves.values[2] * pace**2) + own for own in (0.0, apart)]
+        lengths = [float(halves.values[0] + halves.values[2] * pace**2) + item for item in (0.0, apart)]
         if min(lengths) > 0 and abs(np.log(lengths[1] / lengths[0])) > HALF and abs(apart) > SURE * error:
-            found.append(
+            result.append(
                 Explanation(
                     f"The second half is of another car, or steer of another scale there: v_x · steer over yaw_rate is "
                     f"{quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the second, at "
@@ -318,12 +321,12 @@ def _steered(r: Recording) -> list[Explanation]:
                     "steer", apart, error, "m", (apart / error) ** 2,
                 )
             )  # fmt: skip
-    return found
+    return result
 
 
 def _clocks(r: Recording) -> list[Explanation]:
     """Channels that come early, and clocks that run fast."""
-    found: list[Explanation] = []
+    result: list[Explanation] = []
     longest = max(r.runs, key=lambda run: run[1] - run[0])
     rows, dt = slice(*longest), r.sample_time
     count = longest[1] - longest[0]
@@ -337,7 +340,7 @@ def _clocks(r: Recording) -> list[Explanation]:
             most = RESPONSE + PER_ROOT * np.sqrt(np.clip(1.0 / lag.gain, 0.05, 15.0))
             if late > most or late < -0.03:
                 word = "early" if late > 0 else "late"
-                found.append(
+                result.append(
                     Explanation(
                         f"steer is {word}: yaw_rate follows v_x · steer by {number(1000 * late, 3)} ms, where up to "
                         f"{number(1000 * float(most), 2)} ms are a vehicle's response. Delay steer in the map, or "
@@ -348,16 +351,16 @@ def _clocks(r: Recording) -> list[Explanation]:
     r = thinned(r)
     rows = slice(*max(r.runs, key=lambda run: run[1] - run[0]))
     if r.has("a_y", "yaw_rate"):
-        found += _runs_fast(r, rows, "a_y", r["a_y"], r["v_x"] * r["yaw_rate"])
+        result += _runs_fast(r, rows, "a_y", r["a_y"], r["v_x"] * r["yaw_rate"])
     if r.has("a_x"):
-        found += _runs_fast(r, rows, "a_x", r["a_x"], rate(r, r["v_x"]))
-    return found
+        result += _runs_fast(r, rows, "a_x", r["a_x"], rate(r, r["v_x"]))
+    return result
 
 
 def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) -> list[Explanation]:
     """A channel whose clock runs at another rate: stretched, it goes with what it should go with, and not before."""
     dt, count = r.sample_time, rows.stop - rows.start
-    u, v = (np.nan_to_num(smooth(r, own, SMOOTHING)[rows]) for own in (left, right))
+    u, v = (np.nan_to_num(smooth(r, item, SMOOTHING)[rows]) for item in (left, right))
     grid = np.arange(count, dtype=float)
     size = 1 << (2 * count).bit_length()
     reach = min(int(LONGEST / dt), count // 4)
@@ -375,10 +378,15 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
 
     step = SMOOTHING / max(count * dt, 1e-9) / 4.0  # over the drive, a quarter of what is smoothed
     tries = step * np.arange(-int(FASTEST / step), int(FASTEST / step) + 1)
-    found = [best(float(stretch))[0] for stretch in tries]
-    k = int(np.argmax(found))
+    result = [best(float(stretch))[0] for stretch in tries]
+    k = int(np.argmax(result))
     plain, stretch = best(0.0)[0], float(tries[k])
-    if abs(stretch) < RUNS_FAST or found[k] < FITS or 1.0 - plain < 2.0 * (1.0 - found[k]) or found[k] - plain < 0.05:
+    if (
+        abs(stretch) < RUNS_FAST
+        or result[k] < FITS
+        or 1.0 - plain < 2.0 * (1.0 - result[k])
+        or result[k] - plain < 0.05
+    ):
         return []
     word, apart = "fast" if stretch > 0 else "slow", abs(stretch) * count * dt
     independent = count * dt / (2.0 * SMOOTHING)
@@ -386,7 +394,7 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
         Explanation(
             f"The clock of {name} runs {percent(abs(stretch))} {word}: within the drive it gains "
             f"{number(apart, 2)} s. Join it by its own stamps (greybox data join).",
-            name, stretch, step, "1", independent * (1.0 - plain) / max(1.0 - found[k], 1e-3),
+            name, stretch, step, "1", independent * (1.0 - plain) / max(1.0 - result[k], 1e-3),
         )
     ]  # fmt: skip
 

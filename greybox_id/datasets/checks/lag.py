@@ -148,7 +148,7 @@ class _Search:
         return np.array([count, left, np.sum(right), left_2, np.vdot(right, right), np.vdot(self.left, right)])
 
     def _by_block(self, *series: Array) -> list[Array]:
-        return [np.add.reduceat(own, self.starts) for own in series]
+        return [np.add.reduceat(item, self.starts) for item in series]
 
     @staticmethod
     def moments(sums: Array) -> tuple[Array, Array, Array]:

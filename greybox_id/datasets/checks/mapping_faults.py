@@ -87,36 +87,36 @@ def check_mapping(recording: Recording) -> list[Finding]:
     short = thinned(recording)
     if len(short) < 10 or not short.sample_time > 0:
         return []
-    found = relations(short)
-    named = _explained(short, found)
+    result = relations(short)
+    named = _explained(short, result)
     findings = [_as_finding(named)] if named else []
-    plain = [*_upright(short), *_sideways(short), *_wheels(found), *_commanded(found), *_strange(found)]
-    told = {name for own in named for name in own.fault.channels}
-    findings += [finding for finding in plain if finding.where.channel not in told]
-    return findings + _unchecked(short, found, findings)
+    plain = [*_upright(short), *_sideways(short), *_wheels(result), *_commanded(result), *_strange(result)]
+    known = {name for item in named for name in item.fault.channels}
+    findings += [finding for finding in plain if finding.where.channel not in known]
+    return findings + _unchecked(short, result, findings)
 
 
-def _explained(short: Recording, found: Sequence[Relation]) -> list[Explained]:
+def _explained(short: Recording, result: Sequence[Relation]) -> list[Explained]:
     """Faults that explain what does not hold, likeliest first; as likely ones follow it."""
-    doubtful = {name for own in found if own.agreement < HOLDS for name in own.channels}
+    doubtful = {name for item in result if item.agreement < HOLDS for name in item.channels}
     explained = []
     for fault in _faults(short):
         if not fault.channels or doubtful & set(fault.channels):
-            one = _judged(fault, found, relations(fault.undo(short), fault.channels))
+            one = _judged(fault, result, relations(fault.undo(short), fault.channels))
             explained += [one] if one else []
     if not explained:
         return []
-    top = max(own.evidence for own in explained)
-    close = [own for own in explained if own.evidence >= NEAR * top]
-    most = max(own.more for own in close)
-    close = [own for own in close if own.more == most]
-    fewest = min(len(own.fault.channels) for own in close)
-    close = sorted((own for own in close if len(own.fault.channels) == fewest), key=lambda own: -own.evidence)
-    return [own for own in close if own.evidence >= EQUAL * close[0].evidence]
+    top = max(item.evidence for item in explained)
+    close = [item for item in explained if item.evidence >= NEAR * top]
+    most = max(item.more for item in close)
+    close = [item for item in close if item.more == most]
+    fewest = min(len(item.fault.channels) for item in close)
+    close = sorted((item for item in close if len(item.fault.channels) == fewest), key=lambda item: -item.evidence)
+    return [item for item in close if item.evidence >= EQUAL * close[0].evidence]
 
 
 def _judged(fault: Fault, before: Sequence[Relation], after: Sequence[Relation]) -> Explained | None:
-    changed = {(own.left, own.right): own for own in after}
+    changed = {(item.left, item.right): item for item in after}
     mended: list[tuple[float, Relation, Relation]] = []
     evidence = 0.0
     for old in before:
@@ -133,7 +133,7 @@ def _judged(fault: Fault, before: Sequence[Relation], after: Sequence[Relation])
     shaped = any(old.correlation > HOLDS for _, old, _ in mended)
     if not mended or evidence <= 0 or (fault.scales and not shaped):
         return None
-    _, old, new = max(mended, key=lambda own: own[0])
+    _, old, new = max(mended, key=lambda item: item[0])
     return Explained(fault, evidence, old, new, len(mended) - 1)
 
 
@@ -151,7 +151,7 @@ def _as_finding(named: Sequence[Explained]) -> Finding:
         f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; put right, {_numbers(new)}"
         f"{more if first.more else ''}. {first.fault.remedy}"
     )
-    others = [own.fault.what for own in named[1:]]
+    others = [item.fault.what for item in named[1:]]
     if others:
         sentence += f" As likely: {listed(others, 3)}."
     error = 1 / np.sqrt(max(old.independent - 3, 1.0))
@@ -362,10 +362,10 @@ def _sideways(r: Recording) -> list[Finding]:
     return [Finding("mapping", Severity.DISTRUST, FoundAt("v_x"), sentence, share)]
 
 
-def _wheels(found: Sequence[Relation]) -> list[Finding]:
+def _wheels(result: Sequence[Relation]) -> list[Finding]:
     """Wheels that would be too small for the vehicle, or turn too fast."""
-    rolling = next((own for own in found if own.right == "the wheel speeds"), None)
-    turning = next((own for own in found if own.right == "v_x · steer" and _certain(own)), None)
+    rolling = next((item for item in result if item.right == "the wheel speeds"), None)
+    turning = next((item for item in result if item.right == "v_x · steer" and _certain(item)), None)
     if rolling is None or not rolling.agreement > HOLDS or turning is None or not turning.agreement > HOLDS:
         return []
     share = rolling.gain * turning.gain  # radius over v_x · steer / yaw_rate
@@ -379,27 +379,27 @@ def _wheels(found: Sequence[Relation]) -> list[Finding]:
     return [Finding("mapping", Severity.DISTRUST, FoundAt("wheel_speed_fl"), sentence, rolling.gain, None, "m")]
 
 
-def _commanded(found: Sequence[Relation]) -> list[Finding]:
+def _commanded(result: Sequence[Relation]) -> list[Finding]:
     """Accelerations that follow their command in shape, but not in size."""
-    own = next((own for own in found if own.right == "ax_cmd"), None)
-    if own is None or own.correlation < WITNESS or not _certain(own) or own.agreement > 1 - WITNESS:
+    one = next((item for item in result if item.right == "ax_cmd"), None)
+    if one is None or one.correlation < WITNESS or not _certain(one) or one.agreement > 1 - WITNESS:
         return []
     sentence = (
-        f"dv_x/dt is {number(own.gain, 2)} times ax_cmd, where about 1 is due (correlation {own.correlation:.2f}): "
+        f"dv_x/dt is {number(one.gain, 2)} times ax_cmd, where about 1 is due (correlation {one.correlation:.2f}): "
         "check unit and scale of ax_cmd in the column map."
     )
-    return [Finding("mapping", Severity.DISTRUST, FoundAt("ax_cmd"), sentence, own.gain)]
+    return [Finding("mapping", Severity.DISTRUST, FoundAt("ax_cmd"), sentence, one.gain)]
 
 
-def _strange(found: Sequence[Relation]) -> list[Finding]:
+def _strange(result: Sequence[Relation]) -> list[Finding]:
     """Channels that agree with nothing, though what they should agree with agrees with each other."""
     findings = []
     for name, others in (("yaw_rate", {"a_y", "steer", "v_x"}), ("a_y", {"yaw_rate", "steer", "v_x"})):
-        own = [r for r in found if name in r.channels and r.left in (name, "a_y") and r.independent > SEEN]
-        sides = [r for r in found if name not in r.channels and r.agreement > WITNESS and r.independent > ENOUGH]
+        value = [r for r in result if name in r.channels and r.left in (name, "a_y") and r.independent > SEEN]
+        sides = [r for r in result if name not in r.channels and r.agreement > WITNESS and r.independent > ENOUGH]
         sides = [r for r in sides if len(others & set(r.channels)) >= 2 and "steer" in r.channels]
-        low = [r for r in own if abs(r.correlation) < STRANGE and (name != "a_y" or r.right_size > PUSHED)]
-        if len(own) >= 2 and len(low) == len(own) and sides:
+        low = [r for r in value if abs(r.correlation) < STRANGE and (name != "a_y" or r.right_size > PUSHED)]
+        if len(value) >= 2 and len(low) == len(value) and sides:
             sentence = (
                 f"{name} follows neither {listed((r.right for r in low), 3).replace(' and ', ' nor ')} (correlation "
                 f"{low[0].correlation:.2f}), though {sides[0].left} follows {sides[0].right} "
@@ -415,24 +415,24 @@ def _strange(found: Sequence[Relation]) -> list[Finding]:
 CLOCKED = ("a_x", "yaw_rate", "|v_x|")
 """What may be held against a time derivative whose gain is known."""
 CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
-    ("steer", "the sign of steer", lambda own: "steer" in own.channels, "v_x and yaw_rate, a_y or positions"),
-    ("yaw_rate", "the sign of yaw_rate", lambda own: "yaw_rate" in own.channels and own.left != "v_y",
+    ("steer", "the sign of steer", lambda item: "steer" in item.channels, "v_x and yaw_rate, a_y or positions"),
+    ("yaw_rate", "the sign of yaw_rate", lambda item: "yaw_rate" in item.channels and item.left != "v_y",
      "v_x with steer or a_y, yaw, or positions"),
-    ("a_x", "axis and sign of a_x", lambda own: own.left == "a_x", "v_x"),
-    ("a_y", "axis and sign of a_y", lambda own: own.left == "a_y", "v_x with yaw_rate or steer"),
-    ("v_x", "the scale of v_x", lambda own: "v_x" in own.channels and own.known and own.left in ("a_x", "a_y", "|v_x|"),
+    ("a_x", "axis and sign of a_x", lambda item: item.left == "a_x", "v_x"),
+    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x with yaw_rate or steer"),
+    ("v_x", "the scale of v_x", lambda one: "v_x" in one.channels and one.known and one.left in ("a_x", "a_y", "|v_x|"),
      "positions, or a_y with yaw_rate, or a_x"),
-    ("v_y", "the sign of v_y", lambda own: own.left in ("v_y", "sideslip"),
+    ("v_y", "the sign of v_y", lambda item: item.left in ("v_y", "sideslip"),
      "x, y and yaw, or yaw_rate at several speeds"),
-    ("yaw", "the sign of yaw", lambda own: "yaw" in own.channels, "yaw_rate, or x and y"),
-    ("time", "the scale of time", lambda own: own.left in CLOCKED and ("/dt" in own.right or "ground" in own.right),
+    ("yaw", "the sign of yaw", lambda item: "yaw" in item.channels, "yaw_rate, or x and y"),
+    ("time", "the scale of time", lambda one: one.left in CLOCKED and ("/dt" in one.right or "ground" in one.right),
      "a_x and v_x, yaw_rate and yaw, or positions"),
-    *((name, f"the sign of {name}", lambda own, name=name: own.right == name, "v_x") for name in DRIVES),
+    *((name, f"the sign of {name}", lambda item, name=name: item.right == name, "v_x") for name in DRIVES),
 )  # fmt: skip
 """Channel, what of it is checked, the relations that do it, what they need."""
 
 
-def _unchecked(r: Recording, found: Sequence[Relation], findings: Sequence[Finding]) -> list[Finding]:
+def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Finding]) -> list[Finding]:
     """Checks that need channels which are not there, or a motion that did not happen."""
     if findings:
         return []  # one fault is told; what else holds is told once it is mended
@@ -440,10 +440,10 @@ def _unchecked(r: Recording, found: Sequence[Relation], findings: Sequence[Findi
     for name, what, does, needs in CHECKS:
         if name != "time" and not r.has(name):
             continue
-        own = [relation for relation in found if does(relation)]
-        if not own:
+        value = [relation for relation in result if does(relation)]
+        if not value:
             lacking.append(f"{what} (that needs {needs})")
-        elif not any(relation.agreement > HOLDS and _certain(relation) for relation in own):
+        elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
     sentences = []
     if lacking:

@@ -50,51 +50,51 @@ class Pair:
 def pairs(recording: Recording) -> list[Pair]:
     """All pairs that the recording's channels allow."""
     r = recording
-    found: list[Pair] = []
+    pairs: list[Pair] = []
 
     if r.has("yaw_rate", "v_x", "steer"):
-        found.append(
+        pairs.append(
             Pair("yaw_rate", "v_x · steer", ("yaw_rate", "steer"), ("yaw_rate", "v_x", "steer"),
                  r["yaw_rate"], r["v_x"] * r["steer"], kinematic=False, lag_smoothing=0.03)
         )  # fmt: skip
-    found += _of_curvature(r)
+    pairs += _of_curvature(r)
     if r.has("yaw_rate", "yaw"):
         both = ("yaw_rate", "yaw")
-        found.append(Pair("yaw_rate", "d(yaw)/dt", both, both, r["yaw_rate"], rate(r, r["yaw"], True)))
+        pairs.append(Pair("yaw_rate", "d(yaw)/dt", both, both, r["yaw_rate"], rate(r, r["yaw"], True)))
     if r.has("a_x", "v_x"):
         right, values = acceleration_ahead(r)
-        found.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], values))
+        pairs.append(Pair("a_x", right, ("a_x", "v_x"), ("a_x", "v_x"), r["a_x"], values))
     if r.has("a_y", "v_x", "yaw_rate"):
         right, values = acceleration_aside(r)
-        found.append(
+        pairs.append(
             Pair("a_y", right, ("a_y", "yaw_rate"), ("a_y", "v_x", "yaw_rate"), r["a_y"], values,
                  lag_smoothing=0.06 if r.has("v_y") else None)
         )  # fmt: skip
     if r.has("sideslip", "v_x", "v_y"):
         slow = np.abs(r["v_x"]) < 1.0
         angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
-        found.append(
+        pairs.append(
             Pair("sideslip", "atan2(v_y, v_x)", ("sideslip", "v_y"), ("sideslip", "v_y"), r["sideslip"], angle)
         )
-    return found + _over_ground(r)
+    return pairs + _over_ground(r)
 
 
 def _of_curvature(r: Recording) -> list[Pair]:
     """A path's curvature against the yaw rate, or in its place against steering and lateral acceleration."""
     if not r.has("curvature", "v_x"):
         return []
-    turn, told, both = r["v_x"] * r["curvature"], "v_x · curvature", ("v_x", "curvature")
+    turn, known, both = r["v_x"] * r["curvature"], "v_x · curvature", ("v_x", "curvature")
     if "yaw_rate" in r:
-        return [Pair("yaw_rate", told, ("yaw_rate", "curvature"), ("yaw_rate", *both), r["yaw_rate"], turn,
+        return [Pair("yaw_rate", known, ("yaw_rate", "curvature"), ("yaw_rate", *both), r["yaw_rate"], turn,
                      lag_smoothing=None)]  # fmt: skip
-    found = []
+    result = []
     if "steer" in r:
-        found.append(Pair(told, "v_x · steer", ("curvature", "steer"), (*both, "steer"), turn, r["v_x"] * r["steer"],
+        result.append(Pair(known, "v_x · steer", ("curvature", "steer"), (*both, "steer"), turn, r["v_x"] * r["steer"],
                           kinematic=False, lag_smoothing=None))  # fmt: skip
     if "a_y" in r:
-        found.append(Pair("a_y", "v_x² · curvature", ("a_y", "curvature"), ("a_y", *both), r["a_y"], r["v_x"] * turn,
+        result.append(Pair("a_y", "v_x² · curvature", ("a_y", "curvature"), ("a_y", *both), r["a_y"], r["v_x"] * turn,
                           lag_smoothing=None))  # fmt: skip
-    return found
+    return result
 
 
 def acceleration_ahead(r: Recording) -> tuple[str, Array]:
@@ -147,51 +147,51 @@ class Ground:
 
 def grounds(r: Recording) -> list[Ground]:
     """All positions of a recording."""
-    found = []
+    result = []
     if r.has("latitude", "longitude"):
         north = np.radians(r["latitude"]) * EARTH
         east = np.radians(r["longitude"]) * EARTH * np.cos(np.radians(np.nanmedian(r["latitude"])))
         # Receivers know their place to about a metre: the course needs a chord of several metres.
-        found.append(Ground("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
+        result.append(Ground("latitude, longitude", ("latitude", "longitude"), east, north, 2.0, 5.0))
     if r.has("x", "y"):
-        found.append(Ground("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
-    return found
+        result.append(Ground("x, y", ("x", "y"), r["x"], r["y"], 0.5, 0.0))
+    return result
 
 
 def _over_ground(r: Recording) -> list[Pair]:
     """Course and speed over ground against yaw rate, steering and v_x: positions know nothing of sign conventions."""
-    found = []
+    result = []
     for place in grounds(r):
         turn, speed = course_and_speed(r, place)
         words, channels = place.words, place.channels
         node, along = f"course over ground ({words})", f"the course over ground ({words})"
         if "yaw_rate" in r:
             sides = place.turning(r), turn
-            found.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), *sides))
+            result.append(_coarse("yaw_rate", along, ("yaw_rate", node), ("yaw_rate", *channels), *sides))
         else:
-            found += _without_gyro(r, place, turn, along, node)
+            result += _without_gyro(r, place, turn, along, node)
         if "v_x" in r:
             pace, ground = smooth(r, np.abs(r["v_x"]), place.seconds), f"the speed over ground ({words})"
-            found.append(
+            result.append(
                 _coarse("|v_x|", ground, ("v_x", f"speed over ground ({words})"), ("v_x", *channels), pace, speed)
             )
-    return found
+    return result
 
 
 def _without_gyro(r: Recording, place: Ground, turn: Array, along: str, node: str) -> list[Pair]:
     """The course against heading, lateral acceleration and steering, where no yaw rate is recorded."""
-    found, channels = [], place.channels
+    result, channels = [], place.channels
     if "yaw" in r:
         heading = place.twice_smoothed(r, rate(r, r["yaw"], True))
-        found.append(_coarse("d(yaw)/dt", along, ("yaw", node), ("yaw", *channels), heading, turn))
+        result.append(_coarse("d(yaw)/dt", along, ("yaw", node), ("yaw", *channels), heading, turn))
     if "a_y" in r and "v_x" in r:
         aside = place.twice_smoothed(r, r["a_y"]), turn * place.twice_smoothed(r, r["v_x"])
-        found.append(_coarse("a_y", f"v_x · {along}", ("a_y", node), ("a_y", "v_x", *channels), *aside))
+        result.append(_coarse("a_y", f"v_x · {along}", ("a_y", node), ("a_y", "v_x", *channels), *aside))
     if "steer" in r and "v_x" in r:
         sides = place.steered(r), turn
         coarse = _coarse("v_x · steer", along, ("steer", node), ("v_x", "steer", *channels), *sides)
-        found.append(replace(coarse, kinematic=False))
-    return found
+        result.append(replace(coarse, kinematic=False))
+    return result
 
 
 def _coarse(

@@ -88,8 +88,8 @@ class Relation:
 def thinned(recording: Recording) -> Recording:
     """Means over blocks of rows, so that about `RATE` rows a second are left; blocks do not cross joins."""
     dt = recording.sample_time
-    wanted = max(min(RATE, MOST_ROWS / max(recording.duration, dt)), SLOWEST)
-    by = max(1, int(round(1 / (wanted * dt))))
+    target = max(min(RATE, MOST_ROWS / max(recording.duration, dt)), SLOWEST)
+    by = max(1, int(round(1 / (target * dt))))
     if by == 1:
         return recording
     spans = [(start, (stop - start) // by) for start, stop in recording.runs if stop - start >= 2 * by]
@@ -120,9 +120,15 @@ def relations(r: Recording, touching: Collection[str] = ()) -> list[Relation]:
     r : a recording that runs on, as `thinned` leaves it.
     touching : only those in which one of these channels takes part; all of them if empty.
     """
-    asked = _Asked(r, frozenset(touching))
-    found = (*_turning(asked), *_pushing(asked), *_over_ground(asked), *_rolling(asked), *_driven(asked))
-    return [own for own in found if own is not None]
+    requested = _Asked(r, frozenset(touching))
+    result = (
+        *_turning(requested),
+        *_pushing(requested),
+        *_over_ground(requested),
+        *_rolling(requested),
+        *_driven(requested),
+    )
+    return [item for item in result if item is not None]
 
 
 @dataclass(frozen=True)
@@ -137,22 +143,22 @@ class _Asked:
         return self.recording.has(*channels) and (not self.touching or not self.touching.isdisjoint(channels))
 
 
-def _turning(asked: _Asked) -> list[Relation | None]:
-    r, found = asked.recording, list[Relation | None]()
-    if asked.wants("yaw_rate", "v_x", "steer"):
-        found.append(_relation(r, ("yaw_rate", "v_x · steer"), ("yaw_rate", "v_x", "steer"), r["yaw_rate"],
+def _turning(requested: _Asked) -> list[Relation | None]:
+    r, result = requested.recording, list[Relation | None]()
+    if requested.wants("yaw_rate", "v_x", "steer"):
+        result.append(_relation(r, ("yaw_rate", "v_x · steer"), ("yaw_rate", "v_x", "steer"), r["yaw_rate"],
                                r["v_x"] * r["steer"], (TURNS, STEERS * _usual(r["v_x"])),
                                (1 / LENGTHS[1], 1 / LENGTHS[0]), known=False))  # fmt: skip
-    if asked.wants("yaw_rate", "yaw"):
-        found.append(_relation(r, ("yaw_rate", "d(yaw)/dt"), ("yaw_rate", "yaw"), r["yaw_rate"],
+    if requested.wants("yaw_rate", "yaw"):
+        result.append(_relation(r, ("yaw_rate", "d(yaw)/dt"), ("yaw_rate", "yaw"), r["yaw_rate"],
                                rate(r, r["yaw"], True), (TURNS, 0.0), PLACES))  # fmt: skip
-    if asked.wants("a_y", "v_x", "steer"):
-        found.append(_relation(r, ("a_y", "v_x² · steer"), ("a_y", "v_x", "steer"), r["a_y"],
+    if requested.wants("a_y", "v_x", "steer"):
+        result.append(_relation(r, ("a_y", "v_x² · steer"), ("a_y", "v_x", "steer"), r["a_y"],
                                r["v_x"] * np.abs(r["v_x"]) * r["steer"], (PUSHES, STEERS * _usual(r["v_x"]) ** 2),
                                (0.2 / LENGTHS[1], 1 / LENGTHS[0]), known=False))  # fmt: skip
-    if asked.wants("v_y", "v_x", "yaw_rate"):
-        found.append(_rear_axle(r))
-    return found
+    if requested.wants("v_y", "v_x", "yaw_rate"):
+        result.append(_rear_axle(r))
+    return result
 
 
 def _rear_axle(r: Recording) -> Relation | None:
@@ -161,65 +167,65 @@ def _rear_axle(r: Recording) -> Relation | None:
     Both sides are what yaw_rate does not explain: only recordings at several speeds tell the two terms apart.
     """
     v_y, rolls, slips = (
-        smooth(r, own, SMOOTHING) for own in (r["v_y"], r["yaw_rate"], -r["v_x"] * np.abs(r["v_x"]) * r["yaw_rate"])
+        smooth(r, item, SMOOTHING) for item in (r["v_y"], r["yaw_rate"], -r["v_x"] * np.abs(r["v_x"]) * r["yaw_rate"])
     )
     rows = np.isfinite(v_y) & np.isfinite(rolls) & np.isfinite(slips)
     power = float(np.sum(rolls[rows] ** 2))
     if not TINY < power < 1 / TINY:
         return None
-    left, right = (own - rolls * float(np.sum(own[rows] * rolls[rows]) / power) for own in (v_y, slips))
-    told = float(np.sum(right[rows] ** 2)) > SPEEDS**2 * float(np.sum(slips[rows] ** 2))
-    if not told:
+    left, right = (item - rolls * float(np.sum(item[rows] * rolls[rows]) / power) for item in (v_y, slips))
+    known = float(np.sum(right[rows] ** 2)) > SPEEDS**2 * float(np.sum(slips[rows] ** 2))
+    if not known:
         return None
     words = ("v_y", "v_x² · yaw_rate, less what yaw_rate explains")
     offsets, any_gain = (np.inf, np.inf), (0.0, np.inf)
     return _relation(r, words, ("v_y", "v_x", "yaw_rate"), left, right, offsets, any_gain, False, 0.0)
 
 
-def _pushing(asked: _Asked) -> list[Relation | None]:
-    r, found = asked.recording, list[Relation | None]()
+def _pushing(requested: _Asked) -> list[Relation | None]:
+    r, result = requested.recording, list[Relation | None]()
     involved = ("a_x", "v_x", *(("yaw_rate", "v_y") if r.has("yaw_rate", "v_y") else ()))
-    if asked.wants(*involved):
+    if requested.wants(*involved):
         words, right = acceleration_ahead(r)
-        found.append(_relation(r, ("a_x", words), involved, r["a_x"], right, (PUSHES, 0.0), SAME))
+        result.append(_relation(r, ("a_x", words), involved, r["a_x"], right, (PUSHES, 0.0), SAME))
     involved = ("a_y", "v_x", "yaw_rate", *(("v_y",) if r.has("v_y") else ()))
-    if asked.wants(*involved):
+    if requested.wants(*involved):
         words, right = acceleration_aside(r)
         offsets = (PUSHES, TURNS * _usual(r["v_x"]))
-        found.append(_relation(r, ("a_y", words), involved, r["a_y"], right, offsets, SAME))
-    if asked.wants("sideslip", "v_x", "v_y"):
+        result.append(_relation(r, ("a_y", words), involved, r["a_y"], right, offsets, SAME))
+    if requested.wants("sideslip", "v_x", "v_y"):
         slow = np.abs(r["v_x"]) < MOVING * _usual(r["v_x"])
         angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))
-        found.append(_relation(r, ("sideslip", "atan2(v_y, v_x)"), ("sideslip", "v_y", "v_x"), r["sideslip"], angle,
+        result.append(_relation(r, ("sideslip", "atan2(v_y, v_x)"), ("sideslip", "v_y", "v_x"), r["sideslip"], angle,
                                (STEERS, STEERS), PLACES))  # fmt: skip
-    return found
+    return result
 
 
-def _over_ground(asked: _Asked) -> list[Relation | None]:
-    r, found = asked.recording, list[Relation | None]()
+def _over_ground(requested: _Asked) -> list[Relation | None]:
+    r, one = requested.recording, list[Relation | None]()
     for place in grounds(r):
         beside = [name for name in ("yaw_rate", "v_x", "steer", "yaw") if r.has(name)]
-        if not asked.wants(*place.channels, *beside):
+        if not requested.wants(*place.channels, *beside):
             continue
         turn, speed = course_and_speed(r, place)
         if not np.isfinite(speed).any():
             continue
         words = f"the course over ground ({place.words})"
-        if asked.wants("yaw_rate", *place.channels):
-            found.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), place.turning(r), turn,
+        if requested.wants("yaw_rate", *place.channels):
+            one.append(_relation(r, ("yaw_rate", words), ("yaw_rate", *place.channels), place.turning(r), turn,
                                    (TURNS, 0.0), PLACES, smoothing=0.0))  # fmt: skip
-        if asked.wants("v_x", "steer", *place.channels):
+        if requested.wants("v_x", "steer", *place.channels):
             offsets = (STEERS * _usual(r["v_x"]), 0.0)
-            found.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r), turn,
+            one.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r), turn,
                                    offsets, LENGTHS, False, 0.0))  # fmt: skip
-        if asked.wants("v_x", *place.channels):
+        if requested.wants("v_x", *place.channels):
             sides = ("|v_x|", f"the speed over ground ({place.words})")
             pace = smooth(r, np.abs(r["v_x"]), place.seconds)
-            found.append(_ratio(r, sides, ("v_x", *place.channels), pace, speed, TIGHT, True))
+            one.append(_ratio(r, sides, ("v_x", *place.channels), pace, speed, TIGHT, True))
         aside = ("v_y",) if r.has("v_y") else ()
-        if place.words == "x, y" and asked.wants("x", "y", "yaw", "v_x", *aside):
-            found += _heading(r)
-    return found
+        if place.words == "x, y" and requested.wants("x", "y", "yaw", "v_x", *aside):
+            one += _heading(r)
+    return one
 
 
 def _heading(r: Recording) -> list[Relation | None]:
@@ -232,38 +238,38 @@ def _heading(r: Recording) -> list[Relation | None]:
         return []
     origin = np.angle(np.sum(ahead[both] * np.conj(body[both])))
     seen = ahead * np.exp(-1j * origin)
-    found = [_ratio(r, ("v_x", "the velocity over ground (x, y) along yaw"), ("v_x", "x", "y", "yaw"),
+    result = [_ratio(r, ("v_x", "the velocity over ground (x, y) along yaw"), ("v_x", "x", "y", "yaw"),
                     smooth(r, r["v_x"], SMOOTHING), smooth(r, seen.real, SMOOTHING), TIGHT, True)]  # fmt: skip
     if r.has("v_y"):
-        found.append(_relation(r, ("v_y", "the velocity over ground (x, y) across yaw"), ("v_y", "x", "y", "yaw"),
+        result.append(_relation(r, ("v_y", "the velocity over ground (x, y) across yaw"), ("v_y", "x", "y", "yaw"),
                                r["v_y"], seen.imag, (0.02 * _usual(r["v_x"]),) * 2, SAME))  # fmt: skip
-    return found
+    return result
 
 
-def _rolling(asked: _Asked) -> list[Relation | None]:
-    r, found = asked.recording, list[Relation | None]()
+def _rolling(requested: _Asked) -> list[Relation | None]:
+    r, result = requested.recording, list[Relation | None]()
     wheels = [name for name in WHEELS if r.has(name)]
-    if not (asked.wants(*wheels) or asked.wants("v_x", *wheels)):
-        return found
+    if not (requested.wants(*wheels) or requested.wants("v_x", *wheels)):
+        return result
     speeds = {name: smooth(r, np.abs(r[name]), SMOOTHING) for name in wheels}
-    for name in wheels if len(wheels) > 1 and asked.wants(*wheels) else []:
-        others = np.median([own for other, own in speeds.items() if other != name], axis=0)
-        found.append(_ratio(r, (name, "the other wheel speeds"), tuple(wheels), speeds[name], others, TIGHT, True))
-    if wheels and asked.wants("v_x", *wheels):
+    for name in wheels if len(wheels) > 1 and requested.wants(*wheels) else []:
+        others = np.median([speed for other, speed in speeds.items() if other != name], axis=0)
+        result.append(_ratio(r, (name, "the other wheel speeds"), tuple(wheels), speeds[name], others, TIGHT, True))
+    if wheels and requested.wants("v_x", *wheels):
         usual = np.median(list(speeds.values()), axis=0)
         pace = smooth(r, np.abs(r["v_x"]), SMOOTHING)
-        found.append(_ratio(r, ("|v_x|", "the wheel speeds"), ("v_x", *wheels), pace, usual, RADII, False))
-    return found
+        result.append(_ratio(r, ("|v_x|", "the wheel speeds"), ("v_x", *wheels), pace, usual, RADII, False))
+    return result
 
 
-def _driven(asked: _Asked) -> list[Relation | None]:
-    r, found = asked.recording, list[Relation | None]()
+def _driven(requested: _Asked) -> list[Relation | None]:
+    r, result = requested.recording, list[Relation | None]()
     for name in DRIVES:
-        if asked.wants(name, "v_x") and np.ptp(r[name][np.isfinite(r[name])]) > 0:
+        if requested.wants(name, "v_x") and np.ptp(r[name][np.isfinite(r[name])]) > 0:
             gains = {"ax_cmd": COMMANDS, "drive_force": (1 / MASSES[1], 1 / MASSES[0])}.get(name, (0.0, np.inf))
-            found.append(_relation(r, ("dv_x/dt", name), (name, "v_x"), rate(r, r["v_x"]), r[name], (np.inf, np.inf),
+            result.append(_relation(r, ("dv_x/dt", name), (name, "v_x"), rate(r, r["v_x"]), r[name], (np.inf, np.inf),
                                    gains, known=name == "ax_cmd"))  # fmt: skip
-    return found
+    return result
 
 
 def _relation(
@@ -273,22 +279,22 @@ def _relation(
     """A relation between two series, each of which may have a constant up to its offset that says nothing."""
     stride = max(1, int(round(0.25 / r.sample_time)))
     sides, centred = [], []
-    smoothed = [smooth(r, own, smoothing) for own in (left, right)]
+    smoothed = [smooth(r, item, smoothing) for item in (left, right)]
     for start, stop in r.runs:
-        u, v = (own[start:stop:stride] for own in smoothed)
+        u, v = (item[start:stop:stride] for item in smoothed)
         both = np.isfinite(u) & np.isfinite(v)
         sides.append((u[both], v[both]))
         centred += [(u[both] - u[both].mean(), v[both] - v[both].mean())] if both.any() else []
     (x, constant_x), (y, constant_y) = (
-        _about_zero(np.concatenate([own[k] for own in sides]), offsets[k]) for k in (0, 1)
+        _about_zero(np.concatenate([side[k] for side in sides]), offsets[k]) for k in (0, 1)
     )
-    size_x, size_y = (float(np.sqrt(np.mean(own**2))) if own.size else 0.0 for own in (x, y))
+    size_x, size_y = (float(np.sqrt(np.mean(item**2))) if item.size else 0.0 for item in (x, y))
     if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
         return None
     correlation = float(np.mean((x / size_x) * (y / size_y)))
-    moves = [np.concatenate([own[k] for own in centred]) for k in (0, 1)]  # runs driven to one side differ in mean
-    moves = [own / max(float(np.std(own)), TINY) for own in moves]
-    count = independent_samples(moves[0], moves[1], np.cumsum([len(own) for own, _ in centred]))
+    moves = [np.concatenate([item[k] for item in centred]) for k in (0, 1)]  # runs driven to one side differ in mean
+    moves = [move / max(float(np.std(move)), TINY) for move in moves]
+    count = independent_samples(moves[0], moves[1], np.cumsum([len(item) for item, _ in centred]))
     if constant_x and constant_y:
         count += STEADY
     return Relation(*words, channels, correlation, size_x / size_y, gains, count, known, size_y)
@@ -319,7 +325,7 @@ def _ratio(
         return None
     rows &= pace > MOVING * _usual(pace)
     x, y = left[rows], right[rows]
-    size_x, size_y = (float(np.sqrt(np.mean(own**2))) if own.size else 0.0 for own in (x, y))
+    size_x, size_y = (float(np.sqrt(np.mean(item**2))) if item.size else 0.0 for item in (x, y))
     if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
         return None
     correlation = float(np.mean((x / size_x) * (y / size_y)))

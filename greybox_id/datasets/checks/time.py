@@ -41,8 +41,8 @@ def check_time(recording: Recording) -> list[Finding]:
         sentence = "time never runs on from one row to the next; check which column holds it."
         return [*findings, _clock("still", Severity.DISTRUST, sentence, np.arange(0))]
     if not sample_time_believable(dt):
-        believable = {own: dt * size for own, size in UNITS if USUAL_STEPS[0] <= dt * size <= USUAL_STEPS[1]}
-        likely = min(believable, key=lambda own: abs(np.log(believable[own] / MIDDLE_STEP)), default="")
+        believable = {item: dt * size for item, size in UNITS if USUAL_STEPS[0] <= dt * size <= USUAL_STEPS[1]}
+        likely = min(believable, key=lambda item: abs(np.log(believable[item] / MIDDLE_STEP)), default="")
         remedy = f'as if it were in {likely}: set unit = "{likely}"' if likely else "check its unit"
         sentence = (
             f"time steps by {exact(dt)} s from row to row ({exact(1 / dt)} Hz), and no vehicle's motion is "
@@ -99,21 +99,21 @@ def _joins(recording: Recording, joins: list[int], steps: dict[int, float]) -> F
 
 
 def _jitter(recording: Recording, dt: float) -> list[Finding]:
-    found = {}
+    result = {}
     for run, (start, stop) in enumerate(recording.runs, 1):
         if stop - start > 10:
             scatter = float(np.std(np.diff(recording.time[start:stop]))) / dt
             if scatter > JITTER_SHARE:
-                found[run] = scatter
-    if not found:
+                result[run] = scatter
+    if not result:
         return []
-    worst = max(found, key=lambda run: found[run])
+    worst = max(result, key=lambda run: result[run])
     sentence = (
-        f"the step of time scatters by {100 * found[worst]:.0f} % of {exact(dt)} s in run {worst}"
-        f"{f' (also in {runs_words(n for n in found if n != worst)})' if len(found) > 1 else ''}: "
+        f"the step of time scatters by {100 * result[worst]:.0f} % of {exact(dt)} s in run {worst}"
+        f"{f' (also in {runs_words(n for n in result if n != worst)})' if len(result) > 1 else ''}: "
         "delays cannot be told more finely than that."
     )
-    return [Finding("jitter", Severity.WARNING, FoundAt("time", worst), sentence, found[worst])]
+    return [Finding("jitter", Severity.WARNING, FoundAt("time", worst), sentence, result[worst])]
 
 
 def _clock(

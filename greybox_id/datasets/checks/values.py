@@ -181,8 +181,8 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
 
 def outlying(recording: Recording, name: str) -> Finding | None:
     """Values of a signal that stand out from their neighbours, each for a sample or two."""
-    found = _spikes(recording, name, recording[name])
-    return found[0] if found else None
+    findings = _spikes(recording, name, recording[name])
+    return findings[0] if findings else None
 
 
 def _spikes(recording: Recording, name: str, values: Array) -> list[Finding]:

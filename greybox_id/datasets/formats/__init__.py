@@ -54,9 +54,9 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
     module = "ros" if file.is_dir() else module or (SUFFIXES[suffix] if suffix else None)
     if module is None:
         raise BadInput(f"{file}: cannot tell the kind of file from its name; {', '.join(SUFFIXES)} can be read.")
-    found: Contents = import_module(f".{module}", __name__).contents(file, mapping)
-    few_enough(len(found.names), str(file))
-    return found
+    result: Contents = import_module(f".{module}", __name__).contents(file, mapping)
+    few_enough(len(result.names), str(file))
+    return result
 
 
 def write(recording: Recording, path: Path) -> None:
@@ -83,8 +83,8 @@ def bare_name(file: Path) -> str:
 def hash_of(file: Path) -> str:
     """SHA-256 of a file's bytes; of a folder, of the names and hashes of the files in it."""
     if file.is_dir():
-        inside = sorted(own for own in file.rglob("*") if own.is_file())
-        lines = [f"{own.relative_to(file).as_posix()} {hash_of(own)}\n" for own in inside]
+        inside = sorted(file for file in file.rglob("*") if file.is_file())
+        lines = [f"{item.relative_to(file).as_posix()} {hash_of(item)}\n" for item in inside]
         return hashlib.sha256("".join(lines).encode()).hexdigest()
     with file.open("rb") as opened:
         return hashlib.file_digest(opened, "sha256").hexdigest()
@@ -99,7 +99,7 @@ def _head(file: Path) -> bytes:
     """How the file begins, or a sentence why it cannot be read."""
     try:
         if file.is_dir():
-            if not any(own.name.endswith(BAG) for own in file.iterdir()):
+            if not any(path.name.endswith(BAG) for path in file.iterdir()):
                 raise BadInput(f"{file} is a folder; name a file in it, or the folder of a ROS 2 bag.")
             return b""
         with file.open("rb") as opened:

@@ -46,10 +46,10 @@ def _group(names: Sequence[str], tables: dict[str, Any], where: str) -> Group:
     clock = f"{title}/time"
     units = {name: unit for name in names if (unit := _unit(tables[name], name))}
 
-    def load(wanted: Sequence[str]) -> RawTable:
-        chosen = [name for name in (*names, clock) if name in wanted]
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = [name for name in (*names, clock) if name in target]
         columns = [tables[title].column(CLOCK) if name == clock else tables[name].column(name) for name in chosen]
-        return RawTable(where, tuple(chosen), tuple(pd.Series(own.to_numpy()) for own in columns), 1)
+        return RawTable(where, tuple(chosen), tuple(pd.Series(column.to_numpy()) for column in columns), 1)
 
     return Group(title, (*names, clock), load, f"{title}/", clock, "ms", units)
 

@@ -96,10 +96,10 @@ class Apart:
         BadInput
             The library is not installed, or the file is damaged: the reader said so, crashed, or met a limit.
         """
-        found = self._asked(question, of)[1]
-        if found is None:
+        result = self._asked(question, of)[1]
+        if result is None:
             raise unsound(str(self._file), self._kind, "no values")
-        return found
+        return result
 
     def _asked(self, question: str, of: tuple[Any, ...]) -> tuple[Any, NDArray[Any] | None]:
         """One question and its answer."""

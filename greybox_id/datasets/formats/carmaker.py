@@ -31,13 +31,13 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         raise BadInput(f"{file}: {info.name}, which names its quantities, is not beside it; copy it there.")
     with sound(str(file), KIND):
         signals = cmerg.ERG(str(file)).signals
-    numeric = {name: own for name, own in signals.items() if np.issubdtype(own.data.dtype, np.number)}
+    numeric = {name: signal for name, signal in signals.items() if np.issubdtype(signal.data.dtype, np.number)}
     if TIME not in numeric:
         raise BadInput(f"{file} has no quantity {TIME}; write it again with {TIME} among its quantities.")
-    units = {name: unit for name, own in numeric.items() if (unit := known_unit(own.unit))}
+    units = {name: unit for name, item in numeric.items() if (unit := known_unit(item.unit))}
 
-    def load(wanted: Sequence[str]) -> RawTable:
-        chosen = tuple(name for name in numeric if name in wanted)
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = tuple(name for name in numeric if name in target)
         return RawTable(str(file), chosen, tuple(pd.Series(numeric[name].data) for name in chosen), 1, units)
 
     return Contents(str(file), (Group("", tuple(numeric), load, "", TIME, "s", units),), KIND)

@@ -64,14 +64,14 @@ class RawTable:
         strange = np.isnan(values) & text.notna().to_numpy() & (text != "").fillna(False).to_numpy(dtype=bool)
         if strange.any():
             row = int(np.argmax(strange))
-            found = str(text.iloc[row])
+            result = str(text.iloc[row])
             advice = (
                 'Set decimal = "," in the column map, and separator to what stands between columns.'
-                if _DECIMAL_COMMA.fullmatch(found)
+                if _DECIMAL_COMMA.fullmatch(result)
                 else "Mend the cell, or leave it empty if the value is missing."
             )
             raise BadInput(
-                f'{self.where}: column "{name}", row {row + self.first_row}: {found!r:.60} is not a number. {advice}'
+                f'{self.where}: column "{name}", row {row + self.first_row}: {result!r:.60} is not a number. {advice}'
             )
         return values
 
@@ -91,11 +91,11 @@ def unique_names(names: tuple[str, ...], where: str) -> None:
 
 def one_column(names: tuple[str, ...]) -> str:
     """A hint for a header line that was not split; empty if it was."""
-    found = max(";\t|", key=names[0].count) if len(names) == 1 else ""
-    if not found or found not in names[0]:
+    result = max(";\t|", key=names[0].count) if len(names) == 1 else ""
+    if not result or result not in names[0]:
         return ""
     return (
-        f"The whole header line was read as one column, {names[0]!r:.80}; set separator = {json.dumps(found)} in the "
+        f"The whole header line was read as one column, {names[0]!r:.80}; set separator = {json.dumps(result)} in the "
         "column map."
     )
 

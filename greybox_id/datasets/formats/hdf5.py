@@ -103,9 +103,11 @@ def groups_of(leaves: Iterable[TreeLeaf], separator: str, time: str, where: str)
         clock = _clock(leaf, clocks, separator, time)
         key = (clock.path, "") if clock else (leaf.path[:-1], str(leaf.rows))
         sets.setdefault(key, []).append(leaf)
-    found = [_group(own, clocks.get(key) if not rows else None, separator, where) for (key, rows), own in sets.items()]
-    lone = [group for group, own in zip(found, sets.values(), strict=True) if group.clock or own[0].rows > 1]
-    return tuple(lone or found)
+    result = [
+        _group(item, clocks.get(key) if not rows else None, separator, where) for (key, rows), item in sets.items()
+    ]
+    lone = [group for group, item in zip(result, sets.values(), strict=True) if group.clock or item[0].rows > 1]
+    return tuple(lone or result)
 
 
 def _is_time(path: tuple[str, ...], separator: str, time: str) -> bool:
@@ -125,8 +127,8 @@ def _group(leaves: Sequence[TreeLeaf], clock: TreeLeaf | None, separator: str, w
     names = {separator.join(leaf.path): leaf for leaf in leaves}
     folder = (clock or leaves[0]).path[:-1]
 
-    def load(wanted: Sequence[str]) -> RawTable:
-        chosen = tuple(name for name in names if name in wanted)
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = tuple(name for name in names if name in target)
         columns = tuple(pd.Series(_plain(names[name].load())) for name in chosen)
         return RawTable(where, chosen, columns, 1)
 
@@ -181,14 +183,14 @@ def dataset_leaves(
 
     def values(field: str | None) -> Callable[[], NDArray[Any]]:
         def load() -> NDArray[Any]:
-            found = reader.array("values", name, field)
-            return found.T if transposed else found
+            result = reader.array("values", name, field)
+            return result.T if transposed else result
 
         return load
 
     for field in node["fields"]:
-        own = path if field is None else (*path, field)
-        yield from matrix_leaves(own, shape, values(field), first, node["unit"])
+        value = path if field is None else (*path, field)
+        yield from matrix_leaves(value, shape, values(field), first, node["unit"])
 
 
 def write(columns: Columns, path: Path) -> None:

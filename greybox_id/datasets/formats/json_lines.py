@@ -76,7 +76,7 @@ def _flat(row: dict[str, Any], path: str = "", depth: int = 0) -> dict[str, Any]
         if isinstance(value, dict) and depth < DEEPEST:
             flat.update(_flat(value, f"{name}.", depth + 1))
         elif isinstance(value, list) and len(value) <= SHORT_LISTS:
-            flat.update({f"{name}[{k}]": own for k, own in enumerate(value) if not isinstance(own, dict | list)})
+            flat.update({f"{name}[{k}]": item for k, item in enumerate(value) if not isinstance(item, dict | list)})
         elif not isinstance(value, dict | list):
             flat[name] = value
     return flat

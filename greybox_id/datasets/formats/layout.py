@@ -83,7 +83,7 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
     names = [cell.strip() for cell in _cells(line, separator, strict=True)]
     while names and not names[-1]:  # a comma at the end of each line
         names.pop()
-    told, renamed = _told_apart(names, sources)
+    known, renamed = _told_apart(names, sources)
     stated = tuple(_unit(units[k]) if k < len(units) else "" for k in range(len(names)))
     start = max((header, *block)) + 1 if block else header + 1
     if block:  # blank lines may stand between names and values
@@ -91,7 +91,7 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
     if not decimal:
         comma = separator != "," and any(_DECIMAL_COMMA.fullmatch(c) for row in rows[start : start + 5] for c in row)
         decimal = "," if comma else "."
-    return TableLayout(separator, decimal, header, start, told, stated, renamed)
+    return TableLayout(separator, decimal, header, start, known, stated, renamed)
 
 
 def _cells(line: str, separator: str, strict: bool = False) -> list[str]:
@@ -111,28 +111,28 @@ def _separator(lines: Sequence[str]) -> str:
     later = [line for line in lines[len(lines) // 2 :] if line.strip()]
     best: str = SEPARATORS[0]
     reached: tuple[int, int] | None = None
-    for own in (*SEPARATORS, SPACE):
-        widths = Counter(len(_cells(line, own)) for line in later)
+    for item in (*SEPARATORS, SPACE):
+        widths = Counter(len(_cells(line, item)) for line in later)
         widths.pop(1, None)
         if not widths:
             continue
-        merit = (max(widths.values()), -_split_numbers(later, own))  # decimal commas cut rows evenly, too
+        merit = (max(widths.values()), -_split_numbers(later, item))  # decimal commas cut rows evenly, too
         if reached is None or merit > reached:
-            best, reached = own, merit
+            best, reached = item, merit
     return best
 
 
 def _split_numbers(lines: Sequence[str], separator: str) -> int:
     """Cells of a few lines that are no number, instant or word of their own: another separator stands in them."""
     cells = [cell for line in lines[:20] for cell in _cells(line, separator)]
-    others = [own for own in (*SEPARATORS, SPACE) if own != separator]
-    return sum(1 for cell in cells if not _is_value(cell) and any(own in cell for own in others))
+    others = [item for item in (*SEPARATORS, SPACE) if item != separator]
+    return sum(1 for cell in cells if not _is_value(cell) and any(other in cell for other in others))
 
 
 def _width(rows: Sequence[Sequence[str]]) -> int:
     """How many cells the rows that go on to the end have."""
     widths = Counter(len(row) for row in rows[len(rows) // 2 :] if any(row))
-    return max(widths, key=lambda own: (widths[own], own)) if widths else 0
+    return max(widths, key=lambda item: (widths[item], item)) if widths else 0
 
 
 def _is_value(cell: str) -> bool:
@@ -149,8 +149,8 @@ def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
     usual = max((_words(row) for row in wide), default=0)  # labels among the values
     for k, row in enumerate(rows):
         if len(row) >= width - 1 and len(row) > 0 and _words(row) <= usual and any(map(_is_value, row)):
-            later = [own for own in rows[k + 1 : k + 11] if any(own)]
-            alike = sum(1 for own in later if len(own) >= width - 1 and _words(own) <= usual)
+            later = [row for row in rows[k + 1 : k + 11] if any(row)]
+            alike = sum(1 for item in later if len(item) >= width - 1 and _words(item) <= usual)
             if alike >= 0.5 * len(later):
                 return k
     return 0
@@ -200,13 +200,13 @@ def _unit(cell: str) -> str:
 def _told_apart(names: Sequence[str], sources: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Names that stand there once: those that stand there twice with their source, else with a number."""
     counts = Counter(names)
-    told: list[str] = []
+    known: list[str] = []
     for k, name in enumerate(names):
         if counts[name] > 1 and name:
             source = _DEVICE.sub("", sources[k]).strip() if k < len(sources) else ""
             name = f"{name} {source}" if source else name
         number, plain = 2, name
-        while name in told and name:
+        while name in known and name:
             name, number = f"{plain} {number}", number + 1
-        told.append(name)
-    return tuple(told), tuple(name for name, count in counts.items() if count > 1 and name)
+        known.append(name)
+    return tuple(known), tuple(name for name, count in counts.items() if count > 1 and name)

@@ -27,10 +27,10 @@ def apart_by_name(table: RawTable, kind: str) -> Contents | None:
     if not len(table) or len(table.names) > MOST_COLUMNS:
         return None
     plain = {name.lower().strip(): name for name in table.names}
-    found = [next((plain[own] for own in plain if own in known), None) for known in (TIMES, NAMES, VALUES)]
-    if not all(found):
+    result = [next((plain[item] for item in plain if item in known), None) for known in (TIMES, NAMES, VALUES)]
+    if not all(result):
         return None
-    time, name, value = (str(own) for own in found)
+    time, name, value = (str(item) for item in result)
     labels = table.column(name)
     if pd.api.types.is_numeric_dtype(labels.dtype):
         return None
@@ -56,9 +56,9 @@ def _group(name: str, table: RawTable, values: pd.Series[float], times: pd.Serie
     clock = f"{name}/{CLOCK}"
     columns = {name: values, clock: times.reset_index(drop=True)}
 
-    def load(wanted: Sequence[str]) -> RawTable:
-        chosen = tuple(own for own in columns if own in wanted)
-        return RawTable(table.where, chosen, tuple(columns[own] for own in chosen), table.first_row)
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = tuple(column for column in columns if column in target)
+        return RawTable(table.where, chosen, tuple(columns[item] for item in chosen), table.first_row)
 
     return Group(name, (name, clock), load, f"{name}/", clock, unit)
 

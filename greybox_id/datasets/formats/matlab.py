@@ -65,18 +65,18 @@ def write(columns: Columns, path: Path) -> None:
 
 def _older(file: Path, objects: list[str]) -> Iterator[TreeLeaf]:
     reader = Apart(file, OLDER, KIND, "mat")
-    found = reader.answer("variables")
-    objects.extend(found["objects"])
-    units = {".".join(own["path"][1:]): own["text"] for own in found["texts"] if own["path"][0] == UNITS}
-    for number, own in enumerate(found["arrays"]):
-        path = tuple(own["path"])
+    result = reader.answer("variables")
+    objects.extend(result["objects"])
+    units = {".".join(item["path"][1:]): item["text"] for item in result["texts"] if item["path"][0] == UNITS}
+    for number, item in enumerate(result["arrays"]):
+        path = tuple(item["path"])
         load = cache(partial(reader.array, "values", number))
-        yield from matrix_leaves(path, tuple(own["shape"]), load, 1, units.get(".".join(path), ""))
+        yield from matrix_leaves(path, tuple(item["shape"]), load, 1, units.get(".".join(path), ""))
 
 
 def _newest(file: Path, objects: list[str]) -> Iterator[TreeLeaf]:
     reader = Apart(file, READER, "MAT 7.3", "hdf5")
-    found = reader.answer("variables")
-    objects.extend(name.replace("/", ".") for name in found["objects"])
-    for node in found["datasets"]:
+    result = reader.answer("variables")
+    objects.extend(name.replace("/", ".") for name in result["objects"])
+    for node in result["datasets"]:
         yield from dataset_leaves(reader, file, node, 1, transposed=True)

@@ -37,11 +37,11 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     return Contents(str(file), groups, KIND)
 
 
-def _groups(reader: Apart, file: Path, found: Sequence[Mapping[str, Any]]) -> Iterator[Group]:
+def _groups(reader: Apart, file: Path, result: Sequence[Mapping[str, Any]]) -> Iterator[Group]:
     """What `readers.mdf` says of groups, under names that stand there once."""
-    seen = Counter(name for group in found for name in {name for name, _ in group["channels"]})
-    titles = Counter(group["title"] for group in found)
-    for k, group in enumerate(found):
+    seen = Counter(name for group in result for name in {name for name, _ in group["channels"]})
+    titles = Counter(group["title"] for group in result)
+    for k, group in enumerate(result):
         title = group["title"] if titles[group["title"]] == 1 else f"{group['title']}#{k}"
         full = [name if seen[name] == 1 else f"{title}/{name}" for name, _ in group["channels"]]
         names = {name: (k, number) for number, name in enumerate(full)}
@@ -55,8 +55,8 @@ def _groups(reader: Apart, file: Path, found: Sequence[Mapping[str, Any]]) -> It
 
 
 def _loader(reader: Apart, file: Path, names: Mapping[str, tuple[int, int]]) -> Callable[[Sequence[str]], RawTable]:
-    def load(wanted: Sequence[str]) -> RawTable:
-        chosen = tuple(name for name in names if name in wanted)
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = tuple(name for name in names if name in target)
         columns = tuple(pd.Series(reader.array("values", *names[name])) for name in chosen)
         return RawTable(str(file), chosen, columns, 1)
 

@@ -29,9 +29,9 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     """
     where = str(file)
 
-    def load(wanted: Sequence[str]) -> RawTable:
+    def load(target: Sequence[str]) -> RawTable:
         with sound(where, KIND):
-            chosen = list(dict.fromkeys(wanted))
+            chosen = list(dict.fromkeys(target))
             with pq.ParquetFile(file) as opened:
                 bounded(max(8.0 * opened.metadata.num_rows * len(chosen), _bytes(opened.metadata, chosen)), where)
                 table = opened.read(chosen)
@@ -43,7 +43,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         names = tuple(str(name) for name in schema.names)
         few_enough(len(names), where)
         unique_names(names, where)
-        units = {str(own.name): own.metadata[UNIT].decode() for own in schema if UNIT in (own.metadata or {})}
+        units = {str(item.name): item.metadata[UNIT].decode() for item in schema if UNIT in (item.metadata or {})}
     return Contents(where, (Group("", names, load, units=units),), KIND)
 
 
@@ -56,16 +56,16 @@ def write(columns: Columns, path: Path) -> None:
     pq.write_table(pa.table(list(map(pa.array, columns.values.values())), schema=pa.schema(fields)), path)
 
 
-def _bytes(told: pq.FileMetaData, chosen: Sequence[str]) -> float:
+def _bytes(file_meta_data: pq.FileMetaData, chosen: Sequence[str]) -> float:
     """What columns take in memory, as the file says itself."""
     whole = set(chosen)
-    found = 0.0
-    for group in (told.row_group(k) for k in range(told.num_row_groups)):
-        for own in (group.column(k) for k in range(group.num_columns)):
-            path = own.path_in_schema
+    result = 0.0
+    for group in (file_meta_data.row_group(k) for k in range(file_meta_data.num_row_groups)):
+        for item in (group.column(k) for k in range(group.num_columns)):
+            path = item.path_in_schema
             if path in whole or path.partition(".")[0] in whole:
-                found += own.total_uncompressed_size
-    return found
+                result += item.total_uncompressed_size
+    return result
 
 
 def _series(column: pa.ChunkedArray) -> pd.Series[Any]:

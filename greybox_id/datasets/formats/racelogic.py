@@ -44,12 +44,12 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     for k, row in enumerate(rows):
         if len(row) != len(names):
             raise BadInput(f"{file}: row {first + k} has {len(row)} cells and [column names] {len(names)}. Mend it.")
-    columns = dict(zip(names, (pd.Series(own) for own in zip(*rows, strict=True)), strict=True)) if rows else {}
+    columns = dict(zip(names, (pd.Series(item) for item in zip(*rows, strict=True)), strict=True)) if rows else {}
     table = RawTable(str(file), tuple(columns) or tuple(names), tuple(columns.values()), first, _units(names, sections))
     numbers = {name: table.numbers(name) for name in table.names} if rows else {}
-    for name, own in (("time", _seconds), ("lat", _degrees), ("long", _west_to_east)):
+    for name, item in (("time", _seconds), ("lat", _degrees), ("long", _west_to_east)):
         if name in numbers:
-            numbers[name] = own(numbers[name])
+            numbers[name] = item(numbers[name])
     table = RawTable(table.where, table.names, tuple(pd.Series(v) for v in numbers.values()), first, table.units)
     return whole(table, KIND, ("latitude and longitude are minutes, west positive: taken as degrees, east positive.",))
 
@@ -59,10 +59,10 @@ def _sections(text: str, where: str) -> tuple[Mapping[str, list[str]], int]:
     sections: dict[str, list[str]] = {}
     lines, first = sections.setdefault("", []), 0
     for k, line in enumerate(text.splitlines(), 1):
-        found = _SECTION.fullmatch(line.strip())
-        if found:
-            lines = sections.setdefault(found[1].lower(), [])
-            first = k + 1 if found[1].lower() == "data" else first
+        result = _SECTION.fullmatch(line.strip())
+        if result:
+            lines = sections.setdefault(result[1].lower(), [])
+            first = k + 1 if result[1].lower() == "data" else first
         else:
             lines.append(line.strip())
     if "data" not in sections:
@@ -89,9 +89,9 @@ def _seconds(clock: Array) -> Array:
     """Seconds of a clock written as HHMMSS.SS; past midnight it runs on."""
     hours, rest = np.divmod(clock, 10_000.0)
     minutes, seconds = np.divmod(rest, 100.0)
-    found = np.round(3600 * hours + 60 * minutes + seconds, 6)
-    midnights = np.cumsum(np.concatenate([[0], np.diff(found) < -DAY / 2]))
-    return np.asarray(found + DAY * midnights)
+    result = np.round(3600 * hours + 60 * minutes + seconds, 6)
+    midnights = np.cumsum(np.concatenate([[0], np.diff(result) < -DAY / 2]))
+    return np.asarray(result + DAY * midnights)
 
 
 def _degrees(minutes: Array) -> Array:

@@ -46,12 +46,12 @@ UNITS = {
 
 def shipped_types(parse: Callable[[str, str], Mapping[str, Any]]) -> dict[str, Any]:
     """Definitions of messages that are common on small cars and in no typestore, parsed."""
-    found: dict[str, Any] = {}
+    result: dict[str, Any] = {}
     folder = resources.files(__package__).joinpath("messages")
-    for package, origin in [(own, own) for own in SHIPPED] + list(SAME.items()):
+    for package, origin in [(item, item) for item in SHIPPED] + list(SAME.items()):
         for message in SHIPPED[origin]:
-            found.update(parse(folder.joinpath(f"{message}.msg").read_text("utf-8"), f"{package}/msg/{message}"))
-    return found
+            result.update(parse(folder.joinpath(f"{message}.msg").read_text("utf-8"), f"{package}/msg/{message}"))
+    return result
 
 
 def unit_of_path(path: str) -> str:
@@ -87,10 +87,10 @@ class Field:
         if self.angle:
             w, x, y, z = (np.array([attrgetter(f"{self.path}.{c}")(m) for m in messages], dtype=float) for c in "wxyz")
             return _angle(self.angle, w, x, y, z)
-        found = [attrgetter(self.path)(message) for message in messages]
+        result = [attrgetter(self.path)(message) for message in messages]
         if self.index is None:
-            return np.asarray(found, dtype=float if isinstance(found[0], float) else None) * 1
-        return np.array([float(v[self.index]) if self.index < len(v) else np.nan for v in found])
+            return np.asarray(result, dtype=float if isinstance(result[0], float) else None) * 1
+        return np.array([float(v[self.index]) if self.index < len(v) else np.nan for v in result])
 
 
 def fields_of(message: Any, path: str = "") -> Iterator[Field]:
@@ -101,13 +101,13 @@ def fields_of(message: Any, path: str = "") -> Iterator[Field]:
     if {"x", "y", "z", "w"} == set(names) and path:
         yield from (Field(path, angle=angle) for angle in ("roll", "pitch", "yaw"))
     for name in names:
-        value, own = getattr(message, name), f"{path}.{name}" if path else name
+        value, entry = getattr(message, name), f"{path}.{name}" if path else name
         if isinstance(value, (bool, int, float, np.number)):
-            yield Field(own)
+            yield Field(entry)
         elif isinstance(value, np.ndarray):
-            yield from (Field(own, k) for k in range(len(value)) if len(value) <= LONGEST_ARRAY)
+            yield from (Field(entry, k) for k in range(len(value)) if len(value) <= LONGEST_ARRAY)
         elif hasattr(value, "__dataclass_fields__"):
-            yield from fields_of(value, own)
+            yield from fields_of(value, entry)
 
 
 def _angle(which: str, w: Array, x: Array, y: Array, z: Array) -> Array:
@@ -141,9 +141,9 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         topics: dict[str, list[Any]] = {}
         for connection in reader.connections:
             topics.setdefault(connection.topic, []).append(connection)
-        found = [bag.group(topic, own, reader, decode) for topic, own in topics.items()]
-    groups = tuple(group for group in found if isinstance(group, Group))
-    strange = tuple(note for note in found if isinstance(note, str) and note)
+        result = [bag.group(topic, item, reader, decode) for topic, item in topics.items()]
+    groups = tuple(group for group in result if isinstance(group, Group))
+    strange = tuple(note for note in result if isinstance(note, str) and note)
     if not groups:
         raise BadInput(f"{file}: no topic of this bag holds numbers. {' '.join(strange)}".strip())
     return Contents(str(file), groups, KIND, strange)
@@ -174,7 +174,7 @@ class _Bag:
         store = get_typestore(Stores.ROS1_NOETIC if self.old else Stores.ROS2_HUMBLE)
         store.max_sequence_length = LONGEST
         types = shipped_types(get_types_from_msg)
-        for definition, name in {(own.msgdef, own.msgtype) for own in reader.connections}:
+        for definition, name in {(connection.msgdef, connection.msgtype) for connection in reader.connections}:
             if not definition.data.strip():
                 continue
             if definition.format.name == "MSG":
@@ -205,8 +205,8 @@ class _Bag:
         prefix = f"{topic}."
         units = {prefix + name: unit_of_path(name) for name in fields}
 
-        def load(wanted: Sequence[str]) -> RawTable:
-            chosen = [field for name, field in fields.items() if prefix + name in wanted]
+        def load(target: Sequence[str]) -> RawTable:
+            chosen = [field for name, field in fields.items() if prefix + name in target]
             stamps, messages = self.messages(topic)
             columns = [pd.Series(field.column(messages)) for field in chosen]
             names = [prefix + field.name for field in chosen]
@@ -214,18 +214,18 @@ class _Bag:
                 names, columns = [*names, prefix + TIME], [*columns, pd.Series(stamps)]
             return RawTable(str(self.file), tuple(names), tuple(columns), 1)
 
-        own = TIME in fields
-        names = tuple(prefix + name for name in (*fields, *(() if own else (TIME,))))
+        value = TIME in fields
+        names = tuple(prefix + name for name in (*fields, *(() if value else (TIME,))))
         return Group(
-            topic, names, load, prefix, prefix + TIME, "s" if own else "ns", {n: u for n, u in units.items() if u}
+            topic, names, load, prefix, prefix + TIME, "s" if value else "ns", {n: u for n, u in units.items() if u}
         )
 
     def messages(self, topic: str) -> tuple[NDArray[np.int64], list[Any]]:
         """All messages of a topic with their times, in ns since 1970."""
         received, messages = [], []
         with self.opened() as (reader, decode), sound(str(self.file), KIND):
-            own = [connection for connection in reader.connections if connection.topic == topic]
-            for connection, when, data in reader.messages(connections=own):
+            value = [connection for connection in reader.connections if connection.topic == topic]
+            for connection, when, data in reader.messages(connections=value):
                 received.append(when)
                 messages.append(decode(data, connection.msgtype))
         stamped = [getattr(getattr(message, "header", None), "stamp", None) for message in messages]

@@ -128,8 +128,8 @@ def _head(data: bytes, separator: str, where: str) -> list[str]:
     head = data[:cut].decode("utf-8", "ignore").splitlines()
     if len(data) > cut and len(head) > 2 and not data[:cut].endswith((b"\n", b"\r")):
         head.pop()  # cut off
-    for own in [separator] if separator else SEPARATORS:
-        few_enough(max((line.count(own) for line in head[:2]), default=0), where)
+    for item in [separator] if separator else SEPARATORS:
+        few_enough(max((line.count(item) for line in head[:2]), default=0), where)
     return head
 
 

@@ -111,8 +111,8 @@ def pairs_of(recording: Recording) -> list[Pair]:
 
 def met(recording: Recording) -> list[Met]:
     """All pairs that agree, or contradict each other, beyond chance."""
-    found = [Met(p, agreement(recording, p.left_values, p.right_values, p.smoothing)) for p in pairs_of(recording)]
-    return [own for own in found if own.agreed.beyond_chance]
+    result = [Met(p, agreement(recording, p.left_values, p.right_values, p.smoothing)) for p in pairs_of(recording)]
+    return [item for item in result if item.agreed.beyond_chance]
 
 
 def sizes_of(recording: Recording) -> dict[str, float]:
@@ -133,11 +133,11 @@ def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | N
     short = raw.rows(0, MOST_ROWS)
     sizes = sizes_of(short)
     options = [_options(entry, short, sizes) for entry in entries]
-    paired = {name for own in pairs_of(short) for name in own.channels}
-    open_ones = [k for k, own in enumerate(options) if len(own) > 1 and entries[k].signal in paired]
+    paired = {name for item in pairs_of(short) for name in item.channels}
+    open_ones = [k for k, option in enumerate(options) if len(option) > 1 and entries[k].signal in paired]
     costs = _costs(options, open_ones, short, sizes, wheelbase)
     best = min(costs, key=lambda choice: costs[choice])
-    picked = [own[0] for own in options]
+    picked = [option[0] for option in options]
     for k, n in zip(open_ones, best, strict=True):
         picked[k] = options[k][n]
     agreed = met(_scaled(short, picked))
@@ -152,7 +152,7 @@ def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | N
             margin = min(costs[c] for c in costs if c[place] != best[place]) - costs[best]
             decided.append(_by_margin(entry, margin, agreed, options[k], sizes))
         else:
-            odds = [_improbable(own, sizes) for own in options[k]]
+            odds = [_improbable(option, sizes) for option in options[k]]
             margin = max(odds) - min(odds)
             decided.append(_by_margin(options[k][int(np.argmin(odds))], margin, agreed, options[k], sizes))
     return like_siblings(decided)
@@ -161,14 +161,14 @@ def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | N
 def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
     """Open units of columns whose names differ by the axis alone (vx and vy) become those of the decided one."""
     families = {_family(e): e for e in entries if e.decided and e.unit and _family(e)}
-    found = []
+    result = []
     for entry in entries:
         known = families.get(_family(entry))
         if entry.units and known:
             why = f"unit: as that of {known.column}, whose name differs by the axis alone"
             entry = replace(entry, unit=known.unit, decided=True, units=(), reasons=(*entry.reasons[:-1], why))
-        found.append(entry)
-    return found
+        result.append(entry)
+    return result
 
 
 STANDING = 0.15
@@ -177,7 +177,7 @@ STANDING = 0.15
 
 def by_gravity(entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> list[MapEntry]:
     """Open units of accelerations become those in which the upright axis beside them reads gravity."""
-    found = []
+    result = []
     for entry in entries:
         before, axis, after = entry.column.rpartition(AXES.get(entry.signal, " "))
         upright = numbers.get(f"{before}z{after}") if axis else None
@@ -187,14 +187,14 @@ def by_gravity(entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> lis
                 if abs(reads / gravity - 1) < STANDING:
                     why = f"unit: {before}z{after} reads {number(reads, 3)}, which is gravity in {unit}"
                     entry = replace(entry, unit=unit, units=(), decided=True, reasons=(*entry.reasons[:-1], why))
-        found.append(entry)
-    return found
+        result.append(entry)
+    return result
 
 
 def _family(entry: MapEntry) -> tuple[str, str] | None:
     axis = AXES.get(entry.signal)
-    before, found, after = entry.column.lower().rpartition(axis or " ")
-    return (SIGNALS[entry.signal].unit, f"{before}*{after}") if axis and found else None
+    before, result, after = entry.column.lower().rpartition(axis or " ")
+    return (SIGNALS[entry.signal].unit, f"{before}*{after}") if axis and result else None
 
 
 def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> list[MapEntry]:
@@ -205,18 +205,18 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     if entry.unit:
         return [entry]
     unit = SIGNALS[entry.signal].unit
-    return [replace(entry, unit=own) for own in USUAL.get(unit, (unit,))]
+    return [replace(entry, unit=item) for item in USUAL.get(unit, (unit,))]
 
 
 def _by_margin(
     entry: MapEntry, margin: float, agreed: Sequence[Met], options: Sequence[MapEntry], sizes: Mapping[str, float]
 ) -> MapEntry:
-    alike = [own.words for own in agreed if entry.signal in own.pair.channels]
+    alike = [item.words for item in agreed if entry.signal in item.pair.channels]
     if margin >= MARGIN:
         size = sizes[entry.signal]
         why = "; ".join(alike[:2]) or f"values up to {number(size)} are too large for the other units"
         return replace(entry, reasons=(*entry.reasons, f"unit: {why}"))
-    names = tuple(own.unit for own in options)
+    names = tuple(option.unit for option in options)
     below = number(sizes[entry.signal])
     why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {below})"
     return replace(entry, decided=False, units=names, reasons=(*entry.reasons, why))
@@ -224,7 +224,7 @@ def _by_margin(
 
 def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
     """A unit that is stated, or the only one there is, beside what the data say."""
-    off = [own.words for own in agreed if entry.signal == own.pair.nodes[0] and misfit(own, wheelbase) > MARGIN]
+    off = [item.words for item in agreed if entry.signal == item.pair.nodes[0] and misfit(item, wheelbase) > MARGIN]
     how = "unit: as the file states it" if before.unit else "unit: the usual one"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 
@@ -235,14 +235,14 @@ def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
         return []
     why = f"values up to {number(sizes['v_x'])} are no speed in m/s or km/h: counts, such as a motor's rpm"
     counts = []
-    for own in met(raw):
-        if own.pair.nodes[0] == "v_x":
-            counts.append(abs(own.agreed.gain))
-        elif own.pair.nodes == ("a_x", "v_x"):
-            counts += [1 / abs(own.agreed.gain) / to_si(unit, "m/s^2").factor for unit in USUAL["m/s^2"]]
-    told = f"{why}; the other channels say about {{:g}} in 1 m/s, to some 20 %: write the true number"
+    for item in met(raw):
+        if item.pair.nodes[0] == "v_x":
+            counts.append(abs(item.agreed.gain))
+        elif item.pair.nodes == ("a_x", "v_x"):
+            counts += [1 / abs(item.agreed.gain) / to_si(unit, "m/s^2").factor for unit in USUAL["m/s^2"]]
+    known = f"{why}; the other channels say about {{:g}} in 1 m/s, to some 20 %: write the true number"
     rounded = [float(f"{count:.3g}") for count in counts]
-    return [replace(entry, unit="m/s", divide_by=n, reasons=(*entry.reasons, told.format(n))) for n in rounded] or [
+    return [replace(entry, unit="m/s", divide_by=n, reasons=(*entry.reasons, known.format(n))) for n in rounded] or [
         replace(
             entry, unit="m/s", divide_by=sizes["v_x"] / 10, reasons=(*entry.reasons, f"{why}; say how many make 1 m/s")
         )
@@ -261,7 +261,7 @@ def _costs(
     misfits: dict[tuple[int, ...], dict[str, float]] = {}
     costs: dict[tuple[int, ...], float] = {}
     for choice in itertools.product(*(range(len(options[k])) for k in open_ones)):
-        chosen = [own[0] for own in options]
+        chosen = [option[0] for option in options]
         for k, n in zip(open_ones, choice, strict=True):
             chosen[k] = options[k][n]
         factors = {entry.signal: entry.factor for entry in chosen}
@@ -274,19 +274,21 @@ def _costs(
                 speed = sizes.get("v_x", 0.0) * factors.get("v_x", 1.0)
                 misfits[choice][pair.left + pair.right] = misfit(known[key], wheelbase, speed)
         costs[choice] = sum(_improbable(entry, sizes) for entry in chosen)
-    agreeing = {name for own in misfits.values() for name in own}
-    return {choice: costs[choice] + sum(own.get(name, LOST) for name in agreeing) for choice, own in misfits.items()}
+    agreeing = {name for misfit in misfits.values() for name in misfit}
+    return {
+        choice: costs[choice] + sum(misfit.get(name, LOST) for name in agreeing) for choice, misfit in misfits.items()
+    }
 
 
 def _scaled(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{entry.signal: raw[entry.signal] * entry.factor for entry in entries})
 
 
-def misfit(own: Met, wheelbase: float | None = None, speed: float = 0.0) -> float:
+def misfit(met: Met, wheelbase: float | None = None, speed: float = 0.0) -> float:
     """How far a pair is from what is due, as the logarithm of a factor."""
-    if own.pair.kinematic:
-        return float(min(abs(np.log(abs(own.agreed.gain))), TOO_FAR))
-    length = 1 / abs(own.agreed.gain)
+    if met.pair.kinematic:
+        return float(min(abs(np.log(abs(met.agreed.gain))), TOO_FAR))
+    length = 1 / abs(met.agreed.gain)
     low, high = WHEELBASES[speed > FAST]
     if wheelbase is not None:
         low, high = (share * wheelbase for share in GIVEN_WHEELBASE)
@@ -307,30 +309,30 @@ CLEAR = 3
 
 def with_signs(entries: Sequence[MapEntry], agreed: Sequence[Met]) -> list[MapEntry]:
     """The entries with signs that agree with each other, or left open where two sides are as likely."""
-    found = {entry.signal: entry for entry in entries}
+    result = {entry.signal: entry for entry in entries}
     for sides in _components(agreed):
-        words = [own.pair.left + (" agrees with " if own.agreed.correlation > 0 else " contradicts ") + own.pair.right
-                 for own in agreed if own.pair.nodes[0] in sides]  # fmt: skip
+        words = [one.pair.left + (" agrees with " if one.agreed.correlation > 0 else " contradicts ") + one.pair.right
+                 for one in agreed if one.pair.nodes[0] in sides]  # fmt: skip
         right, wrong, sure = _judged(sides)
         for name in wrong:
-            if name not in found:  # the course of x and y: one of them is mirrored, or all the rest is
+            if name not in result:  # the course of x and y: one of them is mirrored, or all the rest is
                 name = "y"
-            if name in found:
+            if name in result:
                 why = "; ".join(word for word in words if name in word) or "; ".join(words)
-                asked = "" if sure else "; either this column counts the other way round or " + " and ".join(right)
-                found[name] = replace(
-                    found[name], sign=-found[name].sign, decided=found[name].decided and sure,
-                    reasons=(*found[name].reasons, f"sign: {why}{asked}"),
+                requested = "" if sure else "; either this column counts the other way round or " + " and ".join(right)
+                result[name] = replace(
+                    result[name], sign=-result[name].sign, decided=result[name].decided and sure,
+                    reasons=(*result[name].reasons, f"sign: {why}{requested}"),
                 )  # fmt: skip
-    return list(found.values())
+    return list(result.values())
 
 
 def _components(agreed: Sequence[Met]) -> list[dict[str, int]]:
     """Channels that are tied to each other, each with its side, 1 or -1; the strongest ties decide."""
     groups: list[dict[str, int]] = []
-    for own in sorted(agreed, key=lambda m: -abs(m.agreed.correlation)):
-        a, b = own.pair.nodes
-        same = 1 if own.agreed.correlation > 0 else -1
+    for item in sorted(agreed, key=lambda m: -abs(m.agreed.correlation)):
+        a, b = item.pair.nodes
+        same = 1 if item.agreed.correlation > 0 else -1
         left = next((g for g in groups if a in g), None)
         right = next((g for g in groups if b in g), None)
         if left is None:
@@ -353,5 +355,5 @@ def _judged(sides: dict[str, int]) -> tuple[list[str], list[str], bool]:
         return right, [name for name in sides if name not in right], True
     first = [name for name, side in sides.items() if side == 1]
     second = [name for name, side in sides.items() if side == -1]
-    right, wrong = sorted((first, second), key=lambda own: (-len(own), "yaw_rate" not in own))
+    right, wrong = sorted((first, second), key=lambda item: (-len(item), "yaw_rate" not in item))
     return right, wrong, len(wrong) == 0 or (len(wrong) == 1 and len(right) >= CLEAR)

@@ -131,8 +131,8 @@ class Guess:
 
 def guess_in(group: Group, column: str) -> Guess | None:
     """What a column of a group may mean; the name of the group says whether it is asked for, as `commands/v` is."""
-    found = guess(column.removeprefix(group.prefix)) or guess(column)
-    return replace(found, wish=found.wish or bool(WISHES.search(plain_words(group.name)))) if found else None
+    result = guess(column.removeprefix(group.prefix)) or guess(column)
+    return replace(result, wish=result.wish or bool(WISHES.search(plain_words(group.name)))) if result else None
 
 
 def guess(column: str) -> Guess | None:
@@ -143,8 +143,8 @@ def guess(column: str) -> Guess | None:
     attempts = [(words, stated)]
     parts = words.split()
     attempts += [(" ".join(parts[:-n]), WORDS_OF_UNITS.get(" ".join(parts[-n:]), "")) for n in (1, 2, 3)]
-    found = [own for text, unit in attempts if text and (unit or text == words) for own in _read(text, unit)]
-    return min(found, key=lambda own: (own.rank, own.signal)) if found else None
+    result = [item for text, unit in attempts if text and (unit or text == words) for item in _read(text, unit)]
+    return min(result, key=lambda item: (item.rank, item.signal)) if result else None
 
 
 def fits(unit: str, signal: str) -> bool:
@@ -171,7 +171,7 @@ def _bracketed(column: str) -> tuple[str, str]:
 
 def _read(words: str, unit: str) -> list[Guess]:
     """All rules that the words, or their last ones, obey."""
-    found = []
+    result = []
     quiet = " ".join(NOISE.sub(" ", words).split())
     parts = quiet.split()
     tails = [(words, 0), (quiet, 1), *((" ".join(parts[n:]), 1 + 2 * n) for n in range(1, len(parts)))]
@@ -184,8 +184,8 @@ def _read(words: str, unit: str) -> list[Guess]:
                     stated = "ms" if signal == TIME and unit == "m/s" else unit
                     if not stated or signal == "v_x" or fits(stated, signal):  # a motor's speed is a speed in rpm
                         wish = bool(WISHES.search(words))
-                        found.append(Guess(signal, stated, cost + order, wish, AMBIGUOUS.get(text, "")))
-    return found
+                        result.append(Guess(signal, stated, cost + order, wish, AMBIGUOUS.get(text, "")))
+    return result
 
 
 SLOWEST, FASTEST = 1.0, 2e4
@@ -229,9 +229,13 @@ NANOSECONDS = (
 def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
     """Whole seconds and the nanoseconds that they leave, in columns of their own."""
     words = {name: plain_words(name.removeprefix(group.prefix)) for name in numbers}
-    tails = {name: {own, " ".join(own.split()[-2:]), own.split()[-1] if own else ""} for name, own in words.items()}
-    seconds = next((name for name, own in tails.items() if own & set(SECONDS) and _whole(numbers[name], np.inf)), None)
-    rest = next((name for name, own in tails.items() if own & set(NANOSECONDS) and _whole(numbers[name], 1e9)), None)
+    tails = {
+        name: {word, " ".join(word.split()[-2:]), word.split()[-1] if word else ""} for name, word in words.items()
+    }
+    seconds = next(
+        (name for name, tail in tails.items() if tail & set(SECONDS) and _whole(numbers[name], np.inf)), None
+    )
+    rest = next((name for name, tail in tails.items() if tail & set(NANOSECONDS) and _whole(numbers[name], 1e9)), None)
     if not seconds or not rest:
         return None
     why = f'its name; "{rest}" holds the nanoseconds'

@@ -87,14 +87,14 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     """
     files = tuple(map(str, path)) if not isinstance(path, str | Path) else ()
     plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {})
-    found = contents_together(files, plain) if len(files) > 1 else contents(Path(*(files or (str(path),))), plain)
-    guesses = {name: own for group in found.groups for name in group.names if (own := guess_in(group, name))}
-    numbers, labels = _numbers(found, guesses)
-    clocks = [t for g in found.groups if (t := time_of(g, guesses, numbers))] if not rate else []
-    time = _one_time(found, clocks)
-    run = next((n for n, own in guesses.items() if own.signal == RUN and (n in numbers or n in labels)), "")
+    result = contents_together(files, plain) if len(files) > 1 else contents(Path(*(files or (str(path),))), plain)
+    guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
+    numbers, labels = _numbers(result, guesses)
+    clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers))] if not rate else []
+    time = _one_time(result, clocks)
+    run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
     taken = {run, *(name for clock in clocks for name in (clock.column, clock.nanoseconds))}
-    chosen, rivals = _candidates(found, guesses, numbers, taken)
+    chosen, rivals = _candidates(result, guesses, numbers, taken)
     others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
     named = " ".join(files) if files else str(path)
     draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else ())
@@ -113,7 +113,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
         for e in decided
     ]
     decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
-    if len(found.groups) == 1:
+    if len(result.groups) == 1:
         unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
         rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
         others = tuple(name for name in others if name not in {entry.column for entry in rivals})
@@ -122,14 +122,14 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
 
 
 def _candidates(
-    found: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], taken: set[str]
+    result: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], taken: set[str]
 ) -> tuple[list[MapEntry], list[MapEntry]]:
     """The most telling column for each signal, and the others that a name speaks for."""
-    units = {name: unit for group in found.groups for name, unit in group.units.items()}
+    units = {name: unit for group in result.groups for name, unit in group.units.items()}
     by_signal: dict[str, list[str]] = {}
-    for name, own in guesses.items():
-        if own.signal not in (TIME, RUN) and name in numbers and name not in taken and np.any(numbers[name]):
-            by_signal.setdefault(SIGNALS_OF.get(own.signal, own.signal), []).append(name)
+    for name, guess in guesses.items():
+        if guess.signal not in (TIME, RUN) and name in numbers and name not in taken and np.any(numbers[name]):
+            by_signal.setdefault(SIGNALS_OF.get(guess.signal, guess.signal), []).append(name)
     chosen, rivals = [], []
     for signal, names in by_signal.items():
         ordered = sorted(names, key=lambda n: (guesses[n].wish, guesses[n].signal == HAND_WHEEL, guesses[n].rank))
@@ -156,9 +156,9 @@ def _fits(unit: str, signal: str) -> bool:
     return True
 
 
-def _one_time(found: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
+def _one_time(result: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
     """The clock of a file, or the one name that it has in several; their further names beside it."""
-    if not clocks or len(found.groups) == 1 or not isinstance(found.groups[0], Part):
+    if not clocks or len(result.groups) == 1 or not isinstance(result.groups[0], Part):
         return clocks[0] if clocks else None
     bare = [name for clock in clocks for name in (clock.column.partition("/")[2],)]
     first, *others = dict.fromkeys(bare)
@@ -181,9 +181,9 @@ def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{e.signal: raw[e.signal] * e.factor * e.sign for e in entries})
 
 
-def _asked(entry: MapEntry, own: Guess) -> MapEntry:
+def _asked(entry: MapEntry, guess: Guess) -> MapEntry:
     """What a name alone makes doubtful: wishes instead of measurements."""
-    if own.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
+    if guess.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says it is asked for, not measured"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     if any(f"which {entry.signal} cannot be" in reason for reason in entry.reasons):
@@ -196,18 +196,18 @@ def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...
     clocked = proposal.rate or (proposal.time and proposal.time.decided)
     if not any(entry.decided for entry in proposal.entries) or not clocked:
         return ()
-    found = check(_recorded(proposal, proposal.mapping()), wheelbase)
-    return tuple(own for own in found if own.severity is not Severity.NOTE)
+    result = check(_recorded(proposal, proposal.mapping()), wheelbase)
+    return tuple(item for item in result if item.severity is not Severity.NOTE)
 
 
-def _numbers(found: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str]]:
+def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str]]:
     """Columns that hold numbers, and those that hold something else; of files with many groups the named ones only."""
     numbers: dict[str, Array] = {}
     labels: set[str] = set()
-    for group in found.groups:
-        few = len(found.groups) == 1 or isinstance(group, Part)
-        wanted = [name for name in group.names if few or name in guesses]
-        table = group.load(wanted) if wanted else None
+    for group in result.groups:
+        few = len(result.groups) == 1 or isinstance(group, Part)
+        target = [name for name in group.names if few or name in guesses]
+        table = group.load(target) if target else None
         for name in table.names if table else ():
             try:
                 assert table is not None
@@ -239,7 +239,7 @@ def as_toml(proposal: Proposal, name: str) -> str:
     if proposal.run:
         lines += ["", f"[runs]  # a change begins a new run\ncolumn = {quoted(proposal.run)}"]
     lines += ["", "[signals]"]
-    for entry in sorted(proposal.entries, key=lambda own: (list(SIGNALS).index(own.signal), not own.decided)):
+    for entry in sorted(proposal.entries, key=lambda item: (list(SIGNALS).index(item.signal), not item.decided)):
         lines += ["", *_signal(entry)]
     lines += _proposed_repair(proposal)
     if proposal.others:
@@ -258,13 +258,13 @@ def _proposed_repair(proposal: Proposal) -> list[str]:
     better = repaired(mapping, proposal.findings)
     if better is None:
         return []
-    changed = [own for name, own in better.mapping.signals.items() if own != mapping.signals[name]]
-    told = next(own.sentence for own in proposal.findings if own.repair)
+    changed = [signal for name, signal in better.mapping.signals.items() if signal != mapping.signals[name]]
+    known = next(finding.sentence for finding in proposal.findings if finding.repair)
     return [
         "",
-        *_comment(f"Repair: {told}"),
+        *_comment(f"Repair: {known}"),
         "# Take these lines in place of those of the same name, or let greybox data check repair the map.",
-        *(f"#? {own.signal} = {{ {', '.join(column_fields(own))} }}" for own in changed),
+        *(f"#? {item.signal} = {{ {', '.join(column_fields(item))} }}" for item in changed),
     ]
 
 

@@ -62,7 +62,7 @@ def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase
     if not wheelbase and not fast:
         return _unknown(entry, in_radians * units[entry.unit or "rad"]) if hand_wheel else entry
     if road and not hand_wheel:
-        return entry if any(own.unit == (entry.unit or "rad") for own in road) else _asked(entry, road, length)
+        return entry if any(item.unit == (entry.unit or "rad") for item in road) else _asked(entry, road, length)
     middle = wheelbase or float(np.sqrt(shortest * longest))
     wheel = [
         Reading(unit, float(f"{in_radians * factor / middle:.3g}"))
@@ -100,12 +100,14 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
             f"the hand wheel's angle: divide_by is the steering ratio, about {best.ratio:g}{others}; write the true one"
         )
     length = number(in_radians * FACTORS[best.unit], 2)
-    told = f"in {best.unit}, ratio times wheelbase is {length} m: {why}"
-    return replace(entry, unit=best.unit, units=(), divide_by=best.ratio, decided=False, reasons=(*entry.reasons, told))
+    known = f"in {best.unit}, ratio times wheelbase is {length} m: {why}"
+    return replace(
+        entry, unit=best.unit, units=(), divide_by=best.ratio, decided=False, reasons=(*entry.reasons, known)
+    )
 
 
 def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
     """A hand wheel whose ratio nothing tells."""
     why = "the hand wheel's angle: divide_by is the steering ratio"
-    told = f"; yaw rate and speed say ratio times wheelbase is about {number(length, 3)} m" if length else ""
-    return replace(entry, decided=False, reasons=(*entry.reasons, why + told))
+    known = f"; yaw rate and speed say ratio times wheelbase is about {number(length, 3)} m" if length else ""
+    return replace(entry, decided=False, reasons=(*entry.reasons, why + known))

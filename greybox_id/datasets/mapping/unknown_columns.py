@@ -34,21 +34,21 @@ def headings(
     raw : signals as the file holds them.
     """
     taken = {entry.signal for entry in chosen}
-    found = []
+    result = []
     for entry in chosen:
         if entry.signal in LEANS and guesses[entry.column].else_ and "yaw" not in taken and entry.signal in raw:
-            told = _as_yaw(raw, entry)
-            if told:
+            known = _as_yaw(raw, entry)
+            if known:
                 taken.add("yaw")
                 raw = raw.with_signals(yaw=raw[entry.signal])
-                entry = replace(entry, signal="yaw", unit=told[0], reasons=(told[1],))
-        found.append(entry)
-    return found, raw
+                entry = replace(entry, signal="yaw", unit=known[0], reasons=(known[1],))
+        result.append(entry)
+    return result, raw
 
 
-def ambiguous(entry: MapEntry, own: Guess, raw: Recording) -> MapEntry:
+def ambiguous(entry: MapEntry, guess: Guess, raw: Recording) -> MapEntry:
     """An entry whose name means two things, as a question that says what else it may be."""
-    if not own.else_:
+    if not guess.else_:
         return entry
     if entry.signal == "yaw":
         return replace(entry, decided=False)  # by its rate, and against what its name is often used for
@@ -56,11 +56,11 @@ def ambiguous(entry: MapEntry, own: Guess, raw: Recording) -> MapEntry:
         size = sizes_of(raw)[entry.signal] * (entry.factor if entry.units == () else 1.0)
         if "yaw" in raw and size < FARTHEST:
             return entry
-        why = f'"{entry.column}" is also what {own.else_} is called'
+        why = f'"{entry.column}" is also what {guess.else_} is called'
         return replace(
             entry, decided=False, reasons=(*entry.reasons, f"{why}: then write yaw instead of {entry.signal}")
         )
-    why = f'"{entry.column}" is also what {own.else_} is called'
+    why = f'"{entry.column}" is also what {guess.else_} is called'
     return replace(entry, decided=False, reasons=(*entry.reasons, why))
 
 
@@ -68,11 +68,11 @@ def _as_yaw(raw: Recording, entry: MapEntry) -> tuple[str, str] | None:
     """The unit in which an angle's rate agrees with the yaw rate or the course, and how well."""
     best: tuple[float, str, str] | None = None
     for unit, factor in UNITS.items() if not entry.unit else ((entry.unit, entry.factor),):
-        for own in met(raw.with_signals(yaw=raw[entry.signal] * factor)):
-            if "yaw" in own.pair.nodes and abs(own.agreed.correlation) > AGREES:
-                words = f'"{entry.column}" may be roll or heading; {own.pair.left} follows its rate (correlation '
-                told = (abs(own.agreed.correlation), unit, f"{words}{own.agreed.correlation:.2f})")
-                best = max(best, told) if best else told
+        for item in met(raw.with_signals(yaw=raw[entry.signal] * factor)):
+            if "yaw" in item.pair.nodes and abs(item.agreed.correlation) > AGREES:
+                words = f'"{entry.column}" may be roll or heading; {item.pair.left} follows its rate (correlation '
+                known = (abs(item.agreed.correlation), unit, f"{words}{item.agreed.correlation:.2f})")
+                best = max(best, known) if best else known
     return (entry.unit, best[2]) if best else None
 
 
@@ -95,17 +95,17 @@ def strangers(
     settled : signals that are decided: no column without a telling name is compared with them.
     """
     speed = sizes_of(known).get("v_x", 0.0)
-    found = []
+    result = []
     for entry in unknown:
         sought = (entry.signal,) if entry.signal else tuple(s for s in SOUGHT if s not in settled)
         values = numbers[entry.column]
         matches = [(s, m) for s in sought if len(values) == len(known) for m in _matches(known, s, values)]
         if matches:
-            signal, best = max(matches, key=lambda own: abs(own[1].agreed.correlation))
-            found.append(_described(entry, signal, best, speed))
+            signal, best = max(matches, key=lambda item: abs(item[1].agreed.correlation))
+            result.append(_described(entry, signal, best, speed))
         elif entry.signal:
-            found.append(entry)
-    return found
+            result.append(entry)
+    return result
 
 
 def _matches(known: Recording, signal: str, values: Array) -> list[Met]:

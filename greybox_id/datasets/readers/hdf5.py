@@ -18,18 +18,18 @@ class Hdf5Reader:
 
     def datasets(self) -> list[dict[str, Any]]:
         """All datasets: name, shape, bytes of an element, fields with numbers (None: the dataset itself) and unit."""
-        found: list[dict[str, Any]] = []
+        result: list[dict[str, Any]] = []
 
         def visit(name: str, node: Any) -> None:
             if isinstance(node, h5py.Dataset):
-                found.extend(_described(name, node))
+                result.extend(_described(name, node))
 
         self._opened.visititems(visit)
-        return found
+        return result
 
     def variables(self) -> dict[str, Any]:
         """MATLAB's variables: datasets but for texts and what is empty, and the names of objects."""
-        found: list[dict[str, Any]] = []
+        result: list[dict[str, Any]] = []
         objects: list[str] = []
 
         def visit(name: str, node: Any) -> None:
@@ -39,10 +39,10 @@ class Hdf5Reader:
             if "MATLAB_object_decode" in node.attrs:
                 objects.append(name)
             elif isinstance(node, h5py.Dataset) and kind != b"char" and not node.attrs.get("MATLAB_empty", 0):
-                found.extend(_described(name, node))
+                result.extend(_described(name, node))
 
         self._opened.visititems(visit)
-        return {"datasets": found, "objects": objects}
+        return {"datasets": result, "objects": objects}
 
     def values(self, name: str, field: str | None) -> NDArray[Any]:
         """A dataset, or a field of a compound one."""
@@ -54,8 +54,8 @@ def _described(name: str, node: Any) -> list[dict[str, Any]]:
     if node.shape is None:
         return []
     kind = node.dtype
-    own = {None: kind} if kind.names is None else {field: kind[field] for field in kind.names}
-    fields = [field for field, of in own.items() if of.shape == () and of.kind in "iufb"]
+    value = {None: kind} if kind.names is None else {field: kind[field] for field in kind.names}
+    fields = [field for field, of in value.items() if of.shape == () and of.kind in "iufb"]
     unit = _text(node.attrs)
     return [{"name": name, "shape": list(node.shape), "itemsize": kind.itemsize, "fields": fields, "unit": unit}]
 
@@ -63,8 +63,8 @@ def _described(name: str, node: Any) -> list[dict[str, Any]]:
 def _text(attributes: Mapping[str, Any]) -> str:
     """The unit among a dataset's attributes."""
     for name in ("unit", "units", "Unit", "Units"):
-        found = attributes.get(name, "")
-        text = found.decode("utf-8", "replace") if isinstance(found, bytes) else found
+        result = attributes.get(name, "")
+        text = result.decode("utf-8", "replace") if isinstance(result, bytes) else result
         if isinstance(text, str) and text:
             return text
     return ""

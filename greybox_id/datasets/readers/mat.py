@@ -38,8 +38,8 @@ class MatReader:
         if len(path) > DEEPEST:
             raise ValueError("structs lie too deep")
         if isinstance(value, MatlabOpaque):
-            own = _text(np.ravel(value["s0"])[0]) if path == ["None"] else ""  # scipy leaves its name inside
-            self._found["objects"].append(own or ".".join(path))
+            text = _text(np.ravel(value["s0"])[0]) if path == ["None"] else ""  # scipy leaves its name inside
+            self._found["objects"].append(text or ".".join(path))
         elif isinstance(value, MatlabObject | MatlabFunction):
             self._found["objects"].append(".".join(path))
         elif isinstance(value, np.ndarray) and value.dtype.names:

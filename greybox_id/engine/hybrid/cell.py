@@ -72,25 +72,25 @@ class Cell:
         """What is carried a sample later, and what is reported now; parameters are by name."""
         model = self.model
         known, acting = cs.vertsplit(u, len(model.inputs))
-        now, told = carried, None
+        now, entry = carried, None
         for k in range(model.substeps):
             begin, end = known, acting
             if model.integrator != "ab2":  # acting are the inputs at the end of the sample
                 begin, end = (known + share / model.substeps * (acting - known) for share in (k, k + 1))
             now, quantities = self._step(now, begin, end, p, model.sample_time / model.substeps, network)
-            told = told if told is not None else cs.vertcat(*[quantities[name] for name in reported])
+            entry = entry if entry is not None else cs.vertcat(*[quantities[name] for name in reported])
             if model.integrator == "ab2":
                 acting = known
-        return now, told
+        return now, entry
 
     def start(self, states: Array) -> Array:
         """What is carried at the start of windows: (states, columns) -> (carried, columns).
 
         The network remembers nothing, and there was no step before: the first one is Euler's.
         """
-        found = np.zeros((self.carried, states.shape[1]))
-        found[: len(self.model.states)] = states
-        return found
+        result = np.zeros((self.carried, states.shape[1]))
+        result[: len(self.model.states)] = states
+        return result
 
     def _step(
         self, carried: Symbol, u: Symbol, acting: Symbol, p: Mapping[str, Symbol], h: float, network: Network
@@ -142,12 +142,12 @@ class Cell:
         self, state: Symbol, u: Symbol, p: Mapping[str, Symbol], network: Network
     ) -> tuple[Symbol, Mapping[str, Symbol]]:
         model = self.model
-        x = SimpleNamespace(**{own.name: state[k, :] for k, own in enumerate(model.states)})
+        x = SimpleNamespace(**{item.name: state[k, :] for k, item in enumerate(model.states)})
         inputs = SimpleNamespace(**{name: u[k, :] for k, name in enumerate(model.inputs)})
         physical = self._physical(p)
         z, _ = network(cs.vertcat(*model.features(x, inputs, physical)), cs.MX(0, state.shape[1]))
         rates, quantities = model.physics(x, inputs, physical, cs.vertsplit(z))
-        return cs.vertcat(*[rates[own.name] for own in model.states]), {**vars(x), **quantities}
+        return cs.vertcat(*[rates[state.name] for state in model.states]), {**vars(x), **quantities}
 
     def _physical(self, p: Mapping[str, Symbol]) -> SimpleNamespace:
         return SimpleNamespace(**{name: value for name, value in p.items() if name not in self.model.network.shapes})
@@ -161,9 +161,9 @@ def _answer(
     layers: list[Symbol] = []
     start, layer, columns = 0, features, features.shape[1]
     for number, units in enumerate(network.hidden, 1):
-        own = before[start : start + units, :]
+        value = before[start : start + units, :]
         bias = cs.repmat(p[f"b_{number}"], 1, columns)
-        layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ own + bias, 0)
+        layer = cs.fmax(p[f"W_{number}"] @ layer + p[f"R_{number}"] @ value + bias, 0)
         layers.append(layer)
         start += units
     z = p["W_out"] @ layer + cs.repmat(p["b_out"], 1, columns)
@@ -182,21 +182,21 @@ def said(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol])
 
     if not network.mirrored:
         return through(features)
-    signs = cs.DM([-1.0 if own else 1.0 for own in network.mirrored])
+    signs = cs.DM([-1.0 if item else 1.0 for item in network.mirrored])
     return through(features) - through(cs.repmat(signs, 1, features.shape[1]) * features)
 
 
 def parameters(model: HybridModel, vector: Symbol) -> dict[str, Symbol]:
     """The parts of a parameter vector by name, arrays as matrices (written row by row)."""
-    found, start = {}, 0
+    result, start = {}, 0
     for parameter in model.parameters:
         part = vector[start : start + parameter.size]
         if len(parameter.shape) == 2:
             rows, columns = parameter.shape
             part = cs.reshape(part, columns, rows).T
-        found[parameter.name] = part
+        result[parameter.name] = part
         start += parameter.size
-    return found
+    return result
 
 
 _BLOCK = 100
@@ -215,18 +215,18 @@ def free_run(model: HybridModel, recording: Recording) -> dict[str, Array]:
     cell = Cell(model)
     block = cell.sample(1, cell.reported).mapaccum("free_run", _BLOCK)
     p = cs.repmat(cs.DM(model.values), 1, _BLOCK)
-    found = {name: np.full(len(recording), np.nan) for name in cell.reported}
+    result = {name: np.full(len(recording), np.nan) for name in cell.reported}
     for stretch in stretches(model, recording):
         carried = cell.start(stretch.start(0)[:, None])
         for k in range(0, len(stretch), _BLOCK):
             inputs = stretch.inputs[:, k : k + _BLOCK]
             rows = inputs.shape[1]
             held = np.pad(inputs, ((0, 0), (0, _BLOCK - rows)), mode="edge")  # the last block is simulated on and cut
-            after, told = block(carried, held, p)
+            after, known = block(carried, held, p)
             carried, first = np.array(after)[:, -1:], stretch.rows.start + k
-            for name, values in zip(cell.reported, np.array(told), strict=True):
-                found[name][first : first + rows] = values[:rows]
+            for name, values in zip(cell.reported, np.array(known), strict=True):
+                result[name][first : first + rows] = values[:rows]
     for name, (of, least) in model.untold.items():
         with np.errstate(invalid="ignore"):
-            found[name][~(np.abs(found[of]) >= least)] = np.nan
-    return found
+            result[name][~(np.abs(result[of]) >= least)] = np.nan
+    return result

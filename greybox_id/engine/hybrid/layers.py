@@ -29,7 +29,7 @@ class NetworkLayers:
         self._network = network
         self._recurrent = isinstance(network, RecurrentNetwork)
         mirrored = () if isinstance(network, RecurrentNetwork) else network.mirrored
-        self._signs = np.array([-1.0 if own else 1.0 for own in mirrored])
+        self._signs = np.array([-1.0 if item else 1.0 for item in mirrored])
         self._tanh = isinstance(network, FeedForwardNetwork) and network.activation == "tanh"
         remembered = sum(network.hidden) if self._recurrent else 0
         self.asked, self.answered = network.features + remembered, network.outputs + remembered
@@ -40,7 +40,7 @@ class NetworkLayers:
         layer = features = question[:, : network.features]
         if len(self._signs):
             layer = np.concatenate((features, features * self._signs))
-        said, start = [layer], network.features
+        stated, start = [layer], network.features
         for number, units in enumerate(network.hidden, 1):
             layer = layer @ p[f"W_{number}"].T
             layer += p[f"b_{number}"]
@@ -51,7 +51,7 @@ class NetworkLayers:
                 np.tanh(layer, out=layer)
             else:
                 np.maximum(layer, 0.0, out=layer)
-            said.append(layer)
+            stated.append(layer)
         z = layer @ p["W_out"].T
         if len(self._signs):  # biases of both halves cancel
             z = z[: len(features)] - z[len(features) :]
@@ -59,35 +59,35 @@ class NetworkLayers:
             z += p["b_out"]
         if network.skip:
             z += features @ p["W_skip"].T
-        return (np.concatenate((z, *said[1:]), axis=1) if self._recurrent else z), said
+        return (np.concatenate((z, *stated[1:]), axis=1) if self._recurrent else z), stated
 
-    def backward(self, slope: Array, question: Array, said: list[Array], p: Weights, found: Weights) -> Array:
+    def backward(self, slope: Array, question: Array, stated: list[Array], p: Weights, weights: Weights) -> Array:
         """From the slope by an answer that by the question; slopes by weights are added to `found`."""
         network = self._network
-        at, ones = network.outputs, np.ones(len(said[0]))
+        at, ones = network.outputs, np.ones(len(stated[0]))
         z = slope[:, :at]
         if network.skip:
-            found["W_skip"][...] += z.T @ said[0]
+            weights["W_skip"][...] += z.T @ stated[0]
         if not len(self._signs):
-            found["b_out"][...] += ones @ z
+            weights["b_out"][...] += ones @ z
         outer = np.concatenate((z, -z)) if len(self._signs) else z
-        found["W_out"][...] += outer.T @ said[-1]
+        weights["W_out"][...] += outer.T @ stated[-1]
         layer, memory = outer @ p["W_out"], []
         at, start = slope.shape[1], question.shape[1]
         for number in range(len(network.hidden), 0, -1):
-            units, own = network.hidden[number - 1], said[number]
+            units, value = network.hidden[number - 1], stated[number]
             if self._recurrent:
                 layer += slope[:, at - units : at]
             if self._tanh:
-                bent = own * own
+                bent = value * value
                 np.subtract(1.0, bent, out=bent)
                 layer *= bent
             else:
-                layer *= own > 0.0
-            found[f"W_{number}"][...] += layer.T @ said[number - 1]
-            found[f"b_{number}"][...] += ones @ layer
+                layer *= value > 0.0
+            weights[f"W_{number}"][...] += layer.T @ stated[number - 1]
+            weights[f"b_{number}"][...] += ones @ layer
             if self._recurrent:
-                found[f"R_{number}"][...] += layer.T @ question[:, start - units : start]
+                weights[f"R_{number}"][...] += layer.T @ question[:, start - units : start]
                 memory.append(layer @ p[f"R_{number}"])
                 at, start = at - units, start - units
             layer = layer @ p[f"W_{number}"]

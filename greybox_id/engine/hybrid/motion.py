@@ -16,7 +16,7 @@ from .cell import said
 
 
 @equations_of_motion.register(HybridModel)
-def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
+def as_motion(model: HybridModel, text: str = "") -> MotionModel:
     """The same vehicle as equations of motion, the network's weights constants of them.
 
     Raises
@@ -35,7 +35,7 @@ def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
             f"own sample time of {model.sample_time:g} s alone. Train it with integrator=rk4."
         )
     weights = {name: cs.DM(model[name].array) for name in network.shapes}
-    physical = tuple(own for own in model.parameters if own.name not in weights)
+    physical = tuple(parameter for parameter in model.parameters if parameter.name not in weights)
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
         inputs = SimpleNamespace(**{name: getattr(u, name) for name in model.inputs})
@@ -47,8 +47,8 @@ def as_motion(model: HybridModel, wanted: str = "") -> MotionModel:
             setattr(q, name, quantities[name])
         return rates
 
-    states = tuple(State(own.name, own.unit, 1.0) for own in model.states)
-    names = [own.name for own in states]
+    states = tuple(State(state.name, state.unit, 1.0) for state in model.states)
+    names = [state.name for state in states]
     others = tuple(name for name in model.estimates if name not in names)
     return MotionModel(
         name=model.name,

@@ -43,7 +43,7 @@ class SquaredErrors:
     """
 
     def __init__(
-        self, model: HybridModel, traced: Traced, starts: Array, inputs: Array, wanted: Array, weight: Array,
+        self, model: HybridModel, traced: Traced, starts: Array, inputs: Array, target: Array, weight: Array,
         abreast: int,
     ) -> None:  # fmt: skip
         self.readings = int(np.count_nonzero(weight))
@@ -53,17 +53,17 @@ class SquaredErrors:
         self._sweep = Sweep(model, traced, (starts.shape[1], inputs.shape[2]), columns)
         self._blocks = []
         for k in range(blocks):
-            own = np.arange(k * columns, (k + 1) * columns)
-            at = np.minimum(own, count - 1)  # what fills the last block up does not count
-            counts = weight[:, at] * (own < count)[:, None]
-            self._blocks.append((starts[at], np.ascontiguousarray(inputs[:, at]), wanted[:, at], counts))
+            value = np.arange(k * columns, (k + 1) * columns)
+            at = np.minimum(value, count - 1)  # what fills the last block up does not count
+            counts = weight[:, at] * (value < count)[:, None]
+            self._blocks.append((starts[at], np.ascontiguousarray(inputs[:, at]), target[:, at], counts))
 
     def __call__(self, p: Array) -> float:
         """Mean square at a parameter vector; infinite where the vehicle is simulated out of all bounds."""
         with np.errstate(all="ignore"):
             total = sum(
-                float(np.sum(((self._sweep.forward(starts, inputs, p)[0] - wanted) * weight) ** 2))
-                for starts, inputs, wanted, weight in self._blocks
+                float(np.sum(((self._sweep.forward(starts, inputs, p)[0] - target) * weight) ** 2))
+                for starts, inputs, target, weight in self._blocks
             )
         return total / self.readings if np.isfinite(total) else np.inf
 
@@ -71,9 +71,9 @@ class SquaredErrors:
         """Mean square and its gradient."""
         total, slope = 0.0, np.zeros(len(p))
         with np.errstate(all="ignore"):
-            for starts, inputs, wanted, weight in self._blocks:
-                told, tape = self._sweep.forward(starts, inputs, p)
-                off = (told - wanted) * weight
+            for starts, inputs, target, weight in self._blocks:
+                known, tape = self._sweep.forward(starts, inputs, p)
+                off = (known - target) * weight
                 total += float(np.sum(off**2))
                 slope += self._sweep.backward(2.0 * off * weight, tape)
         return total / self.readings, slope / self.readings
@@ -82,8 +82,8 @@ class SquaredErrors:
 class WindowErrors(SquaredErrors):
     """Mean squared error over windows, in units of noise."""
 
-    def __init__(self, model: HybridModel, found: Sequence[Stretch], noise: Array) -> None:
-        laid, cell = windows(model, found), Cell(model)
+    def __init__(self, model: HybridModel, stretchs: Sequence[Stretch], noise: Array) -> None:
+        laid, cell = windows(model, stretchs), Cell(model)
         outputs = laid.outputs.transpose(0, 2, 1)
         weight = np.where(np.isfinite(outputs), np.nan_to_num(1.0 / noise), 0.0)
         super().__init__(
@@ -128,13 +128,13 @@ class HybridProblem:
     def __init__(
         self,
         model: HybridModel,
-        found: Sequence[Stretch],
+        stretchs: Sequence[Stretch],
         noise: Array,
         errors: SquaredErrors | None = None,
         lesson: SquaredErrors | None = None,
     ) -> None:
         self.model, self.lesson = model, lesson
-        self.errors = WindowErrors(model, found, noise) if errors is None else errors
+        self.errors = WindowErrors(model, stretchs, noise) if errors is None else errors
         pull: list[float] = []
         unit: list[float] = []
         prior: list[float] = []
@@ -180,11 +180,11 @@ class HybridProblem:
         return loss, self._unit * (0.5 * slope[self.free] + pulled) + off / self.errors.readings
 
     def _prior_means(self) -> Array:
-        found = [
+        result = [
             np.broadcast_to(p.array if p.prior is None or p.prior.mean is None else np.asarray(p.prior.mean), p.shape)
             for p in self.model.parameters
         ]
-        return np.asarray(np.concatenate([np.ravel(own) for own in found])[self.free])
+        return np.asarray(np.concatenate([np.ravel(item) for item in result])[self.free])
 
 
 def drawn(model: HybridModel, seed: int) -> Array:

@@ -74,13 +74,13 @@ def stretches(model: HybridModel, recording: Recording) -> list[Stretch]:
         np.array([_read(model, name, recording) for name in names])
         for names in (model.outputs, [state.name for state in model.states])
     )
-    found = []
+    result = []
     for start, stop in recording.runs:
         edges = np.flatnonzero(np.diff(np.concatenate(([0], usable[start:stop].astype(int), [0])))) + start
         for a, b in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
             both = np.concatenate((inputs[:, a:b], _acting(model, recording, inputs[:, a:b])))
-            found.append(Stretch(slice(a, b), h, both, outputs[:, a:b], states[:, a:b]))
-    return found
+            result.append(Stretch(slice(a, b), h, both, outputs[:, a:b], states[:, a:b]))
+    return result
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Windows:
         return int(self.inputs.shape[2])
 
 
-def windows(model: HybridModel, found: Sequence[Stretch]) -> Windows:
+def windows(model: HybridModel, stretchs: Sequence[Stretch]) -> Windows:
     """Windows over stretches, each row but the first ones compared once; stretches shorter than a window are left out.
 
     Raises
@@ -112,7 +112,7 @@ def windows(model: HybridModel, found: Sequence[Stretch]) -> Windows:
     BadInput : no stretch is as long as a window.
     """
     length, stride = model.window, model.window - model.warm_up
-    places = [(one, k) for one in found for k in _starts(len(one), length, stride)]
+    places = [(one, k) for one in stretchs for k in _starts(len(one), length, stride)]
     if not places:
         raise BadInput(
             f"No unbroken stretch of the recordings is as long as a window of {model.name}, {length} rows; set window "
@@ -124,7 +124,7 @@ def windows(model: HybridModel, found: Sequence[Stretch]) -> Windows:
     return Windows(inputs, outputs, np.stack([one.start(k) for one, k in places], axis=1))
 
 
-def noise(found: Sequence[Stretch]) -> Array:
+def noise(stretchs: Sequence[Stretch]) -> Array:
     """Standard deviation of every output's readings: what they depart by from smooth curves; NaN where none is read.
 
     A cubic is laid through 15 rows about each; the part of the noise that it follows is allowed for.
@@ -133,27 +133,27 @@ def noise(found: Sequence[Stretch]) -> Array:
     from scipy.signal import savgol_filter
 
     kept = 1.0 - savgol_filter(np.eye(1, 2 * _SMOOTH + 1, _SMOOTH)[0], _SMOOTH, _ORDER)[_SMOOTH]
-    squares: list[list[Array]] = [[] for _ in range(found[0].outputs.shape[0])]
-    for one in found:
+    squares: list[list[Array]] = [[] for _ in range(stretchs[0].outputs.shape[0])]
+    for one in stretchs:
         for k, values in enumerate(one.outputs):
             if len(values) > 2 * _SMOOTH and np.all(np.isfinite(values)):
                 squares[k].append((values - savgol_filter(values, _SMOOTH, _ORDER)) ** 2 / kept)
-    return np.array([np.sqrt(np.mean(np.concatenate(own))) if own else np.nan for own in squares])
+    return np.array([np.sqrt(np.mean(np.concatenate(square))) if square else np.nan for square in squares])
 
 
 def _acting(model: HybridModel, recording: Recording, inputs: Array) -> Array:
     """Inputs as they act on states, see `cell`; before the first row commands were as there."""
-    found = inputs.copy()
+    result = inputs.copy()
     if model.integrator != "ab2":
         for k, name in enumerate(model.inputs):
             if not (recording.hold == "zero" and name in model.commands):
-                found[k, :-1] = inputs[k, 1:]
-        return found
+                result[k, :-1] = inputs[k, 1:]
+        return result
     if recording.hold == "zero":
         for k, name in enumerate(model.inputs):
             if name in model.commands:
-                found[k, 1:] = 0.5 * (inputs[k, 1:] + inputs[k, :-1])
-    return found
+                result[k, 1:] = 0.5 * (inputs[k, 1:] + inputs[k, :-1])
+    return result
 
 
 def _line(values: Array, place: int) -> float:
@@ -170,8 +170,8 @@ def _starts(rows: int, length: int, stride: int) -> list[int]:
     """First rows of windows; the last one ends with the stretch."""
     if rows < length:
         return []
-    found = list(range(0, rows - length + 1, stride))
-    return found if found[-1] + length == rows else [*found, rows - length]
+    result = list(range(0, rows - length + 1, stride))
+    return result if result[-1] + length == rows else [*result, rows - length]
 
 
 def _read(model: HybridModel, name: str, recording: Recording) -> Array:

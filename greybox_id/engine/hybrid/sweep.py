@@ -52,84 +52,86 @@ class Sweep:
     def __init__(self, model: HybridModel, traced: Traced, sizes: tuple[int, int], columns: int) -> None:
         self._layers = NetworkLayers(model.network)
         weights = model.network.shapes
-        ends = np.cumsum([own.size for own in model.parameters])
+        ends = np.cumsum([parameter.size for parameter in model.parameters])
         self._places = {
-            own.name: (slice(end - own.size, end), own.shape)
-            for own, end in zip(model.parameters, ends.tolist(), strict=True)
-            if own.name in weights
+            parameter.name: (slice(end - parameter.size, end), parameter.shape)
+            for parameter, end in zip(model.parameters, ends.tolist(), strict=True)
+            if parameter.name in weights
         }
-        self._physical = np.array([own.name not in weights for own in model.parameters for _ in range(own.size)])
+        self._physical = np.array(
+            [parameter.name not in weights for parameter in model.parameters for _ in range(parameter.size)]
+        )
         carried, u = (cs.MX.sym(name, size, columns) for name, size in zip(("carried", "u"), sizes, strict=True))
         physical = cs.MX.sym("physical", int(np.sum(self._physical)))
         p = cs.MX(model.size, 1)
         p[np.flatnonzero(self._physical).tolist()] = physical
-        asked: list[Symbol] = []
-        said: list[Symbol] = []
+        requested: list[Symbol] = []
+        symbols: list[Symbol] = []
 
         def network(features: Symbol, before: Symbol) -> tuple[Symbol, Symbol]:
-            asked.append(cs.vertcat(features, before))
-            said.append(cs.MX.sym("said", self._layers.answered, columns))
-            return said[-1][: model.network.outputs, :], said[-1][model.network.outputs :, :]
+            requested.append(cs.vertcat(features, before))
+            symbols.append(cs.MX.sym("said", self._layers.answered, columns))
+            return symbols[-1][: model.network.outputs, :], symbols[-1][model.network.outputs :, :]
 
-        moved, told = traced(carried, u, parameters(model, p), network)
+        moved, entry = traced(carried, u, parameters(model, p), network)
         known = [carried, u, physical]
-        self._asks = [_Called([*known, *said[:k]], own) for k, own in enumerate(asked)]
-        self._move = _Called([*known, *said], moved)
-        self._tell = _Called([*known, *said], told)
-        self._needed = any(cs.depends_on(told, own) for own in said)
+        self._asks = [_Called([*known, *symbols[:k]], item) for k, item in enumerate(requested)]
+        self._move = _Called([*known, *symbols], moved)
+        self._tell = _Called([*known, *symbols], entry)
+        self._needed = any(cs.depends_on(entry, item) for item in symbols)
         """Whether what is told needs the network's answers of that row."""
 
     def forward(self, starts: Array, inputs: Array, p: Array) -> tuple[Array, Tape]:
         """What is told, (rows, columns, numbers), and what `backward` wants."""
         weights, physical = self._weights(p), p[self._physical]
-        tape, told = Tape(inputs, p, [], [], [], []), []
+        tape, known = Tape(inputs, p, [], [], [], []), []
         now = starts
         for row, u in enumerate(inputs):
-            asked: list[Array] = []
-            said: list[Array] = []
+            requested: list[Array] = []
+            stated: list[Array] = []
             layers: list[list[Array]] = []
             last = row == len(inputs) - 1
             for ask in self._asks:
                 if last and not self._needed:
-                    said.append(np.zeros((len(now), self._layers.answered)))
+                    stated.append(np.zeros((len(now), self._layers.answered)))
                     continue
-                asked.append(ask(now, u, physical, *said))
-                answer, kept = self._layers.forward(asked[-1], weights)
-                said.append(answer)
+                requested.append(ask(now, u, physical, *stated))
+                answer, kept = self._layers.forward(requested[-1], weights)
+                stated.append(answer)
                 layers.append(kept)
-            told.append(self._tell(now, u, physical, *said))
+            known.append(self._tell(now, u, physical, *stated))
             tape.carried.append(now)
-            tape.asked.append(asked)
-            tape.said.append(said)
+            tape.asked.append(requested)
+            tape.said.append(stated)
             tape.layers.append(layers)
             if not last:
-                now = self._move(now, u, physical, *said)
-        return np.array(told), tape
+                now = self._move(now, u, physical, *stated)
+        return np.array(known), tape
 
     def backward(self, slope: Array, tape: Tape) -> Array:
         """From the slope by what is told, (rows, columns, numbers), that by the parameters."""
-        found, physical = np.zeros(len(tape.p)), tape.p[self._physical]
-        weights, by_weights = self._weights(tape.p), self._weights(found)
+        result, physical = np.zeros(len(tape.p)), tape.p[self._physical]
+        weights, by_weights = self._weights(tape.p), self._weights(result)
         of_physical = np.zeros(len(physical))
         by_carried = np.zeros_like(tape.carried[0])
         last = len(tape.inputs) - 1
         for row in range(last, -1, -1):
-            known, said = (tape.carried[row], tape.inputs[row], physical), tape.said[row]
-            slopes = [self._tell.back(slope[row], *known, *said)]
+            known, stated = (tape.carried[row], tape.inputs[row], physical), tape.said[row]
+            slopes = [self._tell.back(slope[row], *known, *stated)]
             if row < last:
-                slopes.append(self._move.back(by_carried, *known, *said))
+                slopes.append(self._move.back(by_carried, *known, *stated))
             by_carried, of_p, by_said = _summed(slopes)
             of_physical += of_p
             for k in range(len(tape.layers[row]) - 1, -1, -1):
-                asked = tape.asked[row][k]
-                by_asked = self._layers.backward(by_said[k], asked, tape.layers[row][k], weights, by_weights)
-                more, of_p, by_earlier = _summed([self._asks[k].back(by_asked, *known, *said[:k])])
+                requested = tape.asked[row][k]
+                by_asked = self._layers.backward(by_said[k], requested, tape.layers[row][k], weights, by_weights)
+                more, of_p, by_earlier = _summed([self._asks[k].back(by_asked, *known, *stated[:k])])
                 by_carried += more
                 of_physical += of_p
-                for own, further in zip(by_said, by_earlier, strict=False):
-                    own += further
-        found[self._physical] = of_physical
-        return found
+                for item, further in zip(by_said, by_earlier, strict=False):
+                    item += further
+        result[self._physical] = of_physical
+        return result
 
     def _weights(self, p: Array) -> dict[str, Array]:
         return {name: p[place].reshape(shape) for name, (place, shape) in self._places.items()}
@@ -142,9 +144,9 @@ class _Called:
         function = cs.Function("value", known, [cs.densify(value)])
         seed = cs.MX.sym("seed", *value.shape)
         slopes = function.reverse(1).call([*known, function(*known), seed], True, False)
-        wanted = [cs.densify(own) for k, own in enumerate(slopes) if k != 1]
+        target = [cs.densify(slope) for k, slope in enumerate(slopes) if k != 1]
         self._forward = _on_arrays(function)
-        self._backward = _on_arrays(cs.Function("slopes", [seed, *known], wanted))
+        self._backward = _on_arrays(cs.Function("slopes", [seed, *known], target))
 
     def __call__(self, *known: Array) -> Array:
         return self._forward(known)[0]
@@ -159,18 +161,18 @@ def _on_arrays(function: cs.Function) -> Callable[[tuple[Array, ...]], list[Arra
     shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
 
     def called(known: tuple[Array, ...]) -> list[Array]:
-        found = [np.empty(shape) for shape in shapes]
-        for k, own in enumerate(known):
-            buffer.set_arg(k, np.ascontiguousarray(own).data)
-        for k, own in enumerate(found):
-            buffer.set_res(k, own.data)
+        result = [np.empty(shape) for shape in shapes]
+        for k, item in enumerate(known):
+            buffer.set_arg(k, np.ascontiguousarray(item).data)
+        for k, item in enumerate(result):
+            buffer.set_res(k, item.data)
         evaluate()
-        return found
+        return result
 
     return called
 
 
 def _summed(slopes: list[list[Array]]) -> tuple[Array, Array, list[Array]]:
     """By what is carried, by physical parameters, and by each answer."""
-    carried, physical, *said = (sum(own[1:], own[0]) for own in zip(*slopes, strict=True))
-    return carried, np.ravel(physical), said
+    carried, physical, *stated = (sum(item[1:], item[0]) for item in zip(*slopes, strict=True))
+    return carried, np.ravel(physical), stated

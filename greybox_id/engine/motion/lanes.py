@@ -77,8 +77,8 @@ class Lanes:
     @cached_property
     def owner(self) -> Index:
         """(N * outputs,) interval that predicts each reading: a late one the interval before may."""
-        own = np.repeat(np.arange(len(self.rows) - 1), np.diff(self.rows))[:, None]
-        return np.asarray(np.where(self.lane >= 0, self.interval[self.lane], own).ravel())
+        value = np.repeat(np.arange(len(self.rows) - 1), np.diff(self.rows))[:, None]
+        return np.asarray(np.where(self.lane >= 0, self.interval[self.lane], value).ravel())
 
     @cached_property
     def by_owner(self) -> tuple[Index | None, Index]:
@@ -91,22 +91,22 @@ class Lanes:
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""
         shape = (len(self.interval), int(np.sum(self.reads)), self.lane.shape[1])
-        found = np.zeros(int(np.prod(shape)))
+        result = np.zeros(int(np.prod(shape)))
         taken = (self.lane >= 0).ravel()
-        found[self.flat[taken]] = values.ravel()[taken]
-        return found.reshape(shape)
+        result[self.flat[taken]] = values.ravel()[taken]
+        return result.reshape(shape)
 
     def gathered(self, values: Array, nothing: float = np.nan) -> Array:
         """What lanes read, (L, R, outputs, ...), row by row of the intervals, (N, outputs, ...)."""
         more = values.shape[3:]
-        found = (
+        result = (
             values.reshape(int(np.prod(values.shape[:3])), *more)
             .take(self.flat, axis=0)
             .reshape(*self.lane.shape, *more)
         )
         if not self.complete:
-            found[self.lane < 0] = nothing
-        return found
+            result[self.lane < 0] = nothing
+        return result
 
 
 WIDTHS = {8: 1.0, 4: 0.62}
@@ -131,11 +131,11 @@ def packed(lengths: tuple[int, ...]) -> list[slice]:
         }
         begin.append(min(costs, key=lambda start: costs[start]))
         least.append(costs[begin[-1]])
-    found, stop = list[slice](), len(lengths)
+    result, stop = list[slice](), len(lengths)
     while stop:
-        found.insert(0, slice(begin[stop], stop))
+        result.insert(0, slice(begin[stop], stop))
         stop = begin[stop]
-    return found
+    return result
 
 
 def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:
@@ -158,13 +158,15 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     cuts : lanes per interval; fewer where an interval is shorter.
     """
     offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
-    run, start, stop = (np.array([getattr(own, name) for own in intervals]) for name in ("run", "start", "stop"))
+    run, start, stop = (
+        np.array([getattr(interval, name) for interval in intervals]) for name in ("run", "start", "stop")
+    )
     numbered = list(zip(schedules, offsets[:-1], strict=True))
-    edge = np.concatenate([np.append(own.row_segment, len(own.segments)) + at for own, at in numbered])
+    edge = np.concatenate([np.append(item.row_segment, len(item.segments)) + at for item, at in numbered])
     edges = np.concatenate(([0], np.cumsum([len(plan.row_segment) + 1 for plan in schedules])))[run]
     if cuts > 1:
-        rows = [cut_rows(schedules[own.run], own.start, own.stop, cuts) for own in intervals]
-        owner = np.repeat(np.arange(len(rows)), [len(own) for own in rows])
+        rows = [cut_rows(schedules[interval.run], interval.start, interval.stop, cuts) for interval in intervals]
+        owner = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
         begin = edge[edges[owner] + np.concatenate(rows)]
     else:
         owner, begin = np.arange(len(intervals)), edge[edges + start]
@@ -174,7 +176,7 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     segments, reads = _filled(schedules, begin[: len(filled)], length[: len(filled)])
     counts = stop - start
     row = np.repeat(edges - run + start - np.append(0, np.cumsum(counts)[:-1]), counts) + np.arange(np.sum(counts))
-    read = _joined([np.where(own.read_segment < 0, -1, own.read_segment + at) for own, at in numbered])[row]
+    read = _joined([np.where(item.read_segment < 0, -1, item.read_segment + at) for item, at in numbered])[row]
     where = np.full(offsets[-1], -1, dtype=np.intp)
     where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
@@ -286,7 +288,7 @@ def chained(
     ends: Array,
     starts_by_p: Array,
     loose: Index,
-    own: slice = slice(None),
+    value: slice = slice(None),
     before: tuple[Array, Array] | None = None,
 ) -> Array:
     """Derivative of lanes' beginnings by the moving parameters and their intervals' free starts, (L, nz, q).
@@ -297,13 +299,13 @@ def chained(
     ends : (L, nz, nz + moving) derivative of their ends by their beginnings and by the parameters.
     starts_by_p : (intervals, nz, moving) derivative of where intervals start.
     loose : states that start freely.
-    own : the lanes in question, where they are not all; ends are theirs.
+    value : the lanes in question, where they are not all; ends are theirs.
     before : what this is for the lane before the first of them, and its ends; None where that begins an interval.
     """
-    size, moving, first = ends.shape[1], starts_by_p.shape[2], lanes.first[own]
+    size, moving, first = ends.shape[1], starts_by_p.shape[2], lanes.first[value]
     G = np.zeros((len(first), size, moving + len(loose)))
     order = np.cumsum(lanes.first) - 1  # lanes that begin an interval, or a run of pieces, come as those do
-    G[first, :, :moving] = starts_by_p[order[own][first]]
+    G[first, :, :moving] = starts_by_p[order[value][first]]
     G[:, loose, moving + np.arange(len(loose))] = first[:, None]
     for lane in np.flatnonzero(~first):
         beginning, end = (G[lane - 1], ends[lane - 1]) if lane or before is None else before

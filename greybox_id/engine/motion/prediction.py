@@ -58,14 +58,14 @@ class Predictor:
         rows = [(i.run, np.arange(i.start, i.stop)) for i in intervals]
         if not intervals:
             return self._collected(rows, np.empty((0, len(self.simulator.trace.model.outputs))))
-        found = self._run_freely(intervals)
+        result = self._run_freely(intervals)
         if not self._seen:
-            edges = np.cumsum([len(own) for _, own in rows])[:-1]
-            longest = self._longest_along(rows, np.split(found, edges))
+            edges = np.cumsum([len(item) for _, item in rows])[:-1]
+            longest = self._longest_along(rows, np.split(result, edges))
             if longest < self._longest * (1 - 1e-9):  # it went where the model is stiffer
                 self._lay_out(longest)
-                found = self._run_freely(intervals)
-        return self._collected(rows, found)
+                result = self._run_freely(intervals)
+        return self._collected(rows, result)
 
     def ahead(self, horizon: float, overlapping: int | None = None) -> Prediction:
         """Rows predicted from the readings so many seconds before.
@@ -76,7 +76,7 @@ class Predictor:
         overlapping : how many windows a row lies in at most; None: every row is predicted, as far as `MOST_STARTS` go.
         """
         chosen: list[tuple[int, Index]] = []
-        found = []
+        result = []
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
         for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
             steps = max(1, round(horizon / run.sample_time))
@@ -85,9 +85,9 @@ class Predictor:
             begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::apart]
             if len(begin):
                 chosen.append((k, begin + steps))
-                found.append(self._led(self._plans[k], states[begin], begin, begin + steps))
+                result.append(self._led(self._plans[k], states[begin], begin, begin + steps))
         empty = np.empty((0, len(self.simulator.trace.model.outputs)))
-        return self._collected(chosen, np.vstack(found) if found else empty)
+        return self._collected(chosen, np.vstack(result) if result else empty)
 
     def observed(self) -> list[Array]:
         """Per run, (n, nz) states with those that are read as read and the others as the model carries them."""
@@ -122,11 +122,11 @@ class Predictor:
     def _longest_along(self, rows: Sequence[tuple[int, Index]], simulated: Sequence[Array]) -> float:
         """The longest segment, s, with what was simulated in the place of readings."""
         along = []
-        for (k, own), y in zip(rows, simulated, strict=True):
+        for (k, item), y in zip(rows, simulated, strict=True):
             if not np.all(np.abs(y[-1]) < HUGE):
                 return least_segment(self.runs[k].sample_time)
             measured = np.full(self.runs[k].measured.shape, np.nan)
-            measured[own] = y
+            measured[item] = y
             along.append(replace(self.runs[k], measured=measured))
         return longest_segment(self.simulator.trace, along, self.p)
 
@@ -145,8 +145,8 @@ class Predictor:
         with np.errstate(all="ignore"):
             _, y = self.simulator.kernel.simulate(z0, segments, self.p, reads)
         among = np.cumsum(reads) - 1
-        found = _astray(y)[np.arange(len(begin))[:, None], among[rank], np.arange(y.shape[2])]
-        return np.where(read >= 0, found, np.nan)
+        result = _astray(y)[np.arange(len(begin))[:, None], among[rank], np.arange(y.shape[2])]
+        return np.where(read >= 0, result, np.nan)
 
     def _start(self, k: int, rows: Index) -> Array:
         run, given, counting = self.runs[k], tuple(self._given), self._counting(k)
@@ -162,16 +162,16 @@ class Predictor:
         return [self.simulator.trace.model.outputs.index(name) for name in names]
 
     def _collected(self, rows: Sequence[tuple[int, Index]], predicted: Array) -> Prediction:
-        def of(run: MotionRun, own: Index) -> Index:
-            return np.asarray(run.rows.start + own)
+        def of(run: MotionRun, index: Index) -> Index:
+            return np.asarray(run.rows.start + index)
 
         if not rows:
             return Prediction(np.empty(0, np.intp), predicted, predicted, np.empty(0, np.intp))
         return Prediction(
-            rows=np.concatenate([of(self.runs[k], own) for k, own in rows]),
+            rows=np.concatenate([of(self.runs[k], item) for k, item in rows]),
             predicted=predicted,
-            measured=np.vstack([self.runs[k].measured[own] for k, own in rows]),
-            run=np.concatenate([np.full(len(own), k) for k, own in rows]),
+            measured=np.vstack([self.runs[k].measured[item] for k, item in rows]),
+            run=np.concatenate([np.full(len(item), k) for k, item in rows]),
         )
 
 

@@ -44,9 +44,9 @@ class NamedQuantities:
             _alterations=model.alterations, _relaxed=_by_quantity(model), _relax=relax,
         )  # fmt: skip
         for name, change in model.alterations:
-            for own in (self.p, self.u):
-                if hasattr(own, name) and name not in model.quantities:
-                    setattr(own, name, change(getattr(own, name), self))
+            for item in (self.p, self.u):
+                if hasattr(item, name) and name not in model.quantities:
+                    setattr(item, name, change(getattr(item, name), self))
 
     def __setattr__(self, name: str, value: Symbol) -> None:
         for altered, change in self._alterations:

@@ -49,19 +49,19 @@ class MotionRun:
 
     def states_read(self, model: MotionModel) -> tuple[str, ...]:
         """States of the model that have a reading somewhere in this run."""
-        found = np.any(np.isfinite(self.measured), axis=0)
+        result = np.any(np.isfinite(self.measured), axis=0)
         return tuple(
             state.name
             for state in model.states
-            if state.name in model.outputs and found[model.outputs.index(state.name)]
+            if state.name in model.outputs and result[model.outputs.index(state.name)]
         )
 
-    def starts(self, measured: Sequence[int], wanted: Index) -> Index:
+    def starts(self, measured: Sequence[int], index: Index) -> Index:
         """Rows near those wanted at which so many outputs have a reading: the wanted one or the next that has."""
         good = np.flatnonzero(np.all(np.isfinite(self.measured[:, list(measured)]), axis=1))
         if len(good) == 0:
             return np.empty(0, dtype=np.intp)
-        places = np.searchsorted(good, wanted)
+        places = np.searchsorted(good, index)
         return np.unique(good[places[places < len(good)]])
 
 
@@ -89,21 +89,21 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
     nothing = np.full(len(recording), np.nan)
     measured = np.column_stack([recording.signals.get(n, nothing) for n in model.outputs])
     held = np.array([name in model.commands and recording.hold == "zero" for name in model.inputs], dtype=bool)
-    found = []
+    result = []
     for number, (start, stop) in enumerate(recording.runs, 1):
         complete = np.all(np.isfinite(table[start:stop]), axis=1)
         for a, b in _stretches(complete):
             rows = range(start + a, start + b)
-            own = slice(rows.start, rows.stop)
+            value = slice(rows.start, rows.stop)
             if len(rows) >= FEWEST_ROWS:
-                part = recording.time[own], table[own], held, measured[own]
-                found.append(MotionRun(recording.name, *part, rows, number))
-    if not found:
+                part = recording.time[value], table[value], held, measured[value]
+                result.append(MotionRun(recording.name, *part, rows, number))
+    if not result:
         raise BadInput(
             f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all "
             "there. Take a longer recording, or see with greybox data check where values are missing and runs end."
         )
-    return found
+    return result
 
 
 def recorded_outputs(model: MotionModel, recording: Recording) -> tuple[str, ...]:
@@ -116,15 +116,15 @@ def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str
 
     Raises `BadInput` where recordings hold different ones: parameters cannot be per newton and per ampere.
     """
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
     for name in model.aliases:
-        held = {own: recording.name for recording in reversed(recordings) if (own := _signal(model, recording, name))}
+        held = {text: recording.name for recording in reversed(recordings) if (text := _signal(model, recording, name))}
         if len(held) > 1:
-            told = ", ".join(f"{signal} in {recording}" for signal, recording in held.items())
-            raise BadInput(f"{name} is {told}: leave all but one of them out of the column maps, or fit them apart.")
+            known = ", ".join(f"{signal} in {recording}" for signal, recording in held.items())
+            raise BadInput(f"{name} is {known}: leave all but one of them out of the column maps, or fit them apart.")
         if held:
-            (found[name],) = held
-    return found
+            (result[name],) = held
+    return result
 
 
 def _signal(model: MotionModel, recording: Recording, name: str) -> str:
@@ -137,8 +137,8 @@ def _input(model: MotionModel, recording: Recording, name: str) -> Array:
         return recording[signal]
     if name in model.defaults:
         return np.full(len(recording), model.defaults[name])
-    wanted = model.aliases.get(name, (name,))
-    recording.require(wanted[:1], f"model {model.name} (any of {', '.join(wanted)})" if len(wanted) > 1 else model.name)
+    one = model.aliases.get(name, (name,))
+    recording.require(one[:1], f"model {model.name} (any of {', '.join(one)})" if len(one) > 1 else model.name)
     raise AssertionError
 
 

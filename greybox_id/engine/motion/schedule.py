@@ -81,7 +81,7 @@ def schedule(
     parts = np.broadcast_to(segments_of_rows(run, longest), rows)
     steps = np.append(np.diff(run.time), run.sample_time)
     inside = [np.flatnonzero(parts > k) for k in range(1, int(np.max(parts)))]
-    within = [run.time[own] + steps[own] * k / parts[own] for k, own in enumerate(inside, 1)]
+    within = [run.time[item] + steps[item] * k / parts[item] for k, item in enumerate(inside, 1)]
     every = np.arange(rows)
     late_rows = every if read is None else np.flatnonzero(read)
     late = [run.time[late_rows] - shifts[k] for k in cuts if k >= delays]
@@ -90,7 +90,7 @@ def schedule(
     first_late = sum(k < delays for k in cuts)
     kinds = [*cuts[:first_late], -1, *cuts[first_late:], *(-2 for _ in within)]
     times = [*delayed, run.time, *late, *within]
-    counts = [len(own) for own in times]
+    counts = [len(time) for time in times]
     instant, kind = np.concatenate(times), np.repeat(kinds, counts)
     row = np.concatenate([*[every] * (len(delayed) + 1), *[late_rows] * len(late), *inside])
     order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
@@ -118,12 +118,12 @@ def schedule(
     row_segment[row[kind == -1]] = places[kind == -1]
     taken = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
     for k, name in enumerate(trace.late):
-        own = late_kind == delays + k
+        value = late_kind == delays + k
         if delays + k not in cuts:
             continue
         column = trace.model.outputs.index(name)
         taken[:, column] = -1
-        taken[late_row[own], column] = taker[own]
+        taken[late_row[value], column] = taker[value]
     reads = np.zeros(len(kind), dtype=bool)
     reads[taken[taken >= 0]] = True
     return Schedule(segments, row_segment, taken, reads)
@@ -184,8 +184,8 @@ def longest_segment(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) -> 
     """The longest segment, s, for these runs at these parameters."""
     shortest = min(run.sample_time for run in runs)
     sampled = [np.unique(np.linspace(0, len(run) - 1, max(3, SAMPLED_ROWS // len(runs))).astype(int)) for run in runs]
-    told = [_fastest(trace, run, rows, p) for run, rows in zip(runs, sampled, strict=True)]
-    fastest = np.concatenate([own[np.isfinite(own)] for own in told])
+    known = [_fastest(trace, run, rows, p) for run, rows in zip(runs, sampled, strict=True)]
+    fastest = np.concatenate([item[np.isfinite(item)] for item in known])
     if len(fastest) == 0:
         return shortest
     usual, most = max(float(np.quantile(fastest, 0.95)), 1e-9), max(float(np.max(fastest)), 1e-9)
@@ -201,29 +201,29 @@ def longest_segments(trace: MotionTrace, runs: Sequence[MotionRun], p: Array) ->
     usual = longest_segment(trace, runs, p)
     if min(run.sample_time for run in runs) <= FEW * usual:
         return [np.full(len(run), usual) for run in runs]
-    found = []
+    result = []
     for run in runs:
         fastest = _fastest(trace, run, np.arange(len(run)), p)
         fastest = np.where(np.isfinite(fastest), fastest, ACCURATE / usual)
         near = 2 * max(1, round(ABOUT / run.sample_time)) + 1
         fastest = np.maximum(moving_maximum(fastest, near), 1e-9)
-        found.append(np.clip(ACCURATE / fastest, usual, run.sample_time))
-    return found
+        result.append(np.clip(ACCURATE / fastest, usual, run.sample_time))
+    return result
 
 
 def _fastest(trace: MotionTrace, run: MotionRun, rows: Index, p: Array) -> Array:
     """(rows,) the largest eigenvalue of the motion at rows, 1/s; NaN where it cannot be told."""
-    found = np.full(len(rows), np.nan)
+    result = np.full(len(rows), np.nan)
     state = _between_readings(trace, run, rows)
     if not trace.names or not np.any(np.isfinite(state)):
-        return found
+        return result
     segment = np.zeros((len(rows), trace.segment_size))
     segment[:, 1 : 1 + len(trace.model.inputs)] = run.inputs[rows]
-    told = trace.stiffness(np.nan_to_num(state), segment, np.where(np.isfinite(p), p, UNLIMITED))
-    A = np.asarray(told).reshape(len(rows), len(trace.names), len(trace.names))
+    known = trace.stiffness(np.nan_to_num(state), segment, np.where(np.isfinite(p), p, UNLIMITED))
+    A = np.asarray(known).reshape(len(rows), len(trace.names), len(trace.names))
     finite = np.all(np.isfinite(A), axis=(1, 2))
-    found[finite] = np.max(np.abs(np.linalg.eigvals(A[finite])), axis=1)
-    return found
+    result[finite] = np.max(np.abs(np.linalg.eigvals(A[finite])), axis=1)
+    return result
 
 
 def least_segment(sample_time: float) -> float:

@@ -114,11 +114,11 @@ class MotionProblem:
     ) -> None:
         self.simulator, self.trace, self.model = simulator, simulator.trace, simulator.trace.model
         stated = () if like is not None else (motion_runs(self.model, recording) for recording in recordings)
-        self.runs: list[MotionRun] = [run for own in stated for run in own] if like is None else like.runs
+        self.runs: list[MotionRun] = [run for item in stated for run in item] if like is None else like.runs
         self.noise = np.asarray(noise, dtype=float)
         self.horizon = horizon
         every = 1 if most_rows is None else max(1, sum(len(run) for run in self.runs) // most_rows)
-        self.intervals = [found for k, run in enumerate(self.runs) for found in self._intervals(k, run)[::every]]
+        self.intervals = [interval for k, run in enumerate(self.runs) for interval in self._intervals(k, run)[::every]]
         if not self.intervals:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
@@ -128,9 +128,11 @@ class MotionProblem:
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         self._valid = where_valid(self.model, self.runs)
-        states = [self.model.outputs.index(own.name) for own in self.model.states if own.name in self.model.outputs]
+        states = [
+            self.model.outputs.index(state.name) for state in self.model.states if state.name in self.model.outputs
+        ]
         for k, valid in enumerate(self._valid):  # readings that starts deviate from hold them: nothing else may
-            valid[np.ix_([own.start for own in self.intervals if own.run == k], states)] = 1.0
+            valid[np.ix_([interval.start for interval in self.intervals if interval.run == k], states)] = 1.0
         self.targets = self._targets(robust, keep)
         about = self.model.values if about is None else about
         self.longest = longest_segment(self.trace, self.runs, about)
@@ -152,7 +154,7 @@ class MotionProblem:
     def driven_by(self, inputs: Sequence[Array]) -> MotionProblem:
         """The same problem with other inputs, (n, inputs) per run; starts and readings are shared."""
         other = copy(self)
-        other.runs = [replace(run, inputs=own) for run, own in zip(self.runs, inputs, strict=True)]
+        other.runs = [replace(run, inputs=item) for run, item in zip(self.runs, inputs, strict=True)]
         other._plans = other._chain = other._tiled = None
         return other
 
@@ -209,13 +211,13 @@ class MotionProblem:
         z0, _ = self.starts(x)
         with np.errstate(all="ignore"):
             if cut is not lanes and self._chain is not None and len(self._chain.starts) == len(cut.interval):
-                found = self._chain.matched(
+                result = self._chain.matched(
                     self._chain.foretold(x, z0, cut),
                     cut,
                     lambda starts: kernel.simulate(starts, cut.segments, p[cut.interval], cut.reads, cut.ends),
                 )
-                if found is not None:
-                    return SimulatedRuns(lanes, cut, found[0], cut, found[1])
+                if result is not None:
+                    return SimulatedRuns(lanes, cut, result[0], cut, result[1])
             keeps = np.zeros(lanes.segments.shape[1] + 1, dtype=bool)
             keeps[cut.offset] = True
             z, y = kernel.simulate(z0, lanes.segments, p, lanes.reads, keeps)
@@ -229,30 +231,30 @@ class MotionProblem:
         """
         alike = True
         if self.trace.shift_count:
-            shifts = np.array([[self.simulator.shifts(p) for p in self.per_run(own)] for own in x])
+            shifts = np.array([[self.simulator.shifts(p) for p in self.per_run(item)] for item in x])
             alike = bool(np.all(shifts == shifts[:1]))
         if not (alike and self._interval_starts.plain_starts):
-            return np.array([self.simulated_nodes(own).y for own in x])
+            return np.array([self.simulated_nodes(item).y for item in x])
         lanes, _ = self.lanes(x[0])
         count, segments = len(self.intervals), lanes.segments.shape[1]
         at_once = max(1, MOST_SEGMENTS // max(count * segments, 1))
-        found = np.empty((len(x), *self.target.shape))
+        result = np.empty((len(x), *self.target.shape))
         for first in range(0, len(x), at_once):
-            own = x[first : first + at_once]
-            per_run = own[:, np.array(self.parameters.index)]
+            value = x[first : first + at_once]
+            per_run = value[:, np.array(self.parameters.index)]
             z0 = self._interval_starts.of_many(per_run)
             if len(self.loose):
-                z0[:, :, self.loose] += own[:, self.parameters.size :].reshape(len(own), count, -1)
+                z0[:, :, self.loose] += value[:, self.parameters.size :].reshape(len(value), count, -1)
             p = per_run[:, self._run]
-            if self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(own) * count:
-                self._tiled = (lanes, np.tile(lanes.segments, (len(own), 1, 1)))
+            if self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(value) * count:
+                self._tiled = (lanes, np.tile(lanes.segments, (len(value), 1, 1)))
             with np.errstate(over="ignore", invalid="ignore"):
                 _, y = self.simulator.kernel.simulate(
-                    z0.reshape(len(own) * count, -1), self._tiled[1], p.reshape(len(own) * count, -1), lanes.reads
+                    z0.reshape(len(value) * count, -1), self._tiled[1], p.reshape(len(value) * count, -1), lanes.reads
                 )
-            read = y.reshape(len(own), -1)[:, lanes.flat].reshape(len(own), *self.target.shape)
-            found[first : first + at_once] = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
-        return found
+            read = y.reshape(len(value), -1)[:, lanes.flat].reshape(len(value), *self.target.shape)
+            result[first : first + at_once] = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
+        return result
 
     def objective(self, x: Array, nodes: SimulatedRuns) -> float:
         """Half the sum of squared residuals, priors included; infinite where the model is not finite."""
@@ -282,9 +284,9 @@ class MotionProblem:
             e, _ = self.against(there.along).weighted(there.read)
             e = e if there.along is cut else cut.scattered(there.along.gathered(e, 0.0))
             _, _, pull = self._accumulated(x, nodes, e)
-            found = self.pull_of_priors(x_there)
-            _add(None, found, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
-            return found
+            result = self.pull_of_priors(x_there)
+            _add(None, result, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
+            return result
 
         return NormalEquations(H, g, pulled)
 
@@ -295,14 +297,14 @@ class MotionProblem:
         counts as zero. Rows are those of which the interval predicts a reading: late ones reach into the next.
         """
         cut, against = nodes.cut, self.against(nodes.along)
-        J = cut.gathered(np.concatenate([own for _, own in self._linearised(x, nodes)]), 0.0)
+        J = cut.gathered(np.concatenate([item for _, item in self._linearised(x, nodes)]), 0.0)
         e = nodes.along.gathered(against.weighted(nodes.read)[0], 0.0)
         owner = cut.owner.reshape(e.shape)
         for k, rows in enumerate(self.rows_of_intervals(nodes)):
-            own = (owner[rows] == k)[:, :, None]
+            value = (owner[rows] == k)[:, :, None]
             full = np.zeros((len(rows), e.shape[1], len(self.layout.index[k])))
-            full[:, :, self._chosen] = np.where(own, J[rows], 0.0)
-            yield np.where(own[:, :, 0], e[rows], 0.0), full
+            full[:, :, self._chosen] = np.where(value, J[rows], 0.0)
+            yield np.where(value[:, :, 0], e[rows], 0.0), full
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
         """Per interval, which of the N rows it predicts readings of."""
@@ -324,12 +326,12 @@ class MotionProblem:
         e, _ = self.against(nodes.along).weighted(nodes.read)
         e, place = nodes.along.gathered(e, 0.0), cut.flat.reshape(cut.lane.shape)
         begins = np.full(len(self.intervals), -1)
-        for own, J in self._linearised(x, nodes):
-            flat, before = J.reshape(-1, J.shape[-1]), own.start * J.shape[1] * J.shape[2]
-            readings = np.flatnonzero(np.any((cut.lane >= own.start) & (cut.lane < own.stop), axis=1))
+        for item, J in self._linearised(x, nodes):
+            flat, before = J.reshape(-1, J.shape[-1]), item.start * J.shape[1] * J.shape[2]
+            readings = np.flatnonzero(np.any((cut.lane >= item.start) & (cut.lane < item.stop), axis=1))
             rows = np.arange(readings[0], readings[-1] + 1) if len(readings) else readings
             lane = cut.lane[rows]
-            owner = np.where((lane >= own.start) & (lane < own.stop), cut.interval[lane], -1)
+            owner = np.where((lane >= item.start) & (lane < item.stop), cut.interval[lane], -1)
             for k in np.unique(owner[owner >= 0]).tolist():
                 here = np.flatnonzero(np.any(owner == k, axis=1))
                 theirs, mine = rows[here[0] : here[-1] + 1], owner[here[0] : here[-1] + 1] == k
@@ -374,8 +376,8 @@ class MotionProblem:
         model, runs = self.model, self.runs
         self.parameters = lay_out(model, len(runs), len(runs))
         read, size = [run.states_read(model) for run in runs], self.parameters.size
-        own = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
-        self.loose: Index = np.array(own if free_starts else [], dtype=np.intp)
+        value = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
+        self.loose: Index = np.array(value if free_starts else [], dtype=np.intp)
         places = size + np.arange(len(self.intervals) * len(self.loose)).reshape(len(self.intervals), -1)
         index = np.concatenate((np.asarray(self.parameters.index)[self._run], places), axis=1).astype(np.intp)
         more = places.size
@@ -402,8 +404,8 @@ class MotionProblem:
         """Readings that are kept, of rows in which the model's equations hold."""
         kept = self._valid
         if keep is not None:
-            wide = (np.asarray(own, dtype=float).reshape(len(own), -1) for own in keep)
-            kept = [own * valid for own, valid in zip(wide, kept, strict=True)]
+            wide = (np.asarray(item, dtype=float).reshape(len(item), -1) for item in keep)
+            kept = [item * valid for item, valid in zip(wide, kept, strict=True)]
         return targets(self.runs, self.intervals, self.noise, robust, kept)
 
     def _steps(self) -> list[int]:
@@ -411,7 +413,7 @@ class MotionProblem:
         return [int(segments_of_rows(run, self.longest)) for run in self.runs]
 
     def _scheduled(self, shifts: Array) -> list[Schedule]:
-        return [schedule(self.trace, run, own, self.longest) for run, own in zip(self.runs, shifts, strict=True)]
+        return [schedule(self.trace, run, shift, self.longest) for run, shift in zip(self.runs, shifts, strict=True)]
 
     def _intervals(self, k: int, run: MotionRun) -> list[Interval]:
         """A run in stretches of the horizon, each from a row at which every state that is read has a reading."""
@@ -435,13 +437,13 @@ class MotionProblem:
 
     def against(self, lanes: Lanes) -> Against:
         """What the readings of lanes are held against, laid out like them; the last two layouts are kept."""
-        for known, of, found in self._laid:
+        for known, of, against in self._laid:
             if known is lanes and of is self.targets:
-                return found
+                return against
         weight, target = lanes.scattered(self.targets.weight), lanes.scattered(self.targets.reading)
-        found = Against(target, weight, self.targets.robust)
-        self._laid = [*self._laid[-1:], (lanes, self.targets, found)]
-        return found
+        against = Against(target, weight, self.targets.robust)
+        self._laid = [*self._laid[-1:], (lanes, self.targets, against)]
+        return against
 
     def _accumulated(
         self, x: Array, nodes: SimulatedRuns, residuals: Array | None = None
@@ -480,18 +482,18 @@ class MotionProblem:
         _, weight = self.against(cut).weighted(read)
         before: tuple[Array, Array] | None = None
         for first in range(0, len(p), max(LANES, 1)):
-            own = slice(first, min(first + LANES, len(p)))
+            value = slice(first, min(first + LANES, len(p)))
             _, Z, _, Y = self.simulator.kernel.linearise(
-                nodes.starts[own], cut.segments[own], p[own], cut.reads, self.moving
+                nodes.starts[value], cut.segments[value], p[value], cut.reads, self.moving
             )
-            G = chained(cut, Z, starts_by_p[:, :, self.moving], self.loose, own, before)
+            G = chained(cut, Z, starts_by_p[:, :, self.moving], self.loose, value, before)
             before = G[-1], Z[-1]
             lanes, reads, outputs, _ = Y.shape
             J = Y[..., :size].reshape(lanes, reads * outputs, size) @ G
             J[:, :, :count] += Y[..., size:].reshape(lanes, reads * outputs, -1)
             J = J.reshape(lanes, reads, outputs, -1)
-            J *= weight[own, ..., None]
-            yield own, J
+            J *= weight[value, ..., None]
+            yield value, J
 
 
 def _add(H: Array | None, g: Array, index: Index, inner: Array | None, pull: Array) -> None:

@@ -35,10 +35,10 @@ class Simulator:
 
     def of(self, model: MotionModel) -> Simulator:
         """The same of a model with the same equations, whose values, bounds and beliefs are others."""
-        found = copy(self)
-        found.trace = copy(self.trace)
-        found.trace.model = model
-        return found
+        result = copy(self)
+        result.trace = copy(self.trace)
+        result.trace.model = model
+        return result
 
     def shifts(self, p: Array) -> Array:
         """Values of the delays and latencies, s."""
@@ -65,10 +65,10 @@ class Simulator:
             z = self.trace.start(measured, given)(y, u, q)
             stacked = cs.vertcat(z, cs.vec(cs.jacobian(z, q).T))
             self._starts[key] = SampledFunction(cs.Function("starts", [y, u, q], [cs.densify(stacked)]))
-        found = np.broadcast_to(
+        result = np.broadcast_to(
             self._starts[key](readings, inputs, p), (len(readings), self.trace.size * (1 + self.trace.model.size))
         )
-        return found[:, : self.trace.size], found[:, self.trace.size :].reshape(len(readings), self.trace.size, -1)
+        return result[:, : self.trace.size], result[:, self.trace.size :].reshape(len(readings), self.trace.size, -1)
 
     def start_touched(self, measured: tuple[str, ...]) -> Index:
         """Parameters that the starting states depend on."""
@@ -110,7 +110,7 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
     states = [simulator.trace.names.index(name) for name in names]
     readings = run.measured[:, [model.outputs.index(name) for name in names]]
     complete = np.all(np.isfinite(readings), axis=1)
-    first = [own[np.isfinite(own)][0] for own in readings.T]
+    first = [item[np.isfinite(item)][0] for item in readings.T]
     given = np.where(complete[:, None], readings, first)
     corrected, _ = simulator.start(names, given, run.inputs, p)
     z = corrected.copy()
@@ -122,8 +122,8 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
         for row in stops:
             if carries or row > last + 1 or not complete[row]:
                 begin = int(starts[last])
-                found = simulated(z[last], begin, int(starts[row]))
-                z[last + 1 : row + 1] = found[starts[last + 1 : row + 1] - begin]
+                result = simulated(z[last], begin, int(starts[row]))
+                z[last + 1 : row + 1] = result[starts[last + 1 : row + 1] - begin]
                 if complete[row]:
                     z[row, states] = corrected[row, states]
             last = row

@@ -55,7 +55,7 @@ class IntervalStarts:
                 readings = np.concatenate([run.measured[np.ix_(rows, channels)] for run, rows in starts if rows])
                 inputs = np.concatenate([run.inputs[rows] for run, rows in starts if rows])
                 self._groups.append(_Alike(names, which, readings.reshape(len(which), -1), inputs))
-        self._touched = np.unique(np.concatenate([simulator.start_touched(own.names) for own in self._groups]))
+        self._touched = np.unique(np.concatenate([simulator.start_touched(group.names) for group in self._groups]))
         self._last: tuple[Array, Array, Array] | None = None
         self._carried: tuple[Mask, Array] | None = None
         self._actuated = False
@@ -114,13 +114,15 @@ class IntervalStarts:
         """
         if len(p) > 1 and np.all(p[1:, :, self._touched] == p[:1, :, self._touched]):
             return np.repeat(self.of_many(p[:1]), len(p), axis=0)
-        own = p[:, [interval.run for interval in self._intervals]]
-        sets = len(own)
+        value = p[:, [interval.run for interval in self._intervals]]
+        sets = len(value)
         z = np.empty((sets, len(self._intervals), self._simulator.trace.size))
         for group in self._groups:
             readings, inputs = (np.tile(table, (sets, 1)) for table in (group.readings, group.inputs))
-            found = self._simulator.start(group.names, readings, inputs, own[:, group.which].reshape(len(readings), -1))
-            z[:, group.which] = found[0].reshape(sets, len(group.which), -1)
+            result = self._simulator.start(
+                group.names, readings, inputs, value[:, group.which].reshape(len(readings), -1)
+            )
+            z[:, group.which] = result[0].reshape(sets, len(group.which), -1)
         if self._carried is not None:
             where, states = self._carried
             z[:, where] = states[where]
@@ -132,12 +134,12 @@ class IntervalStarts:
         return not self._actuated
 
     def _from_readings(self, p: Array) -> tuple[Array, Array]:
-        own = p[[interval.run for interval in self._intervals]]
+        value = p[[interval.run for interval in self._intervals]]
         size = self._simulator.trace.size
-        z, by_p = np.empty((len(own), size)), np.empty((len(own), size, own.shape[1]))
+        z, by_p = np.empty((len(value), size)), np.empty((len(value), size, value.shape[1]))
         for group in self._groups:
-            found = self._simulator.start(group.names, group.readings, group.inputs, own[group.which])
-            z[group.which], by_p[group.which] = found
+            result = self._simulator.start(group.names, group.readings, group.inputs, value[group.which])
+            z[group.which], by_p[group.which] = result
         if self._carried is not None:
             where, states = self._carried
             z[where], by_p[where] = states[where], 0.0

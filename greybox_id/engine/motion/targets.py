@@ -57,22 +57,22 @@ def targets(
     weight = np.where(np.isfinite(reading), 1.0 / noise, 0.0)
     if keep is not None:
         kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in intervals]
-        weight = weight * np.sqrt(np.vstack([own.reshape(len(own), -1) for own in kept]))
+        weight = weight * np.sqrt(np.vstack([item.reshape(len(item), -1) for item in kept]))
     return Targets(np.where(np.isfinite(reading), reading, 0.0), weight, robust)
 
 
 def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Array]:
     """Per run, (n, outputs): 1 where the model's equations hold, or the signal that tells is not read; 0 elsewhere."""
-    found = [np.ones(run.measured.shape) for run in runs]
-    for own in model.validity:
+    result = [np.ones(run.measured.shape) for run in runs]
+    for item in model.validity:
         holds = []
         for run in runs:
-            names, table = (model.inputs, run.inputs) if own.signal in model.inputs else (model.outputs, run.measured)
-            holds.append(~(np.abs(table[:, names.index(own.signal)]) < own.least))
+            names, table = (model.inputs, run.inputs) if item.signal in model.inputs else (model.outputs, run.measured)
+            holds.append(~(np.abs(table[:, names.index(item.signal)]) < item.least))
         for k, output in enumerate(model.outputs):
             read = [np.isfinite(run.measured[:, k]) for run in runs]
             left, all_there = sum(np.sum(a & b) for a, b in zip(read, holds, strict=True)), sum(map(np.sum, read))
-            if output in own.outputs and left >= CRAWLING * all_there:
-                for one, there in zip(found, holds, strict=True):
+            if output in item.outputs and left >= CRAWLING * all_there:
+                for one, there in zip(result, holds, strict=True):
                     one[:, k] *= there
-    return found
+    return result

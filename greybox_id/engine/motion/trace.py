@@ -86,13 +86,13 @@ class MotionTrace:
         segment = _Segment(self.model, s, self._shifts(named), self.delayed)
         x, _, relaxed = self._split(z)
         _, q = self._evaluate(x, self._seen(z, segment, named), named, just_after(*self._relaxing(relaxed)))
-        found = vars(q.x) | vars(q.u) | {name: getattr(q, name) for name in self.model.quantities}
-        scaled = [own for own in self.model.combinations if own.scaled_by]
-        found |= {own.name: own.of(q.p) * getattr(q, own.scaled_by) for own in scaled}
-        lacking = [name for name in names if name not in found]
+        result = vars(q.x) | vars(q.u) | {name: getattr(q, name) for name in self.model.quantities}
+        scaled = [combination for combination in self.model.combinations if combination.scaled_by]
+        result |= {item.name: item.of(q.p) * getattr(q, item.scaled_by) for item in scaled}
+        lacking = [name for name in names if name not in result]
         if lacking:
-            raise BadModel(f"Model {self.model.name} has no {', '.join(lacking)}; it has {', '.join(found)}.")
-        return cs.Function("told", [z, s, p], [cs.vertcat(*[found[name] for name in names])])
+            raise BadModel(f"Model {self.model.name} has no {', '.join(lacking)}; it has {', '.join(result)}.")
+        return cs.Function("told", [z, s, p], [cs.vertcat(*[result[name] for name in names])])
 
     def flow(self) -> cs.Function:
         """(z, s, p) -> the derivative of z just after a segment began.
@@ -128,13 +128,15 @@ class MotionTrace:
         inputs = dict(zip(model.inputs, cs.vertsplit(u), strict=True))
 
         def completed(known: list[Symbol]) -> list[Symbol]:
-            found = dict.fromkeys(self.names, cs.SX(0)) | dict(zip(measured, known, strict=True))
-            seen = SimpleNamespace(**found)
+            result = dict.fromkeys(self.names, cs.SX(0)) | dict(zip(measured, known, strict=True))
+            seen = SimpleNamespace(**result)
             for state in model.states:
                 if state.name not in measured:
-                    own = state.start(seen, SimpleNamespace(**inputs), named) if callable(state.start) else state.start
-                    found[state.name] = own
-            return [found[name] for name in self.names]
+                    start = (
+                        state.start(seen, SimpleNamespace(**inputs), named) if callable(state.start) else state.start
+                    )
+                    result[state.name] = start
+            return [result[name] for name in self.names]
 
         guess = cs.SX.sym("guess", len(measured))
         _, q = self._evaluate(completed(cs.vertsplit(guess)), inputs, named, without_lag)
@@ -151,8 +153,8 @@ class MotionTrace:
         return cs.Function("start", [y, u, p], [cs.vertcat(*x, *actuated, *settled)])
 
     def _shifts(self, p: Namespace) -> list[Symbol]:
-        delays = [sum(by(p) for own, by in self.model.delays if own == signal) for signal in self.delayed]
-        return delays + [sum(by(p) for own, by in self.model.latencies if own == output) for output in self.late]
+        delays = [sum(by(p) for item, by in self.model.delays if item == signal) for signal in self.delayed]
+        return delays + [sum(by(p) for item, by in self.model.latencies if item == output) for output in self.late]
 
     def _split(self, z: Symbol) -> tuple[list[Symbol], list[Symbol], list[Symbol]]:
         parts = cs.vertsplit(z)
@@ -225,8 +227,8 @@ class MotionTrace:
     def _relaxing(self, relaxed: list[Symbol]) -> tuple[dict[str, Symbol], TimeConstants]:
         """Where relaxed quantities stand, and their time constants."""
         all_of_them = self.model.relaxations
-        standing = {own.quantity: value for own, value in zip(all_of_them, relaxed, strict=True)}
-        return standing, {own.quantity: own.time_constant for own in all_of_them}
+        standing = {item.quantity: value for item, value in zip(all_of_them, relaxed, strict=True)}
+        return standing, {item.quantity: item.time_constant for item in all_of_them}
 
     def _seen(self, z: Symbol, segment: _Segment, p: Namespace) -> dict[str, Symbol]:
         """Inputs as the vehicle sees them just after the segment began."""
@@ -246,7 +248,7 @@ class MotionTrace:
         for name in model.outputs:
             if getattr(read, name) is None:
                 if name not in vars(q):
-                    known = [*self.names, *(own for own in vars(q) if own in model.quantities)]
+                    known = [*self.names, *(var for var in vars(q) if var in model.quantities)]
                     raise BadModel(
                         f"Model {model.name} predicts {name}, which is neither a state nor a quantity that its "
                         f"dynamics assign.{near_or_all(name, known)}"
@@ -273,8 +275,8 @@ class _Segment:
         begin = sum(a * b for a, b in zip(begin_by, moved, strict=True))
         self.lines: dict[str, tuple[Symbol, Symbol]] = {}
         for name, value, slope in zip(model.inputs, values, slopes, strict=True):
-            own = begin - moved[delayed.index(name)] if name in delayed else begin
-            first = value + slope * own
+            entry = begin - moved[delayed.index(name)] if name in delayed else begin
+            first = value + slope * entry
             self.lines[name] = (first, first + slope * self.h)
 
 
@@ -284,10 +286,10 @@ def _moved(x: list[Symbol], h: Symbol, rates: list[Symbol]) -> list[Symbol]:
 
 def parameters(model: MotionModel, vector: Symbol) -> Namespace:
     """The parameters by name out of their vector; arrays as flat lists."""
-    found: dict[str, Symbol] = {}
+    result: dict[str, Symbol] = {}
     start = 0
     for parameter in model.parameters:
-        own = cs.vertsplit(vector[start : start + parameter.size])
-        found[parameter.name] = own[0] if parameter.shape == () else own
+        value = cs.vertsplit(vector[start : start + parameter.size])
+        result[parameter.name] = value[0] if parameter.shape == () else value
         start += parameter.size
-    return SimpleNamespace(**found)
+    return SimpleNamespace(**result)

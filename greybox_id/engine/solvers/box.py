@@ -66,5 +66,5 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
 
 def solved(H: Array, b: Array) -> Array:
     """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular."""
-    _, found, failed = lapack.dposv(H, b)
-    return np.asarray(la.lstsq(H, b)[0] if failed else found)
+    _, result, failed = lapack.dposv(H, b)
+    return np.asarray(la.lstsq(H, b)[0] if failed else result)

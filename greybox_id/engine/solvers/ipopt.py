@@ -97,9 +97,9 @@ def ipopt(
     if np.any(np.isnan([start, low, high])):
         where = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
         return where, IpoptVerdict("Invalid number at the start", 0, np.nan, np.nan, time.process_time() - clock)
-    found = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
+    result = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
-    unknowns = np.clip((np.asarray(found["x"].full()).ravel() * scale)[: len(x)], *problem.bounds)
+    unknowns = np.clip((np.asarray(result["x"].full()).ravel() * scale)[: len(x)], *problem.bounds)
     unknowns[np.isinf(x)] = x[np.isinf(x)]
     same: LeastSquares = problem
     matched = same.simulated_nodes(unknowns)

@@ -40,8 +40,8 @@ class Condensed:
     def __init__(self, problem: Problem, x: Array) -> None:
         self.size = problem.layout.size
         curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
-        told = problem.free & np.isfinite(curvature) & (curvature > 0)
-        self.scale = np.where(told, np.exp2(-np.round(np.log2(np.where(told, curvature, 1.0)) / 2.0)), 1.0)
+        known = problem.free & np.isfinite(curvature) & (curvature > 0)
+        self.scale = np.where(known, np.exp2(-np.round(np.log2(np.where(known, curvature, 1.0)) / 2.0)), 1.0)
         Z = cs.MX.sym("Z", self.size)
         X = cs.DM(self.scale) * Z
         empty, gamma = cs.MX.sym("none", 0), cs.MX.sym("gamma")
@@ -361,10 +361,10 @@ def _variables(problem: MotionProblem, cut: Lanes) -> Iterator[Index]:
     for first, interval in zip(cut.first, cut.interval, strict=True):
         index = problem.layout.index[interval]
         if first:
-            own = index[of_model:]
+            value = index[of_model:]
         else:
-            own, node = problem.layout.size + node * size + np.arange(size), node + 1
-        yield np.concatenate((index[problem.moving], own))
+            value, node = problem.layout.size + node * size + np.arange(size), node + 1
+        yield np.concatenate((index[problem.moving], value))
 
 
 def _linearised(program: MotionProgram, cut: Lanes) -> _Computed:

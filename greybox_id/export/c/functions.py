@@ -81,15 +81,15 @@ class _Writer:
     functions : names of the functions of `mathematics` called so far.
     """
 
-    def __init__(self, graph: Graph, scalars: frozenset[str], wanted: Sequence[int]) -> None:
+    def __init__(self, graph: Graph, scalars: frozenset[str], target: Sequence[int]) -> None:
         self.graph = graph
         self.scalars = scalars
         self.functions: set[str] = set()
         self._operations = graph.operations()
         self._choices = dict(self._found_choices())
-        self._needed = self._found_needed(wanted)
+        self._needed = self._found_needed(target)
         self._angles = self._found_angles()
-        self._uses = self._found_uses(wanted)
+        self._uses = self._found_uses(target)
         self._inlined: dict[int, str] = {}
 
     def lines(self) -> Iterator[str]:
@@ -142,15 +142,15 @@ class _Writer:
         if value.op in OPERATORS:
             return OPERATORS[value.op].replace("splat(1)", "1.0").format(*names)
         called = FUNCTIONS[value.op]
-        own = OWN_OF.get(called, called)
-        if own != called:
-            self.functions.add(own)
-        return f"{own}({', '.join(names)})"
+        entry = OWN_OF.get(called, called)
+        if entry != called:
+            self.functions.add(entry)
+        return f"{entry}({', '.join(names)})"
 
     def _operand(self, k: int, op: int) -> str:
         """A value where an operation takes it: tests are whole numbers in C, and their quotients would be cut."""
-        own = self._operations.get(k)
-        tested = own is not None and (own.op in TESTS or own.op in LOGIC)
+        value = self._operations.get(k)
+        tested = value is not None and (value.op in TESTS or value.op in LOGIC)
         return f"(double){self.name(k)}" if tested and (op in OPERATORS or op in FUNCTIONS) else self.name(k)
 
     def _found_choices(self) -> Iterator[tuple[int, tuple[int, int, int]]]:
@@ -167,27 +167,27 @@ class _Writer:
 
     def _found_angles(self) -> Mapping[int, tuple[int, int]]:
         """Angles of which both sine and cosine are asked."""
-        asked: dict[int, dict[int, int]] = {}
+        requested: dict[int, dict[int, int]] = {}
         for k, value in self._operations.items():
             if k in self._needed and value.op in (cs.OP_SIN, cs.OP_COS):
-                asked.setdefault(value.sources[0], {})[value.op] = k
-        return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in asked.items() if len(both) == 2}
+                requested.setdefault(value.sources[0], {})[value.op] = k
+        return {a: (both[cs.OP_SIN], both[cs.OP_COS]) for a, both in requested.items() if len(both) == 2}
 
-    def _found_uses(self, wanted: Sequence[int]) -> Counter[int]:
+    def _found_uses(self, target: Sequence[int]) -> Counter[int]:
         """How often each value is asked for; twice if it is doubled, squared or a result.
 
         Results are computed before any is stored, for x_next may be x.
         """
-        uses = Counter(dict.fromkeys(wanted, 2))
+        uses = Counter(dict.fromkeys(target, 2))
         for k in self._needed & self._operations.keys():
             value = self._operations[k]
-            own = Counter(self._choices.get(k, value.sources))
-            uses += Counter(dict.fromkeys(own, 2)) if value.op in (cs.OP_SQ, cs.OP_TWICE) else own
+            counter = Counter(self._choices.get(k, value.sources))
+            uses += Counter(dict.fromkeys(counter, 2)) if value.op in (cs.OP_SQ, cs.OP_TWICE) else counter
         return uses
 
-    def _found_needed(self, wanted: Sequence[int]) -> set[int]:
+    def _found_needed(self, target: Sequence[int]) -> set[int]:
         """Operations whose values are asked for, once choices are made in one."""
-        needed = set(wanted)
+        needed = set(target)
         for k in reversed(self._operations):  # a value stands behind those it is made of
             if k in needed:
                 needed.update(self._choices.get(k, self._operations[k].sources))
@@ -253,8 +253,8 @@ class CFunction:
     @cached_property
     def body(self) -> Body:
         """Its statements."""
-        arguments = [own.name if own.size else f"{own.name}*" for own in self.arguments]
-        return body(self.function, arguments, [own.name for own in self.results])
+        arguments = [argument.name if argument.size else f"{argument.name}*" for argument in self.arguments]
+        return body(self.function, arguments, [result.name for result in self.results])
 
     @property
     def stack_bytes(self) -> int:
@@ -268,19 +268,19 @@ class CFunction:
     @property
     def signature(self) -> str:
         """Its declaration, without what ends it."""
-        told = [own.given for own in self.arguments] + [f"double *{own.name}" for own in self.results]
-        return wrapped(f"void {self.name}(", told)
+        known = [argument.given for argument in self.arguments] + [f"double *{result.name}" for result in self.results]
+        return wrapped(f"void {self.name}(", known)
 
     @property
     def declaration(self) -> str:
         """Its declaration with what it computes, for a header."""
-        sizes = ", ".join(f"{own.name} {own.size}" for own in self._all if own.size)
+        sizes = ", ".join(f"{item.name} {item.size}" for item in self._all if item.size)
         return f"/* {c_comment(self.about)}\n   Lengths: {sizes}. */\n{self.signature};\n"
 
     @property
     def definition(self) -> str:
         """Its C."""
-        unused = [f"(void){own.name};" for own in self._all if not self.body.reads(own.name)]
+        unused = [f"(void){item.name};" for item in self._all if not self.body.reads(item.name)]
         lines = "\n".join(f"    {line}" for line in (*self.body.lines, *unused))
         return f"{self.signature}\n{{\n{lines}\n}}\n"
 
@@ -301,5 +301,5 @@ def wrapped(head: str, arguments: Sequence[str], width: int = 100) -> str:
 
 def mathematics_of(functions: Sequence[CFunction]) -> str:
     """C of the elementary functions that these call."""
-    called = frozenset().union(*[own.body.functions for own in functions])
+    called = frozenset().union(*[function.body.functions for function in functions])
     return f"{INLINE}\n{definitions(called)}"

@@ -54,16 +54,16 @@ EXACT = """#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || define
 
 def definitions(names: Iterable[str]) -> str:
     """C of the functions named, and of what they need."""
-    found: dict[str, str] = {}
+    result: dict[str, str] = {}
 
     def add(name: str) -> None:
         for other in FUNCTIONS[name].needs:
             add(other)
-        found.setdefault(name, FUNCTIONS[name].text)
+        result.setdefault(name, FUNCTIONS[name].text)
 
     for name in sorted(set(names)):
         add(name)
-    return "\n".join(found.values())
+    return "\n".join(result.values())
 
 
 def atan_polynomials() -> Array:

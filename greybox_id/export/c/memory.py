@@ -254,32 +254,32 @@ class MemoryC:
     def stack_bytes(self) -> int:
         """What any of the functions needs of the stack at most."""
         sizes = self._sizes
-        own = sum(int(jacobian.nnz()) + 1 for _, jacobian in self._sparse.values())
-        own += (sizes["NY"] + 1) * (sizes["TAPS"] + sizes["SEEN"] + sizes["SIGNALS"]) + sizes["SEEN"] * sizes["NU"]
-        return self.window_bytes + max(function.stack_bytes for function in self.functions) + 8 * own
+        value = sum(int(jacobian.nnz()) + 1 for _, jacobian in self._sparse.values())
+        value += (sizes["NY"] + 1) * (sizes["TAPS"] + sizes["SEEN"] + sizes["SIGNALS"]) + sizes["SEEN"] * sizes["NU"]
+        return self.window_bytes + max(function.stack_bytes for function in self.functions) + 8 * value
 
     @property
     def header(self) -> str:
         """The header: sizes, places and units of all entries, and what the functions do."""
-        own, e = self.name, self.equations
-        guard = constant(own, "h")
+        value, e = self.name, self.equations
+        guard = constant(value, "h")
         seen = [Named(name, "", "") for name in e.model.inputs]
-        told = ", ".join(f"{k} {name.name}" for k, name in enumerate(seen))
+        known = ", ".join(f"{k} {name.name}" for k, name in enumerate(seen))
         return "\n".join(
             [
                 f"/* {self.title}\n",
                 ABOUT.format(time=e.sample_time, stack=self.stack_bytes, window=self.window_bytes),
                 f"\n#ifndef {guard}\n#define {guard}\n",
                 '#ifdef __cplusplus\nextern "C" {\n#endif\n',
-                f"#define {constant(own, 'SAMPLE_TIME')} {e.sample_time!r} /* s */\n",
-                vector(own, "U", "Inputs that are handed in", e.inputs),
-                vector(own, "P", "Parameters", e.parameters),
-                vector(own, "Y", "Outputs", e.outputs),
-                f"/* The window. Inputs as the equations see them: {told}. */",
-                *(f"#define {constant(own, word)} {size}" for word, size in self._sizes.items() if word[0] != "N"),
-                f"\nextern const double {own}_default_parameters[];",
-                *(f"extern const char *const {own}_{which}_names[];" for which in ("input", "parameter", "output")),
-                DECLARATIONS.replace("@", own).replace("$", constant(own)),
+                f"#define {constant(value, 'SAMPLE_TIME')} {e.sample_time!r} /* s */\n",
+                vector(value, "U", "Inputs that are handed in", e.inputs),
+                vector(value, "P", "Parameters", e.parameters),
+                vector(value, "Y", "Outputs", e.outputs),
+                f"/* The window. Inputs as the equations see them: {known}. */",
+                *(f"#define {constant(value, word)} {size}" for word, size in self._sizes.items() if word[0] != "N"),
+                f"\nextern const double {value}_default_parameters[];",
+                *(f"extern const char *const {value}_{which}_names[];" for which in ("input", "parameter", "output")),
+                DECLARATIONS.replace("@", value).replace("$", constant(value)),
                 "#ifdef __cplusplus\n}\n#endif\n\n#endif\n",
             ]
         )
@@ -287,21 +287,21 @@ class MemoryC:
     @property
     def source(self) -> str:
         """The source."""
-        own, e = self.name, self.equations
+        one, e = self.name, self.equations
         static = [f"static {function.definition}" for function in self.functions]
         return "\n".join(
             [
                 f"/* {self.title} */\n",
                 EXACT,
-                f'#include "{own}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
+                f'#include "{one}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
                 mathematics_of(self.functions),
-                f"const double {own}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
-                names(f"{own}_input_names", e.inputs),
-                names(f"{own}_parameter_names", e.parameters),
-                names(f"{own}_output_names", e.outputs),
+                f"const double {one}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
+                names(f"{one}_input_names", e.inputs),
+                names(f"{one}_parameter_names", e.parameters),
+                names(f"{one}_output_names", e.outputs),
                 *static,
                 self._tables,
-                DEFINITIONS.replace("@", own).replace("$", constant(own)),
+                DEFINITIONS.replace("@", one).replace("$", constant(one)),
             ]
         )
 
@@ -325,11 +325,11 @@ class MemoryC:
     def _tables(self) -> str:
         """Which signal each window looks at, and where the nonzeros of sparse derivatives stand."""
         e = self.equations
-        handed_in = [own.name for own in e.inputs]
+        handed_in = [item.name for item in e.inputs]
         tables = {
             "tap_signal": [int(k) for k in e.trace.tap_signal],
             "held": list(e.held.values()),
-            "actuator_input": [handed_in.index(own.signal) for own in e.model.actuators] or [-1],
+            "actuator_input": [handed_in.index(actuator.signal) for actuator in e.model.actuators] or [-1],
         }
         for name, (_, jacobian) in self._sparse.items():
             row, column = jacobian.sparsity().get_triplet()
@@ -367,15 +367,15 @@ class MemoryC:
         sees, a_next = e.seen(y, a, e.u, e.p)
         known = {"y": y, "a": a, "u": e.u, "p": e.p}
         sensors = cs.vertcat(*[weight for name in e.model.outputs for weight in e.sensor_weights(name)])
-        found = [_function(own.name, own.arguments, {own.result: own.value}) for own in self._stages]
-        found.append(_function("head_by", head.arguments, _derivatives(head.value, head.arguments)))
+        result = [_function(stage.name, stage.arguments, {stage.result: stage.value}) for stage in self._stages]
+        result.append(_function("head_by", head.arguments, _derivatives(head.value, head.arguments)))
         for name, (of, jacobian) in self._sparse.items():
             nonzeros = cs.vertcat(*jacobian.nonzeros()) if jacobian.nnz() else cs.SX(1, 1)
-            found.append(_function(name, of.arguments, {"nonzeros": nonzeros}))
-        found.append(_function("seen", known, {"sees": sees, "a_next": a_next}))
-        found.append(_function("seen_by", known, _derivatives(sees, {"y": y, "u": e.u})))
-        found.append(_function("sensors", {"p": e.p}, {"weight": cs.SX(sensors)}))
-        return found
+            result.append(_function(name, of.arguments, {"nonzeros": nonzeros}))
+        result.append(_function("seen", known, {"sees": sees, "a_next": a_next}))
+        result.append(_function("seen_by", known, _derivatives(sees, {"y": y, "u": e.u})))
+        result.append(_function("sensors", {"p": e.p}, {"weight": cs.SX(sensors)}))
+        return result
 
 
 @dataclass(frozen=True)
@@ -394,5 +394,5 @@ def _derivatives(value: Symbol, arguments: Mapping[str, Symbol]) -> dict[str, Sy
 
 def _function(name: str, arguments: Mapping[str, Symbol], results: Mapping[str, Symbol]) -> CFunction:
     made = cs.Function(name, list(arguments.values()), [cs.vec(cs.densify(value)) for value in results.values()])
-    given, got = (tuple(Argument(own, "all") for own in names) for names in (arguments, results))
+    given, got = (tuple(Argument(name, "all") for name in names) for names in (arguments, results))
     return CFunction(name, made, given, got, "")

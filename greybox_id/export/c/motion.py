@@ -15,19 +15,19 @@ CAPACITY = 256
 """Commands that are remembered."""
 
 
-def late_declarations(own: str, equations: Equations, capacity: int = CAPACITY) -> str:
+def late_declarations(text: str, equations: Equations, capacity: int = CAPACITY) -> str:
     """For the header; so many commands are remembered."""
-    n, size = constant(own, "NU"), constant(own, "COMMANDS")
+    n, size = constant(text, "NU"), constant(text, "COMMANDS")
     signals = ", ".join(equations.delayed)
     return f"""\
-/* Commands arrive late here: {signals}. {own}_step takes the inputs as they act; {own}_step_late takes them
+/* Commands arrive late here: {signals}. {text}_step takes the inputs as they act; {text}_step_late takes them
    from a line of past commands and cuts its step where a late one arrives, so that a delay of 3.7 samples is exact.
 
-   {own}_commands_start   one command since ever.
-   {own}_commands_push    a command that holds from a time on, later than the one before. Returns 0; -1 if it is not.
-   {own}_commands_acting  the inputs that act at a time.
-   {own}_commands_until   the same, and how many seconds they go on.
-   {own}_step_late        the state at time + dt from that at time; x_next may be x. Returns 0; -1 where the line does
+   {text}_commands_start   one command since ever.
+   {text}_commands_push    a command that holds from a time on, later than the one before. Returns 0; -1 if it is not.
+   {text}_commands_acting  the inputs that act at a time.
+   {text}_commands_until   the same, and how many seconds they go on.
+   {text}_step_late        the state at time + dt from that at time; x_next may be x. Returns 0; -1 where the line does
                           not reach back far enough and its oldest command was taken. */
 #define {size} {capacity}
 
@@ -35,34 +35,34 @@ typedef struct {{
     double time[{size}];
     double u[{size}][{n}];
     size_t count; /* commands so far */
-}} {own}_commands;
+}} {text}_commands;
 
-void {own}_commands_start({own}_commands *line, const double *u);
-int {own}_commands_push({own}_commands *line, double time, const double *u);
-int {own}_commands_acting(const {own}_commands *line, const double *p, double time, double *u);
-int {own}_commands_until(const {own}_commands *line, const double *p, double time, double *u, double *on);
-int {own}_step_late(const {own}_commands *line, const double *x, const double *p, double time, double dt,
+void {text}_commands_start({text}_commands *line, const double *u);
+int {text}_commands_push({text}_commands *line, double time, const double *u);
+int {text}_commands_acting(const {text}_commands *line, const double *p, double time, double *u);
+int {text}_commands_until(const {text}_commands *line, const double *p, double time, double *u, double *on);
+int {text}_step_late(const {text}_commands *line, const double *x, const double *p, double time, double dt,
     double *x_next);
 """
 
 
-def late_definitions(own: str, equations: Equations) -> str:
+def late_definitions(text: str, equations: Equations) -> str:
     """For the source."""
-    n, m, size = (constant(own, word) for word in ("NX", "NU", "COMMANDS"))
+    n, m, size = (constant(text, word) for word in ("NX", "NU", "COMMANDS"))
     places = [equations.delayed.index(i.name) if i.name in equations.delayed else -1 for i in equations.inputs]
     count = len(equations.delayed)
     return f"""\
 /* which delay each input has; -1: none */
-static const int {own}_delay_of[{m}] = {{{", ".join(map(str, places))}}};
+static const int {text}_delay_of[{m}] = {{{", ".join(map(str, places))}}};
 
-void {own}_commands_start({own}_commands *line, const double *u)
+void {text}_commands_start({text}_commands *line, const double *u)
 {{
     line->time[0] = -HUGE_VAL;
     memcpy(line->u[0], u, sizeof line->u[0]);
     line->count = 1;
 }}
 
-int {own}_commands_push({own}_commands *line, double time, const double *u)
+int {text}_commands_push({text}_commands *line, double time, const double *u)
 {{
     const size_t place = line->count % {size};
     if (!(time > line->time[(line->count - 1) % {size}])) {{
@@ -75,7 +75,7 @@ int {own}_commands_push({own}_commands *line, double time, const double *u)
 }}
 
 /* what input i is at a time, and when it changes next; -1 where the line does not reach back */
-static int {own}_command_at(const {own}_commands *line, size_t i, double time, double *u, double *until)
+static int {text}_command_at(const {text}_commands *line, size_t i, double time, double *u, double *until)
 {{
     const size_t held = line->count < {size} ? line->count : {size};
     size_t back = 0;
@@ -88,17 +88,17 @@ static int {own}_command_at(const {own}_commands *line, size_t i, double time, d
     return line->time[(line->count - 1 - back) % {size}] > time ? -1 : 0;
 }}
 
-int {own}_commands_until(const {own}_commands *line, const double *p, double time, double *u, double *on)
+int {text}_commands_until(const {text}_commands *line, const double *p, double time, double *u, double *on)
 {{
     double late[{count}];
     size_t i;
     int found = 0;
-    {own}_delays(p, late);
+    {text}_delays(p, late);
     *on = HUGE_VAL;
     for (i = 0; i < {m}; i++) {{
-        const double delay = {own}_delay_of[i] < 0 ? 0.0 : late[{own}_delay_of[i]];
+        const double delay = {text}_delay_of[i] < 0 ? 0.0 : late[{text}_delay_of[i]];
         double until;
-        if ({own}_command_at(line, i, time - delay, &u[i], &until) != 0) {{
+        if ({text}_command_at(line, i, time - delay, &u[i], &until) != 0) {{
             found = -1;
         }}
         if (until - (time - delay) < *on) {{
@@ -108,13 +108,13 @@ int {own}_commands_until(const {own}_commands *line, const double *p, double tim
     return found;
 }}
 
-int {own}_commands_acting(const {own}_commands *line, const double *p, double time, double *u)
+int {text}_commands_acting(const {text}_commands *line, const double *p, double time, double *u)
 {{
     double on;
-    return {own}_commands_until(line, p, time, u, &on);
+    return {text}_commands_until(line, p, time, u, &on);
 }}
 
-int {own}_step_late(const {own}_commands *line, const double *x, const double *p, double time, double dt,
+int {text}_step_late(const {text}_commands *line, const double *x, const double *p, double time, double dt,
     double *x_next)
 {{
     const double end = time + dt, soon = 1e-9 * dt; /* commands a billionth of a step apart act as one */
@@ -123,13 +123,13 @@ int {own}_step_late(const {own}_commands *line, const double *x, const double *p
     memcpy(now, x, sizeof now);
     while (end - time > soon) {{
         double h = end - time;
-        if ({own}_commands_until(line, p, time + soon, u, &on) != 0) {{
+        if ({text}_commands_until(line, p, time + soon, u, &on) != 0) {{
             found = -1;
         }}
         if (on + soon < h) {{
             h = on + soon;
         }}
-        {own}_step(now, u, p, h, now);
+        {text}_step(now, u, p, h, now);
         time += h;
     }}
     memcpy(x_next, now, sizeof now);
@@ -180,13 +180,13 @@ class MotionC:
     def stack_bytes(self) -> int:
         """What any of the functions needs of the stack at most."""
         n = len(self.equations.states)
-        return max(own.stack_bytes for own in self.functions) + 8 * n * (n + len(self.equations.inputs))
+        return max(function.stack_bytes for function in self.functions) + 8 * n * (n + len(self.equations.inputs))
 
     @property
     def header(self) -> str:
         """The header: sizes, places and units of all entries, and what the functions do."""
-        own, e = self.name, self.equations
-        guard = constant(own, "h")
+        value, e = self.name, self.equations
+        guard = constant(value, "h")
         return "\n".join(
             [
                 f"/* {self.title}",
@@ -196,19 +196,19 @@ class MotionC:
                 f"#ifndef {guard}\n#define {guard}\n",
                 *(["#include <stddef.h>\n"] if e.delayed else []),
                 '#ifdef __cplusplus\nextern "C" {\n#endif\n',
-                vector(own, "X", "State", e.states),
-                vector(own, "U", "Inputs", e.inputs),
-                vector(own, "P", "Parameters", e.parameters),
-                vector(own, "Y", "Outputs", e.outputs),
-                f"extern const double {own}_default_parameters[];",
+                vector(value, "X", "State", e.states),
+                vector(value, "U", "Inputs", e.inputs),
+                vector(value, "P", "Parameters", e.parameters),
+                vector(value, "Y", "Outputs", e.outputs),
+                f"extern const double {value}_default_parameters[];",
                 *(
-                    f"extern const char *const {own}_{which}_names[];"
+                    f"extern const char *const {value}_{which}_names[];"
                     for which in ("state", "input", "parameter", "output")
                 ),
                 "",
                 *(function.declaration for function in self.functions),
                 *([self._vde[0]] if "ode_jacobian" not in self._left_out else []),
-                *([late_declarations(own, e, self.commands)] if e.delayed else []),
+                *([late_declarations(value, e, self.commands)] if e.delayed else []),
                 "#ifdef __cplusplus\n}\n#endif\n\n#endif",
                 "",
             ]
@@ -217,28 +217,28 @@ class MotionC:
     @property
     def source(self) -> str:
         """The source."""
-        own, e = self.name, self.equations
+        one, e = self.name, self.equations
         return "\n".join(
             [
                 f"/* {self.title} */",
                 "",
                 EXACT,
-                f'#include "{own}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
+                f'#include "{one}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
                 mathematics_of(self.functions),
-                f"const double {own}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
-                names(f"{own}_state_names", e.states),
-                names(f"{own}_input_names", e.inputs),
-                names(f"{own}_parameter_names", e.parameters),
-                names(f"{own}_output_names", e.outputs),
+                f"const double {one}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
+                names(f"{one}_state_names", e.states),
+                names(f"{one}_input_names", e.inputs),
+                names(f"{one}_parameter_names", e.parameters),
+                names(f"{one}_output_names", e.outputs),
                 *(function.definition for function in self.functions),
                 *([self._vde[1]] if "ode_jacobian" not in self._left_out else []),
-                *([late_definitions(own, e)] if e.delayed else []),
+                *([late_definitions(one, e)] if e.delayed else []),
             ]
         )
 
     def _functions(self) -> list[CFunction]:
-        e, own = self.equations, self.name
-        n, m, q, r = (constant(own, f"N{letter}") for letter in "XUPY")
+        e, entry = self.equations, self.name
+        n, m, q, r = (constant(entry, f"N{letter}") for letter in "XUPY")
         x, u, p, dt = Argument("x", n), Argument("u", m), Argument("p", q), Argument("dt", "")
 
         def function(
@@ -251,7 +251,7 @@ class MotionC:
         ) -> CFunction:
             symbols = [e.x, e.u, e.p, *([e.dt] if of.n_in() == 4 else [])]
             at = of(*symbols)
-            blocks = ([at] if value else []) + [cs.densify(cs.jacobian(at, own)) for own in by]
+            blocks = ([at] if value else []) + [cs.densify(cs.jacobian(at, item)) for item in by]
             together = cs.cse(cs.vertcat(*[cs.vec(block) for block in blocks]))
             ends = [0]
             for block in blocks:
@@ -259,10 +259,10 @@ class MotionC:
             split = [together[a:b] for a, b in zip(ends[:-1], ends[1:], strict=True)]
             arguments = (x, u, p, dt) if of.n_in() == 4 else (x, u, p)
             traced = cs.Function(name, symbols, split)
-            return CFunction(f"{own}_{name}", traced, arguments, tuple(Argument(*told) for told in results), about)
+            return CFunction(f"{entry}_{name}", traced, arguments, tuple(Argument(*item) for item in results), about)
 
         half = "One step of the classical Runge-Kutta method; lags and limits of actuators are exact."
-        found = [
+        result = [
             function("step", e.step, (("x_next", n),), (), f"The state dt [s] later. {half}"),
             function(
                 "step_jacobian", e.step, (("x_next", n), ("by_x", f"{n} x {n}"), ("by_u", f"{n} x {m}")), (e.x, e.u),
@@ -281,22 +281,22 @@ class MotionC:
         ]  # fmt: skip
         if e.parameters:
             by_p = "The derivative of the state dt [s] later by the parameters."
-            found.insert(2, function("step_by_p", e.step, (("by_p", f"{n} x {q}"),), (e.p,), by_p, value=False))
+            result.insert(2, function("step_by_p", e.step, (("by_p", f"{n} x {q}"),), (e.p,), by_p, value=False))
         if e.settles:
             about = "The state with actuators at their commands and relaxed quantities where they settle: how to start."
-            found.append(function("settled", e.settled, (("x_next", n),), (), about))
+            result.append(function("settled", e.settled, (("x_next", n),), (), about))
         for name, of, signals in (("delays", e.delays, e.delayed), ("latencies", e.latencies, e.late)):
             if signals:
                 about = f"By how many seconds these are late: {', '.join(signals)}."
-                found.append(CFunction(f"{own}_{name}", of, (p,), (Argument("s", str(len(signals))),), about))
-        return [own for own in found if own.name.removeprefix(f"{self.name}_") not in self._left_out]
+                result.append(CFunction(f"{entry}_{name}", of, (p,), (Argument("s", str(len(signals))),), about))
+        return [item for item in result if item.name.removeprefix(f"{self.name}_") not in self._left_out]
 
     @property
     def _vde(self) -> tuple[str, str]:
         """Forward sensitivities: declaration and definition."""
-        own, n, m = self.name, constant(self.name, "NX"), constant(self.name, "NU")
+        value, n, m = self.name, constant(self.name, "NX"), constant(self.name, "NU")
         signature = (
-            f"void {own}_vde_forw(const double *x, const double *S_x, const double *S_u, const double *u,\n"
+            f"void {value}_vde_forw(const double *x, const double *S_x, const double *S_u, const double *u,\n"
             "    const double *p, double *x_dot, double *S_x_dot, double *S_u_dot)"
         )
         about = (
@@ -307,7 +307,7 @@ class MotionC:
 {{
     double by_x[{n} * {n}], by_u[{n} * {m}];
     int i, j, k;
-    {own}_ode_jacobian(x, u, p, x_dot, by_x, by_u);
+    {value}_ode_jacobian(x, u, p, x_dot, by_x, by_u);
     for (j = 0; j < {n}; j++) {{
         for (i = 0; i < {n}; i++) {{
             double sum = 0.0;

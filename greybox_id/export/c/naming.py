@@ -20,23 +20,23 @@ def vector(prefix: str, letter: str, about: str, entries: Sequence[Named]) -> st
     Entries of an array follow one another: only where it begins has a name.
     """
     lines = [f"/* {about} */", f"#define {constant(prefix, 'N' + letter)} {len(entries)}"]
-    width = max((len(constant(prefix, letter, own.name)) for own in entries), default=0) + len("#define _UNIT ")
+    width = max((len(constant(prefix, letter, entry.name)) for entry in entries), default=0) + len("#define _UNIT ")
     known: set[str] = set()
-    for place, own in enumerate(entries):
-        array = own.name.partition("[")[0]
+    for place, entry in enumerate(entries):
+        array = entry.name.partition("[")[0]
         if array in known:
             continue
         known.add(array)
         name, size = constant(prefix, letter, array), _entries_of(array, entries)
-        told = ", ".join(filter(None, [own.unit, own.about, f"{size} entries, row by row" if size > 1 else ""]))
-        lines.append(f"{f'#define {name}':<{width}} {place} /* {c_comment(told)} */")
-        lines.append(f"{f'#define {name}_UNIT':<{width}} {c_string(own.unit)}")
+        current = ", ".join(filter(None, [entry.unit, entry.about, f"{size} entries, row by row" if size > 1 else ""]))
+        lines.append(f"{f'#define {name}':<{width}} {place} /* {c_comment(current)} */")
+        lines.append(f"{f'#define {name}_UNIT':<{width}} {c_string(entry.unit)}")
     return "\n".join(lines) + "\n"
 
 
 def names(identifier: str, entries: Sequence[Named]) -> str:
     """The definition of an array of the entries' names."""
-    return f"const char *const {identifier}[] = {{\n{_rows([c_string(own.name) for own in entries] or ['0'])}\n}};\n"
+    return f"const char *const {identifier}[] = {{\n{_rows([c_string(item.name) for item in entries] or ['0'])}\n}};\n"
 
 
 def numbers(values: Iterable[float]) -> str:
@@ -54,7 +54,7 @@ def number(value: float) -> str:
 
 
 def _entries_of(array: str, entries: Sequence[Named]) -> int:
-    return sum(own.name.partition("[")[0] == array for own in entries)
+    return sum(entry.name.partition("[")[0] == array for entry in entries)
 
 
 def _rows(words: Sequence[str], width: int = 96) -> str:

@@ -57,7 +57,7 @@ def self_test(written: MotionC) -> str:
     ]
     tests = [_test(function, given) for function in written.functions]
     tests.append(_sensitivities(written, given))
-    calls = "\n".join(f"    test_{name}();" for name in [*(own.name for own in written.functions), "sensitivities"])
+    calls = "\n".join(f"    test_{name}();" for name in [*(item.name for item in written.functions), "sensitivities"])
     return (
         "\n".join(head + tests)
         + f"""
@@ -74,7 +74,7 @@ int main(void)
 def expected(function: CFunction, given: Mapping[str, Array]) -> list[Array]:
     """What CasADi's virtual machine says of a function's results at all points, (points, entries) each."""
     of: cs.Function = function.function
-    arguments = [np.atleast_2d(given[own.name].reshape(len(given["dt"]), -1).T) for own in function.arguments]
+    arguments = [np.atleast_2d(given[argument.name].reshape(len(given["dt"]), -1).T) for argument in function.arguments]
     values = of.map(len(given["dt"])).call([cs.DM(argument) for argument in arguments])
     return [np.asarray(value).reshape(-1, len(given["dt"]), order="F").T for value in values]
 
@@ -83,16 +83,16 @@ def _test(function: CFunction, given: Mapping[str, Array]) -> str:
     values = expected(function, given)
     rows = min(POINTS, max(1, MOST // max(1, max(value.shape[1] for value in values))))
     lines, declared = [], []
-    for own, value in zip(function.results, values, strict=True):
-        lines.append(table(f"{function.name}_{own.name}", value[:rows]))
-        declared.append(f"double {own.name}[{value.shape[1]}];")
-    arguments = [f"given_{own.name}[k]" if own.size else f"given_{own.name}[k][0]" for own in function.arguments]
-    call = ", ".join([*arguments, *(own.name for own in function.results)]).replace(
+    for result, value in zip(function.results, values, strict=True):
+        lines.append(table(f"{function.name}_{result.name}", value[:rows]))
+        declared.append(f"double {result.name}[{value.shape[1]}];")
+    arguments = [f"given_{item.name}[k]" if item.size else f"given_{item.name}[k][0]" for item in function.arguments]
+    call = ", ".join([*arguments, *(result.name for result in function.results)]).replace(
         "given_p[k]", "given_p[k]" if given["p"].size else "given_p[0]"
     )
     compared = [
-        f"compare({own.name}, {function.name}_{own.name}[k], {value.shape[1]}, {largest!r});"
-        for own, value in zip(function.results, values, strict=True)
+        f"compare({result.name}, {function.name}_{result.name}[k], {value.shape[1]}, {largest!r});"
+        for result, value in zip(function.results, values, strict=True)
         for largest in [float(np.max(np.abs(value), initial=0.0))]
     ]
     body = "\n        ".join([*declared, f"{function.name}({call});", *compared])
@@ -112,8 +112,8 @@ static void test_{function.name}(void)
 
 def _sensitivities(written: MotionC, given: Mapping[str, Array]) -> str:
     """A test of the forward sensitivities, at sensitivities of which each entry is another number."""
-    own, e = written.name, written.equations
-    jacobian = next(function for function in written.functions if function.name == f"{own}_ode_jacobian")
+    entry, e = written.name, written.equations
+    jacobian = next(function for function in written.functions if function.name == f"{entry}_ode_jacobian")
     n, m = len(e.states), len(e.inputs)
     _, by_x, by_u = expected(jacobian, given)
     S_x, S_u = (1.0 / (2.0 + np.arange(n)[:, None] + 3.0 * np.arange(count)) for count in (n, m))
@@ -134,7 +134,7 @@ static void test_sensitivities(void)
     int k;
     for (k = 0; k < {POINTS}; k++) {{
         double x_dot[{n}], S_x_dot[{n * n}], S_u_dot[{n * m}];
-        {own}_vde_forw(given_x[k], given_S_x[0], given_S_u[0], given_u[k], {p}, x_dot, S_x_dot, S_u_dot);
+        {entry}_vde_forw(given_x[k], given_S_x[0], given_S_u[0], given_u[k], {p}, x_dot, S_x_dot, S_u_dot);
         {" ".join(compared)}
     }}
 }}
@@ -178,9 +178,9 @@ class CheckedCourse:
 def course(e: MemoryEquations) -> CheckedCourse:
     """A window of steady driving, a few samples with readings, then `POINTS` on own predictions."""
     rng = np.random.default_rng(0)
-    u, y = (np.column_stack([_random(own.name, rng) for own in entries]) for entries in (e.inputs, e.outputs))
-    handed_in = [own.name for own in e.inputs]
-    actuators = np.array([u[0, handed_in.index(own.signal)] for own in e.model.actuators])
+    u, y = (np.column_stack([_random(entry.name, rng) for entry in entries]) for entries in (e.inputs, e.outputs))
+    handed_in = [item.name for item in e.inputs]
+    actuators = np.array([u[0, handed_in.index(actuator.signal)] for actuator in e.model.actuators])
     predicted = {name: [y[0, k]] * count for k, (name, count) in enumerate(e.held.items())}
     seen = [np.array(e.seen(y[0], actuators, u[0], e.values)[0]).ravel()] * e.trace.memory
     U, value = e.trace.step
@@ -190,7 +190,7 @@ def course(e: MemoryEquations) -> CheckedCourse:
     outputs, derivatives = [], {}
     for k in range(PUSHED + POINTS):
         newest = np.array([predicted[name][0] for name in e.model.outputs])
-        sees, moved = (np.array(own).ravel() for own in e.seen(newest, actuators, u[k], e.values))
+        sees, moved = (np.array(item).ravel() for item in e.seen(newest, actuators, u[k], e.values))
         window = np.column_stack([*seen[1:], sees])
         following = np.array(predict(window, _whole(e))).ravel()
         if k >= PUSHED and k % EVERY == 0:
@@ -206,49 +206,49 @@ def course(e: MemoryEquations) -> CheckedCourse:
 
 def memory_self_test(written: MemoryC) -> str:
     """The program's text. It returns 0 if all went well."""
-    own, e = written.name, written.equations
+    value, e = written.name, written.equations
     run = course(e)
     results = ("y_next", "by_window", "by_u", "by_y", "by_p")
     places = sorted(run.derivatives)
-    found = {name: np.array([run.derivatives[k][i] for k in places]) for i, name in enumerate(results)}
+    result = {name: np.array([run.derivatives[k][i] for k in places]) for i, name in enumerate(results)}
     tables = [table("given_u", run.u), table("given_y", run.y), table("expected_outputs", run.outputs)]
-    tables += [table(f"expected_{name}", values) for name, values in found.items() if values.size]
-    declared = "\n    ".join(f"static double {name}[{values.shape[1] or 1}];" for name, values in found.items())
+    tables += [table(f"expected_{name}", values) for name, values in result.items() if values.size]
+    declared = "\n    ".join(f"static double {name}[{values.shape[1] or 1}];" for name, values in result.items())
     compared = "\n            ".join(
         f"compare({name}, expected_{name}[place], {values.shape[1]}, {float(np.max(np.abs(values)))!r});"
-        for name, values in found.items()
+        for name, values in result.items()
         if values.size
     )
     return "\n".join(
         [
             f"/* {written.title}",
             "   Compares the functions with what Python computed along a course of random inputs. */",
-            f'\n#include "{own}.h"\n\n#include <math.h>\n#include <stdio.h>\n',
+            f'\n#include "{value}.h"\n\n#include <math.h>\n#include <stdio.h>\n',
             *tables,
             COMPARE,
             f"""\
 int main(void)
 {{
-    static {own}_window window;
+    static {value}_window window;
     double y[{len(e.outputs)}];
     {declared}
     int k, place = 0;
-    {own}_start(&window, {own}_default_parameters, given_u[0], given_y[0]);
+    {value}_start(&window, {value}_default_parameters, given_u[0], given_y[0]);
     for (k = 0; k < {PUSHED + POINTS}; k++) {{
         if (k >= {PUSHED} && k % {EVERY} == 0) {{
-            {own}_step_jacobian(&window, given_u[k], y_next, by_window, by_u, by_y, by_p);
+            {value}_step_jacobian(&window, given_u[k], y_next, by_window, by_u, by_y, by_p);
             {compared}
             place++;
         }}
         if (k < {PUSHED}) {{
-            {own}_push(&window, given_u[k], given_y[k]);
+            {value}_push(&window, given_u[k], given_y[k]);
         }} else {{
-            {own}_step(&window, given_u[k]);
+            {value}_step(&window, given_u[k]);
         }}
-        {own}_output(&window, y);
+        {value}_output(&window, y);
         compare(y, expected_outputs[k], {len(e.outputs)}, {float(np.max(np.abs(run.outputs)))!r});
     }}
-    printf("{own}: {POINTS} samples, largest relative difference %.1e\\n", worst);
+    printf("{value}: {POINTS} samples, largest relative difference %.1e\\n", worst);
     return worst <= {TOLERANCE} ? 0 : 1;
 }}
 """,
@@ -273,10 +273,10 @@ def _derivatives(
     e: MemoryEquations, derived: cs.Function, window: Array, y: Array, actuators: Array, u: Array
 ) -> list[Array]:
     """by_window, by_u, by_y, by_p of the next predictions, flat, column after column."""
-    by_window, by_p = (np.array(own) for own in derived(window, e.values))
+    by_window, by_p = (np.array(item) for item in derived(window, e.values))
     now, a, command = (cs.SX.sym(name, size) for name, size in (("y", len(y)), ("a", len(actuators)), ("u", len(u))))
     sees = e.seen(now, a, command, e.p)[0]
     chain = cs.Function("chain", [now, a, command, e.p], [cs.jacobian(sees, now), cs.jacobian(sees, command)])
-    by_y, by_u = (np.array(cs.densify(own)) for own in chain(y, actuators, u, e.values))
+    by_y, by_u = (np.array(cs.densify(actuator)) for actuator in chain(y, actuators, u, e.values))
     newest = by_window[:, -len(e.model.inputs) :]
-    return [own.ravel(order="F") for own in (by_window, newest @ by_u, newest @ by_y, by_p)]
+    return [item.ravel(order="F") for item in (by_window, newest @ by_u, newest @ by_y, by_p)]

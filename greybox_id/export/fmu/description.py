@@ -61,34 +61,34 @@ def continuous(equations: Equations) -> bool:
 def variables_of(subject: Subject, steps: Steps) -> list[Variable]:
     """All variables, in the order in which they stand in the description."""
     e = subject.equations
-    inputs = {own.name for own in e.inputs}
-    found = [Variable("time", "time", 0, "s", "simulation time")]
-    found += [Variable(i.name, "input", k, i.unit, i.about, 0.0) for k, i in enumerate(e.inputs)]
-    for k, own in enumerate(e.outputs):
-        name = f"reading.{own.name}" if own.name in inputs else own.name
-        found.append(Variable(name, "output", k, own.unit, own.about or "as its sensor reads it"))
-    for k, own in enumerate(e.states):
-        found.append(Variable(f"state.{own.name}", "state", k, own.unit, own.about, 0.0))
+    inputs = {item.name for item in e.inputs}
+    result = [Variable("time", "time", 0, "s", "simulation time")]
+    result += [Variable(i.name, "input", k, i.unit, i.about, 0.0) for k, i in enumerate(e.inputs)]
+    for k, output in enumerate(e.outputs):
+        name = f"reading.{output.name}" if output.name in inputs else output.name
+        result.append(Variable(name, "output", k, output.unit, output.about or "as its sensor reads it"))
+    for k, output in enumerate(e.states):
+        result.append(Variable(f"state.{output.name}", "state", k, output.unit, output.about, 0.0))
     if continuous(e):
-        found += [
-            Variable(f"der(state.{own.name})", "rate", k, f"{own.unit} s^-1", f"derivative of {own.name}")
-            for k, own in enumerate(e.states)
+        result += [
+            Variable(f"der(state.{state.name})", "rate", k, f"{state.unit} s^-1", f"derivative of {state.name}")
+            for k, state in enumerate(e.states)
         ]
-    found += _parameters(subject)
+    result += _parameters(subject)
     about = "longest inner step of the Runge-Kutta method; near standstill shorter ones are taken where it is stiff"
-    return [*found, Variable("settings.longest_step", "setting", 0, "s", about, steps.longest, 0.0)]
+    return [*result, Variable("settings.longest_step", "setting", 0, "s", about, steps.longest, 0.0)]
 
 
 def _parameters(subject: Subject) -> Iterator[Variable]:
     e = subject.equations
-    told = {p.name: p for p in subject.model.parameters}
+    known = {p.name: p for p in subject.model.parameters}
     intervals = subject.described()["parameters"]
-    for k, (own, value) in enumerate(zip(e.parameters, e.values.tolist(), strict=True)):
-        parameter = told.get(own.name)
+    for k, (item, value) in enumerate(zip(e.parameters, e.values.tolist(), strict=True)):
+        parameter = known.get(item.name)
         low, high = (None, None) if parameter is None else _kept_bounds(parameter.bounds, value)
-        interval = None if parameter is None else intervals[own.name]["interval"]
+        interval = None if parameter is None else intervals[item.name]["interval"]
         yield Variable(
-            f"parameters.{own.name}", "parameter", k, own.unit, own.about, value, low, high,
+            f"parameters.{item.name}", "parameter", k, item.unit, item.about, value, low, high,
             None if interval is None else (float(interval[0]), float(interval[1])),
         )  # fmt: skip
 
@@ -150,11 +150,11 @@ class Description:
         return [file.format(name=self.name, version=version) for file in SOURCES]
 
     def _of(self, *kinds: str) -> list[Variable]:
-        return [own for own in self.variables if own.kind in kinds]
+        return [variable for variable in self.variables if variable.kind in kinds]
 
     def _units(self) -> str:
         lines = []
-        for unit in dict.fromkeys(own.unit for own in self.variables if own.unit):
+        for unit in dict.fromkeys(variable.unit for variable in self.variables if variable.unit):
             exponents = si_exponents(unit)
             base = ""
             if exponents is not None:
@@ -185,10 +185,10 @@ class Description:
             f'  <CoSimulation {can} canHandleVariableCommunicationStepSize="true">\n'
             f"    <SourceFiles>\n{files}    </SourceFiles>\n  </CoSimulation>\n"
         )
-        place = {own.name: k for k, own in enumerate(self.variables, 1)}
-        rows = "".join(self._variable2(own, place) for own in self.variables)
-        outputs = "".join(f'      <Unknown index="{place[own.name]}"/>\n' for own in self._of("output"))
-        rates = "".join(f'      <Unknown index="{place[own.name]}"/>\n' for own in self._of("rate"))
+        place = {variable.name: k for k, variable in enumerate(self.variables, 1)}
+        rows = "".join(self._variable2(variable, place) for variable in self.variables)
+        outputs = "".join(f'      <Unknown index="{place[item.name]}"/>\n' for item in self._of("output"))
+        rates = "".join(f'      <Unknown index="{place[item.name]}"/>\n' for item in self._of("rate"))
         structure = f"    <Outputs>\n{outputs}    </Outputs>\n"
         if rates:
             structure += f"    <Derivatives>\n{rates}    </Derivatives>\n"
@@ -200,19 +200,19 @@ class Description:
             f"  <ModelStructure>\n{structure}  </ModelStructure>\n</fmiModelDescription>\n"
         )
 
-    def _variable2(self, own: Variable, place: dict[str, int]) -> str:
-        unit = f" unit={quoted(own.unit)}" if own.unit else ""
-        derivative = f' derivative="{place[own.name[4:-1]]}"' if own.kind == "rate" else ""
+    def _variable2(self, value: Variable, place: dict[str, int]) -> str:
+        unit = f" unit={quoted(value.unit)}" if value.unit else ""
+        derivative = f' derivative="{place[value.name[4:-1]]}"' if value.kind == "rate" else ""
         note = ""
-        if own.interval is not None:
-            low, high = map(repr, own.interval)
+        if value.interval is not None:
+            low, high = map(repr, value.interval)
             note = (
                 f'\n      <Annotations><Tool name="greybox-id"><Interval level="0.95" low="{low}" high="{high}"/>'
                 "</Tool></Annotations>\n    "
             )
         return (
-            f'    <ScalarVariable name={quoted(own.name)} valueReference="{own.reference}"{_described(own)} '
-            f"{_kind(own)}><Real{unit}{_bounds(own)}{derivative}{_start(own)}/>{note}</ScalarVariable>\n"
+            f'    <ScalarVariable name={quoted(value.name)} valueReference="{value.reference}"{_described(value)} '
+            f"{_kind(value)}><Real{unit}{_bounds(value)}{derivative}{_start(value)}/>{note}</ScalarVariable>\n"
         )
 
     def _fmi3(self) -> str:
@@ -222,14 +222,14 @@ class Description:
         )
         interfaces = f"  <ModelExchange {can}/>\n" if self.continuous else ""
         interfaces += f'  <CoSimulation {can} canHandleVariableCommunicationStepSize="true"/>\n'
-        reference = {own.name: own.reference for own in self.variables}
-        rows = "".join(self._variable3(own, reference) for own in self.variables)
-        outputs = "".join(f'    <Output valueReference="{own.reference}"/>\n' for own in self._of("output"))
-        rates = [own.reference for own in self._of("rate")]
+        reference = {variable.name: variable.reference for variable in self.variables}
+        rows = "".join(self._variable3(variable, reference) for variable in self.variables)
+        outputs = "".join(f'    <Output valueReference="{item.reference}"/>\n' for item in self._of("output"))
+        rates = [item.reference for item in self._of("rate")]
         structure = outputs
-        structure += "".join(f'    <ContinuousStateDerivative valueReference="{own}"/>\n' for own in rates)
-        unknown = [*(own.reference for own in self._of("output")), *rates]
-        structure += "".join(f'    <InitialUnknown valueReference="{own}"/>\n' for own in unknown)
+        structure += "".join(f'    <ContinuousStateDerivative valueReference="{rate}"/>\n' for rate in rates)
+        unknown = [*(item.reference for item in self._of("output")), *rates]
+        structure += "".join(f'    <InitialUnknown valueReference="{item}"/>\n' for item in unknown)
         return (
             f"{self._head('3.0', 'instantiationToken')}>\n{interfaces}{self._units()}"
             '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>\n'
@@ -237,39 +237,39 @@ class Description:
             f"  <ModelStructure>\n{structure}  </ModelStructure>\n</fmiModelDescription>\n"
         )
 
-    def _variable3(self, own: Variable, reference: dict[str, int]) -> str:
-        unit = f" unit={quoted(own.unit)}" if own.unit else ""
-        derivative = f' derivative="{reference[own.name[4:-1]]}"' if own.kind == "rate" else ""
+    def _variable3(self, one: Variable, reference: dict[str, int]) -> str:
+        unit = f" unit={quoted(one.unit)}" if one.unit else ""
+        derivative = f' derivative="{reference[one.name[4:-1]]}"' if one.kind == "rate" else ""
         head = (
-            f'    <Float64 name={quoted(own.name)} valueReference="{own.reference}"{_described(own)} {_kind(own)}'
-            f"{unit}{_bounds(own)}{derivative}{_start(own)}"
+            f'    <Float64 name={quoted(one.name)} valueReference="{one.reference}"{_described(one)} {_kind(one)}'
+            f"{unit}{_bounds(one)}{derivative}{_start(one)}"
         )
-        if own.interval is None:
+        if one.interval is None:
             return f"{head}/>\n"
-        low, high = map(repr, own.interval)
+        low, high = map(repr, one.interval)
         return (
             f'{head}>\n      <Annotations><Annotation type="{INTERVAL}"><Interval level="0.95" low="{low}" '
             f'high="{high}"/></Annotation></Annotations>\n    </Float64>\n'
         )
 
 
-def _described(own: Variable) -> str:
-    return f" description={quoted(own.about)}" if own.about else ""
+def _described(variable: Variable) -> str:
+    return f" description={quoted(variable.about)}" if variable.about else ""
 
 
-def _kind(own: Variable) -> str:
+def _kind(value: Variable) -> str:
     computed = ' initial="calculated"'
-    initial = {"time": "", "input": "", "output": computed, "rate": computed}.get(own.kind, ' initial="exact"')
-    return f'causality="{CAUSALITY[own.kind]}" variability="{VARIABILITY.get(own.kind, "continuous")}"{initial}'
+    initial = {"time": "", "input": "", "output": computed, "rate": computed}.get(value.kind, ' initial="exact"')
+    return f'causality="{CAUSALITY[value.kind]}" variability="{VARIABILITY.get(value.kind, "continuous")}"{initial}'
 
 
-def _bounds(own: Variable) -> str:
-    low = "" if own.low is None else f' min="{own.low!r}"'
-    return low + ("" if own.high is None else f' max="{own.high!r}"')
+def _bounds(variable: Variable) -> str:
+    low = "" if variable.low is None else f' min="{variable.low!r}"'
+    return low + ("" if variable.high is None else f' max="{variable.high!r}"')
 
 
-def _start(own: Variable) -> str:
-    return "" if own.start is None else f' start="{_xml_number(own.start)}"'
+def _start(variable: Variable) -> str:
+    return "" if variable.start is None else f' start="{_xml_number(variable.start)}"'
 
 
 def _xml_number(value: float) -> str:

@@ -44,11 +44,11 @@ def steps_of(equations: Equations) -> Steps:
     jacobian = equations.ode.factory("by_x", ["x", "u", "p"], ["jac:x_dot:x"])
     fastest = []
     for v in SPEEDS:
-        x = np.array([v if own.name == "v_x" else 0.0 for own in equations.states])
-        u = np.array([v if own.name == "v_x" else 0.0 for own in equations.inputs])
+        x = np.array([v if state.name == "v_x" else 0.0 for state in equations.states])
+        u = np.array([v if item.name == "v_x" else 0.0 for item in equations.inputs])
         A = np.array(jacobian(x, u, equations.values))[:count, :count]
         finite = bool(np.all(np.isfinite(A)))
         fastest.append(float(np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)) if finite else 0.0)
     stiff = max(min(fastest), 1e-9)
-    by_speed = max((own - stiff) * max(v, slowest) for v, own in zip(SPEEDS, fastest, strict=True))
+    by_speed = max((item - stiff) * max(v, slowest) for v, item in zip(SPEEDS, fastest, strict=True))
     return Steps(LONGEST, stiff, by_speed, slowest)

@@ -82,11 +82,13 @@ class LinearisedPart:
     def __init__(self, part: MemoryModel, recording: Recording, noise: Mapping[str, float], learnt: Array) -> None:
         self.part, self.recording, self.learnt = part, recording, learnt
         self.problem = Problem(Trace(part), [recording], noise=np.array([noise[name] for name in part.outputs]))
-        found = list(self.problem.residuals(self.problem.start, []))
-        self.r = np.concatenate([own for own, _ in found])
-        self.J = np.concatenate([own for _, own in found])
+        result = list(self.problem.residuals(self.problem.start, []))
+        self.r = np.concatenate([item for item, _ in result])
+        self.J = np.concatenate([item for _, item in result])
         first = [run.rows.start + run.first for run in self.problem.runs]
-        self.rows = np.concatenate([start + np.arange(len(own)) for start, (own, _) in zip(first, found, strict=True)])
+        self.rows = np.concatenate(
+            [start + np.arange(len(item)) for start, (item, _) in zip(first, result, strict=True)]
+        )
         starts = [start for start, _ in recording.runs]
         self.run = np.searchsorted(starts, self.rows, side="right") - 1
         per = 1.0 / part.sample_time
@@ -101,7 +103,7 @@ class LinearisedPart:
     def mask(self, free: str) -> Array:
         """(parameters,) whether a parameter of a set moves."""
         names = members(free, self.part) if free else ()
-        return np.concatenate([np.full(own.size, own.name in names) for own in self.part.parameters])
+        return np.concatenate([np.full(parameter.size, parameter.name in names) for parameter in self.part.parameters])
 
     def candidates(self, free: str, timing: bool) -> list[AdaptedCandidate]:
         """Every strength of a set, cross-validated; the fit itself where the set is empty."""
@@ -118,9 +120,9 @@ class LinearisedPart:
             near = (self.rows >= low - self.gap) & (self.rows <= high + self.gap) & (self.run == self.run[held][0])
             A, b = J[~near].reshape(-1, J.shape[2]), self.r[~near].ravel()
             H, g = A.T @ A, A.T @ b
-            for strength, own in predicted.items():
-                own[held] += J[held] @ -_solved(H + believed + strength**2 * learnt, g)
-        return [AdaptedCandidate(free, strength, timing, self._pieces(own)) for strength, own in predicted.items()]
+            for strength, item in predicted.items():
+                item[held] += J[held] @ -_solved(H + believed + strength**2 * learnt, g)
+        return [AdaptedCandidate(free, strength, timing, self._pieces(item)) for strength, item in predicted.items()]
 
     def _pieces(self, residuals: Array) -> Array:
         square = np.mean(residuals**2, axis=1)
@@ -133,8 +135,8 @@ class LinearisedPart:
 
 def _solved(H: Array, b: Array) -> Array:
     unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
-    _, found, failed = lapack.dposv(H * np.outer(unit, unit) + 1e-12 * np.eye(len(H)), unit * b)
-    return np.asarray(unit * found) if not failed else np.zeros_like(b)
+    _, result, failed = lapack.dposv(H * np.outer(unit, unit) + 1e-12 * np.eye(len(H)), unit * b)
+    return np.asarray(unit * result) if not failed else np.zeros_like(b)
 
 
 def chosen(candidates: Sequence[AdaptedCandidate]) -> AdaptedCandidate:
@@ -143,8 +145,10 @@ def chosen(candidates: Sequence[AdaptedCandidate]) -> AdaptedCandidate:
     Simpler is what moves fewer parameters, and of one set what is held more to what was learnt. It is preferred to the
     best where the difference of their pieces is not above its standard error.
     """
-    best = min(candidates, key=lambda own: float(np.mean(own.pieces)))
-    return next(own for own in candidates if own is best or not surely_better(best.pieces, own.pieces))
+    best = min(candidates, key=lambda item: float(np.mean(item.pieces)))
+    return next(
+        candidate for candidate in candidates if candidate is best or not surely_better(best.pieces, candidate.pieces)
+    )
 
 
 def surely_better(new: Array, old: Array) -> bool:
@@ -162,9 +166,11 @@ def between_runs(part: MemoryModel, trained: Sequence[Recording] | None) -> floa
         seen = predictions(part, recording)
         driven = moving(recording)[seen.rows] > 0
         for run in np.unique(seen.run):
-            own = driven & (seen.run == run)
-            if np.count_nonzero(own) * recording.sample_time >= FOLD:
-                logs.append(0.5 * np.log(max(float(np.mean((seen.predicted[own] - seen.measured[own]) ** 2)), 1e-300)))
+            value = driven & (seen.run == run)
+            if np.count_nonzero(value) * recording.sample_time >= FOLD:
+                logs.append(
+                    0.5 * np.log(max(float(np.mean((seen.predicted[value] - seen.measured[value]) ** 2)), 1e-300))
+                )
     if len(logs) < 2:
         return BETWEEN_RUNS
     squares = TOLD_BY * BETWEEN_RUNS**2 + float(np.sum((np.array(logs) - np.mean(logs)) ** 2))

@@ -56,13 +56,13 @@ def tuned_in_sample(fit: Fit, recording: Recording) -> dict[str, dict[str, float
     """
     model = must_have_timing(fit.model)
     noise = residual_noise(fit, recording)
-    found: dict[str, dict[str, float]] = {}
-    for part in (about_itself(own) for own in parts_of(model)):
+    result: dict[str, dict[str, float]] = {}
+    for part in (about_itself(item) for item in parts_of(model)):
         linearised = LinearisedPart(part, recording, noise, np.zeros((part.size, part.size)))
         candidate = AdaptedCandidate("all", 0.0, False, np.ones(1))
         way = _way(candidate, linearised, fit)
-        found |= _in_sample(_whole(model, [way]), [part], recording, {}, {part.outputs[0]: way})
-    return found
+        result |= _in_sample(_whole(model, [way]), [part], recording, {}, {part.outputs[0]: way})
+    return result
 
 
 @adapted.register(MemoryModel)
@@ -80,67 +80,69 @@ def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
     noise = residual_noise(fit, new)
     ways: dict[str, dict[str, _Way]] = {"chosen": {}, "zero_shot": {}, "adapted": {}}
     tried: dict[str, list[tuple[str, float]]] = {}
-    found: dict[str, list[RunDelay]] = {}
+    entry: dict[str, list[RunDelay]] = {}
     scatter: dict[str, float] = {}
     for part in parts:
         name = part.outputs[0]
         say(f"{name}: what may move, compared on {seconds:g} s")
         known, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
-        found[name] = run_delays(part, new, noise)
-        straight = aligned(new, part.inputs, {own.run: own.delay for own in found[name]})
-        as_it_is, moved = (LinearisedPart(part, own, noise, known) for own in (new, straight))
+        entry[name] = run_delays(part, new, noise)
+        straight = aligned(new, part.inputs, {item.run: item.delay for item in entry[name]})
+        as_it_is, moved = (LinearisedPart(part, item, noise, known) for item in (new, straight))
         several = _candidates(as_it_is, moved, free)
         zero = several[0]
         best = chosen(several)
-        other = chosen([own for own in several if own is not zero]) if len(several) > 1 else zero
-        made = {id(own): _way(own, moved if own.timing else as_it_is, fit) for own in (zero, best, other)}
+        other = chosen([item for item in several if item is not zero]) if len(several) > 1 else zero
+        made = {id(item): _way(item, moved if item.timing else as_it_is, fit) for item in (zero, best, other)}
         ways["chosen"][name], ways["zero_shot"][name] = made[id(best)], made[id(zero)]
         ways["adapted"][name] = made[id(other)] if best is zero else made[id(best)]
-        tried[name] = [(own.words, own.error) for own in several]
-    models = {role: _whole(model, list(own.values())) for role, own in ways.items()}
+        tried[name] = [(item.words, item.error) for item in several]
+    models = {role: _whole(model, list(way.values())) for role, way in ways.items()}
     going_on = validate is None and _continues(recording, len(new))
     outcomes: dict[str, Outcome] = {}
     calibrated: dict[str, list[RunDelay]] = {}
     known_delays: dict[int, list[RunDelay]] = {}
-    for role, own in ways.items():
+    for role, item in ways.items():
         scored: dict[str, Error] = {}
         for part in parts:
             if rest is None:
                 break
-            way, name = own[part.outputs[0]], part.outputs[0]
+            way, name = item[part.outputs[0]], part.outputs[0]
             model_of = _part_of(models[role], part)
             if id(way) not in known_delays:
-                last = found[name][-1] if going_on else None
+                last = entry[name][-1] if going_on else None
                 known_delays[id(way)] = _rest_delays(model_of, rest, noise, calibrate, last, way.candidate.timing)
-            told = known_delays[id(way)]
-            scored |= errors_after(model_of, rest, told)
+            known_delay = known_delays[id(way)]
+            scored |= errors_after(model_of, rest, known_delay)
             if role == "chosen":
-                calibrated[part.outputs[0]] = told
+                calibrated[part.outputs[0]] = known_delay
         length = 0.0 if rest is None else rest.duration
         expected = {
-            output: foretold(own[part.outputs[0]].candidate.pieces, length, noise[output], scatter[part.outputs[0]])
+            output: foretold(item[part.outputs[0]].candidate.pieces, length, noise[output], scatter[part.outputs[0]])
             for part in parts
             for output in part.outputs
         }
-        name = " and ".join(dict.fromkeys(way.candidate.words for way in own.values()))
+        name = " and ".join(dict.fromkeys(way.candidate.words for way in item.values()))
         outcomes[role] = Outcome(name, scored, expected)
     final = models["chosen"]
-    sd = {own.name: fit.sd.get(own.name, np.full(own.shape, np.nan)) for own in final.parameters}
+    sd = {
+        parameter.name: fit.sd.get(parameter.name, np.full(parameter.shape, np.nan)) for parameter in final.parameters
+    }
     for way in ways["chosen"].values():
         sd |= way.sd
-    in_sample = _in_sample(final, parts, new, found, ways["chosen"])
-    stages = tuple(own.stage for own in ways["chosen"].values() if own.stage is not None)
+    in_sample = _in_sample(final, parts, new, entry, ways["chosen"])
+    stages = tuple(way.stage for way in ways["chosen"].values() if way.stage is not None)
     result = replace(
-        fit, model=final, sd={own.name: np.broadcast_to(sd[own.name], own.shape) for own in final.parameters},
+        fit, model=final, sd={item.name: np.broadcast_to(sd[item.name], item.shape) for item in final.parameters},
         stages=(*fit.stages, *stages), dof={}, covariance=None, per_run={}, verdict=None,
         metrics={"train": as_dict(score(final, new))},
         data=(data_record(new, "train"),),
-        how={**fit.how, "adapted": {name: own.candidate.words for name, own in ways["chosen"].items()}},
+        how={**fit.how, "adapted": {name: way.candidate.words for name, way in ways["chosen"].items()}},
     )  # fmt: skip
     return Adaptation(
         fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
-        choices={name: own.candidate.words for name, own in ways["chosen"].items()}, tried=tried,
-        delays=_named({name: found[name] for name, own in ways["chosen"].items() if own.candidate.timing}),
+        choices={name: way.candidate.words for name, way in ways["chosen"].items()}, tried=tried,
+        delays=_named({name: entry[name] for name, way in ways["chosen"].items() if way.candidate.timing}),
         calibrated=_named(calibrated), moved=moved_from(fit, final), seconds=float(seconds), in_sample=in_sample,
         cpu_seconds=time.process_time() - clock,
     )  # fmt: skip
@@ -153,8 +155,8 @@ def _candidates(as_it_is: LinearisedPart, moved: LinearisedPart, free: str) -> l
     helps = surely_better(_common(timing, zero), _common(zero, timing))
     about = moved if helps else as_it_is
     sets = COMPARED if free == "auto" else (free,)
-    found = [own for each in sets for own in about.candidates(each, timing=helps)]
-    return [zero, timing, *found] if free == "auto" else [zero, *found]
+    result = [candidate for each in sets for candidate in about.candidates(each, timing=helps)]
+    return [zero, timing, *result] if free == "auto" else [zero, *result]
 
 
 def _common(one: AdaptedCandidate, other: AdaptedCandidate) -> Array:
@@ -169,7 +171,9 @@ def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _
         return _Way(candidate, part, {})
     clock = time.process_time()
     names = members(candidate.free, part)
-    held = part.with_parameters(*(replace(own, fixed=own.name not in names) for own in part.parameters))
+    held = part.with_parameters(
+        *(replace(parameter, fixed=parameter.name not in names) for parameter in part.parameters)
+    )
     free, precision = linearised.mask(candidate.free), candidate.strength**2 * linearised.learnt
     precision = precision * np.outer(free, free)
     problem = Held(held, linearised.recording, linearised.problem.noise, precision)
@@ -181,10 +185,10 @@ def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _
     spread = np.zeros(part.size)
     spread[free] = np.sqrt(np.maximum(np.diag(la.pinvh(H)), 0.0) * correlation_time(linearised.r))
     sd, start = {}, 0
-    for own in held.parameters:
-        if own.name in names:
-            sd[own.name] = spread[start : start + own.size].reshape(own.shape)
-        start += own.size
+    for parameter in held.parameters:
+        if parameter.name in names:
+            sd[parameter.name] = spread[start : start + parameter.size].reshape(parameter.shape)
+        start += parameter.size
     stage = Stage(
         model=f"{part.name}, adapted", closed_loop=False, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,
@@ -217,16 +221,16 @@ def _rest_delays(
     delays = [] if calibrate is None else run_delays(part, rest, noise, calibrate)
     if going_on is None or not (calibrate is not None or timing):
         return delays
-    return [replace(going_on, run=0, stop=0), *(own for own in delays if own.run > 0)]
+    return [replace(going_on, run=0, stop=0), *(delay for delay in delays if delay.run > 0)]
 
 
 def _named(delays: Mapping[str, Sequence[RunDelay]]) -> dict[str, dict[str, float]]:
     """Run, from 1 -> output -> delay."""
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for output, several in delays.items():
-        for own in several:
-            found.setdefault(str(own.run + 1), {})[output] = own.delay
-    return found
+        for item in several:
+            result.setdefault(str(item.run + 1), {})[output] = item.delay
+    return result
 
 
 def _in_sample(
@@ -237,26 +241,30 @@ def _in_sample(
     ways: Mapping[str, _Way],
 ) -> dict[str, dict[str, float]]:
     """Pooled errors on what was adapted to, with the paper's fraction of variance unexplained for that."""
-    found: dict[str, dict[str, float]] = {}
+    result: dict[str, dict[str, float]] = {}
     for part in parts:
-        name, own = part.outputs[0], _part_of(model, part)
-        seen = timed(own, new, {o.run: o.delay for o in delays[name]} if ways[name].candidate.timing else {})
-        pooled, published = errors(own, seen, "honest"), errors(own, seen, "published")
-        found |= {o: {"rmse": pooled[o].rmse, "fvu_pooled": published[o].fvu_pooled} for o in own.outputs}
-    return found
+        name, value = part.outputs[0], _part_of(model, part)
+        seen = timed(value, new, {o.run: o.delay for o in delays[name]} if ways[name].candidate.timing else {})
+        pooled, published = errors(value, seen, "honest"), errors(value, seen, "published")
+        result |= {o: {"rmse": pooled[o].rmse, "fvu_pooled": published[o].fvu_pooled} for o in value.outputs}
+    return result
 
 
 def _part_of(model: MemoryModel, part: MemoryModel) -> MemoryModel:
     """The part of a whole that predicts what a part does, at the whole's values."""
-    return next(own for own in parts_of(model) if own.outputs == part.outputs)
+    return next(item for item in parts_of(model) if item.outputs == part.outputs)
 
 
 def _whole(model: MemoryModel, ways: Sequence[_Way]) -> MemoryModel:
     """The whole model at the values of its parts, with the effects that moved."""
-    values = {own.name: own for way in ways for own in way.model.parameters if way.candidate.free}
+    values = {parameter.name: parameter for way in ways for parameter in way.model.parameters if way.candidate.free}
     for name in FEW:
         if name in values and name not in model and float(values[name].array) != values[name].null:
             model = model + EFFECTS[name].at(float(values[name].array))
     return model.with_parameters(
-        *(own.with_value(values[own.name].array) for own in model.parameters if own.name in values)
+        *(
+            parameter.with_value(values[parameter.name].array)
+            for parameter in model.parameters
+            if parameter.name in values
+        )
     )

@@ -76,7 +76,7 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
         )
     how = _how(fit)
     zero = _errors_in_folds(folds, [model] * len(folds))
-    scale = {name: max(float(np.sqrt(np.mean(own))), 1e-12) for name, own in zero.items()}
+    scale = {name: max(float(np.sqrt(np.mean(item))), 1e-12) for name, item in zero.items()}
     if not scale:
         raise BadInput(f"{recording.name} reads none of the outputs of {model.name} for {AHEAD:g} s at a stretch.")
     words = ESTIMATED if free in ("auto", "all") else free
@@ -87,34 +87,34 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
         for number, (train, _) in enumerate(folds, 1):
             say(f"strength {strength:g} of what the fit knows: fitted without piece {number} of {len(folds)}")
             fitted.append(_fitted(held, train, how))
-        told = _errors_in_folds(folds, fitted)
-        several.append(AdaptedCandidate(words, strength, False, _pieces(told, scale)))
-        squares.append(told)
+        known = _errors_in_folds(folds, fitted)
+        several.append(AdaptedCandidate(words, strength, False, _pieces(known, scale)))
+        squares.append(known)
     best = chosen(several)
     other = chosen(several[1:])
     say(f"fitted to {seconds:g} s, and scored")
-    made = {id(own): _adapted(model, fit, names, own, new, how) for own in (several[0], best, other)}
+    made = {id(item): _adapted(model, fit, names, item, new, how) for item in (several[0], best, other)}
     role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
     length = 0.0 if rest is None else rest.duration
     outcomes = {}
-    for role, own in role_of.items():
+    for role, item in role_of.items():
         expected = {
-            name: foretold(squares[several.index(own)][name] / scale[name] ** 2, length, scale[name]) for name in scale
+            name: foretold(squares[several.index(item)][name] / scale[name] ** 2, length, scale[name]) for name in scale
         }
-        scored = {} if rest is None else _ahead(model.with_values(made[id(own)].model.values), rest)
-        outcomes[role] = Outcome(own.words, scored, expected)
+        scored = {} if rest is None else _ahead(model.with_values(made[id(item)].model.values), rest)
+        outcomes[role] = Outcome(item.words, scored, expected)
     result = made[id(best)]
     here = _ahead(model.with_values(result.model.values), new)
     return Adaptation(
         fit=result, chosen=outcomes["chosen"], zero_shot=outcomes["zero_shot"], adapted=outcomes["adapted"],
         choices=dict.fromkeys(scale, best.words),
         tried={
-            name: [(own.words, float(np.sqrt(np.mean(told[name]))) / scale[name])
-                   for own, told in zip(several, squares, strict=True)]
+            name: [(item.words, float(np.sqrt(np.mean(square[name]))) / scale[name])
+                   for item, square in zip(several, squares, strict=True)]
             for name in scale
         },
         delays={}, calibrated={}, moved=moved_from(fit, result.model), seconds=seconds,
-        in_sample={name: {"rmse": own.rmse, "fvu_pooled": own.fvu} for name, own in here.items()},
+        in_sample={name: {"rmse": item.rmse, "fvu_pooled": item.fvu} for name, item in here.items()},
         cpu_seconds=time.process_time() - clock,
     )  # fmt: skip
 
@@ -125,36 +125,38 @@ adapted.register(MotionModel)(adapted_motion)
 def _free(fit: Fit, free: str) -> tuple[str, ...]:
     """Names of the parameters that move."""
     if isinstance(fit.model, HybridModel):
-        told = list(fit.model.carried_on)
+        known = list(fit.model.carried_on)
     else:
-        estimated = [own.name for own in fit.model.parameters if not own.fixed and own.scope == "model"]
-        told = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
-    if not told:
+        estimated = [
+            parameter.name for parameter in fit.model.parameters if not parameter.fixed and parameter.scope == "model"
+        ]
+        known = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
+    if not known:
         raise BadInput(
             f"This fit of {fit.model.name} says of no parameter how well it is known, so nothing would hold it to what "
             "it was. Fit it again until its optimum is confirmed."
         )
     if free in ("auto", "all"):
-        return tuple(told)
+        return tuple(known)
     names = [word.strip() for word in free.split(",")]
     for name in names:
-        if name not in told:
+        if name not in known:
             raise BadInput(
                 f"‹free›: {name!r:.40} is no parameter of this fit of {fit.model.name} that may move."
-                f"{near_or_all(name, ['auto', 'all', *told])}"
+                f"{near_or_all(name, ['auto', 'all', *known])}"
             )
     return tuple(dict.fromkeys(names))
 
 
 def _how(fit: Fit) -> How:
     """As the fit was made, without its certificate and its further starts."""
-    told: Mapping[str, Any] = fit.how
+    known: Mapping[str, Any] = fit.how
     if isinstance(fit.model, HybridModel):
         return How(noise={name: sd for name, sd in fit.stages[0].noise.items() if np.isfinite(sd)}, seed=fit.seed)
-    counted = {name: float(sd) for name, sd in (told.get("counted") or {}).items() if name in fit.model.outputs}
+    counted = {name: float(sd) for name, sd in (known.get("counted") or {}).items() if name in fit.model.outputs}
     return How(
-        solver="gauss-newton", horizon=min(LEAST, told.get("horizon") or LEAST), robust=told.get("robust"),
-        start_from=told.get("start_from") or "free", noise=counted, seed=fit.seed,
+        solver="gauss-newton", horizon=min(LEAST, known.get("horizon") or LEAST), robust=known.get("robust"),
+        start_from=known.get("start_from") or "free", noise=counted, seed=fit.seed,
     )  # fmt: skip
 
 
@@ -162,14 +164,22 @@ def _about(model: Equations, fit: Fit, names: Sequence[str], strength: float) ->
     """The model with what the old recordings told as priors of the parameters that move; the others are held."""
     if isinstance(model, HybridModel):
         return replace(model, carried_on=tuple(names))
-    return model.with_parameters(*(_prior(own, fit, names, strength) for own in model.parameters))
+    return model.with_parameters(*(_prior(parameter, fit, names, strength) for parameter in model.parameters))
 
 
-def _prior(own: Parameter, fit: Fit, names: Sequence[str], strength: float) -> Parameter:
-    if own.name not in names:
-        return own if own.scope == "run" else replace(own, fixed=True)
-    sd = np.maximum(np.asarray(fit.sd[own.name], dtype=float), 1e-9 * np.maximum(1.0, np.abs(own.array))) / strength
-    return replace(own, prior=Prior(sd if own.shape else float(sd), mean=own.array if own.shape else float(own.array)))
+def _prior(parameter: Parameter, fit: Fit, names: Sequence[str], strength: float) -> Parameter:
+    if parameter.name not in names:
+        return parameter if parameter.scope == "run" else replace(parameter, fixed=True)
+    sd = (
+        np.maximum(np.asarray(fit.sd[parameter.name], dtype=float), 1e-9 * np.maximum(1.0, np.abs(parameter.array)))
+        / strength
+    )
+    return replace(
+        parameter,
+        prior=Prior(
+            sd if parameter.shape else float(sd), mean=parameter.array if parameter.shape else float(parameter.array)
+        ),
+    )
 
 
 Folds = Sequence[tuple[list[Recording], Recording]]
@@ -178,17 +188,17 @@ Folds = Sequence[tuple[list[Recording], Recording]]
 def _folds(new: Recording) -> Folds:
     """What is fitted to, and what is held out, of every stretch of some seconds."""
     per, gap = round(FOLD / new.sample_time), round(GAP / new.sample_time)
-    found = []
+    result = []
     for first, last in new.runs:
         for start in range(first, last - per + 1, per):
             stop = start + per if last - (start + per) >= per else last
             around = [new.rows(0, max(0, start - gap)), new.rows(min(len(new), stop + gap), len(new))]
-            long = [one for own in around for one in _unbroken(own)]
+            long = [one for item in around for one in _unbroken(item)]
             if long:
-                found.append((long, new.rows(start, stop)))
+                result.append((long, new.rows(start, stop)))
             if stop == last:
                 break
-    return found
+    return result
 
 
 def _unbroken(recording: Recording) -> list[Recording]:
@@ -220,18 +230,18 @@ def _ahead(model: Equations, recording: Recording) -> dict[str, Error]:
 
 def _errors_in_folds(folds: Folds, models: Sequence[Equations]) -> dict[str, Array]:
     """Output -> mean square error in short pieces of what was held out."""
-    found: dict[str, list[float]] = {}
+    result: dict[str, list[float]] = {}
     for (_, held), model in zip(folds, models, strict=True):
         seen: Prediction = _seen(model, held)
         piece = np.asarray(seen.rows, dtype=int) // max(1, round(SHORT / held.sample_time))
         for k, name in enumerate(model.outputs):
             square = (seen.predicted[:, k] - seen.measured[:, k]) ** 2
             for number in np.unique(piece):
-                own = square[piece == number]
-                own = own[np.isfinite(own)]
-                if len(own):
-                    found.setdefault(name, []).append(float(np.mean(own)))
-    return {name: np.array(own) for name, own in found.items()}
+                value = square[piece == number]
+                value = value[np.isfinite(value)]
+                if len(value):
+                    result.setdefault(name, []).append(float(np.mean(value)))
+    return {name: np.array(item) for name, item in result.items()}
 
 
 def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
@@ -240,19 +250,27 @@ def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
     return np.asarray(np.mean([squares[name][:count] / scale[name] ** 2 for name in scale], axis=0))
 
 
-def _adapted(model: Equations, fit: Fit, names: Sequence[str], own: AdaptedCandidate, new: Recording, how: How) -> Fit:
-    if not own.free:
-        return replace(fit, how={**fit.how, "adapted": own.words})
-    held = _about(model, fit, names, own.strength)
+def _adapted(
+    model: Equations, fit: Fit, names: Sequence[str], adapted_candidate: AdaptedCandidate, new: Recording, how: How
+) -> Fit:
+    if not adapted_candidate.free:
+        return replace(fit, how={**fit.how, "adapted": adapted_candidate.words})
+    held = _about(model, fit, names, adapted_candidate.strength)
     if isinstance(held, HybridModel):
-        told = update_hybrid(held, [new], how, quiet)
-        whole = model.with_values(told.model.values)
-        return replace(fit, model=whole, stages=(*fit.stages, told.stage), how={**fit.how, "adapted": own.words})
-    found = fit_model(held, [new], how=how)
+        known = update_hybrid(held, [new], how, quiet)
+        whole = model.with_values(known.model.values)
+        return replace(
+            fit, model=whole, stages=(*fit.stages, known.stage), how={**fit.how, "adapted": adapted_candidate.words}
+        )
+    result = fit_model(held, [new], how=how)
     estimated = {p.name: p.fixed for p in fit.model.parameters}
-    freed = found.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in found.model.parameters))
-    sd = {p.name: found.sd[p.name] if p.name in names else fit.sd.get(p.name, found.sd[p.name])
+    freed = result.model.with_parameters(*(replace(p, fixed=estimated[p.name]) for p in result.model.parameters))
+    sd = {p.name: result.sd[p.name] if p.name in names else fit.sd.get(p.name, result.sd[p.name])
           for p in freed.parameters}  # fmt: skip
     return replace(
-        found, model=freed, sd=sd, stages=(*fit.stages, *found.stages), how={**found.how, "adapted": own.words}
+        result,
+        model=freed,
+        sd=sd,
+        stages=(*fit.stages, *result.stages),
+        how={**result.how, "adapted": adapted_candidate.words},
     )

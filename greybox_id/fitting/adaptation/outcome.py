@@ -39,10 +39,10 @@ class Outcome:
         return {
             "name": self.name,
             "rest": {
-                output: {"rmse": own.rmse, "stderr": own.rmse_sd, "fvu": own.fvu, "samples": own.samples}
-                for output, own in self.rest.items()
+                output: {"rmse": item.rmse, "stderr": item.rmse_sd, "fvu": item.fvu, "samples": item.samples}
+                for output, item in self.rest.items()
             },
-            "interval": {output: list(own) for output, own in self.interval.items()},
+            "interval": {output: list(item) for output, item in self.interval.items()},
         }
 
 
@@ -90,28 +90,28 @@ class Adaptation:
             "zero_shot": self.zero_shot.as_dict(),
             "adapted": self.adapted.as_dict(),
             "choices": dict(self.choices),
-            "tried": {output: [list(own) for own in several] for output, several in self.tried.items()},
-            "delays": {run: dict(own) for run, own in self.delays.items()},
-            "calibrated": {run: dict(own) for run, own in self.calibrated.items()},
+            "tried": {output: [list(item) for item in several] for output, several in self.tried.items()},
+            "delays": {run: dict(delay) for run, delay in self.delays.items()},
+            "calibrated": {run: dict(item) for run, item in self.calibrated.items()},
             "moved": dict(self.moved),
-            "in_sample": {output: dict(own) for output, own in self.in_sample.items()},
+            "in_sample": {output: dict(item) for output, item in self.in_sample.items()},
             "cpu_seconds": self.cpu_seconds,
         }
 
 
 def moved_from(fit: Fit, final: Model) -> dict[str, int]:
     """How many entries of each parameter are off by more than `MOVED` of their standard deviations in the fit."""
-    found = {}
-    for own in final.parameters:
-        if own.name not in fit.model:
-            found[own.name] = 1
+    result = {}
+    for parameter in final.parameters:
+        if parameter.name not in fit.model:
+            result[parameter.name] = 1
             continue
-        sd = np.asarray(fit.sd.get(own.name, np.nan))
+        sd = np.asarray(fit.sd.get(parameter.name, np.nan))
         with np.errstate(invalid="ignore"):
-            beyond = np.abs(own.array - fit.model[own.name].array) > MOVED * sd
+            beyond = np.abs(parameter.array - fit.model[parameter.name].array) > MOVED * sd
         if np.any(beyond):
-            found[own.name] = int(np.count_nonzero(beyond))
-    return found
+            result[parameter.name] = int(np.count_nonzero(beyond))
+    return result
 
 
 def parted(recording: Recording, seconds: float) -> tuple[Recording, Recording | None]:

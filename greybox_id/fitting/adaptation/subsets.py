@@ -54,40 +54,48 @@ def about_itself(part: MemoryModel) -> MemoryModel:
     Shapes of priors stay: impulse responses change smoothly, and most where they are youngest. Parameters of runs are
     fixed for all runs alike, and no run is mirrored: a car may have come to pull to one side.
     """
-    return replace(part.with_parameters(*(_about_itself(own, part) for own in part.parameters)), symmetric=False)
+    return replace(
+        part.with_parameters(*(_about_itself(parameter, part) for parameter in part.parameters)), symmetric=False
+    )
 
 
-def _about_itself(own: Parameter, part: MemoryModel) -> Parameter:
-    if own.scope == "run" or (own.name in part.effects and own.name not in FEW):
-        return replace(own, scope="model", fixed=True)
-    own = replace(own, fixed=False)  # the closed loop of a coupled model holds some
-    if own.prior is None:
-        return replace(own, prior=Prior(PHYSICAL_SD * abs(own.array) + 1e-6, mean=own.array, strength=ADAPTING))
-    return replace(own, prior=replace(own.prior, mean=own.array, strength=ADAPTING))
+def _about_itself(parameter: Parameter, part: MemoryModel) -> Parameter:
+    if parameter.scope == "run" or (parameter.name in part.effects and parameter.name not in FEW):
+        return replace(parameter, scope="model", fixed=True)
+    parameter = replace(parameter, fixed=False)  # the closed loop of a coupled model holds some
+    if parameter.prior is None:
+        return replace(
+            parameter, prior=Prior(PHYSICAL_SD * abs(parameter.array) + 1e-6, mean=parameter.array, strength=ADAPTING)
+        )
+    return replace(parameter, prior=replace(parameter.prior, mean=parameter.array, strength=ADAPTING))
 
 
 def members(subset: str, part: MemoryModel) -> tuple[str, ...]:
     """Names of the parameters of a part that a set holds; of none, where the part has none of them."""
-    free = [own for own in part.parameters if not own.fixed]
+    free = [parameter for parameter in part.parameters if not parameter.fixed]
     words = {
-        "F": [own.name for own in free if own.name in RESPONSES],
-        "few": [own.name for own in free if own.name in FEW],
-        "paper": [own.name for own in free if own.name in PAPER],
-        "physical": [own.name for own in free if own.shape == () and own.name not in FEW],
-        "all": [own.name for own in free if own.name not in FEW],
+        "F": [item.name for item in free if item.name in RESPONSES],
+        "few": [item.name for item in free if item.name in FEW],
+        "paper": [item.name for item in free if item.name in PAPER],
+        "physical": [item.name for item in free if item.shape == () and item.name not in FEW],
+        "all": [item.name for item in free if item.name not in FEW],
     }
-    found: list[str] = []
+    result: list[str] = []
     for word in subset.split(","):
         word = word.strip()
-        found += words.get(word, [own.name for own in free if own.name == word or own.name.startswith(f"{word}_")])
-    return tuple(dict.fromkeys(found))
+        result += words.get(word, [one.name for one in free if one.name == word or one.name.startswith(f"{word}_")])
+    return tuple(dict.fromkeys(result))
 
 
 def must_name_something(subset: str, parts: Sequence[MemoryModel]) -> None:
     """Raise `BadInput` for a word that is no set and no parameter of any part."""
     for word in subset.split(","):
         if not any(members(word, part) for part in parts):
-            known = ["auto", *SUBSETS, *(own.name for part in parts for own in part.parameters if not own.fixed)]
+            known = [
+                "auto",
+                *SUBSETS,
+                *(parameter.name for part in parts for parameter in part.parameters if not parameter.fixed),
+            ]
             raise BadInput(
                 f"‹free›: {word.strip()!r} is no set of parameters and no parameter of this fit; there are auto, "
                 f"{', '.join(SUBSETS)} and names of parameters.{near(word.strip(), known)}"
@@ -103,15 +111,15 @@ def learnt(
     each weight by itself. Of the few effects that stand for a change of
     the car, the old data say nothing.
     """
-    few = np.concatenate([np.full(own.size, own.name in FEW) for own in part.parameters])
+    few = np.concatenate([np.full(parameter.size, parameter.name in FEW) for parameter in part.parameters])
     if trained is None:
         spread = np.concatenate(
-            [np.broadcast_to(sd.get(own.name, np.inf), own.shape).ravel() for own in part.parameters]
+            [np.broadcast_to(sd.get(parameter.name, np.inf), parameter.shape).ravel() for parameter in part.parameters]
         ).astype(float)
-        told = np.isfinite(spread) & (spread > 0) & ~few
-        return np.diag(np.where(told, 1.0 / np.where(told, spread, 1.0) ** 2, 0.0))
+        known = np.isfinite(spread) & (spread > 0) & ~few
+        return np.diag(np.where(known, 1.0 / np.where(known, spread, 1.0) ** 2, 0.0))
     problem = Problem(Trace(part), trained, noise=np.array([noise[name] for name in part.outputs]))
-    J = np.concatenate([own for _, own in problem.residuals(problem.start, [])]).reshape(-1, len(few))
+    J = np.concatenate([item for _, item in problem.residuals(problem.start, [])]).reshape(-1, len(few))
     J[:, few] = 0.0
     return np.asarray(J.T @ J)
 
@@ -136,7 +144,7 @@ class Held(Problem):
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
         """Those of the problem with the quadratic."""
-        own = super().normal_equations(x, nodes)
+        value = super().normal_equations(x, nodes)
         free = self.free.astype(float)
         precision = self._precision * np.outer(free, free)
-        return NormalEquations(own.H + precision, own.g + precision @ (x - self._about))
+        return NormalEquations(value.H + precision, value.g + precision @ (x - self._about))

@@ -87,8 +87,8 @@ def adapt(
     if calibrated is not None:
         must_have_timing(fit.model)
     doubts = doubted(fit.model, [recording] if validate is None else [recording, validate])
-    for own in doubts:
-        say(own)
+    for doubt in doubts:
+        say(doubt)
     with threadpool_limits(1):  # the matrices are small
         task = AdaptTask(fit, recording, float(seconds), free, validate, calibrated, trained, say)
         return replace(adapted(fit.model, task), doubts=doubts)

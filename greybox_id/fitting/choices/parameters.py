@@ -72,8 +72,8 @@ def belief(text: str, unit: str, where: str) -> Belief:
         return Belief(number(mean, unit, where))
     if len(rest) > 1:
         raise BadInput(f"{where}: {text!r} is not MEAN±SD, as in 6±3.")
-    (value, own), (sd, written) = _split(mean, where), _split(rest[0], where)
-    factor, offset = _conversion(own or written, unit, where)
+    (value, entry), (sd, written) = _split(mean, where), _split(rest[0], where)
+    factor, offset = _conversion(entry or written, unit, where)
     spread = _conversion(written, unit, where)[0] * sd
     if not (spread > 0 and isfinite(spread)):
         raise BadInput(f"{where}: the standard deviation in {text!r} must be a number above zero.")
@@ -84,10 +84,10 @@ def belief(text: str, unit: str, where: str) -> Belief:
 
 def _split(text: str, where: str) -> tuple[float, str]:
     """The number, and the unit behind it."""
-    found = _WRITTEN.fullmatch(text.replace("−", "-"))
-    if found is None:
+    result = _WRITTEN.fullmatch(text.replace("−", "-"))
+    if result is None:
         raise BadInput(f"{where}: {text!r} is no number; write 3.5 or, with a unit, 3.5kg.")
-    return float(found[1]), found[2]
+    return float(result[1]), result[2]
 
 
 def _conversion(written: str, unit: str, where: str) -> tuple[float, float]:
@@ -95,10 +95,10 @@ def _conversion(written: str, unit: str, where: str) -> tuple[float, float]:
     if not written or written == unit:
         return 1.0, 0.0
     try:
-        found = to_si(written, unit)
+        result = to_si(written, unit)
     except BadInput as error:
         raise BadInput(f"{where}: {error}.") from error
-    return found.factor, found.offset
+    return result.factor, result.offset
 
 
 Magnitudes = dict[str, float | Stated | None]
@@ -127,8 +127,8 @@ class Choices:
     @property
     def named(self) -> frozenset[str]:
         """The parameters that anything is said of."""
-        said = (*self.fix, *self.free, *self.prior, *self.start, *self.per_run)
-        return frozenset(own.partition("=")[0].strip() for own in said)
+        stated = (*self.fix, *self.free, *self.prior, *self.start, *self.per_run)
+        return frozenset(item.partition("=")[0].strip() for item in stated)
 
 
 def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
@@ -139,84 +139,84 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
     BadInput : it has no such parameter, a number cannot be used, or two things said contradict each other.
     """
     changed: dict[str, Parameter] = {}
-    said: dict[str, str] = {}
+    stated: dict[str, str] = {}
 
     def current(name: str, option: str, *against: str) -> Parameter:
-        own = changed.get(name) or _parameter(model, name, option)
-        if said.get(name) in against:
-            raise BadInput(f"{option} {name} and {said[name]} {name} exclude each other; omit one of them.")
-        said[name] = option
-        return own
+        value = changed.get(name) or _parameter(model, name, option)
+        if stated.get(name) in against:
+            raise BadInput(f"{option} {name} and {stated[name]} {name} exclude each other; omit one of them.")
+        stated[name] = option
+        return value
 
     for name in choices.free:
         changed[name] = replace(current(name, "‹free›"), fixed=False)
     for pair in choices.prior:
         name, text = named(pair, "NAME=MEAN±SD, as in ‹prior› B_f=6±3")
-        own = current(name, "‹prior›")
-        told = belief(text, own.unit, f"‹prior› {name}")
-        if told.sd is None:
+        parameter = current(name, "‹prior›")
+        known = belief(text, parameter.unit, f"‹prior› {name}")
+        if known.sd is None:
             raise BadInput(f"‹prior› {pair}: how well is it known? Write NAME=MEAN±SD (or +-), or ‹fix› {pair}.")
-        moved = _at(own, told.value, "‹prior›")
-        changed[name] = replace(moved, prior=Prior(told.sd, mean=told.value), fixed=False)
+        moved = _at(parameter, known.value, "‹prior›")
+        changed[name] = replace(moved, prior=Prior(known.sd, mean=known.value), fixed=False)
     for pair in choices.start:
         name, text = named(pair, "NAME=VALUE, as in ‹start› I_z=0.05")
-        own = current(name, "‹start›")
-        changed[name] = _at(own, number(text, own.unit, f"‹start› {name}"), "‹start›")
-        if own.fixed:
+        parameter = current(name, "‹start›")
+        changed[name] = _at(parameter, number(text, parameter.unit, f"‹start› {name}"), "‹start›")
+        if parameter.fixed:
             raise BadInput(f"‹start› {name}: {model.name} holds it; add ‹free› {name}, or hold it there: ‹fix› {pair}.")
     for pair in choices.fix:
         name = pair.partition("=")[0].strip()
-        own = current(name, "‹fix›", "‹free›", "‹prior›", "‹start›")
+        parameter = current(name, "‹fix›", "‹free›", "‹prior›", "‹start›")
         if "=" in pair:
             _, text = named(pair, "NAME or NAME=VALUE, as in ‹fix› m=3.5kg")
-            own = _at(own, number(text, own.unit, f"‹fix› {name}"), "‹fix›")
-        changed[name] = replace(own, fixed=True, prior=None)
+            parameter = _at(parameter, number(text, parameter.unit, f"‹fix› {name}"), "‹fix›")
+        changed[name] = replace(parameter, fixed=True, prior=None)
     for name in choices.per_run:
-        own = current(name, "‹per_run›", "‹fix›")
-        if own.fixed:
+        parameter = current(name, "‹per_run›", "‹fix›")
+        if parameter.fixed:
             raise BadInput(f"‹per_run› {name}: {model.name} holds it; add ‹free› {name}.")
-        changed[name] = replace(own, scope="run")
+        changed[name] = replace(parameter, scope="run")
     return _replaced(model, changed)
 
 
 def magnitudes(written: Sequence[str]) -> Magnitudes:
     """Effects with what is said of their magnitudes: EFFECT, EFFECT=VALUE[unit] or EFFECT=MEAN±SD[unit]."""
-    found: Magnitudes = {}
+    result: Magnitudes = {}
     for text in written:
         name, equals, value = (part.strip() for part in text.partition("="))
         if name not in EFFECTS:
             raise BadInput(f"There is no effect {name!r}.{near_or_all(name, EFFECTS)} All of them: greybox effects.")
-        if name in found:
+        if name in result:
             raise BadInput(f"‹effects› {name} is there twice; omit one of them.")
         if not equals:
-            found[name] = None
+            result[name] = None
             continue
-        told = belief(value, EFFECTS[name].parameter.unit, f"‹effects› {name}")
-        found[name] = told.value if told.sd is None else Stated(told.value, told.sd, source="given")
-    return found
+        known = belief(value, EFFECTS[name].parameter.unit, f"‹effects› {name}")
+        result[name] = known.value if known.sd is None else Stated(known.value, known.sd, source="given")
+    return result
 
 
 def believed(effects: Magnitudes, vehicle: Vehicle | None) -> Magnitudes:
     """Effects left free take what the vehicle states of them."""
     stated = vehicle.effects if vehicle is not None else {}
-    return {name: stated.get(name) if said is None else said for name, said in effects.items()}
+    return {name: stated.get(name) if effect is None else effect for name, effect in effects.items()}
 
 
 def started(model: AnyModel, effects: Magnitudes) -> AnyModel:
     """The model with free effects where they are plainly there: at their null many have no derivative to follow."""
     new = {}
-    for name, said in effects.items():
-        if isinstance(said, Stated) and name in model and name in EFFECTS:
-            own, null = model[name], EFFECTS[name].parameter.array
-            if not own.fixed and own.array == null:
-                typical = min(max(EFFECTS[name].typical, own.bounds[0]), own.bounds[1])
-                new[name] = own.with_value(typical)
+    for name, effect in effects.items():
+        if isinstance(effect, Stated) and name in model and name in EFFECTS:
+            value, null = model[name], EFFECTS[name].parameter.array
+            if not value.fixed and value.array == null:
+                typical = min(max(EFFECTS[name].typical, value.bounds[0]), value.bounds[1])
+                new[name] = value.with_value(typical)
     return _replaced(model, new)
 
 
 def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
     """Raise `BadInput` where effects without a magnitude are asked of a model with memory."""
-    free = [name for name, said in effects.items() if said is None or isinstance(said, Stated)]
+    free = [name for name, effect in effects.items() if effect is None or isinstance(effect, Stated)]
     if free and isinstance(model, MemoryModel):
         unit = EFFECTS[free[0]].parameter.unit
         raise BadInput(
@@ -227,29 +227,29 @@ def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
 
 def noise_of(written: Sequence[str], model: Model) -> dict[str, float]:
     """Standard deviations of outputs' readings, NAME=SD[unit]."""
-    found = {}
+    result = {}
     for pair in written:
         name, text = named(pair, "NAME=SD, as in ‹noise› yaw_rate=0.01")
         if name not in model.outputs:
             raise BadInput(f"‹noise› {name}: {model.name} has no output {name}.{near_or_all(name, model.outputs)}")
-        found[name] = number(text, unit_of(name), f"‹noise› {name}")
-        if not 0 < found[name] < float("inf"):
+        result[name] = number(text, unit_of(name), f"‹noise› {name}")
+        if not 0 < result[name] < float("inf"):
             raise BadInput(f"‹noise› {pair}: a standard deviation is a number above zero.")
-    return found
+    return result
 
 
 def state_values(written: Sequence[str], model: Any) -> dict[str, float]:
     """States at the start of a simulation, NAME=VALUE[unit]."""
     units = {state.name: state.unit for state in model.states}
-    found = {}
+    result = {}
     for pair in written:
         name, text = named(pair, "NAME=VALUE, as in ‹start_state› v_x=10")
         if name not in units:
             raise BadInput(f"‹start_state› {name}: {model.name} has no state {name}.{near_or_all(name, units)}")
-        found[name] = number(text, units[name], f"‹start_state› {name}")
-        if not abs(found[name]) < float("inf"):
+        result[name] = number(text, units[name], f"‹start_state› {name}")
+        if not abs(result[name]) < float("inf"):
             raise BadInput(f"‹start_state› {pair}: a state is a finite number.")
-    return found
+    return result
 
 
 def wanted_vehicle(name: str | None) -> Vehicle | None:
@@ -266,13 +266,13 @@ def wanted_model(
     ------
     BadInput : neither names one.
     """
-    own = vehicle.model if vehicle is not None else None
+    model = vehicle.model if vehicle is not None else None
     if name is not None:
         return name, dict(settings), believed(effects, vehicle)
-    if own is None:
+    if model is None:
         what = f"Vehicle {vehicle.path or vehicle.name} names no model" if vehicle is not None else "No model is named"
         raise BadInput(f"Which model? {what}; add ‹model›, one of {', '.join(MODELS)}.")
-    return own.name, {**own.settings, **settings}, {**own.effects, **believed(effects, vehicle)}
+    return model.name, {**model.settings, **settings}, {**model.effects, **believed(effects, vehicle)}
 
 
 def _parameter(model: Model, name: str, option: str) -> Parameter:
@@ -304,5 +304,5 @@ def _at(parameter: Parameter, value: float, option: str) -> Parameter:
 
 def _replaced(model: AnyModel, changed: Mapping[str, Parameter]) -> AnyModel:
     """The model, and those of its parts that have them, with parameters replaced."""
-    own = model.with_parameters(*(p for name, p in changed.items() if name in model))
-    return replace(own, parts=tuple(_replaced(part, changed) for part in own.parts))
+    value = model.with_parameters(*(p for name, p in changed.items() if name in model))
+    return replace(value, parts=tuple(_replaced(part, changed) for part in value.parts))

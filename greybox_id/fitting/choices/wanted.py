@@ -48,8 +48,8 @@ class Wanted:
     def models(self, training: Recording) -> list[Model]:
         """The models to fit: several where the settings leave open what cross-validation is to choose."""
         name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
-        found = candidates(name, training, settings, effects, self.vehicle)
-        return [self._chosen(model, effects) for model in found]
+        result = candidates(name, training, settings, effects, self.vehicle)
+        return [self._chosen(model, effects) for model in result]
 
     def model(self) -> Model:
         """The model to simulate: an effect stated at its null stands there, which is no place to start a fit."""
@@ -63,8 +63,8 @@ class Wanted:
 
     def _chosen(self, model: Model, effects: Magnitudes, at_stated: bool = False) -> Model:
         free_effects_suit(model, effects)
-        stated = {name for name, said in effects.items() if isinstance(said, Stated) and said.value is not None}
-        moved = {name: said for name, said in effects.items() if not at_stated or name not in stated}
+        stated = {name for name, effect in effects.items() if isinstance(effect, Stated) and effect.value is not None}
+        moved = {name: effect for name, effect in effects.items() if not at_stated or name not in stated}
         chosen = with_choices(started(model, moved), self.choices)
         return chosen if self.vehicle is not None else with_size(chosen, self.choices.named)
 
@@ -85,10 +85,10 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
         others = [build(name) for name in MODELS]
         others = [o for o in others if isinstance(o, MotionModel) and not _lacking(o, recording)]
         would_do = [o.name for o in others if any(name in recording for name in o.outputs)]
-        wanted = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
+        target = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
         instead = f" It would do for {' and '.join(would_do)} (‹model›)." if would_do else ""
         raise BadInput(
-            f"{recording.name} lacks {wanted}, which {model.name} needs; it has {', '.join(recording.signals)}. "
+            f"{recording.name} lacks {target}, which {model.name} needs; it has {', '.join(recording.signals)}. "
             f"Map the columns that hold them in the column map (‹columns›).{instead}"
         )
 
@@ -97,7 +97,7 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     """Sentences on a motion model whose nominal numbers may not be those of the vehicle that was recorded."""
     if not isinstance(model, MotionModel):
         return []
-    found = []
+    result = []
     maps = {recording.source.columns for recording in recordings}
     shipped = [VEHICLES_OF_MAPS[name] for name in sorted(maps) if name in VEHICLES_OF_MAPS]
     suggested = next(
@@ -105,18 +105,18 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     )
     if vehicle is None:
         start = f"{model.name} starts from {_size(model)}"
-        found.append(f"No vehicle is named: {start}. Name one{suggested}.")
+        result.append(f"No vehicle is named: {start}. Name one{suggested}.")
     if "l_f" in model and "l_r" in model:
         wheelbase = float(model["l_f"].array + model["l_r"].array)
         for recording in recordings:
-            told = _wheelbase(recording)
-            if told is not None and not GIVEN_WHEELBASE[0] < told / wheelbase < GIVEN_WHEELBASE[1]:
-                found.append(
-                    f"{recording.name} turns like a vehicle with a wheelbase of {told:.2g} m, but the model has "
+            known = _wheelbase(recording)
+            if known is not None and not GIVEN_WHEELBASE[0] < known / wheelbase < GIVEN_WHEELBASE[1]:
+                result.append(
+                    f"{recording.name} turns like a vehicle with a wheelbase of {known:.2g} m, but the model has "
                     f"l_f + l_r = {wheelbase:.3g} m: the wrong vehicle, or a wrong unit in the column map?{suggested}"
                 )
                 break
-    return found + doubts_of_drive(model, recordings)
+    return result + doubts_of_drive(model, recordings)
 
 
 def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
@@ -127,14 +127,14 @@ def doubts_of_drive(model: Model, recordings: Sequence[Recording]) -> list[str]:
     if not isinstance(model, MotionModel) or "force_per_unit" not in model or "m" not in model:
         return []
     stated = float(model["force_per_unit"].array)
-    wanted = {"drive_force": 1.0, "ax_cmd": float(model["m"].array)}
+    target = {"drive_force": 1.0, "ax_cmd": float(model["m"].array)}
     for recording in recordings:
-        signal = next((own for own in model.aliases.get("drive", ()) if own in recording), "")
-        if signal in wanted and not 1 / FAR_OFF < stated / wanted[signal] < FAR_OFF:
+        signal = next((item for item in model.aliases.get("drive", ()) if item in recording), "")
+        if signal in target and not 1 / FAR_OFF < stated / target[signal] < FAR_OFF:
             unit = unit_of(signal)
             return [
-                f"{recording.name} holds {signal} in {unit}, one unit of which is about {wanted[signal]:.4g} N, but "
-                f"the model has force_per_unit = {stated:.4g} N: fix force_per_unit at {wanted[signal]:.4g}, or "
+                f"{recording.name} holds {signal} in {unit}, one unit of which is about {target[signal]:.4g} N, but "
+                f"the model has force_per_unit = {stated:.4g} N: fix force_per_unit at {target[signal]:.4g}, or "
                 "name another signal in the column map."
             ]
     return []
@@ -144,17 +144,17 @@ def _lacking(model: MotionModel, recording: Recording) -> list[str]:
     return [
         name
         for name in model.inputs
-        if name not in model.defaults and not any(own in recording for own in model.aliases.get(name, (name,)))
+        if name not in model.defaults and not any(item in recording for item in model.aliases.get(name, (name,)))
     ]
 
 
 def _size(model: MotionModel) -> str:
-    told = []
+    known = []
     if "m" in model:
-        told.append(f"m = {float(model['m'].array):g} kg")
+        known.append(f"m = {float(model['m'].array):g} kg")
     if "l_f" in model and "l_r" in model:
-        told.append(f"l_f + l_r = {float(model['l_f'].array + model['l_r'].array):.3g} m")
-    return f"numbers of its own ({', '.join(told)})" if told else "numbers of its own"
+        known.append(f"l_f + l_r = {float(model['l_f'].array + model['l_r'].array):.3g} m")
+    return f"numbers of its own ({', '.join(known)})" if known else "numbers of its own"
 
 
 def _wheelbase(recording: Recording) -> float | None:

@@ -89,45 +89,45 @@ def priors_of(density: PosteriorDensity) -> tuple[ParticlePrior, ...]:
     ------
     BadInput : a parameter has neither a prior nor finite bounds, or has one that is not of single numbers.
     """
-    found = []
-    for own, low, high in zip(density.coordinates, *density.bounds, strict=True):
-        parameter = density.problem.model[own.parameter]
+    result = []
+    for one, low, high in zip(density.coordinates, *density.bounds, strict=True):
+        parameter = density.problem.model[one.parameter]
         prior = parameter.prior
         if prior is not None and any(step is not None for step in prior.step_sd):
-            raise BadInput(f"abc-smc draws numbers one by one, but the prior of {own.parameter} joins them. Use mcmc.")
+            raise BadInput(f"abc-smc draws numbers one by one, but the prior of {one.parameter} joins them. Use mcmc.")
         sd = (
             np.inf
             if prior is None
-            else float(np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).flat[own.entry])
+            else float(np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).flat[one.entry])
         )
         if not np.isfinite(sd) and not (np.isfinite(low) and np.isfinite(high)):
             raise BadInput(
-                f"abc-smc draws from the priors, but {own.name} has neither a prior nor two finite bounds. Fit again "
-                f"with ‹prior› {own.name}, or use mcmc."
+                f"abc-smc draws from the priors, but {one.name} has neither a prior nor two finite bounds. Fit again "
+                f"with ‹prior› {one.name}, or use mcmc."
             )
         given = parameter.array if prior is None or prior.mean is None else np.asarray(prior.mean, dtype=float)
-        mean = float(np.broadcast_to(given, parameter.shape).flat[own.entry])
-        found.append(ParticlePrior(mean, sd, float(low), float(high)))
-    return tuple(found)
+        mean = float(np.broadcast_to(given, parameter.shape).flat[one.entry])
+        result.append(ParticlePrior(mean, sd, float(low), float(high)))
+    return tuple(result)
 
 
 def drawn(priors: Sequence[ParticlePrior], count: int, rng: np.random.Generator) -> Array:
     """(count, d) from the priors."""
     columns = []
-    for own in priors:
+    for prior in priors:
         u = rng.uniform(size=count)
-        if np.isfinite(own.sd):
-            below, above = ndtr((own.low - own.mean) / own.sd), ndtr((own.high - own.mean) / own.sd)
+        if np.isfinite(prior.sd):
+            below, above = ndtr((prior.low - prior.mean) / prior.sd), ndtr((prior.high - prior.mean) / prior.sd)
             z = ndtri(below + u * (above - below))
-            columns.append(np.clip(own.mean + own.sd * z, own.low, own.high))
+            columns.append(np.clip(prior.mean + prior.sd * z, prior.low, prior.high))
         else:
-            columns.append(own.low + u * (own.high - own.low))
+            columns.append(prior.low + u * (prior.high - prior.low))
     return np.column_stack(columns)
 
 
 def log_prior(priors: Sequence[ParticlePrior], at: Array) -> Array:
     """(n,) up to a constant, within bounds."""
-    return np.asarray(sum(-0.5 * ((at[:, k] - own.mean) / own.sd) ** 2 for k, own in enumerate(priors)))
+    return np.asarray(sum(-0.5 * ((at[:, k] - prior.mean) / prior.sd) ** 2 for k, prior in enumerate(priors)))
 
 
 class Distances:
@@ -145,7 +145,7 @@ class Distances:
             spread = np.nanstd(np.where(read, problem.target, np.nan), axis=0)
         self._scale = np.where(spread > 0, spread, 1.0)
         self._counts = np.maximum(np.sum(read), 1)
-        self._rows = np.concatenate(([0], np.cumsum([len(own) for own in problem.intervals])))
+        self._rows = np.concatenate(([0], np.cumsum([len(interval) for interval in problem.intervals])))
         self._read = np.add.reduceat(read.astype(float), self._rows[:-1], axis=0)
 
     def __call__(self, at: Array) -> Array:
@@ -153,11 +153,11 @@ class Distances:
         with np.errstate(over="ignore", invalid="ignore"):
             squares = (self._density.errors(at) / self._scale) ** 2
             if self._kind == "pooled":
-                found = np.sqrt(np.sum(squares, axis=(1, 2)) / self._counts)
+                result = np.sqrt(np.sum(squares, axis=(1, 2)) / self._counts)
             else:
                 each = np.add.reduceat(squares, self._rows[:-1], axis=1) / np.maximum(self._read, 1)
-                found = np.mean(np.sqrt(each), axis=(1, 2))
-        return np.asarray(np.where(np.isfinite(found), found, np.inf))
+                result = np.mean(np.sqrt(each), axis=(1, 2))
+        return np.asarray(np.where(np.isfinite(result), result, np.inf))
 
 
 def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: int) -> ParticleSet:
@@ -169,10 +169,10 @@ def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: in
     """
     at, away, tried = np.empty((0, len(priors))), np.empty(0), 0
     for batch in range(100):
-        own = drawn(priors, count, np.random.default_rng((seed, 0, batch)))
-        found = np.concatenate([distances(own[k : k + BATCH]) for k in range(0, count, BATCH)])
-        good = np.isfinite(found)
-        at, away, tried = np.concatenate([at, own[good]]), np.concatenate([away, found[good]]), tried + count
+        value = drawn(priors, count, np.random.default_rng((seed, 0, batch)))
+        result = np.concatenate([distances(value[k : k + BATCH]) for k in range(0, count, BATCH)])
+        good = np.isfinite(result)
+        at, away, tried = np.concatenate([at, value[good]]), np.concatenate([away, result[good]]), tried + count
         if len(at) >= count:
             at, away = at[:count], away[:count]
             return ParticleSet(0, at, np.full(count, 1 / count), away, float(np.max(away)), len(at) / tried)
@@ -196,24 +196,24 @@ class PerturbationKernel:
         scaled = covariance / np.outer(unit, unit)
         scaled[np.diag_indices_from(scaled)] += RIDGE
         self._factor = unit[:, None] * la.cholesky(scaled, lower=True)
-        self._low = np.array([own.low for own in priors])
-        self._high = np.array([own.high for own in priors])
+        self._low = np.array([prior.low for prior in priors])
+        self._high = np.array([prior.high for prior in priors])
 
     def perturbed(self, count: int, rng: np.random.Generator) -> Array:
         """(count, d) within bounds."""
-        found = np.empty((0, len(self._low)))
-        while len(found) < count:
+        result = np.empty((0, len(self._low)))
+        while len(result) < count:
             chosen = rng.choice(len(self._source.at), size=count, p=self._source.weight)
-            own = self._source.at[chosen] + rng.standard_normal((count, len(self._low))) @ self._factor.T
-            inside = np.all((own >= self._low) & (own <= self._high), axis=1)
-            found = np.concatenate([found, own[inside]])
-        return found[:count]
+            value = self._source.at[chosen] + rng.standard_normal((count, len(self._low))) @ self._factor.T
+            inside = np.all((value >= self._low) & (value <= self._high), axis=1)
+            result = np.concatenate([result, value[inside]])
+        return result[:count]
 
     def log_density(self, at: Array) -> Array:
         """(n,) up to a constant, which the cut at the bounds does not change: trials beyond them are no particles."""
         turned = la.solve_triangular(self._factor, at.T, lower=True)
-        own = la.solve_triangular(self._factor, self._source.at.T, lower=True)
-        squares = np.sum(turned**2, axis=0)[:, None] + np.sum(own**2, axis=0)[None] - 2.0 * turned.T @ own
+        value = la.solve_triangular(self._factor, self._source.at.T, lower=True)
+        squares = np.sum(turned**2, axis=0)[:, None] + np.sum(value**2, axis=0)[None] - 2.0 * turned.T @ value
         with np.errstate(divide="ignore"):
             logs = np.log(self._source.weight)
         return np.asarray(logsumexp(logs[None] - 0.5 * np.maximum(squares, 0.0), axis=1))
@@ -236,12 +236,12 @@ def grow(
     source, kernel = growing.source, PerturbationKernel(growing.source, priors)
     count = len(source.at)
     while len(growing.at) < count:
-        own = kernel.perturbed(BATCH, np.random.default_rng((seed, source.number + 1, growing.batches + 1)))
-        away = distances(own)
+        value = kernel.perturbed(BATCH, np.random.default_rng((seed, source.number + 1, growing.batches + 1)))
+        away = distances(value)
         good = away <= growing.threshold
         growing = Growing(
             source, growing.threshold, growing.batches + 1, growing.simulated + BATCH,
-            np.concatenate([growing.at, own[good]]), np.concatenate([growing.distance, away[good]]),
+            np.concatenate([growing.at, value[good]]), np.concatenate([growing.distance, away[good]]),
         )  # fmt: skip
         hopeless = len(growing.at) < HOPELESS * TARGETS[source.number] * growing.simulated
         if hopeless and growing.simulated > 20 * PILOT:

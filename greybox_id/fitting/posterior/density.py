@@ -59,9 +59,9 @@ class PosteriorDensity:
     def __init__(self, problem: MotionProblem, solution: Solution) -> None:
         self.problem = problem
         self._x = solution.x
-        found = coordinates(problem)
-        self.coordinates = tuple(coordinate for coordinate, _ in found)
-        self.places = np.array([place for _, place in found], dtype=np.intp)
+        drawn_numberses = coordinates(problem)
+        self.coordinates = tuple(coordinate for coordinate, _ in drawn_numberses)
+        self.places = np.array([place for _, place in drawn_numberses], dtype=np.intp)
         self.centre = solution.x[self.places].copy()
         low, high = problem.bounds
         self.bounds = low[self.places], high[self.places]
@@ -70,17 +70,17 @@ class PosteriorDensity:
 
     def __call__(self, points: Array) -> Array:
         """(n, d) -> (n,) logarithm of the density, up to a constant; -inf beyond bounds or where nothing is finite."""
-        found = np.full(len(points), -np.inf)
+        result = np.full(len(points), -np.inf)
         inside = np.flatnonzero(self.within(points))
         if len(inside) == 0:
-            return found
+            return result
         x = self.unknowns(points[inside])
         r = self._residuals(x)
-        priors = np.array([0.5 * float(np.sum(self.problem.prior_residuals(own) ** 2)) for own in x])
+        priors = np.array([0.5 * float(np.sum(self.problem.prior_residuals(item) ** 2)) for item in x])
         with np.errstate(over="ignore", invalid="ignore"):
             total = _misfit(self.problem.targets, r) + priors - self._saved(r)
-        found[inside] = np.where(np.isfinite(total), -total, -np.inf)
-        return found
+        result[inside] = np.where(np.isfinite(total), -total, -np.inf)
+        return result
 
     def errors(self, points: Array) -> Array:
         """(n, d) -> (n, N, outputs) predicted less read, in the outputs' units, each start at its best; 0: no reading.
@@ -115,15 +115,15 @@ class PosteriorDensity:
 
     def _saved(self, r: Array) -> Array:
         """(n,) by how much the objective falls where every start deviates as suits it best."""
-        found = np.zeros(len(r))
+        result = np.zeros(len(r))
         tail = self.problem.targets.robust
         if tail is not None:
             r = r * np.sqrt(np.minimum(1.0, tail / np.maximum(np.abs(r), 1e-12)))
         flat = r.reshape(len(r), -1)
         for start in self._starts:
             pull = flat[:, start.readings] @ start.J + start.pull
-            found += 0.5 * np.einsum("ni,ij,nj->n", pull, start.inverse, pull)
-        return found
+            result += 0.5 * np.einsum("ni,ij,nj->n", pull, start.inverse, pull)
+        return result
 
 
 @dataclass(frozen=True)
@@ -140,7 +140,7 @@ class _Start:
 
 def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
     """The free numbers of a problem's parameters, and where each stands among the unknowns."""
-    found: list[tuple[DrawnNumber, int]] = []
+    result: list[tuple[DrawnNumber, int]] = []
     start = 0
     for parameter in problem.model.parameters:
         runs = list(enumerate(problem.parameters.index)) if parameter.scope == "run" else [(None, None)]
@@ -148,10 +148,10 @@ def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
             for entry, name in enumerate(entry_names(parameter)):
                 place = int((problem.parameters.index[0] if index is None else index)[start + entry])
                 if problem.free[place]:
-                    own = name if run is None else f"{name}@{run + 1}"
-                    found.append((DrawnNumber(own, parameter.unit, parameter.name, entry, run), place))
+                    value = name if run is None else f"{name}@{run + 1}"
+                    result.append((DrawnNumber(value, parameter.unit, parameter.name, entry, run), place))
         start += parameter.size
-    return found
+    return result
 
 
 def entry_names(parameter: Parameter) -> list[str]:
@@ -170,16 +170,16 @@ def _misfit(targets: Targets, r: Array) -> Array:
 
 
 def _starts(problem: MotionProblem, solution: Solution) -> list[_Start]:
-    found = []
+    result = []
     order, edges = solution.nodes.cut.by_owner
     outputs = problem.target.shape[1]
     pull = problem.pull_of_priors(solution.x)
     for k, (_, J) in enumerate(problem.residuals(solution.x, solution.nodes)):
-        own = np.arange(edges[k], edges[k + 1]) if order is None else order[edges[k] : edges[k + 1]]
-        rows = np.unique(own // outputs)
+        value = np.arange(edges[k], edges[k + 1]) if order is None else order[edges[k] : edges[k + 1]]
+        rows = np.unique(value // outputs)
         places = problem.layout.index[k][problem.model.size :]
         flat = J[:, :, problem.model.size :].reshape(-1, len(places))
         inverse = np.linalg.pinv(flat.T @ flat + problem.believed[np.ix_(places, places)], hermitian=True)
         readings = (rows[:, None] * outputs + np.arange(outputs)).ravel()
-        found.append(_Start(readings, flat, inverse, pull[places]))
-    return found
+        result.append(_Start(readings, flat, inverse, pull[places]))
+    return result

@@ -88,11 +88,11 @@ def weighted_draws(target: Target, draws: int, seed: int, tell: Callable[[int, i
                 break
             return WeightedDraws(u[:0], np.empty(0), np.empty(0), float("nan"), within, complete)
         log_weight, k = smoothed(log_ratio)
-        own = WeightedDraws(u, np.exp(log_weight), log_density, k, within, complete)
-        best = own if best is None or not k >= best.k else best
+        weighted_draws = WeightedDraws(u, np.exp(log_weight), log_density, k, within, complete)
+        best = weighted_draws if best is None or not k >= best.k else best
         if not complete or np.isnan(k) or k <= trusted(draws):
             return best
-        centre, factor = _moments(target, own)
+        centre, factor = _moments(target, weighted_draws)
     rng, k = np.random.default_rng((seed, 31)), np.inf if best is None else best.k
     u, log_density, within = _proposed(target, target.centre, target.factor, np.inf, draws, rng)
     return WeightedDraws(u, np.full(draws, 1 / draws), log_density, k, within, True)
@@ -110,12 +110,12 @@ def smoothed(log_ratio: Array) -> tuple[Array, float]:
     ----------
     log_ratio : (n,) of densities; -inf where a draw does not count.
     """
-    own = log_ratio - np.max(log_ratio)
-    tail = int(np.ceil(min(0.2 * len(own), 3.0 * np.sqrt(len(own)))))
-    order, k = np.argsort(own, kind="stable"), float("nan")
+    value = log_ratio - np.max(log_ratio)
+    tail = int(np.ceil(min(0.2 * len(value), 3.0 * np.sqrt(len(value)))))
+    order, k = np.argsort(value, kind="stable"), float("nan")
     largest = order[-tail:]
-    cut = np.exp(own[order[-tail - 1]]) if tail < len(own) else 0.0
-    beyond = np.exp(own[largest]) - cut
+    cut = np.exp(value[order[-tail - 1]]) if tail < len(value) else 0.0
+    beyond = np.exp(value[largest]) - cut
     if tail >= SHORTEST_TAIL:
         spread = int(np.sum(beyond > np.finfo(float).eps))
         k = -np.inf if spread == 0 else np.inf  # all alike; a handful that count for all
@@ -124,8 +124,8 @@ def smoothed(log_ratio: Array) -> tuple[Array, float]:
             far = -np.log1p(-(np.arange(tail) + 0.5) / tail)
             with np.errstate(over="ignore"):
                 expected = scale * (far if abs(k) < 1e-12 else np.expm1(k * far) / k)
-            own[largest] = np.minimum(np.log(cut + expected), 0.0)
-    return own - np.logaddexp.reduce(own), float(k)
+            value[largest] = np.minimum(np.log(cut + expected), 0.0)
+    return value - np.logaddexp.reduce(value), float(k)
 
 
 def pareto_shape(beyond: Array) -> tuple[float, float]:
@@ -153,7 +153,7 @@ def _proposed(
     """(count, d) draws of a t distribution within the bounds, its logarithm there up to a constant, and the share of
     all draws that fell there.
     """
-    d, found, tried, kept = len(centre), [], 0, 0
+    d, result, tried, kept = len(centre), [], 0, 0
     while kept < count:
         size = max(count, 64)
         z = rng.standard_normal((size, d))
@@ -161,36 +161,38 @@ def _proposed(
             z /= np.sqrt(rng.chisquare(tail, size) / tail)[:, None]
         u, far = centre + z @ factor.T, np.sum(z**2, axis=1)
         good = target.within(u)
-        found.append(np.column_stack([u, far])[good])
+        result.append(np.column_stack([u, far])[good])
         tried, kept = tried + size, kept + int(np.sum(good))
         if tried > MOST_TRIES * size:
             raise BadInput(
                 "Nearly all draws of the fit's normal distribution fall beyond the parameters' bounds: the recordings "
                 "do not determine them. Fix some, or give them priors, and fit again."
             )
-    u, far = np.split(np.concatenate(found)[:count], [d], axis=1)
+    u, far = np.split(np.concatenate(result)[:count], [d], axis=1)
     log_density = -0.5 * far[:, 0] if np.isinf(tail) else -0.5 * (tail + d) * np.log1p(far[:, 0] / tail)
     return u, log_density, kept / tried
 
 
 def _simulated(target: Target, u: Array, tell: Callable[[int], None]) -> tuple[Array, bool]:
     """The target's logarithm at as many draws as were simulated before Ctrl-C, and whether those are all."""
-    found: list[Array] = []
+    result: list[Array] = []
     try:
         for k in range(0, len(u), BATCH):
-            found.append(target(u[k : k + BATCH]))
+            result.append(target(u[k : k + BATCH]))
             tell(min(k + BATCH, len(u)))
     except KeyboardInterrupt:
-        return np.concatenate(found) if found else np.empty(0), False
-    return np.concatenate(found), True
+        return np.concatenate(result) if result else np.empty(0), False
+    return np.concatenate(result), True
 
 
-def _moments(target: Target, own: WeightedDraws) -> tuple[Array, Array]:
+def _moments(target: Target, weighted_draws: WeightedDraws) -> tuple[Array, Array]:
     """Middle and factor of what weighted draws are like; the fit's count as many of them as there are coordinates."""
-    d, worth = len(target.centre), 1.0 / np.sum(own.weight**2)
-    first = (worth * own.weight @ own.u + d * target.centre) / (worth + d)
-    off = own.u - own.weight @ own.u
-    covariance = (worth * (off * own.weight[:, None]).T @ off + d * target.factor @ target.factor.T) / (worth + d)
+    d, worth = len(target.centre), 1.0 / np.sum(weighted_draws.weight**2)
+    first = (worth * weighted_draws.weight @ weighted_draws.u + d * target.centre) / (worth + d)
+    off = weighted_draws.u - weighted_draws.weight @ weighted_draws.u
+    covariance = (worth * (off * weighted_draws.weight[:, None]).T @ off + d * target.factor @ target.factor.T) / (
+        worth + d
+    )
     unit = np.sqrt(np.diag(covariance))
     values, vectors = np.linalg.eigh(covariance / np.outer(unit, unit))
     return first, (vectors * np.sqrt(np.maximum(values, RIDGE))) * unit[:, None]

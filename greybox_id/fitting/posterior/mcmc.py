@@ -93,15 +93,15 @@ class TowardsMiddle:
         return self.centre + other @ self.factor.T, 0.5 * (TAIL + d) * beyond
 
 
-def middle(target: Target, own: Ensemble) -> TowardsMiddle:
+def middle(target: Target, ensemble: Ensemble) -> TowardsMiddle:
     """What steps lead towards after so many blocks: the fit, then what the walkers of the burn-in have been like.
 
     The fit's covariance counts as many walkers as there are coordinates: so few cannot tell one.
     """
-    known = max((blocks for blocks in LEARN if blocks <= own.block), default=0)
+    known = max((blocks for blocks in LEARN if blocks <= ensemble.block), default=0)
     if known == 0:
         return TowardsMiddle(target.centre, target.factor)
-    been = own.burnt[FORGET:known].reshape(-1, len(target.centre))
+    been = ensemble.burnt[FORGET:known].reshape(-1, len(target.centre))
     centre = np.mean(been, axis=0)
     off, d = been - centre, len(centre)
     covariance = (off.T @ off + d * target.factor @ target.factor.T) / (len(been) + d)
@@ -121,10 +121,10 @@ def begun(target: Target, seed: int) -> Ensemble:
     count, rng = walkers_for(d), np.random.default_rng((seed, 0))
     at, logs = np.empty((0, d)), np.empty(0)
     for shrink in np.repeat([1.0, 0.3, 0.1, 0.03], 8):  # about bounds and in bent valleys closer ones are needed
-        own = target.centre + shrink * rng.standard_normal((count, d)) @ target.factor.T
-        told = target(own)
-        good = np.isfinite(told)
-        at, logs = np.concatenate([at, own[good]]), np.concatenate([logs, told[good]])
+        value = target.centre + shrink * rng.standard_normal((count, d)) @ target.factor.T
+        known = target(value)
+        good = np.isfinite(known)
+        at, logs = np.concatenate([at, value[good]]), np.concatenate([logs, known[good]])
         if len(at) >= count:
             return Ensemble(0, at[:count], logs[:count], 0, 0, np.empty((0, count, d)))
     raise BadInput(
@@ -149,25 +149,25 @@ def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble]
     """
     emcee: Any = needed("emcee", "sample", "mcmc", "what emcee samples")
     count, dimensions = start.at.shape
-    own = start
+    ensemble = start
     while True:
         moves = [
-            (emcee.moves.MHMove(middle(target, own), ndim=dimensions), TOWARDS_MIDDLE),
+            (emcee.moves.MHMove(middle(target, ensemble), ndim=dimensions), TOWARDS_MIDDLE),
             (emcee.moves.DEMove(), DIFFERENCES),
             (emcee.moves.DESnookerMove(), SNOOKER),
         ]
         sampler = emcee.EnsembleSampler(count, dimensions, target, moves=moves, vectorize=True)
         sampler.log_prob_fn = target  # what emcee wraps it in prints to standard output where Ctrl-C arrives
-        random = np.random.RandomState(np.random.SeedSequence((seed, own.block + 1)).generate_state(8)).get_state()
-        state = emcee.State(own.at, log_prob=own.log_posterior, random_state=random)
-        accepted, before = own.accepted, own.at
-        for found in sampler.sample(state, iterations=THIN, store=False, skip_initial_state_check=True):
-            accepted += int(np.sum(np.any(found.coords != before, axis=1)))
-            state, before = found, found.coords.copy()
-        proposed = own.proposed + THIN * count
-        burnt = own.burnt if own.block >= BURN_IN else np.concatenate([own.burnt, state.coords[None]])
-        own = Ensemble(own.block + 1, state.coords.copy(), state.log_prob.copy(), accepted, proposed, burnt)
-        if own.block >= STANDING and own.accepted == 0:
+        random = np.random.RandomState(np.random.SeedSequence((seed, ensemble.block + 1)).generate_state(8)).get_state()
+        state = emcee.State(ensemble.at, log_prob=ensemble.log_posterior, random_state=random)
+        accepted, before = ensemble.accepted, ensemble.at
+        for item in sampler.sample(state, iterations=THIN, store=False, skip_initial_state_check=True):
+            accepted += int(np.sum(np.any(item.coords != before, axis=1)))
+            state, before = item, item.coords.copy()
+        proposed = ensemble.proposed + THIN * count
+        burnt = ensemble.burnt if ensemble.block >= BURN_IN else np.concatenate([ensemble.burnt, state.coords[None]])
+        ensemble = Ensemble(ensemble.block + 1, state.coords.copy(), state.log_prob.copy(), accepted, proposed, burnt)
+        if ensemble.block >= STANDING and ensemble.accepted == 0:
             raise BadInput("No walker has moved: the posterior has no width here. Is a parameter at its bound?")
-        if until(own):
-            return own
+        if until(ensemble):
+            return ensemble

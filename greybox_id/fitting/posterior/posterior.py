@@ -70,8 +70,8 @@ def weighted_quantile(values: Array, weight: Array, share: float) -> float:
     if len(values) == 0:
         return float("nan")
     order = np.argsort(values, kind="stable")
-    own = weight[order] / np.sum(weight)
-    return float(np.interp(share, np.cumsum(own) - 0.5 * own, values[order]))
+    value = weight[order] / np.sum(weight)
+    return float(np.interp(share, np.cumsum(value) - 0.5 * value, values[order]))
 
 
 Method = Literal["laplace", "mcmc", "abc-smc"]
@@ -135,7 +135,7 @@ class Posterior:
     @property
     def names(self) -> tuple[str, ...]:
         """Of the columns that hold parameters."""
-        return tuple(own.name for own in self.coordinates)
+        return tuple(coordinate.name for coordinate in self.coordinates)
 
     def __len__(self) -> int:
         return len(self.values)
@@ -143,9 +143,9 @@ class Posterior:
     @property
     def frame(self) -> pd.DataFrame:
         """One row a draw: `chain`, `draw`, `weight`, `log_posterior` or `distance`, then the parameters in SI units."""
-        told = {"chain": self.chain.astype(int), "draw": self.draw.astype(int), "weight": self.weight}
-        own = {name: self.values[:, k] for k, name in enumerate(self.names)}
-        return pd.DataFrame({**told, self.measured: self.measure, **own})
+        known = {"chain": self.chain.astype(int), "draw": self.draw.astype(int), "weight": self.weight}
+        value = {name: self.values[:, k] for k, name in enumerate(self.names)}
+        return pd.DataFrame({**known, self.measured: self.measure, **value})
 
     @property
     def measured(self) -> str:
@@ -171,10 +171,10 @@ class Posterior:
         mean = self.weight @ self.values if len(self) else np.full(len(self.names), np.nan)
         sd = np.sqrt(self.weight @ (self.values - mean) ** 2) if len(self) else mean
         ends = {
-            name: [weighted_quantile(own, self.weight, share) for own in self.values.T]
+            name: [weighted_quantile(item, self.weight, share) for item in self.values.T]
             for name, share in (("low", (1 - LEVEL) / 2), ("high", (1 + LEVEL) / 2))
         }
-        units = [own.unit for own in self.coordinates]
+        units = [coordinate.unit for coordinate in self.coordinates]
         return pd.DataFrame(
             {"mean": mean, "sd": sd, **ends, "unit": units, "r_hat": self.r_hat, "ess": self.ess},
             index=list(self.names),
@@ -187,27 +187,27 @@ class Posterior:
 
     def cautions(self) -> list[str]:
         """Sentences on what these draws cannot be trusted for; empty where there is nothing to say."""
-        found = []
+        result = []
         worst, least = self.worst
         if not self.complete:
             on = "" if self.method == "laplace" else " and it goes on"
-            found.append(f"The run was interrupted: call it again with the same arguments{on}.")
+            result.append(f"The run was interrupted: call it again with the same arguments{on}.")
         if self.pareto_k > trusted(len(self)):
-            found.append(
+            result.append(
                 f"The posterior is not near the fit's normal distribution, and weights cannot make up for it (Pareto k "
                 f"{self.pareto_k:.2f}): the draws are of the normal distribution itself. Use mcmc."
             )
         if worst > MET:
             name = str(self.r_hat.idxmax())
-            found.append(
+            result.append(
                 f"The chains have not met: R-hat of {name} is {worst:.2f}. Take more draws, or thin them more."
             )
         if least < FEW:
             name = str(self.ess.idxmin())
-            found.append(
+            result.append(
                 f"The draws of {name} are worth {least:.0f} independent ones: the ends of intervals are noise."
             )
-        return found
+        return result
 
     def covariance(self) -> Array:
         """(d, d) of the draws."""
@@ -216,8 +216,12 @@ class Posterior:
 
     def priors(self) -> dict[str, tuple[float, float]]:
         """Name -> (mean, sd) of single numbers, as `gb.fit(prior=...)` takes them; correlations are lost."""
-        single = [own for own in self.coordinates if own.run is None and "[" not in own.name]
-        return {own.name: (float(self.table["mean"][own.name]), float(self.table["sd"][own.name])) for own in single}
+        single = [
+            coordinate for coordinate in self.coordinates if coordinate.run is None and "[" not in coordinate.name
+        ]
+        return {
+            item.name: (float(self.table["mean"][item.name]), float(self.table["sd"][item.name])) for item in single
+        }
 
     def chosen(self, count: int, seed: int = 0) -> Array:
         """(count, d) draws that stand for all, by systematic resampling: each as often as its weight says."""
@@ -233,13 +237,13 @@ class Posterior:
         for parameter in model.parameters:
             place[parameter.name] = start
             start += parameter.size
-        found = np.tile(model.values, (len(draws), 1))
+        result = np.tile(model.values, (len(draws), 1))
         several: dict[int, list[int]] = {}
-        for k, own in enumerate(self.coordinates):
-            several.setdefault(place[own.parameter] + own.entry, []).append(k)
+        for k, coordinate in enumerate(self.coordinates):
+            several.setdefault(place[coordinate.parameter] + coordinate.entry, []).append(k)
         for at, columns in several.items():
-            found[:, at] = np.mean(draws[:, columns], axis=1)
-        return found
+            result[:, at] = np.mean(draws[:, columns], axis=1)
+        return result
 
     def its_fit(self, build: Build) -> Fit:
         """The fit that it was drawn from. Raises `BadInput` where its equations are not at hand."""
@@ -260,8 +264,8 @@ class Posterior:
         Draws that are weighted are resampled to equal weights and make one chain. ArviZ itself is not needed.
         """
         if self.weighted:
-            own = self.chosen(len(self))
-            return {"posterior": {name: own[None, :, k] for k, name in enumerate(self.names)}}
+            value = self.chosen(len(self))
+            return {"posterior": {name: value[None, :, k] for k, name in enumerate(self.names)}}
         return {
             "posterior": {name: self._chains(self.values[:, k]) for k, name in enumerate(self.names)},
             "sample_stats": {"lp": self._chains(self.measure)},
@@ -298,13 +302,13 @@ class Posterior:
                 "acceptance": self.acceptance, "evaluations": self.evaluations, "cpu_seconds": self.cpu_seconds,
                 "complete": self.complete, "fit": self.fit, "options": self.options, "state": self.state,
                 "pareto_k": self.pareto_k,
-                "coordinates": [vars(own) for own in self.coordinates],
+                "coordinates": [vars(coordinate) for coordinate in self.coordinates],
             }
         )  # fmt: skip
         head["checksum"] = checksum(head)
         table = pa.Table.from_pandas(self.frame, preserve_index=False)
-        told = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode()}
-        table = table.replace_schema_metadata({**(table.schema.metadata or {}), **told})
+        known = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode()}
+        table = table.replace_schema_metadata({**(table.schema.metadata or {}), **known})
         target = Path(path)
         with replacing(target) as beside:
             pq.write_table(table, beside)
@@ -318,7 +322,7 @@ class Posterior:
             f"  {name} = {row['mean']:.4g} [{row['low']:.4g}, {row['high']:.4g}] {row['unit']}"
             for name, row in self.table.head(6).iterrows()
         ]
-        return "\n".join([first, *lines, *(f"  {own}" for own in self.cautions())])
+        return "\n".join([first, *lines, *(f"  {caution}" for caution in self.cautions())])
 
     def _chains(self, values: Array) -> Array:
         """(chains, draws) of one column, cut to what all chains have."""
@@ -330,19 +334,19 @@ class Posterior:
         shortest = int(np.min(lengths))
         return np.array([values[order[edge : edge + shortest]] for edge in edges[:-1]])
 
-    def _by_name(self, told: Any) -> pd.Series[float]:
+    def _by_name(self, known: Any) -> pd.Series[float]:
         if self.weighted:
             return pd.Series(np.nan, index=list(self.names), dtype=float)
-        return pd.Series([told(self._chains(own)) for own in self.values.T], index=list(self.names), dtype=float)
+        return pd.Series([known(self._chains(item)) for item in self.values.T], index=list(self.names), dtype=float)
 
 
 def identity(fit: Fit) -> dict[str, Any]:
     """What tells a fit from others: its model, where its parameters stand, and the recordings it was trained on."""
     body = fit.as_dict()
-    own = {"model": body["model"], "parameters": body["parameters"], "how": body["how"], "per_run": body["per_run"]}
+    value = {"model": body["model"], "parameters": body["parameters"], "how": body["how"], "per_run": body["per_run"]}
     return {
         "model": fit.model.name,
-        "sha256": str(checksum(plain(own))),
+        "sha256": str(checksum(plain(value))),
         "recordings": [record.sha256 for record in fit.data if record.role == "train"],
     }
 
@@ -369,8 +373,8 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
         protect(file)
     try:
         table = pq.read_table(file)
-        told = table.schema.metadata or {}
-        head, source = json.loads(told[METADATA]), told.get(SOURCE, b"").decode()
+        known = table.schema.metadata or {}
+        head, source = json.loads(known[METADATA]), known.get(SOURCE, b"").decode()
     except (pa.ArrowException, OSError, ValueError, KeyError, RecursionError) as error:
         raise BadInput(f"{file} is no posterior of greybox-id, or is damaged; make one with greybox sample.") from error
     try:
@@ -386,8 +390,8 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
 def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
     """The posterior, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
     must_be(head["coordinates"], list[Mapping[str, Any]], "coordinates")
-    drawn = tuple(DrawnNumber(**own) for own in head["coordinates"])
-    names = [own.name for own in drawn]
+    drawn = tuple(DrawnNumber(**item) for item in head["coordinates"])
+    names = [item.name for item in drawn]
     measured = "distance" if head["method"] == "abc-smc" else "log_posterior"
     if head["method"] not in ("laplace", "mcmc", "abc-smc") or list(frame) != [*OF_DRAWS, measured, *names]:
         raise ValueError("its columns are not those of its parameters")
@@ -407,8 +411,10 @@ def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
     )  # fmt: skip
 
 
-def must_name(fit: Fit, found: Posterior) -> None:
+def must_name(fit: Fit, posterior: Posterior) -> None:
     """Raise `BadInput` where a posterior draws what a fit's model has not."""
-    for own in found.coordinates:
-        if own.parameter not in fit.model or own.entry >= len(entry_names(fit.model[own.parameter])):
-            raise BadInput(f"The posterior draws {own.name}, which {fit.model.name} does not have.")
+    for coordinate in posterior.coordinates:
+        if coordinate.parameter not in fit.model or coordinate.entry >= len(
+            entry_names(fit.model[coordinate.parameter])
+        ):
+            raise BadInput(f"The posterior draws {coordinate.name}, which {fit.model.name} does not have.")

@@ -97,11 +97,11 @@ def predictive_band(
     total, squares, base = np.zeros(1), np.zeros(1), None
     for p in posterior.vectors(fit, posterior.chosen(draws, seed)):
         predictor = Predictor(simulator, recording, p)
-        found = in_order(predictor.free_run() if horizon is None else predictor.ahead(horizon))
+        result = in_order(predictor.free_run() if horizon is None else predictor.ahead(horizon))
         if base is None:
-            base = found
+            base = result
             total, squares = np.zeros(base.predicted.shape), np.zeros(base.predicted.shape)
-        off = found.predicted - base.predicted  # about the first one, lest digits cancel
+        off = result.predicted - base.predicted  # about the first one, lest digits cancel
         total, squares = total + off, squares + off**2
     assert base is not None
     mean = base.predicted + total / draws

@@ -69,11 +69,11 @@ class Target:
 
     def __call__(self, u: Array) -> Array:
         """(n, d) -> (n,) logarithm of the density of u."""
-        found = np.full(len(u), -np.inf)
+        result = np.full(len(u), -np.inf)
         inside = self.within(u)
         looked_up = self.centre + (u[inside] - self.centre) @ self.narrowed.T
-        found[inside] = self.density(self.to_theta(looked_up)) + np.sum(looked_up[:, self.logarithmic], axis=1)
-        return np.asarray(np.where(np.isfinite(found), found, -np.inf))
+        result[inside] = self.density(self.to_theta(looked_up)) + np.sum(looked_up[:, self.logarithmic], axis=1)
+        return np.asarray(np.where(np.isfinite(result), result, -np.inf))
 
 
 def whitening(density: PosteriorDensity, covariance: Array) -> tuple[Array, Array, Mask]:
@@ -84,7 +84,7 @@ def whitening(density: PosteriorDensity, covariance: Array) -> tuple[Array, Arra
     BadInput : a parameter is not determined.
     """
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    untold = [own.name for own, s in zip(density.coordinates, sd, strict=True) if not np.isfinite(s)]
+    untold = [coordinate.name for coordinate, s in zip(density.coordinates, sd, strict=True) if not np.isfinite(s)]
     if untold:
         raise BadInput(
             f"{', '.join(untold)} is not determined by the recordings, nor by a prior: there is nothing to draw from. "
@@ -94,6 +94,6 @@ def whitening(density: PosteriorDensity, covariance: Array) -> tuple[Array, Arra
     correlation = covariance / np.outer(unit, unit)
     correlation[np.diag_indices_from(correlation)] = np.where(sd > 0, 1.0 + RIDGE, RIDGE)
     values, vectors = la.eigh(correlation)
-    adds = np.array([own.unit in ADDING for own in density.coordinates])
+    adds = np.array([coordinate.unit in ADDING for coordinate in density.coordinates])
     logarithmic = (density.bounds[0] >= 0) & (density.centre > 0) & ~adds
     return unit, np.asarray(vectors * np.sqrt(np.maximum(values, 0.0))), logarithmic

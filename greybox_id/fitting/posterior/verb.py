@@ -153,9 +153,9 @@ class _Run:
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())
 
     def _target(self) -> Target:
-        told = uncertainty(self._problem, self._solution.x, self._solution.nodes)
+        known = uncertainty(self._problem, self._solution.x, self._solution.nodes)
         among = np.ix_(self.density.places, self.density.places)
-        return Target(self.density, told.released_independent[among], told.released[among])
+        return Target(self.density, known.released_independent[among], known.released[among])
 
     def laplace(self) -> Posterior:
         target, count = self._target(), self.how.draws
@@ -164,10 +164,10 @@ class _Run:
             again = f", round {number} of at most {ROUNDS}" if number > 1 else ""
             self.say(f"laplace: {done} of {count} draws weighted{again}", passing=True)
 
-        own = weighted_draws(target, count, self.how.seed, tell)
-        chain, draw = np.zeros(len(own.u)), np.arange(len(own.u))
-        made = self._made(target.to_theta(own.u), own.weight, chain, draw, own.log_density, own.within)
-        return replace(made, complete=own.complete, pareto_k=own.k)
+        value = weighted_draws(target, count, self.how.seed, tell)
+        chain, draw = np.zeros(len(value.u)), np.arange(len(value.u))
+        made = self._made(target.to_theta(value.u), value.weight, chain, draw, value.log_density, value.within)
+        return replace(made, complete=value.complete, pareto_k=value.k)
 
     def mcmc(self) -> Posterior:
         kept: list[tuple[Array, Array]] = []
@@ -193,22 +193,22 @@ class _Run:
         else:
             start = mcmc.begun(target, self.how.seed)
         walkers = len(start.at)
-        wanted = BURN_IN + int(np.ceil(self.how.draws / walkers))
+        entry = BURN_IN + int(np.ceil(self.how.draws / walkers))
         reached = start
 
-        def until(found: Ensemble) -> bool:
+        def until(ensemble: Ensemble) -> bool:
             nonlocal reached
-            reached = found
-            if found.block > BURN_IN:
-                kept.append((found.at, found.log_posterior))
-            share = found.accepted / found.proposed
-            self.say(f"mcmc: block {found.block} of {wanted}, {100 * share:.0f} % accepted", passing=True)
+            reached = ensemble
+            if ensemble.block > BURN_IN:
+                kept.append((ensemble.at, ensemble.log_posterior))
+            share = ensemble.accepted / ensemble.proposed
+            self.say(f"mcmc: block {ensemble.block} of {entry}, {100 * share:.0f} % accepted", passing=True)
             self._now_and_then(lambda: self._of_chains(target, kept, reached, complete=False))
-            return found.block >= wanted
+            return ensemble.block >= entry
 
         complete = True
         try:
-            if start.block < wanted:
+            if start.block < entry:
                 mcmc.moved(target, start, self.how.seed, until)
         except KeyboardInterrupt:
             complete = False
@@ -219,8 +219,8 @@ class _Run:
     ) -> Posterior:
         walkers, d = reached.at.shape
         blocks = len(kept)
-        values = target.to_theta(np.concatenate([own for own, _ in kept])) if kept else np.empty((0, d))
-        logs = np.concatenate([own for _, own in kept]) if kept else np.empty(0)
+        values = target.to_theta(np.concatenate([item for item, _ in kept])) if kept else np.empty((0, d))
+        logs = np.concatenate([item for _, item in kept]) if kept else np.empty(0)
         chain, draw = np.tile(np.arange(walkers), blocks), np.repeat(np.arange(blocks), walkers)
         count = min(len(values), self.how.draws)
         state = {
@@ -249,11 +249,11 @@ class _Run:
                 empty = self._made(np.empty((0, len(priors))), nothing, nothing, nothing, nothing, 0.0)
                 return replace(empty, complete=False)
 
-        def until(found: Growing) -> bool:
+        def until(result: Growing) -> bool:
             nonlocal growing
-            growing = found
-            line = f"abc-smc: population {population.number + 1} of {len(abc_smc.TARGETS)}, {len(found.at)} of "
-            self.say(f"{line}{how.draws} particles, distance below {found.threshold:.4g}", passing=True)
+            growing = result
+            line = f"abc-smc: population {population.number + 1} of {len(abc_smc.TARGETS)}, {len(result.at)} of "
+            self.say(f"{line}{how.draws} particles, distance below {result.threshold:.4g}", passing=True)
             self._now_and_then(lambda: self._of_particles(population, growing, complete=False))
             return False
 
@@ -274,19 +274,21 @@ class _Run:
             return self._of_particles(population, growing, complete=False)
         return self._of_particles(population, None, complete=True)
 
-    def _of_particles(self, found: ParticleSet, growing: Growing | None, complete: bool) -> Posterior:
-        count = len(found.at)
+    def _of_particles(self, particle_set: ParticleSet, growing: Growing | None, complete: bool) -> Posterior:
+        count = len(particle_set.at)
         zero = np.zeros(count)
-        made = self._made(found.at, found.weight, zero, np.arange(count), found.distance, found.acceptance)
-        told: dict[str, Any] = {"population": found.number, "threshold": found.threshold}
+        made = self._made(
+            particle_set.at, particle_set.weight, zero, np.arange(count), particle_set.distance, particle_set.acceptance
+        )
+        known: dict[str, Any] = {"population": particle_set.number, "threshold": particle_set.threshold}
         if growing is not None:
-            told |= {
+            known |= {
                 "growing": {
                     "threshold": growing.threshold, "batches": growing.batches, "simulated": growing.simulated,
                     "at": growing.at.tolist(), "distance": growing.distance.tolist(),
                 }
             }  # fmt: skip
-        return replace(made, complete=complete, state=told)
+        return replace(made, complete=complete, state=known)
 
     def _made(
         self, values: Array, weight: Array, chain: ArrayLike, draw: ArrayLike, measure: Array, acceptance: float
@@ -309,13 +311,15 @@ class _Run:
 
 def _restored(before: Posterior) -> tuple[ParticleSet, Growing | None]:
     state = before.state
-    found = ParticleSet(
+    particle_set = ParticleSet(
         int(state["population"]), before.values, before.weight, before.measure, float(state["threshold"]),
         before.acceptance,
     )  # fmt: skip
-    own = state.get("growing")
-    if own is None:
-        return found, None
-    at = np.array(own["at"], dtype=float).reshape(-1, before.values.shape[1])
-    distance = np.array(own["distance"], dtype=float)
-    return found, Growing(found, float(own["threshold"]), int(own["batches"]), int(own["simulated"]), at, distance)
+    value = state.get("growing")
+    if value is None:
+        return particle_set, None
+    at = np.array(value["at"], dtype=float).reshape(-1, before.values.shape[1])
+    distance = np.array(value["distance"], dtype=float)
+    return particle_set, Growing(
+        particle_set, float(value["threshold"]), int(value["batches"]), int(value["simulated"]), at, distance
+    )

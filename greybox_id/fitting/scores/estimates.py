@@ -115,12 +115,12 @@ def _widened(
     (Adding what E[e^2] has beyond s^2 (1 + 1/M) was tried: where members part in bursts there is nothing to add, and
     between bursts bands are too narrow.)
     """
-    own = {
+    value = {
         parameter.name: float(np.mean([model[parameter.name].array for model in models]))
         for parameter in models[0].parameters
         if parameter.shape == ()
     }
-    p, share = SimpleNamespace(**own), 1.0 + 1.0 / len(models)
+    p, share = SimpleNamespace(**value), 1.0 + 1.0 / len(models)
     off: dict[str, list[float]] = {}
     for recording in recordings:
         runs = [free_run(model, recording) for model in models]
@@ -133,18 +133,18 @@ def _widened(
             error = of(recording, errors, p)
             if error is not None:
                 squares = [_square_error(error[start:stop], recording.sample_time) for start, stop in recording.runs]
-                off.setdefault(name, []).extend(own for own in squares if np.isfinite(own))
-    found = {}
+                off.setdefault(name, []).extend(square for square in squares if np.isfinite(square))
+    result = {}
     for name, several in off.items():
         if len(several) > 1:
             least = np.mean(several) + np.std(several, ddof=1) / np.sqrt(len(several))
-            found[name + SD] = np.sqrt(np.maximum(share * columns[name + SD] ** 2, least))
-    if not found:
+            result[name + SD] = np.sqrt(np.maximum(share * columns[name + SD] ** 2, least))
+    if not result:
         raise BadInput(
             f"‹calibrated_on›: two unbroken runs with a_y and yaw_rate are needed to say how wide bands of "
             f"{models[0].name} have to be; name more recordings."
         )
-    return found
+    return result
 
 
 def _square_error(errors: Array, sample_time: float) -> float:
@@ -152,7 +152,7 @@ def _square_error(errors: Array, sample_time: float) -> float:
     length = max(round(_BLOCK / sample_time), 1)
     count = (len(errors) + _APART) // (length + _APART)
     blocks = [errors[k * (length + _APART) :][:length] for k in range(count)]
-    means = np.array([np.mean(own) for own in blocks])
+    means = np.array([np.mean(block) for block in blocks])
     products = means[1:] * means[:-1]
     known = products[np.isfinite(products)]
     return float(np.mean(known)) if len(known) else np.nan

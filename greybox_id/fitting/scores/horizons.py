@@ -63,8 +63,8 @@ def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) ->
     """The same from what `mean_squares` says of both."""
     errors = []
     for c, channel in enumerate(outputs):
-        for horizon, own in first.items():
-            was, now = float(np.sqrt(own[c])), float(np.sqrt(then[horizon][c]))
+        for horizon, item in first.items():
+            was, now = float(np.sqrt(item[c])), float(np.sqrt(then[horizon][c]))
             if not (np.isnan(was) or np.isnan(now)):
                 errors.append(Errors(channel, unit_of(channel), horizon, was, now, float(sd[c])))
     return tuple(errors)
@@ -72,31 +72,32 @@ def between(outputs: Sequence[str], first: Squares, then: Squares, sd: Array) ->
 
 def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: Simulator | None = None) -> Squares:
     """Horizon -> (outputs,) mean squares of errors; `simulator`: one of the same equations, if there is one."""
-    found: dict[float | None, list[Prediction]] = {}
+    result: dict[float | None, list[Prediction]] = {}
     if isinstance(model, MemoryModel):
         if model.feedback is not None:
-            found[model.sample_time] = [predictions(model, own, "honest") for own in recordings]
-        found[None] = [predictions(model, own, "closed_loop") for own in recordings]
+            result[model.sample_time] = [predictions(model, recording, "honest") for recording in recordings]
+        result[None] = [predictions(model, recording, "closed_loop") for recording in recordings]
     else:
         simulator = Simulator(model) if simulator is None else simulator.of(model)
-        if sum(len(own) for own in recordings) * OVERLAPPING * len(HORIZONS) > PAYS:
+        if sum(len(recording) for recording in recordings) * OVERLAPPING * len(HORIZONS) > PAYS:
             simulator.kernel.prepare()  # an observer's steps, one by one, would not ask for that
-        predictors = [Predictor(simulator, own, model.values) for own in recordings]
+        predictors = [Predictor(simulator, recording, model.values) for recording in recordings]
         for horizon in HORIZONS:
-            found[horizon] = [
-                own.free_run() if horizon is None else own.ahead(horizon, OVERLAPPING) for own in predictors
+            result[horizon] = [
+                predictor.free_run() if horizon is None else predictor.ahead(horizon, OVERLAPPING)
+                for predictor in predictors
             ]
-    return {horizon: _mean_squares(own, len(model.outputs)) for horizon, own in found.items()}
+    return {horizon: _mean_squares(item, len(model.outputs)) for horizon, item in result.items()}
 
 
-def _mean_squares(found: Sequence[Prediction], outputs: int) -> Array:
+def _mean_squares(result: Sequence[Prediction], outputs: int) -> Array:
     """(outputs,) mean squares over all recordings, NaN where nothing was read, infinite where a prediction diverges."""
     total, count = np.zeros(outputs), np.zeros(outputs)
-    for own in found:
-        e = own.predicted - own.measured
-        read = np.isfinite(own.measured) & ~np.isnan(own.predicted)
+    for item in result:
+        e = item.predicted - item.measured
+        read = np.isfinite(item.measured) & ~np.isnan(item.predicted)
         total += np.sum(np.where(read, e, 0.0) ** 2, axis=0)
-        total[[c for c in range(outputs) if diverges(e[read[:, c], c], own.measured[read[:, c], c])]] = np.inf
+        total[[c for c in range(outputs) if diverges(e[read[:, c], c], item.measured[read[:, c], c])]] = np.inf
         count += np.sum(read, axis=0)
     return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 

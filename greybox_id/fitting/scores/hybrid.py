@@ -16,10 +16,10 @@ from .prediction import simulate
 
 def hybrid_predictions(model: HybridModel, recording: Recording) -> Prediction:
     """Free run of a hybrid model over every stretch with complete inputs."""
-    found = free_run(model, recording)
-    predicted = np.array([found[name] for name in model.outputs]).T
+    result = free_run(model, recording)
+    predicted = np.array([result[name] for name in model.outputs]).T
     read = [model.read(name, recording) for name in model.outputs]
-    measured = np.array([np.full(len(recording), np.nan) if own is None else own for own in read]).T
+    measured = np.array([np.full(len(recording), np.nan) if item is None else item for item in read]).T
     rows = np.flatnonzero(np.any(np.isfinite(predicted), axis=1))
     joins = np.searchsorted([start for start, _ in recording.runs], rows, side="right")
     apart = np.concatenate(([False], (np.diff(rows) > 1) | (np.diff(joins) > 0))) if len(rows) else np.empty(0, bool)

@@ -38,15 +38,15 @@ def predictions(
 ) -> Prediction:
     """Predict a recording one sample ahead (open loop) or freely (closed loop); `trace` is the model's, if at hand."""
     trace = Trace(model) if trace is None else trace
-    found = runs(trace, recording, across_joins=protocol == "published")
+    result = runs(trace, recording, across_joins=protocol == "published")
     sensing = Sensing(trace)
     p = model.values
-    predicted = [sensing(_predicted(run, p, protocol), None, p)[0] for run in found]
+    predicted = [sensing(_predicted(run, p, protocol), None, p)[0] for run in result]
     return Prediction(
-        rows=np.concatenate([np.arange(run.rows.start + run.first, run.rows.stop) for run in found]),
+        rows=np.concatenate([np.arange(run.rows.start + run.first, run.rows.stop) for run in result]),
         predicted=np.vstack(predicted),
-        measured=np.vstack([run.measured[run.predicted] for run in found]),
-        run=np.concatenate([np.full(len(run) - run.first, k) for k, run in enumerate(found)]),
+        measured=np.vstack([run.measured[run.predicted] for run in result]),
+        run=np.concatenate([np.full(len(run) - run.first, k) for k, run in enumerate(result)]),
     )
 
 
@@ -94,7 +94,7 @@ def protocols(model: MemoryModel) -> tuple[Protocol, ...]:
 
 @score.register(MemoryModel)
 def _score(model: MemoryModel, recording: Recording) -> Scores:
-    return {own: errors(model, predictions(model, recording, own), own) for own in protocols(model)}
+    return {protocol: errors(model, predictions(model, recording, protocol), protocol) for protocol in protocols(model)}
 
 
 def errors(model: MemoryModel, prediction: Prediction, protocol: Protocol) -> dict[str, Error]:
@@ -106,23 +106,23 @@ def errors(model: MemoryModel, prediction: Prediction, protocol: Protocol) -> di
 
 
 def _error(predicted: Array, measured: Array, sample_time: float, protocol: Protocol) -> Error:
-    own = error_of(predicted, measured, sample_time)
+    value = error_of(predicted, measured, sample_time)
     if protocol != "published":
-        return own
+        return value
     with np.errstate(over="ignore", invalid="ignore"):
         square = (predicted - measured) ** 2
         if len(square) >= BATCH:
             batches = square[: _full_batches(len(square))].reshape(-1, BATCH).mean(axis=1)
-            own = replace(own, rmse=float(np.mean(np.sqrt(batches))), rmse_sd=standard_error(np.sqrt(batches)))
+            value = replace(value, rmse=float(np.mean(np.sqrt(batches))), rmse_sd=standard_error(np.sqrt(batches)))
         validator, pooled = _as_published(predicted, measured)
-    return replace(own, fvu_published=validator, fvu_pooled=pooled)
+    return replace(value, fvu_published=validator, fvu_pooled=pooled)
 
 
 def _as_published(predicted: Array, measured: Array) -> tuple[float, float]:
     """Both fractions of variance unexplained of the papers: the validator's and the pooled one."""
     error = predicted - measured
     full = slice(0, _full_batches(len(error)))
-    variances = [float(np.var(own[full])) for own in (error, measured, predicted)]
+    variances = [float(np.var(item[full])) for item in (error, measured, predicted)]
     about_mean = float(np.sum((measured - np.mean(measured)) ** 2))
     validator = 0.5 * (variances[0] / variances[1] + variances[0] / variances[2]) if min(variances[1:]) > 0 else np.nan
     return validator, float(np.sum(error**2)) / about_mean if about_mean > 0 else np.nan
@@ -142,7 +142,7 @@ def aic(residual: Array, parameters: int, effective: float | None = None) -> flo
     parameters : k.
     effective : number of independent samples that they count as; None counts each, as published.
     """
-    own = residual[: _full_batches(len(residual))] if effective is None else residual
-    n = float(len(own)) if effective is None else effective
-    variance = float(np.var(own))
-    return float(n * np.log(2 * np.pi * variance) + n * np.mean(own**2) / variance + 2 * parameters)
+    value = residual[: _full_batches(len(residual))] if effective is None else residual
+    n = float(len(value)) if effective is None else effective
+    variance = float(np.var(value))
+    return float(n * np.log(2 * np.pi * variance) + n * np.mean(value**2) / variance + 2 * parameters)

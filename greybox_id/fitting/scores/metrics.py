@@ -122,14 +122,16 @@ def prediction_errors(
     outputs: Sequence[str], prediction: Prediction, sample_time: float, horizon: float | None = None
 ) -> dict[str, Error]:
     """Errors of every output that was read; predictions of a free run where no horizon, s, is given."""
-    found = {}
+    result = {}
     for k, output in enumerate(outputs):
         read = np.isfinite(prediction.measured[:, k]) & ~np.isnan(prediction.predicted[:, k])
         if np.any(read):
-            own = error_of(prediction.predicted[read, k], prediction.measured[read, k], sample_time)
+            error = error_of(prediction.predicted[read, k], prediction.measured[read, k], sample_time)
             astray = _divergence(prediction, k, read, sample_time, horizon)
-            found[output] = own if astray is None else Error(np.inf, np.nan, np.inf, own.samples, own.spread, astray)
-    return found
+            result[output] = (
+                error if astray is None else Error(np.inf, np.nan, np.inf, error.samples, error.spread, astray)
+            )
+    return result
 
 
 def _divergence(

@@ -45,16 +45,16 @@ def _predicted_how(model: MotionModel, horizon: float | None, open_loop: bool) -
     return "free run" if horizon is None else ahead(horizon), {"horizon": horizon}
 
 
-def in_order(found: Prediction) -> Prediction:
+def in_order(prediction: Prediction) -> Prediction:
     """Predictions run by run, row by row. Raises `BadInput` where there are none."""
-    if len(found.rows) == 0:
+    if len(prediction.rows) == 0:
         raise BadInput("There is no row to predict from: at no row are all measured states read at once.")
-    return found.taken(np.lexsort((found.rows, found.run)))
+    return prediction.taken(np.lexsort((prediction.rows, prediction.run)))
 
 
 @assumed.register(MotionModel)
 def _assumed(model: MotionModel, recording: Recording, start: Mapping[str, float]) -> list[str]:
-    found = []
+    result = []
     for state in model.states:
         if (
             state.name in SIGNALS
@@ -62,11 +62,11 @@ def _assumed(model: MotionModel, recording: Recording, start: Mapping[str, float
             and state.name not in start
             and not callable(state.start)
         ):
-            found.append(
+            result.append(
                 f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless you "
                 "hand over where it starts."
             )
-    return found
+    return result
 
 
 @score.register(MotionModel)
@@ -79,14 +79,14 @@ def score_motion(
 ) -> dict[str, dict[str, Error]]:
     """Errors of every recorded output over every horizon and in free run; horizons beyond all runs are left out."""
     predictor = Predictor(simulator, recording, p)
-    found = {ahead(horizon): predictor.ahead(horizon) for horizon in horizons}
-    found[FREE_RUN] = predictor.free_run()
+    result = {ahead(horizon): predictor.ahead(horizon) for horizon in horizons}
+    result[FREE_RUN] = predictor.free_run()
     scores: dict[str, dict[str, Error]] = {}
-    for name, prediction in found.items():
-        horizon = None if name == FREE_RUN else next(own for own in horizons if ahead(own) == name)
-        own = prediction_errors(simulator.trace.model.outputs, prediction, recording.sample_time, horizon)
-        if own:
-            scores[name] = own
+    for name, prediction in result.items():
+        horizon = None if name == FREE_RUN else next(horizon for horizon in horizons if ahead(horizon) == name)
+        value = prediction_errors(simulator.trace.model.outputs, prediction, recording.sample_time, horizon)
+        if value:
+            scores[name] = value
     return scores
 
 
@@ -96,16 +96,16 @@ def _score_beside_hold(
 ) -> tuple[Scores, Scores]:
     """In free run what is held is the reading of the run's first row."""
     predictor = Predictor(Simulator(model), recording, model.values)
-    own: dict[str, Mapping[str, Error]] = {}
+    value: dict[str, Mapping[str, Error]] = {}
     held: dict[str, Mapping[str, Error]] = {}
     for horizon in (*horizons, None):
         name = FREE_RUN if horizon is None else ahead(horizon)
-        found = predictor.free_run() if horizon is None else predictor.ahead(horizon)
-        for scores, predictions in ((own, found), (held, hold(found, predictor.runs, horizon))):
-            told = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
-            if told:
-                scores[name] = told
-    return own, held
+        result = predictor.free_run() if horizon is None else predictor.ahead(horizon)
+        for scores, predictions in ((value, result), (held, hold(result, predictor.runs, horizon))):
+            known = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
+            if known:
+                scores[name] = known
+    return value, held
 
 
 def hold(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | None) -> Prediction:
@@ -114,13 +114,13 @@ def hold(predictions: Prediction, runs: Sequence[MotionRun], horizon: float | No
     order = np.argsort(predictions.run, kind="stable")
     edges = np.searchsorted(predictions.run[order], np.arange(len(runs) + 1))
     for run, begin, end in zip(runs, edges[:-1], edges[1:], strict=True):
-        own = order[begin:end]
+        value = order[begin:end]
         last = _last_read(run.measured)
         if horizon is None:
-            if len(own):
-                held[own] = last[predictions.rows[own[0]] - run.rows.start]
+            if len(value):
+                held[value] = last[predictions.rows[value[0]] - run.rows.start]
         else:
-            held[own] = last[predictions.rows[own] - run.rows.start - max(1, round(horizon / run.sample_time))]
+            held[value] = last[predictions.rows[value] - run.rows.start - max(1, round(horizon / run.sample_time))]
     return Prediction(predictions.rows, held, predictions.measured, predictions.run)
 
 

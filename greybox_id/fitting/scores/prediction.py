@@ -79,11 +79,11 @@ def assumed(model: Model, recording: Recording, start: Mapping[str, float]) -> l
     return []
 
 
-def as_table(model: Model, recording: Recording, found: Prediction, suffix: str) -> pd.DataFrame:
+def as_table(model: Model, recording: Recording, prediction: Prediction, suffix: str) -> pd.DataFrame:
     """Predictions beside the readings there are: time, run, and every output as read and as predicted."""
-    table = pd.DataFrame({"time": recording.time[found.rows], "run": found.run + 1})
+    table = pd.DataFrame({"time": recording.time[prediction.rows], "run": prediction.run + 1})
     for k, name in enumerate(model.outputs):
         if name in recording:
-            table[name] = found.measured[:, k]
-        table[f"{name}_{suffix}"] = found.predicted[:, k]
+            table[name] = prediction.measured[:, k]
+        table[f"{name}_{suffix}"] = prediction.predicted[:, k]
     return table

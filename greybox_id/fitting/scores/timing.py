@@ -88,24 +88,24 @@ def run_delays(
     counted = np.array([noise[name] for name in part.outputs])
     errors = np.full((len(lags), len(recording), len(part.outputs)), np.nan)
     everywhere = range(len(recording.runs))
-    for own, lag in zip(errors, lags, strict=True):
+    for error, lag in zip(errors, lags, strict=True):
         try:
             seen = predictions(part, aligned(recording, part.inputs, dict.fromkeys(everywhere, lag * dt)), trace=trace)
         except BadInput:  # too short for a window that is moved
             continue
-        own[seen.rows] = (seen.predicted - seen.measured) / counted
+        error[seen.rows] = (seen.predicted - seen.measured) / counted
     known = np.all(np.isfinite(errors), axis=(0, 2)) & (moving(recording) > 0)
-    found = []
+    result = []
     for number, (start, stop) in enumerate(recording.runs):
         rows = start + np.flatnonzero(known[start:stop])
         enough = seconds is None or len(rows) > round(seconds / dt)
         rows = rows if seconds is None else rows[: round(seconds / dt)]
         if len(rows) < FEWEST:
-            found.append(RunDelay(number, 0.0, SPREAD, start))
+            result.append(RunDelay(number, 0.0, SPREAD, start))
             continue
         delay, sd = _most_likely(errors[:, rows], np.asarray(lags * dt, dtype=float))
-        found.append(RunDelay(number, delay, sd, int(rows[-1]) + 1 if enough else stop))
-    return found
+        result.append(RunDelay(number, delay, sd, int(rows[-1]) + 1 if enough else stop))
+    return result
 
 
 def _most_likely(errors: Array, delays: Array) -> tuple[float, float]:
@@ -160,23 +160,23 @@ class Timing:
 
     def of(self, outputs: Sequence[str]) -> dict[int, float]:
         """Run, from 0 -> delay of these outputs, s."""
-        return {own.run: own.delay for own in self.delays[tuple(outputs)]}
+        return {delay.run: delay.delay for delay in self.delays[tuple(outputs)]}
 
     def looked_at(self, recording: Recording) -> Array:
         """(rows,) whether a row told a delay, or stands before one that did."""
-        found = np.zeros(len(recording), dtype=bool)
+        result = np.zeros(len(recording), dtype=bool)
         for several in self.delays.values():
-            for own in several:
-                found[recording.runs[own.run][0] : own.stop] = True
-        return found
+            for item in several:
+                result[recording.runs[item.run][0] : item.stop] = True
+        return result
 
     def as_dict(self) -> dict[str, Any]:
         """Run, from 1 -> output -> delay and standard deviation, s."""
         runs: dict[str, dict[str, dict[str, float]]] = {}
         for outputs, several in self.delays.items():
-            for own in several:
-                told = runs.setdefault(str(own.run + 1), {})
-                told |= {output: {"delay": own.delay, "sd": own.sd} for output in outputs}
+            for item in several:
+                known = runs.setdefault(str(item.run + 1), {})
+                known |= {output: {"delay": item.delay, "sd": item.sd} for output in outputs}
         return {"seconds": self.seconds, "runs": runs}
 
 
@@ -191,11 +191,11 @@ def calibrated_seconds(words: str | Iterable[str] | None) -> float | None:
     if not several:
         return None
     for word in several:
-        found = _WRITTEN.fullmatch(word.strip()) if isinstance(word, str) else None
-        if found is None:
+        result = _WRITTEN.fullmatch(word.strip()) if isinstance(word, str) else None
+        if result is None:
             raise BadInput(f"‹calibrate›: there is no {word!r:.40}; there is timing, and timing=8s for 8 s.")
     try:
-        seconds = CALIBRATED if found is None or found[1] is None else float(found[1])
+        seconds = CALIBRATED if result is None or result[1] is None else float(result[1])
     except ValueError:
         seconds = np.nan
     if not 0 < seconds < LONGEST:
@@ -210,16 +210,20 @@ def calibration_words(seconds: float) -> str:
 
 def parts_of(model: MemoryModel) -> list[MemoryModel]:
     """The parts of a coupled model, or the model itself, at the values of the whole."""
-    return [part.with_parameters(*(model[own.name] for own in part.parameters)) for part in model.parts] or [model]
+    return [
+        part.with_parameters(*(model[parameter.name] for parameter in part.parameters)) for part in model.parts
+    ] or [model]
 
 
 def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
     """Standard deviation of residuals in training; on a recording, where the fit was never trained here."""
     model = must_have_timing(fit.model)
-    told = {name: sd for stage in fit.stages for name, sd in stage.noise.items()}
-    if set(model.outputs) <= set(told):
-        return {name: max(told[name], 1e-9) for name in model.outputs}
-    return {name: max(own.rmse, 1e-9) for name, own in errors(model, predictions(model, recording), "honest").items()}
+    known = {name: sd for stage in fit.stages for name, sd in stage.noise.items()}
+    if set(model.outputs) <= set(known):
+        return {name: max(known[name], 1e-9) for name in model.outputs}
+    return {
+        name: max(error.rmse, 1e-9) for name, error in errors(model, predictions(model, recording), "honest").items()
+    }
 
 
 def must_have_timing(model: Model) -> MemoryModel:
@@ -246,8 +250,8 @@ def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CA
     """
     parts = parts_of(must_have_timing(fit.model))
     noise = residual_noise(fit, recording)
-    told = {tuple(part.outputs): run_delays(part, recording, noise, seconds) for part in parts}
-    timing = Timing(seconds, told)
+    known = {tuple(part.outputs): run_delays(part, recording, noise, seconds) for part in parts}
+    timing = Timing(seconds, known)
     if seconds is not None and np.all(timing.looked_at(recording)):
         raise BadInput(
             f"‹calibrate›: {seconds:g} s of motion at the start of each run tell its delay, and nothing of "
@@ -278,8 +282,8 @@ def calibrated_predictions(
     else:
         seen = predictions(model, aligned_together(model, recording, timing), "closed_loop")
         predicted[seen.rows], measured[seen.rows] = seen.predicted, seen.measured
-    told = np.any(np.isfinite(predicted), axis=1) & np.logical_not(timing.looked_at(recording))
-    rows = np.flatnonzero(told)
+    known = np.any(np.isfinite(predicted), axis=1) & np.logical_not(timing.looked_at(recording))
+    rows = np.flatnonzero(known)
     if not len(rows):
         raise BadInput(f"Nothing of {recording.name} can be predicted behind the calibrated seconds of its runs.")
     joins = np.searchsorted([start for start, _ in recording.runs], rows, side="right")
@@ -299,16 +303,16 @@ def aligned_together(model: MemoryModel, recording: Recording, timing: Timing) -
 
 def calibrated_errors(model: MemoryModel, recording: Recording, timing: Timing) -> dict[str, Error]:
     """Errors one sample ahead, pooled, on what follows the calibrated seconds of each output's part."""
-    found: dict[str, Error] = {}
+    result: dict[str, Error] = {}
     for part in parts_of(model):
-        found |= errors_after(part, recording, timing.delays[tuple(part.outputs)])
-    return found
+        result |= errors_after(part, recording, timing.delays[tuple(part.outputs)])
+    return result
 
 
 def errors_after(part: MemoryModel, recording: Recording, delays: Sequence[RunDelay]) -> dict[str, Error]:
     """Errors of a part with delays taken back, behind the rows that told them; nothing where no window fits."""
     try:
-        seen = timed(part, recording, {own.run: own.delay for own in delays})
+        seen = timed(part, recording, {delay.run: delay.delay for delay in delays})
     except BadInput:
         return {}
     looked_at = Timing(None, {tuple(part.outputs): delays}).looked_at(recording)

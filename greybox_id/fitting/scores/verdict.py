@@ -53,7 +53,7 @@ ALIKE = 0.01
 
 def judged(
     fit: Fit,
-    own: Mapping[str, Scores],
+    value: Mapping[str, Scores],
     *,
     held: Mapping[str, Scores] | None = None,
     unfitted: Mapping[str, Scores] | None = None,
@@ -66,7 +66,8 @@ def judged(
     Parameters
     ----------
     fit : the fit.
-    own : role or recording -> protocol -> output -> its error; "train" is what it was fitted to, all else was held out.
+    value : role or recording -> protocol -> output -> its error; "train" is what it was fitted to, all else was held
+        out.
     held : the same of holding the last reading, where it was compared.
     unfitted : the same of the model as it was before the fit, where it was compared.
     findings : role or recording -> what the checks of the data say, as of `distrust`.
@@ -74,8 +75,8 @@ def judged(
     more : reasons found elsewhere.
     """
     held, unfitted, findings = held or {}, unfitted or {}, findings or {}
-    comparison = _compared(own, held, unfitted)
-    roles = [role for role in own if role != TRAINED] or list(own)
+    comparison = _compared(value, held, unfitted)
+    roles = [role for role in value if role != TRAINED] or list(value)
     reasons = [
         *_trusted(fit, findings),
         *_found(fit),
@@ -84,22 +85,22 @@ def judged(
     ]
     for role in roles:
         what = _called(role, roles)
-        reasons += _predicted(own[role], held.get(role, {}), unfitted.get(role, {}), what)
+        reasons += _predicted(value[role], held.get(role, {}), unfitted.get(role, {}), what)
         if role != TRAINED:
-            reasons += _carried_over(own.get(TRAINED) or _trained(fit), own[role], what)
+            reasons += _carried_over(value.get(TRAINED) or _trained(fit), value[role], what)
     reasons += misfit(fit)
     if roles == [TRAINED]:
         reasons.append(Reason(WITH_CARE, "Not validated: no recording was held out; validate it on another one."))
     return weighed(reasons, comparison)
 
 
-def times_as_large(own: Scores, other: Scores) -> float:
+def times_as_large(scores: Scores, other: Scores) -> float:
     """Errors over those of another model of the same rows: geometric mean over outputs and judged horizons."""
-    judged = [name for name in own if name != ahead(0.1)] or list(own)
+    judged = [name for name in scores if name != ahead(0.1)] or list(scores)
     each = [
-        _ratio(own[name][output], other[name][output])
+        _ratio(scores[name][output], other[name][output])
         for name in judged
-        for output in own[name]
+        for output in scores[name]
         if output in other.get(name, {})
     ]
     each = [ratio for ratio in each if ratio > 0 and not np.isnan(ratio)]
@@ -110,9 +111,9 @@ def distrust(fit_inputs: Iterable[str], recording: Recording) -> list[Finding]:
     """What the checks hold against a recording as regards some signals."""
     used = set(fit_inputs)
     return [
-        own
-        for own in check(recording)
-        if own.severity is Severity.DISTRUST and (own.where.channel == "time" or used & set(_channels(own)))
+        item
+        for item in check(recording)
+        if item.severity is Severity.DISTRUST and (item.where.channel == "time" or used & set(_channels(item)))
     ]
 
 
@@ -120,9 +121,9 @@ def doubted(model: Model, recordings: Iterable[Recording]) -> tuple[str, ...]:
     """Sentences on recordings that the checks do not trust, as regards the signals of a model."""
     used = used_signals(model)
     return tuple(
-        f"Data check of {recording.name}: {own.sentence}"
+        f"Data check of {recording.name}: {item.sentence}"
         for recording in recordings
-        for own in distrust(used, recording)
+        for item in distrust(used, recording)
     )
 
 
@@ -139,7 +140,7 @@ def _channels(finding: Finding) -> list[str]:
 def _moved(fit: Fit) -> bool:
     """Whether numbers are elsewhere than before the fit: shorter horizons may leave the last one no step to take."""
     before = fit.how.get("unfitted", {})
-    return any(not np.isclose(float(fit.model[name].array), own, rtol=1e-9, atol=0.0) for name, own in before.items())
+    return any(not np.isclose(float(fit.model[name].array), item, rtol=1e-9, atol=0.0) for name, item in before.items())
 
 
 def _found(fit: Fit) -> Iterator[Reason]:
@@ -162,7 +163,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
             yield Reason(USABLE, "The optimum is confirmed.")
         if len(stage.starts) > 2:
             best = min(stage.starts)
-            alike = sum(own <= best + ALIKE * abs(best) for own in stage.starts)
+            alike = sum(start <= best + ALIKE * abs(best) for start in stage.starts)
             if alike < 0.5 * len(stage.starts):
                 yield Reason(
                     WITH_CARE, f"Only {alike} of {len(stage.starts)} starts ended at the best optimum that was found."
@@ -172,8 +173,8 @@ def _found(fit: Fit) -> Iterator[Reason]:
     bound = [name for name in bound if name not in fit.model.effects]
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
-        said = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
-        yield Reason(NOT_USABLE, f"{said}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{said}.")
+        text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
+        yield Reason(NOT_USABLE, f"{text}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{text}.")
     far = []
     for p in scalars:
         if p.prior is not None and p.prior.mean is not None:
@@ -181,11 +182,11 @@ def _found(fit: Fit) -> Iterator[Reason]:
             if away > SURPRISING:
                 far.append((away, p.name))
     if far:
-        said = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
+        text = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
         worst = max(away for away, _ in far)
         yield Reason(
             NOT_USABLE if worst > FOREIGN_PRIOR else WITH_CARE,
-            f"Estimates conflict with their priors: {said}. Suspect "
+            f"Estimates conflict with their priors: {text}. Suspect "
             + ("that the data are of another vehicle, or the model structure." if worst > FOREIGN_PRIOR
                else "the model structure."),
         )  # fmt: skip
@@ -193,22 +194,22 @@ def _found(fit: Fit) -> Iterator[Reason]:
 
 def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Reason]:
     """Whether its data can be trusted: nothing is made of data that are wrong throughout."""
-    for role, found in findings.items():
+    for role, finding in findings.items():
         where = "" if role == TRAINED else f" (held out{'' if role == HELD_OUT else f', {role}'})"
-        for own in found:
-            holes = own.kind == "missing" and (own.value or 0.0) <= HOLES * _rows(fit, role)
-            whole = own.where.run is None and not holes and role == TRAINED
-            yield Reason(NOT_USABLE if whole else WITH_CARE, f"Data check{where}: {own.sentence}")
+        for item in finding:
+            holes = item.kind == "missing" and (item.value or 0.0) <= HOLES * _rows(fit, role)
+            whole = item.where.run is None and not holes and role == TRAINED
+            yield Reason(NOT_USABLE if whole else WITH_CARE, f"Data check{where}: {item.sentence}")
 
 
 def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
     """Whether what was held out is part of what the fit was trained on."""
-    trained = [own for own in fit.data if own.role == TRAINED and own.sha256]
+    trained = [item for item in fit.data if item.role == TRAINED and item.sha256]
     for one in data:
         part = [
-            own
-            for own in trained
-            if own.sha256 == one.sha256 and (own.between, own.where) in (("", ""), (one.between, one.where))
+            item
+            for item in trained
+            if item.sha256 == one.sha256 and (item.between, item.where) in (("", ""), (one.between, one.where))
         ]
         if one.role != TRAINED and part:
             yield Reason(WITH_CARE, f"{one.name} is data it was fitted to ({part[0].name}): nothing was held out.")
@@ -218,14 +219,14 @@ def _rows(fit: Fit, role: str) -> int:
     return sum(record.samples for record in fit.data if record.role == role) or 1
 
 
-def _predicted(own: Scores, held: Scores, unfitted: Scores, what: str) -> Iterator[Reason]:
+def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Iterator[Reason]:
     """How it predicts, beside holding a reading and beside the model as it was before."""
-    judged = [name for name in own if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(own)
-    outputs = list(dict.fromkeys(output for name in judged for output in own[name]))
-    yield from _divergences(own, judged, what)
+    judged = [name for name in scores if name not in {ahead(h) for h in (0.1, 0.2) if h < SHORTEST}] or list(scores)
+    outputs = list(dict.fromkeys(output for name in judged for output in scores[name]))
+    yield from _divergences(scores, judged, what)
     useless, beaten, loose = [], [], []
     for output in outputs:
-        errors = {name: own[name][output] for name in judged if output in own[name]}
+        errors = {name: scores[name][output] for name in judged if output in scores[name]}
         left = [_unexplained(error) for error in errors.values()]
         by_hold = [_ratio(e, held.get(name, {}).get(output)) for name, e in errors.items() if name in held]
         if min(left) >= MEAN and (not by_hold or min(by_hold) >= 1.0):
@@ -247,22 +248,22 @@ def _predicted(own: Scores, held: Scores, unfitted: Scores, what: str) -> Iterat
         )
     for output, share in loose:
         yield Reason(WITH_CARE, f"{what}{output}: {100 * share:.0f} % of the variance is left unexplained.")
-    yield from _beside_unfitted(own, unfitted, judged, outputs, what)
-    best = _told(own, judged)
+    yield from _beside_unfitted(scores, unfitted, judged, outputs, what)
+    best = _told(scores, judged)
     if best:
         yield Reason(USABLE, f"{what}{best}.")
 
 
 def _beside_unfitted(
-    own: Scores, unfitted: Scores, judged: Sequence[str], outputs: Sequence[str], what: str
+    scores: Scores, unfitted: Scores, judged: Sequence[str], outputs: Sequence[str], what: str
 ) -> Iterator[Reason]:
     """Whether the fit made the model better than it was."""
     ratios = {}
     for output in outputs:
         each = [
-            _ratio(own[name][output], unfitted[name][output])
+            _ratio(scores[name][output], unfitted[name][output])
             for name in judged
-            if output in own[name] and output in unfitted.get(name, {})
+            if output in scores[name] and output in unfitted.get(name, {})
         ]
         each = [ratio for ratio in each if ratio > 0 and not np.isnan(ratio)]
         if each:
@@ -277,9 +278,9 @@ def _beside_unfitted(
             yield Reason(WITH_CARE, f"{what}{output}: {_times(ratio)} the RMSE of the unfitted model.")
 
 
-def _divergences(own: Scores, judged: Sequence[str], what: str) -> Iterator[Reason]:
+def _divergences(scores: Scores, judged: Sequence[str], what: str) -> Iterator[Reason]:
     for name in judged:
-        astray = {output: e.diverges for output, e in own[name].items() if e.diverges is not None}
+        astray = {output: e.diverges for output, e in scores[name].items() if e.diverges is not None}
         if not astray:
             continue
         first = min(astray.values(), key=lambda d: (d.run, d.after))
@@ -291,10 +292,10 @@ def _divergences(own: Scores, judged: Sequence[str], what: str) -> Iterator[Reas
         )
 
 
-def _carried_over(trained: Mapping[str, Any], own: Scores, what: str) -> Iterator[Reason]:
+def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iterator[Reason]:
     """Whether errors on what was held out are those on the training data."""
     each = []
-    for name, errors in own.items():
+    for name, errors in scores.items():
         for output, error in errors.items():
             before = trained.get(name, {}).get(output)
             if before is not None and name != ahead(0.1):
@@ -312,14 +313,14 @@ def _carried_over(trained: Mapping[str, Any], own: Scores, what: str) -> Iterato
 
 
 def _trained(fit: Fit) -> Mapping[str, Any]:
-    found: Mapping[str, Any] = fit.metrics.get(TRAINED, {})
-    return found
+    result: Mapping[str, Any] = fit.metrics.get(TRAINED, {})
+    return result
 
 
-def _told(own: Scores, judged: Sequence[str]) -> str:
+def _told(scores: Scores, judged: Sequence[str]) -> str:
     """How well outputs are predicted, over the shortest horizon that is judged."""
     name = judged[0]
-    each = [f"{output} {e.fit_percent:.0f} %" for output, e in own[name].items() if np.isfinite(e.fit_percent)]
+    each = [f"{output} {e.fit_percent:.0f} %" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
     return f"fit {_listed(each)} ({name.replace('_', ' ')})" if each else ""
 
 
@@ -341,19 +342,19 @@ def _ratio(error: Error, other: Error | None) -> float:
 
 
 def _compared(
-    own: Mapping[str, Scores], held: Mapping[str, Scores], unfitted: Mapping[str, Scores]
+    value: Mapping[str, Scores], held: Mapping[str, Scores], unfitted: Mapping[str, Scores]
 ) -> dict[str, dict[str, dict[str, dict[str, float]]]]:
-    found: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
-    for role, protocols in own.items():
+    result: dict[str, dict[str, dict[str, dict[str, float]]]] = {}
+    for role, protocols in value.items():
         for name, errors in protocols.items():
             for output, error in errors.items():
-                told = {"rmse": error.rmse, "fit_percent": error.fit_percent, "fvu": error.fvu}
+                known = {"rmse": error.rmse, "fit_percent": error.fit_percent, "fvu": error.fvu}
                 for word, others in (("persistence", held), ("unfitted", unfitted)):
                     other = others.get(role, {}).get(name, {}).get(output)
                     if other is not None:
-                        told[word] = other.rmse
-                found.setdefault(role, {}).setdefault(name, {})[output] = told
-    return found
+                        known[word] = other.rmse
+                result.setdefault(role, {}).setdefault(name, {})[output] = known
+    return result
 
 
 def _times(ratio: float) -> str:

@@ -104,15 +104,15 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
         of = problem.layout.index[k]
         by_kept, by_local, theirs = J[:, :, kept[of]], J[:, :, local[of]], of[local[of]]
         if len(theirs):
-            flat, own, everything = by_local.reshape(-1, len(theirs)), place[theirs], place[of[kept[of]]]
+            flat, value, everything = by_local.reshape(-1, len(theirs)), place[theirs], place[of[kept[of]]]
             prior, informed = P[theirs].toarray(), flat.T @ flat
             believed, coupling = prior[:, theirs], prior[:, kept]
             coupling[:, everything] += flat.T @ by_kept.reshape(len(flat), -1)
             inverse = la.pinvh(informed + believed)
-            pull[own], independent[np.ix_(own, own)] = inverse @ coupling, inverse
-            alone[np.ix_(own, own)] = inverse @ (plan.variance * plan.correlation * informed + believed) @ inverse
-            dof[own] = max(1.0, len(residuals) / plan.correlation)
-            by_kept = by_kept - by_local @ pull[own][:, everything]
+            pull[value], independent[np.ix_(value, value)] = inverse @ coupling, inverse
+            alone[np.ix_(value, value)] = inverse @ (plan.variance * plan.correlation * informed + believed) @ inverse
+            dof[value] = max(1.0, len(residuals) / plan.correlation)
+            by_kept = by_kept - by_local @ pull[value][:, everything]
         cuts = np.clip(plan.edges - plan.first[k % problem.copies] - start, 0, len(residuals))
         among = place[of[kept[of]]]
         for g in np.flatnonzero(np.diff(cuts)):
@@ -152,14 +152,14 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
         seen.add(k)
         if k < problem.copies:
             series[k].append((start, residuals))
-    lengths = np.array([max(start + len(own) for start, own in parts) for parts in series])
+    lengths = np.array([max(start + len(item) for start, item in parts) for parts in series])
     for k in range(problem.copies):
         telling[index[k]] += lengths[k]
     first = np.concatenate([[0], np.cumsum(lengths)])
     together = np.zeros((int(first[-1]), series[0][0][1].shape[1]))
     for k, parts in enumerate(series):
-        for start, own in parts:  # a row in two parts is zero in one of them
-            together[first[k] + start : first[k] + start + len(own)] += own
+        for start, item in parts:  # a row in two parts is zero in one of them
+            together[first[k] + start : first[k] + start + len(item)] += item
     total, correlation = len(together), correlation_time(together)
     local = (pieces == 1) & ~in_parts & (telling < LOCAL * total) & (curvature > 0.0) & problem.free & ~keep
     short = np.array([np.any(local[index[k]]) for k in range(problem.copies)])

@@ -124,9 +124,9 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
         one.name: one.seen(float(shares[k]), sizes[owner == k], float(gains[k]), of_inputs, alone[k].less(both))
         for k, one in enumerate(drives)
     }
-    own = sizes[owner == halves]
+    siz = sizes[owner == halves]
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
-    explained = float(own @ H[-count:, -count:] @ own) / max(total, 1e-300) if count else 0.0
+    explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
     return FormError(outputs, covariance, min(1.0, explained), float(gains[halves]))
 
 
@@ -181,12 +181,12 @@ class _Drive:
         unit = 1.0 / self.weight[self.read]
         square = max(float(np.mean(self.error[self.read] ** 2)), 1e-300)
         parts, words = [self.columns[self.read] * sizes * unit[:, None]], list(self.words)
-        for one, own in of_inputs:
-            parts.append(one.effect[self.read, self.place] * own)
+        for one, entry in of_inputs:
+            parts.append(one.effect[self.read, self.place] * entry)
             words += one.words
         table = np.hstack(parts)
         on = {
-            word: float(np.mean(table[:, [own == word for own in words]].sum(axis=1) ** 2)) / square
+            word: float(np.mean(table[:, [item == word for item in words]].sum(axis=1) ** 2)) / square
             for word in dict.fromkeys(words)
         }
         readings = np.where(self.read, self.reading, np.nan)
@@ -279,7 +279,7 @@ def _functions(
 
 def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: int) -> list[_Passed]:
     """What follows of each input's error: it is moved a little, and all is simulated again."""
-    runs, found = problem.runs, list[_Passed]()
+    runs, result = problem.runs, list[_Passed]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
     time = np.concatenate([run.time for run in runs])
     inputs = np.vstack([run.inputs for run in runs])
@@ -300,8 +300,8 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))
         if effects:
-            found.append(_Passed(name, words, np.stack(effects, axis=2)))
-    return found
+            result.append(_Passed(name, words, np.stack(effects, axis=2)))
+    return result
 
 
 def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: float) -> Iterator[tuple[str, Array]]:
@@ -319,11 +319,11 @@ def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: f
 
 def _rate(values: Array, time: Array, edges: Array) -> Array:
     """(N,) derivative by time, interval by interval; zero in intervals of one row."""
-    found = np.zeros(len(values))
+    result = np.zeros(len(values))
     for a, b in zip(edges[:-1], edges[1:], strict=True):
         if b - a > 1:
-            found[a:b] = np.gradient(values[a:b], time[a:b])
-    return found
+            result[a:b] = np.gradient(values[a:b], time[a:b])
+    return result
 
 
 def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
@@ -366,7 +366,7 @@ def _normal_equations(
         index = problem.layout.index[k]
         loose, there = index >= first_loose, kept[index]
         few = int(np.sum(loose))
-        own, by_loose = np.zeros_like(H), np.zeros((few, few))
+        value, by_loose = np.zeros_like(H), np.zeros((few, few))
         pull, coupled, toward = np.zeros_like(g), np.zeros((few, len(g))), np.zeros(few)
         at = place[index[there]]
         for one, first, squares in zip(drives, firsts[:-1], alone, strict=True):
@@ -378,16 +378,16 @@ def _normal_equations(
             wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows] * scale)[:, None]
             wide[:, last + at] = by_p[:, there] * (rows >= half)[:, None]
             squares.add(wide, r)
-            own += wide.T @ wide
+            value += wide.T @ wide
             pull += wide.T @ r
             by_loose += by_p[:, loose].T @ by_p[:, loose]
             coupled += by_p[:, loose].T @ wide
             toward += by_p[:, loose].T @ r
         if few:
             inverse = la.pinvh(by_loose + np.diag(RIDGE * np.maximum(np.diag(by_loose), 1e-300)))
-            own -= coupled.T @ inverse @ coupled
+            value -= coupled.T @ inverse @ coupled
             pull -= coupled.T @ (inverse @ toward)
-        H += own
+        H += value
         g += pull
     return H, g, alone
 

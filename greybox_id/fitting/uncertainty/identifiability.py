@@ -129,13 +129,13 @@ class Identifiability:
 
     def about(self) -> tuple[str, ...]:
         """Everything in plain sentences."""
-        found = [each.about() for group in (self.undetermined, self.pairs, self.directions) for each in group]
-        told = (
+        result = [each.about() for group in (self.undetermined, self.pairs, self.directions) for each in group]
+        known = (
             f"The normal matrix has condition number {self.condition:.2g}."
             if np.isfinite(self.condition)
             else "The normal matrix is singular: no recording like this one tells all parameters."
         )
-        return (*(found or ["Every parameter is determined."]), told)
+        return (*(result or ["Every parameter is determined."]), known)
 
 
 def identifiability(
@@ -202,7 +202,7 @@ def _directions(
 ) -> tuple[Direction, ...]:
     """Eigenvectors of a covariance relative to sizes along which it is wide; estimates are absolute values."""
     variances, vectors = np.linalg.eigh(relative)
-    found = []
+    result = []
     for variance, vector in zip(variances[::-1], vectors.T[::-1], strict=True):
         spread = float(np.sqrt(max(variance, 0.0)))
         if spread <= HALF:
@@ -214,8 +214,8 @@ def _directions(
             with_unit(signed(move * size[k], 2), units[k]) if max(abs(move), 1.0) * size[k] > estimate[k] else None
             for k, move in zip(order, moves, strict=True)
         ]
-        found.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread, tuple(changes)))
-    return tuple(found)
+        result.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread, tuple(changes)))
+    return tuple(result)
 
 
 def _condition(covariance: Array) -> float:
@@ -250,19 +250,19 @@ def left_open(fit: Fit) -> Identifiability | None:
 
 def told_together(fit: Fit) -> list[str]:
     """Parameters that the recordings tell only together, in sentences; single ones have notes of their own."""
-    found = left_open(fit)
-    if found is None:
+    identifiability = left_open(fit)
+    if identifiability is None:
         return []
-    directions = [each for each in found.directions if len(each.names) > 1]
-    return [*(each.about() for each in found.pairs), *(each.about() for each in directions)]
+    directions = [each for each in identifiability.directions if len(each.names) > 1]
+    return [*(each.about() for each in identifiability.pairs), *(each.about() for each in directions)]
 
 
 def absent(fit: Fit) -> dict[str, str]:
     """Effects whose interval holds the value at which they change nothing, and what is to be said of them."""
-    found = {}
+    result = {}
     for name in fit.model.effects:
         low, high = fit.interval(name)
         null = fit.model[name].null
         if null is not None and low <= null <= high:
-            found[name] = f"may be absent: the interval holds {null:g}"
-    return found
+            result[name] = f"may be absent: the interval holds {null:g}"
+    return result

@@ -92,18 +92,18 @@ class Profile:
     def about(self, name: str, unit: str = "") -> str:
         """The interval and its ends in plain sentences."""
         low, high = self.interval
-        said = [f"{name} lies between {low:.4g} and {high:.4g}{f' {unit}' if unit else ''}."]
-        said += [
+        stated = [f"{name} lies between {low:.4g} and {high:.4g}{f' {unit}' if unit else ''}."]
+        stated += [
             f"Its {side} side {end.value}."
             for side, end in zip(("lower", "upper"), self.ends, strict=True)
             if end is not End.CROSSED
         ]
         if self.at_a_better_optimum:
             better = self.values[np.argmin(self.rise)]
-            said.append(f"The fit was not at its best: at {better:.4g} it is better; fit again from there.")
+            stated.append(f"The fit was not at its best: at {better:.4g} it is better; fit again from there.")
         if not self.settled:
-            said.append("Some points of the profile were not optimised to their end: the interval may be too narrow.")
-        return " ".join(said)
+            stated.append("Some points of the profile were not optimised to their end: the interval may be too narrow.")
+        return " ".join(stated)
 
 
 def profile(
@@ -191,16 +191,16 @@ class _Walk:
             if abs(value - estimate) >= REACH * self.half:
                 return _Side(points, End.FLAT, direction * np.inf)
             further = direction * min(direction * value + step, direction * bound)
-            found = self._at(further, points)
-            if found is None:
+            result = self._at(further, points)
+            if result is None:
                 step, shortened = step / 4.0, shortened + 1
                 if shortened > CLOSER:
                     return _Side(points, End.NOT_FINITE, value)
                 continue
-            slope = (self._root(found) - self._root(points[-1])) / abs(further - value)
-            points.append(found)
+            slope = (self._root(result) - self._root(points[-1])) / abs(further - value)
+            points.append(result)
             value = further
-            if self._root(found) >= 1.0:
+            if self._root(result) >= 1.0:
                 return _Side(points, End.CROSSED, self._crossing(points))
             step = min(GROWTH * step, STRIDE / slope if slope > 0.0 else np.inf)
 
@@ -210,11 +210,11 @@ class _Walk:
             inside, outside = points[-2:]
             if min(abs(self._root(p) - 1.0) for p in (inside, outside)) < CLOSE:
                 break
-            found = self._at(self._between(inside, outside), points[:-1])
-            if found is None:
+            result = self._at(self._between(inside, outside), points[:-1])
+            if result is None:
                 break
-            points.insert(-1, found)
-            if self._root(found) >= 1.0:
+            points.insert(-1, result)
+            if self._root(result) >= 1.0:
                 points.pop()
         return self._between(*points[-2:])
 

@@ -104,19 +104,19 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
     at_bound = problem.free & ((x <= low) | (x >= high))
     told_by = blocks(problem, x, nodes, keep=at_bound)
     kept, H = np.flatnonzero(told_by.kept), told_by.prior + np.sum(told_by.H, axis=0)
-    told = problem.free[kept] & (np.diag(H) > 0.0)
-    stopped, untold = at_bound[kept] & told, kept[problem.free[kept] & ~told]
-    inside = _sandwich(told_by, H, told & ~stopped)
+    known = problem.free[kept] & (np.diag(H) > 0.0)
+    stopped, untold = at_bound[kept] & known, kept[problem.free[kept] & ~known]
+    inside = _sandwich(told_by, H, known & ~stopped)
     of_kept, centre, dof, whole = inside.covariance, x.copy(), np.empty(len(x)), inside
     dof[kept], dof[~told_by.kept] = inside.dof, told_by.local_dof
     if np.any(stopped):
         gradient = problem.normal_equations(x, nodes).g
-        beyond, step = _released(told_by, H, told, gradient[kept] - told_by.pull.T @ gradient[~told_by.kept])
-        whole, own = _sandwich(beyond, H, told), kept[stopped]
-        centre[own], dof[own] = x[own] + step[stopped], whole.dof[stopped]
-        outward = np.where(x[own] <= low[own], -1.0, 1.0) * step[stopped]
+        beyond, step = _released(told_by, H, known, gradient[kept] - told_by.pull.T @ gradient[~told_by.kept])
+        whole, value = _sandwich(beyond, H, known), kept[stopped]
+        centre[value], dof[value] = x[value] + step[stopped], whole.dof[stopped]
+        outward = np.where(x[value] <= low[value], -1.0, 1.0) * step[stopped]
         free_to = whole.covariance[np.ix_(stopped, stopped)]
-        of_kept = of_kept + _off_bounds(H, told, stopped, outward, (high - low)[own], free_to)
+        of_kept = of_kept + _off_bounds(H, known, stopped, outward, (high - low)[value], free_to)
     covariance = told_by.over_all(of_kept, told_by.local)
     independent = told_by.over_all(inside.independent, told_by.local_independent)
     released = told_by.over_all(whole.covariance, told_by.local)
@@ -125,8 +125,8 @@ def uncertainty(problem: LeastSquares, x: Array, nodes: Matched) -> Uncertainty:
         each[untold, untold] = np.inf
     variance, of_independent = np.diag(covariance).copy(), np.diag(independent).copy()
     if np.any(stopped):
-        variance[own] = np.diag(whole.covariance)[stopped]
-        of_independent[own] = np.diag(whole.independent)[stopped]
+        variance[value] = np.diag(whole.covariance)[stopped]
+        of_independent[value] = np.diag(whole.independent)[stopped]
     comparable = np.isfinite(variance) & (of_independent > 0.0)
     inflation = np.divide(variance, of_independent, out=np.ones(len(x)), where=comparable)
     return Uncertainty(
@@ -166,7 +166,7 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
     if size > MANY:
         return _uncorrected(blocks, H, free, U)
     middle = np.zeros((size, size))
-    own, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
+    value, pulled = np.empty((len(blocks.H), size)), np.empty((size, len(blocks.H), size))
     for g, (of_block, score) in enumerate(zip(blocks.H, blocks.scores, strict=True)):
         share, Q = np.linalg.eigh(U @ of_block[among] @ U.T)
         share = np.clip(share, 0.0, 1.0)
@@ -175,20 +175,20 @@ def _sandwich(blocks: Blocks, H: Array, free: Mask) -> _Sandwich:
         corrected = Q @ (correction * (Q.T @ (U @ score[free])))
         middle += np.outer(corrected, corrected) + blocks.lone_variance * (Q * lost) @ Q.T
         turned = Q.T @ U
-        own[g] = (share * correction**2 + lost) @ turned**2
+        value[g] = (share * correction**2 + lost) @ turned**2
         pulled[:, g] = (Q @ ((share * correction)[:, None] * turned)).T
     between = pulled @ pulled.transpose(0, 2, 1)
     shared = np.diagonal(between, axis1=1, axis2=2)
-    diagonal = own.T - shared
+    diagonal = value.T - shared
     trace = np.sum(diagonal, axis=1)
     squares = np.sum(between**2, axis=(1, 2)) + np.sum(diagonal**2 - shared**2, axis=1)
     middle /= 1.0 - blocks.missed
     believed = U @ (blocks.prior[among] + np.diag(RIDGE / unit**2)) @ U.T
     by_data, by_prior = (np.einsum("pj,pq,qj->j", U, part, U, optimize=True) for part in (middle, believed))
-    told = (by_data > 0.0) & (squares > 0.0)
-    of_data = by_data[told] / (by_data + by_prior)[told]
+    known = (by_data > 0.0) & (squares > 0.0)
+    of_data = by_data[known] / (by_data + by_prior)[known]
     result.covariance[among], result.independent[among] = U.T @ (middle + believed) @ U, U.T @ U
-    result.dof[np.flatnonzero(free)[told]] = np.maximum(trace[told] ** 2 / squares[told], 1.0) / of_data**2
+    result.dof[np.flatnonzero(free)[known]] = np.maximum(trace[known] ** 2 / squares[known], 1.0) / of_data**2
     return result
 
 
@@ -215,7 +215,7 @@ def _released(blocks: Blocks, H: Array, free: Mask, gradient: Array) -> tuple[Bl
     return replace(blocks, scores=blocks.scores + blocks.H @ step), step
 
 
-def _off_bounds(H: Array, told: Mask, stopped: Mask, outward: Array, room: Array, covariance: Array) -> Array:
+def _off_bounds(H: Array, mask: Mask, stopped: Mask, outward: Array, room: Array, covariance: Array) -> Array:
     """What unknowns at bounds that may be off them add to the covariance of all.
 
     How far one may be off is a normal distribution about the optimum without bounds, cut at both bounds. The others
@@ -224,14 +224,14 @@ def _off_bounds(H: Array, told: Mask, stopped: Mask, outward: Array, room: Array
     Parameters
     ----------
     H : (unknowns, unknowns).
-    told, stopped : (unknowns,) which move, and which of them are at their bound.
+    mask, stopped : (unknowns,) which move, and which of them are at their bound.
     outward : (stopped,) how far beyond its bound the optimum without bounds has each.
     room : (stopped,) from bound to bound.
     covariance : (stopped, stopped) without bounds.
     """
     sd = np.sqrt(np.diag(covariance))
     off = np.array([_reach_inward(t, r) for t, r in zip(outward / sd, room / sd, strict=True)])
-    inner, follow = told & ~stopped, np.zeros((len(H), int(np.sum(stopped))))
+    inner, follow = mask & ~stopped, np.zeros((len(H), int(np.sum(stopped))))
     follow[stopped] = np.eye(int(np.sum(stopped)))
     if np.any(inner):
         unit, C = _factor(H[np.ix_(inner, inner)])

@@ -57,7 +57,10 @@ class VaryingNumber:
 
 def values_of(numbers: Sequence[VaryingNumber], x: Array) -> dict[str, float]:
     """Numbers by name, within their bounds."""
-    return {own.name: own.value(min(max(float(at), own.low), own.high)) for own, at in zip(numbers, x, strict=True)}
+    return {
+        number.name: number.value(min(max(float(at), number.low), number.high))
+        for number, at in zip(numbers, x, strict=True)
+    }
 
 
 @dataclass(frozen=True)
@@ -98,14 +101,14 @@ class Weigher:
 
     def cost(self, ride: FollowedRun, x: Array) -> float:
         """At coordinates x; infinite where the filter diverges."""
-        found = self.innovations(ride, x)
-        return np.inf if found is None else self.noise.cost(found)
+        result = self.innovations(ride, x)
+        return np.inf if result is None else self.noise.cost(result)
 
     def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Told:
         """With derivatives, by the numbers at these places; None: by all."""
         n, places = len(x), range(len(x)) if moved is None else moved
-        steps = {k: own.step if x[k] + own.step <= own.high else -own.step
-                 for k in places for own in (self.numbers[k],)}  # fmt: skip
+        steps = {k: item.step if x[k] + item.step <= item.high else -item.step
+                 for k in places for item in (self.numbers[k],)}  # fmt: skip
         tried = [values_of(self.numbers, x), *(values_of(self.numbers, x + step * (np.arange(n) == k))
                                                for k, step in steps.items())]  # fmt: skip
         here, *beside = self.follower.beside(ride, tried)
@@ -175,17 +178,17 @@ def common(
     """
     numbers = weigher.numbers
     n, runs = len(numbers), len(rides)
-    varying = np.array([k for k, own in enumerate(numbers) if own.name in usual], dtype=int)
+    varying = np.array([k for k, number in enumerate(numbers) if number.name in usual], dtype=int)
     m = len(varying)
     prior = np.array([usual[numbers[k].name] for k in varying])
     scatter, runs_of = prior.copy(), np.array([belief[numbers[k].name] for k in varying])
     learned = np.isfinite(runs_of)
-    mean, sd = np.array([own.mean for own in numbers]), np.array([own.sd for own in numbers])
+    mean, sd = np.array([number.mean for number in numbers]), np.array([number.sd for number in numbers])
     u = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
     if start is not None:
         u = np.concatenate([start.x, (start.x + start.deviations)[:, varying].ravel()])
         scatter = start.scatter[varying]
-    low, high = np.array([[own.low, own.high] for own in numbers]).T
+    low, high = np.array([[number.low, number.high] for number in numbers]).T
     low, high = (np.concatenate([ends, np.tile(ends[varying], runs)]) for ends in (low, high))
     fixed = np.setdiff1d(np.arange(n), varying)
     of_run = [np.arange(n + k * m, n + (k + 1) * m) for k in range(runs)]
@@ -215,15 +218,15 @@ def common(
         return charge(u).cost + sum(weigher.cost(ride, run_of(u, k)) for k, ride in enumerate(rides))
 
     def curve(u: Array) -> Curve:
-        own = charge(u)
-        told = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
-        g, H = own.g, own.H
-        for k, one in enumerate(told):
+        value = charge(u)
+        known = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
+        g, H = value.g, value.H
+        for k, one in enumerate(known):
             places = np.empty(n, dtype=int)
             places[fixed], places[varying] = fixed, of_run[k]
             g[places] += one.g
             H[np.ix_(places, places)] += one.H
-        return Curve(own.cost + sum(one.cost for one in told), g, H)
+        return Curve(value.cost + sum(one.cost for one in known), g, H)
 
     for _ in range(CAL.rounds_of_scatter):
         u, last = descended(cost, curve, u, low, high, settled)
@@ -278,7 +281,7 @@ def explained(
     moved : places of the numbers that matter to these rides; the others follow as they are believed to.
     """
     precision = np.linalg.inv(covariance)
-    low, high = np.array([[own.low, own.high] for own in weigher.numbers]).T
+    low, high = np.array([[number.low, number.high] for number in weigher.numbers]).T
 
     def charge(x: Array) -> float:
         return 0.5 * float((x - mean) @ precision @ (x - mean))
@@ -288,8 +291,8 @@ def explained(
 
     def curve(x: Array) -> Curve:
         each = [weigher.told(ride, x, moved) for ride in rides]
-        g, H = (np.sum([getattr(own, part) for own in each], axis=0) for part in ("g", "H"))
-        return Curve(charge(x) + sum(own.cost for own in each), g + precision @ (x - mean), H + precision)
+        g, H = (np.sum([getattr(item, part) for item in each], axis=0) for part in ("g", "H"))
+        return Curve(charge(x) + sum(item.cost for item in each), g + precision @ (x - mean), H + precision)
 
     x, last = descended(cost, curve, start, low, high)
     return RunExplained(x, last.cost, last.H, last.H - precision, last.g - precision @ (x - mean))
@@ -344,12 +347,12 @@ def descended(
         damping = damping if damping > CAL.damping else 0.0
         then, step = curve(there), there - u
         plain = _promises(here.g, here.H, step)
-        own = float(step @ lacking @ step)
-        augmented = abs(plain - 0.5 * own - gained) < abs(plain - gained)
+        value = float(step @ lacking @ step)
+        augmented = abs(plain - 0.5 * value - gained) < abs(plain - gained)
         turned = then.g - here.g
         missed = turned - then.H @ step
-        if own != 0:  # what is learned fades where it does not hold
-            lacking *= min(1.0, abs(float(step @ missed) / own))
+        if value != 0:  # what is learned fades where it does not hold
+            lacking *= min(1.0, abs(float(step @ missed) / value))
         bend = float(step @ turned)
         if bend > 0:
             missed = missed - lacking @ step

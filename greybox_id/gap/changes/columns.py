@@ -50,19 +50,19 @@ class ByColumns:
 
 def told_by_columns(after: Sequence[Recording], since: Sequence[Recording]) -> tuple[ByColumns, ...]:
     """What of the steering differs between recordings from before and after; nothing where one lacks a column."""
-    if not all({"steer", MEASURED} <= own.signals.keys() for own in (*after, *since)):
+    if not all({"steer", MEASURED} <= item.signals.keys() for item in (*after, *since)):
         return ()
-    before, then = ([_steering(own) for own in part] for part in (since, after))
+    before, then = ([_steering(item) for item in part] for part in (since, after))
     if not all((*before, *then)):
         return ()
-    found = []
+    result = []
     for name in EFFECTS:
-        (a, s), (b, t) = (_mean([own[name] for own in part]) for part in (before, then))
-        between = float(np.std([own[name][0] for own in before], ddof=1)) if len(before) > 1 else 0.0
+        (a, s), (b, t) = (_mean([item[name] for item in part]) for part in (before, then))
+        between = float(np.std([item[name][0] for item in before], ddof=1)) if len(before) > 1 else 0.0
         between = max(between, LEAST[name])
         sd = sqrt(s**2 + t**2 + between**2 * (1.0 / len(before) + 1.0 / len(then)))
-        found.append(ByColumns(name, b - a, sd, 1.0 - erfc(abs(b - a) / sd / sqrt(2.0))))
-    return tuple(own for own in found if abs(own.shift) > APART * own.sd)
+        result.append(ByColumns(name, b - a, sd, 1.0 - erfc(abs(b - a) / sd / sqrt(2.0))))
+    return tuple(item for item in result if abs(item.shift) > APART * item.sd)
 
 
 def _mean(several: Sequence[tuple[float, float]]) -> tuple[float, float]:
@@ -71,18 +71,18 @@ def _mean(several: Sequence[tuple[float, float]]) -> tuple[float, float]:
     return float(np.mean(values)), float(np.sqrt(np.sum(sds**2)) / len(sds))
 
 
-def _steering(own: Recording) -> Mapping[str, tuple[float, float]]:
+def _steering(recording: Recording) -> Mapping[str, tuple[float, float]]:
     """Effect -> estimate and its standard deviation; nothing where the steering hardly moves."""
-    measured, whole = own[MEASURED], np.arange(len(own))
+    measured, whole = recording[MEASURED], np.arange(len(recording))
     sums = np.zeros((BLOCKS, len(LAGS), 6))
     for k, lag in enumerate(LAGS):
-        late = np.full(len(own), np.nan)
-        for start, stop in own.runs:
-            at = own.time[start:stop]
-            late[start:stop] = np.interp(at - lag, at, own["steer"][start:stop])
+        late = np.full(len(recording), np.nan)
+        for start, stop in recording.runs:
+            at = recording.time[start:stop]
+            late[start:stop] = np.interp(at - lag, at, recording["steer"][start:stop])
             late[start:stop][(at - lag < at[0]) | (at - lag > at[-1])] = np.nan
         there = np.isfinite(late) & np.isfinite(measured)
-        part = whole * BLOCKS // len(own)
+        part = whole * BLOCKS // len(recording)
         c, m = np.where(there, late, 0.0), np.where(there, measured, 0.0)
         for column, values in enumerate((there * 1.0, c, m, c * c, c * m, m * m)):
             sums[:, k, column] = np.bincount(part, weights=values, minlength=BLOCKS)
@@ -91,9 +91,9 @@ def _steering(own: Recording) -> Mapping[str, tuple[float, float]]:
     if best is None:
         return {}
     left_out = [_best(total - one) for one in sums]
-    if any(own is None for own in left_out):
+    if any(item is None for item in left_out):
         return {}
-    spread = np.array([own for own in left_out if own is not None])
+    spread = np.array([item for item in left_out if item is not None])
     sds = np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((spread - np.mean(spread, axis=0)) ** 2, axis=0))
     return {name: (float(value), float(sd)) for name, value, sd in zip(EFFECTS, best, sds, strict=True)}
 

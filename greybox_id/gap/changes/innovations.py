@@ -80,18 +80,18 @@ class FollowedRun:
 
     def halves(self) -> tuple[FollowedRun, FollowedRun]:
         """Its first and its second half."""
-        own, middle = self.recording, len(self.recording) // 2
-        return replace(self, recording=own.rows(0, middle)), replace(self, recording=own.rows(middle, len(own)))
+        value, middle = self.recording, len(self.recording) // 2
+        return replace(self, recording=value.rows(0, middle)), replace(self, recording=value.rows(middle, len(value)))
 
 
 def _joined(parts: Sequence[Recording]) -> Recording:
     """Parts of one recording as one, with a join between each two."""
     if len(parts) == 1:
         return parts[0]
-    starts = np.cumsum([0, *(len(own) for own in parts)])
-    runs = [(int(a + at), int(b + at)) for own, at in zip(parts, starts, strict=False) for a, b in own.runs]
-    signals = {name: np.concatenate([own[name] for own in parts]) for name in parts[0].signals}
-    time = np.concatenate([own.time for own in parts])
+    starts = np.cumsum([0, *(len(part) for part in parts)])
+    runs = [(int(a + at), int(b + at)) for part, at in zip(parts, starts, strict=False) for a, b in part.runs]
+    signals = {name: np.concatenate([part[name] for part in parts]) for name in parts[0].signals}
+    time = np.concatenate([part.time for part in parts])
     return replace(parts[0], time=time, signals=signals, runs=tuple(runs))
 
 
@@ -130,26 +130,26 @@ class InnovationNoise:
     degrees: float
     temper: float
 
-    def white(self, own: FilterInnovations, scales: Array) -> Array:
+    def white(self, filter_innovations: FilterInnovations, scales: Array) -> Array:
         """(B, R m) whitened innovations; a shorter block is the beginning of a whole one.
 
         Parameters
         ----------
         scales : (channels,) standard deviations over what is expected.
         """
-        scaled = own.white / np.tile(scales, own.white.shape[1] // self.channels)
-        return np.where(own.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
+        scaled = filter_innovations.white / np.tile(scales, filter_innovations.white.shape[1] // self.channels)
+        return np.where(filter_innovations.there, solve_triangular(self.root, scaled.T, lower=True).T, 0.0)
 
-    def scales(self, own: FilterInnovations) -> Array:
+    def scales(self, filter_innovations: FilterInnovations) -> Array:
         """(channels,) the most likely ones, but none less than sensors keep: a drive that differs costs its own.
 
         Nothing less than the minimum will do: only there do derivatives of the cost not depend on them.
         """
-        columns = np.arange(own.white.shape[1]) % self.channels
-        parts = [np.where(columns == c, own.white, 0.0) for c in range(self.channels)]
-        parts = [solve_triangular(self.root, part.T, lower=True).T * own.there for part in parts]
+        columns = np.arange(filter_innovations.white.shape[1]) % self.channels
+        parts = [np.where(columns == c, filter_innovations.white, 0.0) for c in range(self.channels)]
+        parts = [solve_triangular(self.root, part.T, lower=True).T * filter_innovations.there for part in parts]
         products = np.array([[np.sum(one * other, axis=1) for other in parts] for one in parts])  # of each block
-        count, read = np.sum(own.there, axis=1), self._by_channel(own.there)
+        count, read = np.sum(filter_innovations.there, axis=1), self._by_channel(filter_innovations.there)
 
         def cost(logarithms: Array) -> tuple[float, Array]:
             u = np.exp(-logarithms)
@@ -161,22 +161,25 @@ class InnovationNoise:
 
         bounds = [(log(CAL.least_scale), None)] * self.channels
         start = np.zeros(self.channels)
-        found: Any = minimize(
+        result: Any = minimize(
             cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-7}
         )
-        return np.asarray(np.exp(found.x))
+        return np.asarray(np.exp(result.x))
 
-    def cost(self, own: FilterInnovations) -> float:
+    def cost(self, filter_innovations: FilterInnovations) -> float:
         """Negative log-likelihood, up to a constant."""
-        scales = self.scales(own)
-        energy, count = np.sum(self.white(own, scales) ** 2, axis=1), np.sum(own.there, axis=1)
+        scales = self.scales(filter_innovations)
+        energy, count = (
+            np.sum(self.white(filter_innovations, scales) ** 2, axis=1),
+            np.sum(filter_innovations.there, axis=1),
+        )
         blocks = 0.5 * float(np.sum((self.degrees + count) * np.log1p(energy / self.degrees)))
-        louder = float(np.sum(self._by_channel(own.there) * np.log(scales)))
-        return self.temper * (blocks + louder + float(np.sum(own.spread)))
+        louder = float(np.sum(self._by_channel(filter_innovations.there) * np.log(scales)))
+        return self.temper * (blocks + louder + float(np.sum(filter_innovations.spread)))
 
-    def weights(self, own: FilterInnovations, white: Array) -> Array:
+    def weights(self, filter_innovations: FilterInnovations, white: Array) -> Array:
         """(B,) what squares of whitened innovations count."""
-        degrees = self.degrees + np.sum(own.there, axis=1)
+        degrees = self.degrees + np.sum(filter_innovations.there, axis=1)
         return np.asarray(self.temper * degrees / (self.degrees + np.sum(white**2, axis=1)))
 
     def _by_channel(self, values: Array | NDArray[np.bool_]) -> Array:
@@ -188,23 +191,23 @@ def plain_noise(size: int, channels: int) -> InnovationNoise:
     return InnovationNoise(np.eye(size), channels, CAL.block_degrees, 1.0)
 
 
-def noise_of(found: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
+def noise_of(filter_innovationses: Sequence[FilterInnovations], channels: int) -> InnovationNoise:
     """How the innovations of rides are distributed.
 
     Their covariance is that of a stationary series, into which each ride counts over its scales.
     """
-    size = found[0].white.shape[1]
+    size = filter_innovationses[0].white.shape[1]
     rows = size // channels
     start, gamma, total = plain_noise(size, channels), np.zeros((rows, channels, channels)), 0.0
-    for own in found:
-        scales = start.scales(own)
-        white = start.white(own, scales)
-        white *= np.sqrt(start.weights(own, white))[:, None]
-        for run in np.unique(own.runs):
-            series = white[own.runs == run].reshape(-1, channels)
+    for item in filter_innovationses:
+        scales = start.scales(item)
+        white = start.white(item, scales)
+        white *= np.sqrt(start.weights(item, white))[:, None]
+        for run in np.unique(item.runs):
+            series = white[item.runs == run].reshape(-1, channels)
             for lag in range(min(rows, len(series))):
                 gamma[lag] += series[: len(series) - lag].T @ series[lag:]
-        total += float(np.sum(own.there)) / channels
+        total += float(np.sum(item.there)) / channels
     gamma /= total
     covariance = np.zeros((size, size))
     for a in range(rows):
@@ -239,7 +242,7 @@ class Follower:
         self.space = StateSpace(self.model, tracked, self.read, throughout=True)  # rows are cut where delays move
         self._filter = filtering(self.space, "ekf", SigmaPoints(), NO_GATE, many=True)
         self.p = np.empty(0)
-        self._places = {own.name: self.space.place(own.name) for own in self.model.parameters}
+        self._places = {parameter.name: self.space.place(parameter.name) for parameter in self.model.parameters}
         self._laid: dict[tuple[int, tuple[float, ...]], list[LaidRun]] = {}
 
     def tune(self, rides: Sequence[FollowedRun], values: Mapping[str, float]) -> None:
@@ -250,7 +253,7 @@ class Follower:
         )
         levels = start_levels(self.space, scatter, self.read, {})
         p = np.concatenate([self._numbers(values), levels.values])
-        runs = [own for ride in rides for own in _first(self._runs(ride, p), CAL.tuned_on)]
+        runs = [item for ride in rides for item in _first(self._runs(ride, p), CAL.tuned_on)]
         memories = {f"memory_{one.name}": CAL.memory for one in self.space.tracked}
         memories |= {f"memory_{name}": CAL.sensor_memory for name in self.space.coloured}
         for name, seconds in memories.items():
@@ -259,8 +262,8 @@ class Follower:
         coordinates = noise_coordinates(self._filter, p, open_ones, floors)
         if len(self.p):  # from where they were found before
             p[self.model.size :] = self.p[self.model.size :]
-        found = tuned(self._filter, runs, p, coordinates, [])
-        self.p = np.concatenate([self.model.values, found.p[self.model.size :]])
+        result = tuned(self._filter, runs, p, coordinates, [])
+        self.p = np.concatenate([self.model.values, result.p[self.model.size :]])
 
     def innovations(self, ride: FollowedRun, values: Mapping[str, float]) -> FilterInnovations | None:
         """What the filter did not foresee with these numbers of the model; None where it diverges at once.
@@ -272,40 +275,40 @@ class Follower:
     def beside(self, ride: FollowedRun, tried: Sequence[Mapping[str, float]]) -> list[FilterInnovations | None]:
         """The same with several numbers each, in filters side by side where delays are alike."""
         p = np.array([np.concatenate([self._numbers(values), self.p[self.model.size :]]) for values in tried])
-        laid_out = [self._runs(ride, own) for own in p]
-        found: list[FilterInnovations | None] = [None] * len(p)
-        for runs in {id(own): own for own in laid_out}.values():
-            alike = [k for k, own in enumerate(laid_out) if own is runs]
-            for k, own in zip(alike, self._blocks(runs, self._filter.innovations(runs, p[alike])), strict=True):
-                found[k] = own
-        return found
+        laid_out = [self._runs(ride, item) for item in p]
+        result: list[FilterInnovations | None] = [None] * len(p)
+        for runs in {id(item): item for item in laid_out}.values():
+            alike = [k for k, item in enumerate(laid_out) if item is runs]
+            for k, block in zip(alike, self._blocks(runs, self._filter.innovations(runs, p[alike])), strict=True):
+                result[k] = block
+        return result
 
     def _blocks(self, runs: Sequence[LaidRun], parts: Sequence[tuple[Array, Array]]) -> list[FilterInnovations | None]:
         """Innovations (L, S, m) of runs and their variances, in blocks, for each of L filters."""
         columns = [self.model.outputs.index(name) for name in self.read]
         size, filters = round(CAL.block / CAL.apart), len(parts[0][0])
         latest = LATEST[1] if self.model.latencies else 0.0
-        found, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
-        for number, (own, both) in enumerate(zip(runs, parts, strict=True)):
-            rows = np.flatnonzero(np.any(np.isfinite(own.run.measured[:, columns]), axis=1))
-            rows = rows[own.run.time[rows] > own.run.time[0] + latest]  # the others start it
-            taken = own.read_segment[rows][:, columns]
+        result, there, of_run = list[Array](), list[NDArray[np.bool_]](), list[int]()
+        for number, (run, both) in enumerate(zip(runs, parts, strict=True)):
+            rows = np.flatnonzero(np.any(np.isfinite(run.run.measured[:, columns]), axis=1))
+            rows = rows[run.run.time[rows] > run.run.time[0] + latest]  # the others start it
+            taken = run.read_segment[rows][:, columns]
             off, variance = (each[:, taken, columns] for each in both)
-            read = np.isfinite(own.run.measured[rows][:, columns]) & (taken >= 0)
+            read = np.isfinite(run.run.measured[rows][:, columns]) & (taken >= 0)
             blocks = -(-len(rows) // size)
             beyond = blocks * size - len(rows)
             with np.errstate(invalid="ignore", divide="ignore"):  # of a filter that diverges
                 each = np.where(read, [off / np.sqrt(variance), 0.5 * np.log(variance)], 0.0)
             each = np.pad(each, ((0, 0), (0, 0), (0, beyond), (0, 0))).reshape(2, filters, blocks, size * len(columns))
-            found.append(each)
+            result.append(each)
             there.append(np.pad(read, ((0, beyond), (0, 0))).reshape(blocks, size * len(columns)))
             of_run.extend([number] * blocks)
-        (white, spread), read = np.concatenate(found, axis=2), np.concatenate(there)
+        (white, spread), read = np.concatenate(result, axis=2), np.concatenate(there)
         astray = ~(np.isfinite(white) & np.isfinite(spread))
         white[astray], spread[astray] = CAL.astray, 0.0
         return [
-            None if np.array_equal(lost, read) else FilterInnovations(own, read, by, np.array(of_run, dtype=np.intp))
-            for own, by, lost in zip(white, spread, astray, strict=True)
+            None if np.array_equal(lost, read) else FilterInnovations(item, read, by, np.array(of_run, dtype=np.intp))
+            for item, by, lost in zip(white, spread, astray, strict=True)
         ]
 
     def _numbers(self, values: Mapping[str, float]) -> Array:
@@ -316,22 +319,22 @@ class Follower:
 
     def _runs(self, ride: FollowedRun, p: Array) -> list[LaidRun]:
         """A ride laid out for delays of these numbers."""
-        trace, own = self.space.trace, p[: self.model.size]
-        shifts = tuple(np.asarray(trace.timing(own).full()).ravel().tolist()) if trace.shift_count else ()
+        trace, value = self.space.trace, p[: self.model.size]
+        shifts = tuple(np.asarray(trace.timing(value).full()).ravel().tolist()) if trace.shift_count else ()
         key = id(ride), shifts
         if key not in self._laid:
             while len(self._laid) > 64:
                 del self._laid[next(iter(self._laid))]
-            self._laid[key] = laid(self.space, ride.recording, own, self.read)
+            self._laid[key] = laid(self.space, ride.recording, value, self.read)
         return self._laid[key]
 
 
 def _first(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
     """Runs of no more than so many seconds in all: the longest, and the beginning of the last one of them."""
-    found, left = list[LaidRun](), seconds
-    for own in sorted(runs, key=lambda own: own.run.time[0] - own.run.time[-1]):
+    result, left = list[LaidRun](), seconds
+    for run in sorted(runs, key=lambda item: item.run.time[0] - item.run.time[-1]):
         if left <= 0:
             break
-        found.append(own.first(left))
-        left -= float(own.run.time[-1] - own.run.time[0])
-    return found
+        result.append(run.first(left))
+        left -= float(run.run.time[-1] - run.run.time[0])
+    return result

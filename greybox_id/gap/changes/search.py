@@ -91,65 +91,65 @@ def changes(
     cost : what a change must gain.
     """
     weigher, V = known.weigher, known.of_a_run
-    told = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
-    moved = [k for k in range(len(V)) if k in known.varying or told[k, k] * V[k, k] > CAL.matters]
+    entry = np.sum([weigher.told(ride, known.x).H for ride in rides], axis=0)
+    moved = [k for k in range(len(V)) if k in known.varying or entry[k, k] * V[k, k] > CAL.matters]
 
     def without(rides: Sequence[FollowedRun], mean: Array, start: Array) -> RunExplained:
         return explained(weigher, rides, start, mean, V, moved)
 
     base = without(rides, known.x, known.x)
     judges = [[ride] for ride in others] or halves
-    plain = [without(own, known.x, base.x if halves else known.x) for own in judges]
+    plain = [without(judge, known.x, base.x if halves else known.x) for judge in judges]
     named = [j for j in known.varying if known.numbers[j].name not in nameless]
-    promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda own: -own.gain)
-    tried = [own for k, own in enumerate(promised[: CAL.changed_refitted]) if k == 0 or own.gain > CAL.changed_least]
-    refits = [(own, *_refitted(known, rides, own, moved)) for own in tried]
+    promised = sorted((_promised(known, base, rides, j) for j in named), key=lambda item: -item.gain)
+    tried = [item for k, item in enumerate(promised[: CAL.changed_refitted]) if k == 0 or item.gain > CAL.changed_least]
+    refits = [(item, *_refitted(known, rides, item, moved)) for item in tried]
     if refits:  # what is compared must have had the same chance
         nearest = min((best for _, best, _ in refits), key=lambda one: one.cost)
         again = without(rides, known.x, nearest.x)
         if again.cost < base.cost:
             base = again
-            refits = [(own, *_refitted(known, rides, replace(own, starts=(base.x,)), moved, [best]))
-                      for own, best, _ in refits]  # fmt: skip
-    found = list[Change]()
-    for own, best, shift in refits:
-        occam = 0.5 * (_log_det(own.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
+            refits = [(item, *_refitted(known, rides, replace(item, starts=(base.x,)), moved, [best]))
+                      for item, best, _ in refits]  # fmt: skip
+    result = list[Change]()
+    for item, best, shift in refits:
+        occam = 0.5 * (_log_det(item.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
         L = best.told
         sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
-        sd = float(1 / np.sqrt(max(sure[own.place, own.place], 1e-12)))
+        sd = float(1 / np.sqrt(max(sure[item.place, item.place], 1e-12)))
         shifts = [shift] * len(judges)
         if not others:
-            near = replace(own, starts=(best.x,))
+            near = replace(item, starts=(best.x,))
             shifts = [_refitted(known, half, near, moved)[1] for half in reversed(halves)]
         held = 0.0
         for judge, alone, by in zip(judges, plain, shifts, strict=True):
             mean = known.x.copy()
-            mean[own.place] += by
+            mean[item.place] += by
             there, least = without(judge, mean, alone.x + mean - known.x), alone.cost
             if there.cost > least:  # either may have got stuck where it began
                 there = min(there, without(judge, mean, alone.x), key=lambda one: one.cost)
             elif least - there.cost > CAL.cost_held_out:
                 least = min(least, without(judge, known.x, there.x).cost)
             held += least - there.cost
-        width = known.numbers[own.place].change
+        width = known.numbers[item.place].change
         gain = base.cost - best.cost - occam
-        found.append(Change(own.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
-    return base, sorted(found, key=lambda own: (-own.least, -own.total))
+        result.append(Change(item.place, (shift, sd), gain, held, bool(others), abs(shift) / width, cost))
+    return base, sorted(result, key=lambda item: (-item.least, -item.total))
 
 
 def _refitted(
     known: Common,
     rides: Sequence[FollowedRun],
-    own: Promised,
+    promised: Promised,
     moved: Sequence[int],
-    found: Sequence[RunExplained] = (),
+    result: Sequence[RunExplained] = (),
 ) -> tuple[RunExplained, float]:
     """The best explanation with a prior widened, and how far its number is off beyond scatter; of these found too."""
     weigher, V = known.weigher, known.of_a_run
-    tried = [explained(weigher, rides, x, known.x, own.covariance, moved) for x in own.starts]
-    best = min([*found, *tried], key=lambda one: one.cost)
-    widened = own.covariance[own.place, own.place] - V[own.place, own.place]
-    return best, float(widened * np.linalg.solve(own.covariance, best.x - known.x)[own.place])
+    tried = [explained(weigher, rides, x, known.x, promised.covariance, moved) for x in promised.starts]
+    best = min([*result, *tried], key=lambda one: one.cost)
+    widened = promised.covariance[promised.place, promised.place] - V[promised.place, promised.place]
+    return best, float(widened * np.linalg.solve(promised.covariance, best.x - known.x)[promised.place])
 
 
 def _promised(known: Common, base: RunExplained, rides: Sequence[FollowedRun], place: int) -> Promised:

@@ -56,7 +56,7 @@ def visible(
     each = [known.weigher.told(ride, known.x).H for ride in rides]
     L, V = np.median(each, axis=0), known.of_a_run
     precise = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
-    found = []
+    result = []
     for place in known.varying:
         number = known.numbers[place]
         sd = 1.0 / sqrt(max(float(precise[place, place]), 1e-12))
@@ -64,10 +64,10 @@ def visible(
         size = away if away < CAL.reach_sd * number.change else float("inf")
         alone = sqrt(max(sd**2 - float(V[place, place]), 0.0))
         name = effects[number.name]
-        found.append(
+        result.append(
             Visible(name, size, float(known.scatter[place]), alone, number.value(known.x[place]), number.logarithmic,
                     units[name])
         )  # fmt: skip
     order = {number.name: number.change for number in known.numbers}
     names = {effect: name for name, effect in effects.items()}
-    return tuple(sorted(found, key=lambda own: own.size / order[names[own.effect]]))
+    return tuple(sorted(result, key=lambda item: item.size / order[names[item.effect]]))

@@ -21,7 +21,9 @@ from .between_runs import Common, VaryingNumber, Weigher, common, values_of
 from .innovations import FollowedRun, Follower, noise_of, plain_noise
 
 USUAL: dict[str, float] = {
-    own.name.removeprefix("scatter_"): getattr(CAL, own.name) for own in fields(CAL) if own.name.startswith("scatter_")
+    field.name.removeprefix("scatter_"): getattr(CAL, field.name)
+    for field in fields(CAL)
+    if field.name.startswith("scatter_")
 }
 """Effect -> usual standard deviation of its magnitude between runs of a vehicle to which nothing was done; of a lever
 arm, over the wheelbase. Only these may be named as changed."""
@@ -45,17 +47,17 @@ def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
 
 
 def numbers_of(
-    model: MotionModel, own: Mapping[str, Effect], vehicle: Vehicle
+    model: MotionModel, value: Mapping[str, Effect], vehicle: Vehicle
 ) -> tuple[MotionModel, tuple[VaryingNumber, ...]]:
     """The model with all that may change, and the numbers that are searched."""
-    found = list[VaryingNumber]()
+    result = list[VaryingNumber]()
     for name, stated in vehicle.values.items():
         if stated.sd is not None and name in model and model[name].shape == ():
-            found.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
-    tyres = any(own.name.endswith(("_f", "_r")) for own in found)
+            result.append(_number(name, float(model[name].array), stated.sd, model[name].bounds))
+    tyres = any(item.name.endswith(("_f", "_r")) for item in result)
     wheelbase = sum(float(model[name].array) for name in ("l_f", "l_r") if name in model) or 1.0
     full = model
-    for name, effect in own.items():
+    for name, effect in value.items():
         parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
         null = float(parameter.array)
         mean = null if stated_effect is None or stated_effect.value is None else stated_effect.value
@@ -76,8 +78,8 @@ def numbers_of(
         if name in (*TIMED, *LATENCIES):
             low = one.low - CAL.clocks if name in TIMED else 2 * AT_ONCE  # readings at one instant keep their order
             one = replace(one, step=max(one.step, CAL.delay_step), low=low, mean=max(one.mean, low))
-        found.append(replace(one, usual=between, change=change))
-    return full, tuple(found)
+        result.append(replace(one, usual=between, change=change))
+    return full, tuple(result)
 
 
 def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> float:
@@ -85,11 +87,11 @@ def driven_alike(rides: Sequence[FollowedRun], since: Sequence[FollowedRun]) -> 
 
     What is usual is learned where recordings from before were driven: elsewhere equations err by something else.
     """
-    own, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
-    if not len(own) or not len(known):
+    value, known = (np.concatenate([_seconds(ride) for ride in part]) for part in (rides, since))
+    if not len(value) or not len(known):
         return 0.0
-    reach = np.stack([np.full(len(own), CAL.steered_alike), CAL.fast_alike * np.abs(own[:, 1])], axis=1)
-    near = np.all(np.abs(own[:, None] - known[None]) <= reach[:, None], axis=2)
+    reach = np.stack([np.full(len(value), CAL.steered_alike), CAL.fast_alike * np.abs(value[:, 1])], axis=1)
+    near = np.all(np.abs(value[:, None] - known[None]) <= reach[:, None], axis=2)
     return float(min(np.mean(np.any(near, axis=1)), np.mean(np.any(near, axis=0))))
 
 
@@ -112,22 +114,24 @@ def _percentile(rides: Sequence[FollowedRun], of: Callable[[Recording], Array]) 
     return float(np.nanpercentile(values, FAST)) if np.any(np.isfinite(values)) else 0.0
 
 
-def _speed(own: Recording) -> Array:
-    return np.abs(own["v_x"]) if "v_x" in own else np.zeros(len(own))
+def _speed(recording: Recording) -> Array:
+    return np.abs(recording["v_x"]) if "v_x" in recording else np.zeros(len(recording))
 
 
-def _turning(own: Recording) -> Array:
-    if "a_y" in own:
-        return np.abs(own["a_y"])
-    return _speed(own) * np.abs(own["yaw_rate"]) if "yaw_rate" in own else np.zeros(len(own))
+def _turning(recording: Recording) -> Array:
+    if "a_y" in recording:
+        return np.abs(recording["a_y"])
+    return _speed(recording) * np.abs(recording["yaw_rate"]) if "yaw_rate" in recording else np.zeros(len(recording))
 
 
 def _seconds(ride: FollowedRun) -> Array:
     """(seconds, 2) mean steering angle and speed; zero where a recording holds none."""
-    own = ride.recording
-    columns = np.stack([own[name] if name in own else np.zeros(len(own)) for name in ("steer", "v_x")], axis=1)
-    rows = max(1, round(CAL.block / own.sample_time))
-    parts = [columns[at : at + rows] for start, stop in own.runs for at in range(start, stop - rows + 1, rows)]
+    recording = ride.recording
+    columns = np.stack(
+        [recording[name] if name in recording else np.zeros(len(recording)) for name in ("steer", "v_x")], axis=1
+    )
+    rows = max(1, round(CAL.block / recording.sample_time))
+    parts = [columns[at : at + rows] for start, stop in recording.runs for at in range(start, stop - rows + 1, rows)]
     read = [part for part in parts if np.all(np.any(np.isfinite(part), axis=0))]  # readings are a while apart
     return np.array([np.nanmean(part, axis=0) for part in read]).reshape(-1, 2)
 
@@ -164,19 +168,19 @@ def usual(
     """
     known = tuple(numbers)
     tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
-    nominal = values_of(known, np.array([own.mean for own in known]))
+    nominal = values_of(known, np.array([item.mean for item in known]))
     scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
     belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
     follower.tune(rides, nominal)
     weigher = Weigher(follower, known, plain_noise(follower.size, len(follower.read)))
-    found = common(weigher, rides, scatter, belief, settled=CAL.enough)  # tells sizes of noise, and no more
-    follower.tune(rides, values_of(known, found.x))
-    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, found.x + found.deviations, strict=True)]
-    noise = noise_of([own for own in innovations if own is not None], len(follower.read))
-    found = common(replace(weigher, noise=noise), rides, scatter, belief, found)
-    tempered = replace(weigher, noise=replace(noise, temper=_temper(found, rides)))
+    result = common(weigher, rides, scatter, belief, settled=CAL.enough)  # tells sizes of noise, and no more
+    follower.tune(rides, values_of(known, result.x))
+    innovations = [weigher.innovations(ride, x) for ride, x in zip(rides, result.x + result.deviations, strict=True)]
+    noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
+    result = common(replace(weigher, noise=noise), rides, scatter, belief, result)
+    tempered = replace(weigher, noise=replace(noise, temper=_temper(result, rides)))
     tell("learning what scatters from run to run")
-    return common(tempered, rides, scatter, belief, found)
+    return common(tempered, rides, scatter, belief, result)
 
 
 def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
@@ -188,5 +192,5 @@ def _temper(known: Common, rides: Sequence[FollowedRun]) -> float:
         parts = scores[: len(scores) // together * together].reshape(-1, together, len(known.x))
         single += np.sum(parts**2, axis=(0, 1))
         sums += np.sum(np.sum(parts, axis=1) ** 2, axis=0)
-    own = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
-    return float(np.clip(np.median(own), 1 / together, 1.0)) if own else 1.0
+    value = [single[k] / sums[k] for k in known.varying if sums[k] > 0]
+    return float(np.clip(np.median(value), 1 / together, 1.0)) if value else 1.0

@@ -59,21 +59,21 @@ class Changed:
     def changed(self) -> list[dict[str, Any]]:
         """One object per effect that changed."""
         budget = self.gap.budget
-        found = []
-        for own in self.gap.ranking:
-            if own.effect in self.gap.applied:
-                share = budget.of(own.effect) if budget is not None else None
-                found.append({
-                    "effect": own.effect, "magnitude": own.magnitude, "unit": own.unit, "interval": list(own.interval),
-                    "before": self.scatter[own.effect][0], "probability": own.probability, "gain": own.gain,
+        result = []
+        for one in self.gap.ranking:
+            if one.effect in self.gap.applied:
+                share = budget.of(one.effect) if budget is not None else None
+                result.append({
+                    "effect": one.effect, "magnitude": one.magnitude, "unit": one.unit, "interval": list(one.interval),
+                    "before": self.scatter[one.effect][0], "probability": one.probability, "gain": one.gain,
                     "share": None if share is None else share.share,
                 })  # fmt: skip
-        return found
+        return result
 
     @property
     def not_changed(self) -> list[dict[str, Any]]:
         """Effects that did not, with twice the scatter within which they were; none of which it is doubtful."""
-        doubted = {own.effect for own in self.gap.ranking if own.reason}
+        doubted = {item.effect for item in self.gap.ranking if item.reason}
         names = [name for name in self.scatter if name not in self.gap.applied and name not in doubted]
         return [{"effect": name, "within": 2 * self.scatter[name][1]} for name in names]
 
@@ -115,9 +115,9 @@ def diagnose_change(
         model is none of motion.
     """
     tell = say or (lambda line, **_: None)
-    model, vehicle, read, own = _begun(model, [*after, *held_out], since, effects, vehicle)
+    model, vehicle, read, value = _begun(model, [*after, *held_out], since, effects, vehicle)
     with threadpool_limits(1):  # matrices are tiny
-        full, numbers = numbers_of(model, own, vehicle)
+        full, numbers = numbers_of(model, value, vehicle)
         long = seconds_followed(model)
         before, rides, others = ([FollowedRun.of(one, read, long) for one in part] for part in (since, after, held_out))
         filtered = filtered_alike([*after, *held_out, *since])
@@ -129,15 +129,17 @@ def diagnose_change(
         tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
-        direct = by_place(known, own, told_by_columns([*after, *held_out], since))
+        direct = by_place(known, value, told_by_columns([*after, *held_out], since))
         moved = known.x.copy()
         for place, one in direct.items():  # whatever else changed is told beside what two columns tell
             moved[place] += one.shift
-        base, found = changes(replace(known, x=moved), rides, others, halves, nameless, cost)
+        base, result = changes(replace(known, x=moved), rides, others, halves, nameless, cost)
         elsewhere = () if driven else (driven_elsewhere([*rides, *others], before),)
-    found = [one for one in found if one.place not in direct]
-    said = _answer(model, own, vehicle, known, base, found, rides, others or rides, after, held_out, since, direct)
-    return replace(said, gap=replace(said.gap, doubts=(*said.gap.doubts, *elsewhere)))
+    result = [one for one in result if one.place not in direct]
+    changed = _answer(
+        model, value, vehicle, known, base, result, rides, others or rides, after, held_out, since, direct
+    )
+    return replace(changed, gap=replace(changed.gap, doubts=(*changed.gap.doubts, *elsewhere)))
 
 
 def visible_changes(
@@ -158,13 +160,13 @@ def visible_changes(
     ------
     BadInput : as of `diagnose_change`.
     """
-    model, vehicle, read, own = _begun(model, [], since, effects, vehicle)
+    model, vehicle, read, value = _begun(model, [], since, effects, vehicle)
     with threadpool_limits(1):
-        full, numbers = numbers_of(model, own, vehicle)
+        full, numbers = numbers_of(model, value, vehicle)
         rides = [FollowedRun.of(one, read, seconds_followed(model)) for one in since]
         known = usual(Follower(full, read), numbers, rides, say or (lambda line, **_: None), {})
-        names = {effect.parameter.name: name for name, effect in own.items()}
-        units = {name: effect.parameter.unit for name, effect in own.items()}
+        names = {effect.parameter.name: name for name, effect in value.items()}
+        units = {name: effect.parameter.unit for name, effect in value.items()}
         return visible(known, rides, names, units, CAL.cost_changed)
 
 
@@ -189,18 +191,18 @@ def _begun(
         raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
     _must_differ(after, since)
     read = _readings(model, [*after, *since])
-    own = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
-    if not own:
+    value = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
+    if not value:
         raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
-    return model, vehicle, read, own
+    return model, vehicle, read, value
 
 
-def _must_differ(own: Sequence[Recording], since: Sequence[Recording]) -> None:
+def _must_differ(recordings: Sequence[Recording], since: Sequence[Recording]) -> None:
     """Raise `BadInput` where the same data are from before and from after."""
-    there = {recording.source.sha256: recording for recording in own if recording.source.sha256}
+    there = {recording.source.sha256: recording for recording in recordings if recording.source.sha256}
     for recording in since:
         same = there.get(recording.source.sha256)
-        if any(recording is one for one in own) or (
+        if any(recording is one for one in recordings) or (
             same is not None and same.runs == recording.runs and np.array_equal(same.time, recording.time)
         ):
             other = same if same is not None else recording
@@ -231,11 +233,11 @@ def filtered_alike(recordings: Sequence[Recording]) -> bool:
 
 def _answer(
     model: MotionModel,
-    own: Mapping[str, Effect],
+    value: Mapping[str, Effect],
     vehicle: Vehicle,
     known: Common,
     base: RunExplained,
-    found: Sequence[Change],
+    result: Sequence[Change],
     rides: Sequence[FollowedRun],
     others: Sequence[FollowedRun],
     after: Sequence[Recording],
@@ -244,21 +246,21 @@ def _answer(
     direct: Mapping[int, ByColumns],
 ) -> Changed:
     """What is said of all that was found; direct: what two columns tell by themselves."""
-    effects = {effect.parameter.name: name for name, effect in own.items()}
-    weights = np.array([exp(min(one.least, 300.0)) for one in found])
+    effects = {effect.parameter.name: name for name, effect in value.items()}
+    weights = np.array([exp(min(one.least, 300.0)) for one in result])
     sure = weights / (1.0 + np.sum(weights))
-    first = found[0] if found and found[0].least > 0 else None
-    alike = [] if first is None else [effects[known.numbers[one.place].name] for one in found[1:]
+    first = result[0] if result and result[0].least > 0 else None
+    alike = [] if first is None else [effects[known.numbers[one.place].name] for one in result[1:]
                                       if first.least - one.least < CAL.alike]  # fmt: skip
-    told, spans = known.x.copy(), list[tuple[float, float]]()
+    entry, spans = known.x.copy(), list[tuple[float, float]]()
     for place, by in direct.items():
-        told[place] += by.shift
-    mean = told.copy()
-    for one in found:
+        entry[place] += by.shift
+    mean = entry.copy()
+    for one in result:
         number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
         sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
         ends = [number.value(float(np.clip(at + side * 1.96 * sd, number.low, number.high))) for side in (-1, 1)]
-        spans.append((_within(own[effects[number.name]], min(ends)), _within(own[effects[number.name]], max(ends))))
+        spans.append((_within(value[effects[number.name]], min(ends)), _within(value[effects[number.name]], max(ends))))
     if first is not None:
         mean[first.place] += first.shift[0]
     chosen = _closure(known, rides, mean, tuple(one.name for one in after))
@@ -277,20 +279,20 @@ def _answer(
             reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
     first_found = first
     if reasons:
-        first, mean = None, told
+        first, mean = None, entry
         chosen, judged = (_closure(known, ones, mean, each.recordings)
                           for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
     ranking = []
-    for one, p, span in zip(found, sure, spans, strict=True):
+    for one, p, span in zip(result, sure, spans, strict=True):
         number = known.numbers[one.place]
         name = effects[number.name]
-        size = _within(own[name], number.value(known.x[one.place] + one.shift[0]))
+        size = _within(value[name], number.value(known.x[one.place] + one.shift[0]))
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
             reason = "it would be further off than ever changes: a symptom of something else, no size"
         mates = tuple(alike) if first_found is one else ()
-        ranking.append(Ranked(name, float(p), size, own[name].parameter.unit, span, mates, one.total, reason))
-    ranking = [*(_by_columns(known, own[effects[known.numbers[place].name]], effects, place, by)
+        ranking.append(Ranked(name, float(p), size, value[name].parameter.unit, span, mates, one.total, reason))
+    ranking = [*(_by_columns(known, value[effects[known.numbers[place].name]], effects, place, by)
                  for place, by in direct.items()), *ranking]  # fmt: skip
     places = (*direct, *(one.place for one in (first,) if one is not None))
     applied = tuple(effects[known.numbers[place].name] for place in places)
@@ -307,7 +309,7 @@ def _answer(
             for one in (*after, *since) for finding in check(one) if finding.severity is Severity.DISTRUST
         ),
         gap_detected=bool(applied) or unknown > 0.5,
-        p_value=min([_by_chance(found, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
+        p_value=min([_by_chance(result, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
         unknown_probability=unknown,
         unknown=f"readings are {loud:.2g} times as far from what was foreseen as before" if unknown > 0.5 else "",
         where=Where(channel=max(channels, key=lambda name: channels[name]) if applied or unknown > 0.5 else "",
@@ -319,7 +321,7 @@ def _answer(
         not_excited={},
         absorbed=(),
         advice=(),
-        closed=_model_at(model, own, known, mean),
+        closed=_model_at(model, value, known, mean),
         budget=budget,
     )  # fmt: skip
     values = values_of(known.numbers, known.x)
@@ -328,23 +330,23 @@ def _answer(
                for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
     scatter = {
         name: (_within(effect, numbers[effect.parameter.name][0]), numbers[effect.parameter.name][2])
-        for name, effect in own.items()
+        for name, effect in value.items()
     }
     before = replace(
         vehicle,
         values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
                 for name, one in vehicle.values.items()},
-        effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if own[name].parameter.array == 1.0 else 1.0))
+        effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
     return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since))
 
 
-def by_place(known: Common, own: Mapping[str, Effect], told: Sequence[ByColumns]) -> dict[int, ByColumns]:
+def by_place(known: Common, value: Mapping[str, Effect], by_columnses: Sequence[ByColumns]) -> dict[int, ByColumns]:
     """What two columns tell, by the place of the number that it is of."""
     places = {number.name: place for place, number in enumerate(known.numbers)}
-    return {places[own[one.effect].parameter.name]: one for one in told
-            if one.effect in own and own[one.effect].parameter.name in places}  # fmt: skip
+    return {places[value[one.effect].parameter.name]: one for one in by_columnses
+            if one.effect in value and value[one.effect].parameter.name in places}  # fmt: skip
 
 
 def _by_columns(known: Common, effect: Effect, effects: Mapping[str, str], place: int, by: ByColumns) -> Ranked:
@@ -384,24 +386,24 @@ def _budget(
     return Budget(tuple(shares), rest, judged.recordings, held_out)
 
 
-def _by_chance(found: Sequence[Change], tried: int) -> float:
+def _by_chance(result: Sequence[Change], tried: int) -> float:
     """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
     mean of a ratio of evidences is one.
     """
-    return float(min(1.0, tried * exp(-max((one.total for one in found), default=0.0))))
+    return float(min(1.0, tried * exp(-max((one.total for one in result), default=0.0))))
 
 
-def _model_at(model: MotionModel, own: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
+def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:
     """The model with the vehicle's numbers there."""
     values = values_of(known.numbers, x)
-    found = model
-    for name, effect in own.items():
+    result = model
+    for name, effect in entry.items():
         value, null = _within(effect, values.pop(effect.parameter.name)), float(effect.parameter.array)
-        if name in found.effects:
-            found = found.with_parameters(found[effect.parameter.name].with_value(value))
+        if name in result.effects:
+            result = result.with_parameters(result[effect.parameter.name].with_value(value))
         elif abs(value - null) > 1e-9:
-            found = found + effect.at(value)
-    return found.with_parameters(*(found[name].with_value(v) for name, v in values.items() if name in found))
+            result = result + effect.at(value)
+    return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
 
 
 def _within(effect: Effect, value: float) -> float:
@@ -428,7 +430,7 @@ def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tu
         return float((before - after) / max(before - floor, CAL.least_gap))
 
     total = np.sum(each, axis=0)
-    before, after = (float(own) for own in total[:2] / total[2])
+    before, after = (float(item) for item in total[:2] / total[2])
     if np.array_equal(mean, known.x):
         return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
     low, high = (float(end) for end in resampled(each, share, CAL.draws))
@@ -437,8 +439,8 @@ def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tu
 
 def _loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:
     """How far off recordings from after are beside those from before, mean over channels."""
-    found = [known.weigher.innovations(ride, base.x) for ride in rides]
-    scales = [known.weigher.noise.scales(own) for own in found if own is not None]
+    result = [known.weigher.innovations(ride, base.x) for ride in rides]
+    scales = [known.weigher.noise.scales(item) for item in result if item is not None]
     return float(np.median(np.mean(scales, axis=1))) if scales else 1.0
 
 
@@ -447,10 +449,10 @@ def _channels(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]:
     read = known.weigher.follower.read
     squares, count = np.zeros(len(read)), np.zeros(len(read))
     for ride in rides:
-        own = known.weigher.innovations(ride, known.x)
-        if own is not None:
-            squares += np.sum((own.white**2).reshape(-1, len(read)), axis=0)
-            count += np.sum(own.there.reshape(-1, len(read)), axis=0)
+        value = known.weigher.innovations(ride, known.x)
+        if value is not None:
+            squares += np.sum((value.white**2).reshape(-1, len(read)), axis=0)
+            count += np.sum(value.there.reshape(-1, len(read)), axis=0)
     return {name: float(np.sqrt(s / max(c, 1.0))) for name, s, c in zip(read, squares, count, strict=True)}
 
 
@@ -460,16 +462,16 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
     if runs < 3:
         return ()
     at = np.linspace(-0.5, 0.5, runs)
-    said = []
+    stated = []
     for place in known.varying:
-        told = known.deviation_sds[:, place]
-        own, weights = known.deviations[:, place], 1 / np.maximum(told, 1e-12) ** 2
+        deviation_sd = known.deviation_sds[:, place]
+        value, weights = known.deviations[:, place], 1 / np.maximum(deviation_sd, 1e-12) ** 2
         about = at - np.sum(weights * at) / np.sum(weights)
         information = float(np.sum(weights * about**2))
-        trend = float(np.sum(weights * about * own)) / information
+        trend = float(np.sum(weights * about * value)) / information
         if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
-            said.append(
+            stated.append(
                 f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: what changed "
                 "since then may be no more than that."
             )
-    return tuple(said)
+    return tuple(stated)

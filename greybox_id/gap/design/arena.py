@@ -125,12 +125,12 @@ def arena(words: str) -> Arena:
     ------
     BadInput : they describe none.
     """
-    if found := _STRAIGHT.fullmatch(words):
-        length, width = (_size(words, part) for part in found.groups())
+    if result := _STRAIGHT.fullmatch(words):
+        length, width = (_size(words, part) for part in result.groups())
         half = 0.5 * width
         return Arena(words, np.array([[0.0, -half], [length, -half], [length, half], [0.0, half]]))
-    if found := _DISC.fullmatch(words):
-        radius = _size(words, found.group(1))
+    if result := _DISC.fullmatch(words):
+        radius = _size(words, result.group(1))
         around = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
         return Arena(words, radius * np.column_stack([np.cos(around), np.sin(around)]), radius)
     if words.lower().endswith(".csv"):

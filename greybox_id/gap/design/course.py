@@ -70,13 +70,14 @@ class PlanCourse:
     def references(self, plans: Sequence[AskedDrive]) -> list[PlannedMotion]:
         """Plans as they go with the nominal parameters, several at once; the speed is kept, the path is what it is."""
         u = [
-            np.column_stack([own.steer, self._forward(own), own.speed, *[np.zeros(len(own.time))] * 3]) for own in plans
+            np.column_stack([plan.steer, self._forward(plan), plan.speed, *[np.zeros(len(plan.time))] * 3])
+            for plan in plans
         ]
-        found = self._simulated([own.time for own in plans], u, self._parameters(self.model.values[None], 0.0))
+        result = self._simulated([plan.time for plan in plans], u, self._parameters(self.model.values[None], 0.0))
         per_unit = 1.0 / self.driver.force
         return [
-            PlannedMotion(own.time, own.steer, y[:, AT["drive_force"]] * per_unit, y, own.phase)
-            for own, y in zip(plans, found, strict=True)
+            PlannedMotion(plan.time, plan.steer, y[:, AT["drive_force"]] * per_unit, y, plan.phase)
+            for plan, y in zip(plans, result, strict=True)
         ]
 
     def driven(self, plan: PlannedMotion, P: Array, *, follow: bool) -> Array:
@@ -87,11 +88,11 @@ class PlanCourse:
         full = self._parameters(np.column_stack([P, of_driver]), 1.0 if follow else 0.0)
         return np.stack(self._simulated([plan.time] * len(P), [u] * len(P), full))
 
-    def _forward(self, own: AskedDrive) -> Array:
+    def _forward(self, asked_drive: AskedDrive) -> Array:
         """The drive signal that would keep the wanted speed on a straight."""
         c_0, c_1, c_2 = self.resistance
-        v = own.speed
-        force = self.driver.mass * np.gradient(v, own.time) + c_0 + c_1 * v + c_2 * v**2
+        v = asked_drive.speed
+        force = self.driver.mass * np.gradient(v, asked_drive.time) + c_0 + c_1 * v + c_2 * v**2
         return np.asarray(force / self.driver.force)
 
     def _parameters(self, P: Array, follow: float) -> Array:
@@ -167,10 +168,10 @@ def strain(motion: Array, limits: DriveLimits) -> Strain:
         use = np.max(np.hypot(along, np.clip(across, -1.0, 1.0)), axis=0)
         slip = np.abs(np.arctan2(y[..., AT["v_y"]], np.maximum(y[..., AT["v_x"]], 1e-3)))
         backwards = y[..., AT["v_x"]] < 0.3 * limits.speed_min
-        found = [
+        result = [
             np.max(use, axis=1) / limits.grip,
             np.max(np.where(backwards, np.inf, slip), axis=1) / limits.sideslip_max,
             np.max(y[..., AT["v_x"]], axis=1) / (1.03 * limits.speed_max),
         ]
     finite = np.all(np.isfinite(y), axis=(1, 2))
-    return Strain(*(np.where(finite & np.isfinite(own), own, np.inf) for own in found))
+    return Strain(*(np.where(finite & np.isfinite(item), item, np.inf) for item in result))

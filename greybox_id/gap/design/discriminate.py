@@ -75,19 +75,19 @@ def ambiguous(gap: Gap) -> tuple[str, ...]:
 
     Effects that no recording like this one tells apart, or that stay likely beside one that is not sure.
     """
-    for own in gap.ranking if gap.gap_detected else ():
-        if own.probability < LIKELY:
+    for item in gap.ranking if gap.gap_detected else ():
+        if item.probability < LIKELY:
             continue
-        alike = [name for name in own.indistinguishable_from if name != own.effect]
+        alike = [name for name in item.indistinguishable_from if name != item.effect]
         likely = [
             other.effect
             for other in gap.ranking
-            if other.effect != own.effect and other.probability >= LIKELY
-            and max(own.probability, other.probability) < 1.0 - LIKELY
-            and not {own.effect, other.effect} <= set(gap.applied)
+            if other.effect != item.effect and other.probability >= LIKELY
+            and max(item.probability, other.probability) < 1.0 - LIKELY
+            and not {item.effect, other.effect} <= set(gap.applied)
         ]  # fmt: skip
         if others := tuple(dict.fromkeys([*likely, *alike])):
-            return (own.effect, *others)
+            return (item.effect, *others)
     return ()
 
 
@@ -106,7 +106,7 @@ def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str]
 
 
 def discriminating(
-    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], asked: DesignTask, say: Callable[[str], None]
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], design_task: DesignTask, say: Callable[[str], None]
 ) -> Design:
     """The manoeuvre that tells the explanations of a gap apart.
 
@@ -122,7 +122,7 @@ def discriminating(
     """
     names = ambiguous(gap)
     if not names:
-        return _nothing("discriminate", model, asked, (f"There is nothing to tell apart: {_alone(gap)}.",), ())
+        return _nothing("discriminate", model, design_task, (f"There is nothing to tell apart: {_alone(gap)}.",), ())
     rest, alike = parted(names)
     impossible = tuple(
         f"{one} and {other} read the same whatever is driven: no manoeuvre tells them apart; measure the mounting."
@@ -134,29 +134,29 @@ def discriminating(
         impossible = (*impossible, f"{', '.join(unheld)}: no equations of it are known here; it is left out.")
     if len(known) < 2:
         why = "No manoeuvre tells them apart." if alike else "There is nothing to tell apart."
-        return _nothing("discriminate", model, asked, (why,), impossible)
+        return _nothing("discriminate", model, design_task, (why,), impossible)
     rivals = [_rival(gap, model, effects, name, known[:MOST_RIVALS]) for name in known[:MOST_RIVALS]]
-    must_fit(asked)
-    bench = _Bench(gap, rivals, asked)
-    found = bench.search(bench.worth, say, CLEARLY)
-    separation = bench.separations(found.plan)
-    worst = min(own.nats for own in separation)
-    said = [f"To tell {rivals[0].name} from {', '.join(own.name for own in rivals[1:])}."]
-    for own in separation:
-        if own.nats < HOPELESS:
+    must_fit(design_task)
+    bench = _Bench(gap, rivals, design_task)
+    result = bench.search(bench.worth, say, CLEARLY)
+    separation = bench.separations(result.plan)
+    worst = min(item.nats for item in separation)
+    stated = [f"To tell {rivals[0].name} from {', '.join(rival.name for rival in rivals[1:])}."]
+    for item in separation:
+        if item.nats < HOPELESS:
             impossible = (
                 *impossible,
-                f"No manoeuvre that was found in {asked.arena.words} tells {own.pair[0]} from {own.pair[1]} "
-                f"({own.nats:.1f} nats; {ENOUGH:g} are enough).",
+                f"No manoeuvre that was found in {design_task.arena.words} tells {item.pair[0]} from {item.pair[1]} "
+                f"({item.nats:.1f} nats; {ENOUGH:g} are enough).",
             )
     if HOPELESS <= worst < ENOUGH:
-        said.append(
+        stated.append(
             f"One drive tells them apart by {worst:.1f} nats; {ENOUGH:g} are enough: repeat it, or use more room."
         )
     return finished(
-        "discriminate", bench.courses[0], found, bench.searching, bench.asked, bench.samples[0],
-        criterion={"name": "t", "parameters": [own.name for own in rivals], "before": 0.0, "after": worst},
-        drive=bench.drive, impossible=impossible, separation=separation, said=tuple(said),
+        "discriminate", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],
+        criterion={"name": "t", "parameters": [rival.name for rival in rivals], "before": 0.0, "after": worst},
+        drive=bench.drive, impossible=impossible, separation=separation, said=tuple(stated),
     )  # fmt: skip
 
 
@@ -173,7 +173,7 @@ def _alone(gap: Gap) -> str:
 
 
 def detecting(
-    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], asked: DesignTask,
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], design_task: DesignTask,
     say: Callable[[str], None],
 ) -> Design:  # fmt: skip
     """The manoeuvre that shows effects that recordings could not: each at its usual size against nothing.
@@ -189,29 +189,29 @@ def detecting(
     for name in names:
         if name not in effects or not effects[name].concerns(model):
             raise BadInput(f"‹parameters› {name}: no effect of {model.name}.{near_or_all(name, tuple(effects))}")
-    unseen = [*gap.not_excited, *(name for name, own in gap.limits.items() if own.share > 1)]
-    wanted = tuple(dict.fromkeys(names or unseen))
-    wanted = tuple(name for name in wanted if name in effects and effects[name].concerns(model))
-    if not wanted:
-        said = ("There is nothing to detect: at their usual sizes, all effects would have shown.",)
-        return _nothing("detect", model, asked, said, ())
-    chosen = wanted[:MOST_RIVALS]
+    unseen = [*gap.not_excited, *(name for name, limit in gap.limits.items() if limit.share > 1)]
+    target = tuple(dict.fromkeys(names or unseen))
+    target = tuple(name for name in target if name in effects and effects[name].concerns(model))
+    if not target:
+        stated = ("There is nothing to detect: at their usual sizes, all effects would have shown.",)
+        return _nothing("detect", model, design_task, stated, ())
+    chosen = target[:MOST_RIVALS]
     rivals = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
-    must_fit(asked)
-    bench = _Bench(gap, [_without(rivals[0]), *rivals], asked)
-    found = bench.search(bench.shown, say, ENOUGH)
-    separation = bench.seen(found.plan)
+    must_fit(design_task)
+    bench = _Bench(gap, [_without(rivals[0]), *rivals], design_task)
+    result = bench.search(bench.shown, say, ENOUGH)
+    separation = bench.seen(result.plan)
     impossible = tuple(
-        f"No manoeuvre that was found in {asked.arena.words} shows {own.pair[0]} at its usual size "
-        f"({own.nats:.1f} nats)."
-        for own in separation
-        if own.nats < HOPELESS
+        f"No manoeuvre that was found in {design_task.arena.words} shows {item.pair[0]} at its usual size "
+        f"({item.nats:.1f} nats)."
+        for item in separation
+        if item.nats < HOPELESS
     )
     shown: tuple[str, ...] = (f"To show {', '.join(chosen)} at usual sizes.",)
-    if len(wanted) > len(chosen):
-        shown = (*shown, f"Left out: {', '.join(wanted[len(chosen) :])}; name them as parameters.")
+    if len(target) > len(chosen):
+        shown = (*shown, f"Left out: {', '.join(target[len(chosen) :])}; name them as parameters.")
     return finished(
-        "detect", bench.courses[0], found, bench.searching, bench.asked, bench.samples[0],
+        "detect", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],
         criterion={"name": "t", "parameters": list(chosen), "before": 0.0, "after": min(o.nats for o in separation)},
         drive=bench.drive, impossible=impossible, separation=separation, said=shown,
     )  # fmt: skip
@@ -220,23 +220,25 @@ def detecting(
 class _Bench:
     """Rivals beside each other: their courses, their readings, how far they come apart."""
 
-    def __init__(self, gap: Gap, rivals: Sequence[Rival], asked: DesignTask) -> None:
+    def __init__(self, gap: Gap, rivals: Sequence[Rival], design_task: DesignTask) -> None:
         first = rivals[0].model
-        self.samples = [_drawn(own, DRAWS, asked.seed) for own in rivals]
-        slower, self.vehicle = cautious(asked.limits, vehicle_of(first), first, self.samples[0])
-        asked = replace(asked, limits=slower)
-        self.rivals, self.asked = rivals, asked
+        self.samples = [_drawn(rival, DRAWS, design_task.seed) for rival in rivals]
+        slower, self.vehicle = cautious(design_task.limits, vehicle_of(first), first, self.samples[0])
+        design_task = replace(design_task, limits=slower)
+        self.rivals, self.asked = rivals, design_task
         self.drive = _drive_of(first)
-        self.driver = driver_of(first, asked.limits)
-        self.courses = [PlanCourse(own.model, self.driver, asked.rate, asked.limits.speed_min) for own in rivals]
+        self.driver = driver_of(first, design_task.limits)
+        self.courses = [
+            PlanCourse(rival.model, self.driver, design_task.rate, design_task.limits.speed_min) for rival in rivals
+        ]
         self.read, amplitudes = _amplitudes(gap, first)
-        self.whitening = [Whitening(own.model, amplitudes) for own in rivals]
+        self.whitening = [Whitening(rival.model, amplitudes) for rival in rivals]
         names = [other.name for other in rivals]
-        self.held = [Rough(own.model, names) for own in rivals]  # a row that is read sooner has no derivative
-        self.simulators = [Simulator(own.model) for own in self.held]
+        self.held = [Rough(rival.model, names) for rival in rivals]  # a row that is read sooner has no derivative
+        self.simulators = [Simulator(item.model) for item in self.held]
         for simulator in self.simulators:
             simulator.kernel.prepare()
-        each = [[p.name for p in own.model.parameters for _ in range(p.size)] for own in rivals]
+        each = [[p.name for p in rival.model.parameters for _ in range(p.size)] for rival in rivals]
         common = [n for n in each[0] if n not in names and all(n in other for other in each)]
         self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
         self.searching: PlanSearch
@@ -249,41 +251,41 @@ class _Bench:
         def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
             return [of_one(plan, rough) for plan in plans]
 
-        asked = self.asked
+        one = self.asked
         self.searching = PlanSearch(
-            self.courses[0], self.vehicle, asked.limits, asked.arena, asked.duration, self.samples[0], worth,
-            asked.seed, follow=asked.follow, rivals=list(zip(self.courses[1:], self.samples[1:], strict=True)),
-            enough=enough, effort=asked.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
+            self.courses[0], self.vehicle, one.limits, one.arena, one.duration, self.samples[0], worth,
+            one.seed, follow=one.follow, rivals=list(zip(self.courses[1:], self.samples[1:], strict=True)),
+            enough=enough, effort=one.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
         )  # fmt: skip
-        found, nearest = self.searching.best(say)
-        if found is None:
-            raise no_room(nearest, asked, self.searching)
-        return found
+        result, nearest = self.searching.best(say)
+        if result is None:
+            raise no_room(nearest, one, self.searching)
+        return result
 
     def worth(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which the worst pair comes apart, a little for the others."""
-        every, told = range(len(self.rivals)), dict[tuple[int, int], float]()
+        every, known = range(len(self.rivals)), dict[tuple[int, int], float]()
         for i in every:
             others = [j for j in every if (j > i if rough else j != i)]
             for j, nats in zip(others, self._apart(plan, i, others, self.rivals[i].p, rough=rough), strict=True):
                 pair = (min(i, j), max(i, j))
-                told[pair] = min(nats, told.get(pair, inf))
-        return _soft(list(told.values()))
+                known[pair] = min(nats, known.get(pair, inf))
+        return _soft(list(known.values()))
 
     def shown(self, plan: PlannedMotion, rough: bool) -> float:
         """Nats by which effects show against the first rival, nothing; more than is needed of one does not count."""
-        told = [self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))]
-        return float(np.mean(np.minimum(told, ENOUGH)))
+        known = [self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))]
+        return float(np.mean(np.minimum(known, ENOUGH)))
 
     def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
         """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
-        every, told = range(len(self.rivals)), dict[tuple[int, int], list[float]]()
+        every, known = range(len(self.rivals)), dict[tuple[int, int], list[float]]()
         for i in every:
             others = [j for j in every if j != i]
             nats = np.array([self._apart(plan, i, others, p) for p in self.samples[i][:AVERAGED]])
-            told |= {(i, j): (self.asked.repeat * own).tolist() for j, own in zip(others, nats.T, strict=True)}
+            known |= {(i, j): (self.asked.repeat * item).tolist() for j, item in zip(others, nats.T, strict=True)}
         return tuple(
-            _separation((self.rivals[i].name, self.rivals[j].name), min(told[i, j], told[j, i], key=np.mean))
+            _separation((self.rivals[i].name, self.rivals[j].name), min(known[i, j], known[j, i], key=np.mean))
             for i, j in combinations(every, 2)
         )
 
@@ -291,10 +293,10 @@ class _Bench:
         """Of every effect against nothing."""
         return tuple(
             _separation(
-                (own.name, "nothing"),
+                (rival.name, "nothing"),
                 [self.asked.repeat * self._apart(plan, j, [0], p)[0] for p in self.samples[j][:AVERAGED]],
             )
-            for j, own in enumerate(self.rivals)
+            for j, rival in enumerate(self.rivals)
             if j > 0
         )
 
@@ -313,13 +315,13 @@ class _Bench:
         if recording is None:
             return [0.0] * len(wrong)
         drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]])
-        own = self._cost(recording, true, p, steps, every) if drawn else 0.0
-        found = []
+        value = self._cost(recording, true, p, steps, every) if drawn else 0.0
+        result = []
         for other in wrong:
             wide = self.rivals[other].p.copy()
             wide[self.shared[other]] = p[self.shared[true]]
-            found.append(max(self._cost(recording, other, wide, steps, every) - own, 0.0))
-        return found
+            result.append(max(self._cost(recording, other, wide, steps, every) - value, 0.0))
+        return result
 
     def _cost(self, recording: Recording, rival: int, p: Array, steps: int, every: int) -> float:
         """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
@@ -328,7 +330,7 @@ class _Bench:
         white = self.whitening[rival].of(recording, p, every)
         low, high = problem.bounds
         x = at = problem.unknowns(p)
-        best, told, damping = inf, inf, 0.0
+        best, known, damping = inf, inf, 0.0
         H, g, scale, moving = np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp)
         for _ in range(steps + 1):
             ((rows, own_e, own_J),) = by_interval(problem, x)
@@ -355,11 +357,11 @@ class _Bench:
             damped = H * np.outer(scale, scale) + damping * np.eye(len(H))
             step = np.zeros(len(x))
             step[moving] = -scale * np.linalg.lstsq(damped, scale * g, rcond=1e-11)[0]
-            told = max(best + 0.5 * float(g @ step[moving]), 0.0) if damping == 0.0 else best
-            if damping == 0.0 and best - told < SETTLED:
+            known = max(best + 0.5 * float(g @ step[moving]), 0.0) if damping == 0.0 else best
+            if damping == 0.0 and best - known < SETTLED:
                 break
             x = np.clip(at + step, low, high)
-        return min(told, best) if isfinite(best) else 0.0
+        return min(known, best) if isfinite(best) else 0.0
 
     def _readings(self, plan: PlannedMotion, true: int, p: Array, every: int) -> Recording | None:
         """What sensors would read if a rival were true, commands as planned; one row of so many."""
@@ -378,20 +380,20 @@ class _Bench:
             about=p,
         )
         y = problem.simulated_nodes(problem.unknowns(p)).y
-        own = [outputs.index(name) for name in self.read]
-        if not np.all(np.isfinite(y[time >= LATE][:, own])):
+        value = [outputs.index(name) for name in self.read]
+        if not np.all(np.isfinite(y[time >= LATE][:, value])):
             return None
         filled = {name: y[:, outputs.index(name)] for name in self.read}
         return Recording("plan", time, {**signals, **filled})
 
 
-def _separation(pair: tuple[str, str], told: Sequence[float]) -> Separation:
-    return Separation(pair, float(np.mean(told)), float(np.quantile(told, 0.1)))
+def _separation(pair: tuple[str, str], known: Sequence[float]) -> Separation:
+    return Separation(pair, float(np.mean(known)), float(np.quantile(known, 0.1)))
 
 
-def _soft(told: Sequence[float]) -> float:
+def _soft(known: Sequence[float]) -> float:
     """The least, and a little of the others, so that a search does not stand still; none beyond `CLEARLY`."""
-    values = np.minimum(told, CLEARLY)
+    values = np.minimum(known, CLEARLY)
     return float(np.min(values) + 0.05 * np.mean(values))
 
 
@@ -400,23 +402,25 @@ def _rival(
     typical: bool = False,
 ) -> Rival:  # fmt: skip
     """The model with one of the effects at its magnitude, free; and the others that are applied in any case."""
-    found = {own.effect: own.magnitude for own in gap.ranking}
-    spans = {own.effect: own.interval[1] - own.interval[0] for own in gap.ranking}
+    result = {item.effect: item.magnitude for item in gap.ranking}
+    spans = {item.effect: item.interval[1] - item.interval[0] for item in gap.ranking}
     for other in gap.applied:
-        if other not in among and other in effects and other not in model.effects and other in found:
-            model = model + effects[other].at(found[other])
+        if other not in among and other in effects and other not in model.effects and other in result:
+            model = model + effects[other].at(result[other])
     effect = effects[name]
-    size = effect.typical if typical else found.get(name, effect.typical)
+    size = effect.typical if typical else result.get(name, effect.typical)
     low, high = effect.parameter.bounds
     size = float(np.clip(size, low, high))
     if name in model.effects:
-        own = model[name]
-        model = model.with_parameters(replace(own, value=np.asarray(size), fixed=False, prior=None))
+        value = model[name]
+        model = model.with_parameters(replace(value, value=np.asarray(size), fixed=False, prior=None))
     else:
         model = model + effect.free(size if isfinite(size) else effect.typical)
         model = model.with_parameters(replace(model[name], value=np.asarray(size), prior=None))
     held = [
-        replace(own, fixed=True) for own in model.parameters if own.name != name and not own.fixed and own.prior is None
+        replace(parameter, fixed=True)
+        for parameter in model.parameters
+        if parameter.name != name and not parameter.fixed and parameter.prior is None
     ]
     model = model.with_parameters(*held)
     sd = 0.0 if typical else spans.get(name, 0.0) / (2.0 * NORMAL_95)
@@ -425,23 +429,27 @@ def _rival(
 
 def _without(rival: Rival) -> Rival:
     """The same without its effect."""
-    own = rival.model[rival.name]
-    assert own.null is not None
-    model = rival.model.with_parameters(replace(own, value=np.asarray(own.null), fixed=True))
+    value = rival.model[rival.name]
+    assert value.null is not None
+    model = rival.model.with_parameters(replace(value, value=np.asarray(value.null), fixed=True))
     return Rival("nothing", model, model.values)
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:
     """(count, parameters) of what is stated with a tolerance and of the effect's magnitude, nominal values first."""
     rng = np.random.default_rng((seed, 907))
-    found, start = np.tile(rival.p, (count, 1)), 0
-    for own in rival.model.parameters:
-        if own.shape == () and not own.fixed and (own.prior is not None or own.name == rival.name):
-            sd = rival.sd if own.prior is None else float(np.max(np.asarray(own.prior.sd)))
-            moved = found[1:, start] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
-            found[1:, start] = np.clip(moved, *own.bounds)
-        start += own.size
-    return found
+    result, start = np.tile(rival.p, (count, 1)), 0
+    for parameter in rival.model.parameters:
+        if (
+            parameter.shape == ()
+            and not parameter.fixed
+            and (parameter.prior is not None or parameter.name == rival.name)
+        ):
+            sd = rival.sd if parameter.prior is None else float(np.max(np.asarray(parameter.prior.sd)))
+            moved = result[1:, start] + sd * np.clip(rng.standard_normal(count - 1), -FARTHEST, FARTHEST)
+            result[1:, start] = np.clip(moved, *parameter.bounds)
+        start += parameter.size
+    return result
 
 
 def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitudes]:
@@ -452,17 +460,17 @@ def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitud
     BadInput : the diagnosis says of no channel how noisy it is.
     """
     floors: dict[str, float] = {}
-    for own in (*gap.gap.errors, *(gap.held_out.errors if gap.held_out is not None else ())):
-        if own.channel in model.outputs and isfinite(own.floor) and own.floor > 0:
-            floors[own.channel] = min(own.floor, floors.get(own.channel, inf))
+    for error in (*gap.gap.errors, *(gap.held_out.errors if gap.held_out is not None else ())):
+        if error.channel in model.outputs and isfinite(error.floor) and error.floor > 0:
+            floors[error.channel] = min(error.floor, floors.get(error.channel, inf))
     if not floors:
         raise BadInput(
             "The diagnosis does not say how noisy readings are: write its file (gap.json) anew with greybox gap, ‹out›."
         )
-    found, stated = gap.unnamed, dict[str, StatedModelError]()
-    if found is not None:
-        stated["F_y"] = StatedModelError(found.share_y, found.floor_y, found.memory_y)
-        stated["F_x"] = StatedModelError(found.share_x, found.floor_x, found.memory_x)
+    result, stated = gap.unnamed, dict[str, StatedModelError]()
+    if result is not None:
+        stated["F_y"] = StatedModelError(result.share_y, result.floor_y, result.memory_y)
+        stated["F_x"] = StatedModelError(result.share_x, result.floor_x, result.memory_x)
     usual = believed(np.array([floors.get(name, 1.0) for name in model.outputs]), True, False, stated).median
     return tuple(name for name in model.outputs if name in floors), usual
 
@@ -481,11 +489,11 @@ def _drive_of(model: MotionModel) -> str:
 
 
 def _nothing(
-    goal: str, model: MotionModel, asked: DesignTask, said: tuple[str, ...], impossible: tuple[str, ...]
+    goal: str, model: MotionModel, design_task: DesignTask, stated: tuple[str, ...], impossible: tuple[str, ...]
 ) -> Design:
     """A design without a manoeuvre, and why."""
     criterion = {"name": "t", "parameters": [], "before": 0.0, "after": 0.0}
     return Design(
-        goal, model.name, _drive_of(model), criterion, (), None, np.empty((2, 0, 0)), nowhere(), asked.arena,
-        asked.limits, None, impossible=impossible, said=said,
+        goal, model.name, _drive_of(model), criterion, (), None, np.empty((2, 0, 0)), nowhere(), design_task.arena,
+        design_task.limits, None, impossible=impossible, said=stated,
     )  # fmt: skip

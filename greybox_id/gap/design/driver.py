@@ -83,18 +83,18 @@ class PlanDriver:
         most = self.most / v**2
         return (self.length + self.understeer * v**2) * of.fmin(of.fmax(bend, -most), most)
 
-    def _drive(self, planned: Any, wanted: Any, v_x: Any, of: Any) -> Any:
+    def _drive(self, planned: Any, target: Any, v_x: Any, of: Any) -> Any:
         per_unit = self.mass / self.force
-        asked = planned + self.speed_gain * (wanted - v_x) * per_unit
-        return of.fmin(of.fmax(asked, -1.2 * self.brake_max * per_unit), 1.5 * self.drive_max * per_unit)
+        requested = planned + self.speed_gain * (target - v_x) * per_unit
+        return of.fmin(of.fmax(requested, -1.2 * self.brake_max * per_unit), 1.5 * self.drive_max * per_unit)
 
 
 def driver_of(model: MotionModel, limits: DriveLimits) -> PlanDriver:
     """The driver of a model's vehicle."""
-    own = vehicle_of(model)
-    pace = sqrt(own.length / CAR)
+    handling = vehicle_of(model)
+    pace = sqrt(handling.length / CAR)
     return PlanDriver(
-        SPEED_GAIN / pace, PREVIEW * pace, CORRECTION * own.grip, own.length, max(own.understeer, 0.0),
+        SPEED_GAIN / pace, PREVIEW * pace, CORRECTION * handling.grip, handling.length, max(handling.understeer, 0.0),
         number(model, "m", 1450.0), max(number(model, "force_per_unit", 1450.0), 1e-9), limits.drive_max,
         limits.brake_max,
     )  # fmt: skip
@@ -151,12 +151,12 @@ def driven(model: MotionModel, driver: PlanDriver) -> MotionModel:
         return value + getattr(q.p, PATH) * back
 
     follows = Parameter(PATH, "1", 0.0, (0.0, 1.0), fixed=True, about="whether the driver follows the planned path")
-    own = [
+    entry = [
         Parameter(parameter, "1", getattr(driver, name), fixed=True, about=f"{name} of the driver")
         for name, parameter in numbers.items()
     ]
     units = (("x", "m"), ("y", "m"), ("yaw", "rad"))
-    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(follows, *own)
+    added = model.with_states(places, *(State(name, unit) for name, unit in units)).with_parameters(follows, *entry)
     return replace(
         added,
         inputs=(*added.inputs, *PLANNED),

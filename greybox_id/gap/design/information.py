@@ -70,9 +70,9 @@ def known_by(fit: Fit) -> Known:
     chosen, q = np.array(places, dtype=np.intp), len(places)
     prior = np.zeros(q)
     for k, name in enumerate(names):
-        own = model[name].prior
-        if own is not None:
-            prior[k] = 1.0 / max(float(np.max(np.asarray(own.sd))), 1e-300) ** 2
+        value = model[name].prior
+        if value is not None:
+            prior[k] = 1.0 / max(float(np.max(np.asarray(value.sd))), 1e-300) ** 2
     own_local = np.array(local)
     C = fit.covariance[np.ix_(chosen, chosen)]
     there = np.isfinite(np.diag(C)) & (np.diag(C) > 0) & ~own_local
@@ -114,7 +114,7 @@ class Information:
     wanted : parameters that are never taken as known, not even roughly.
     """
 
-    def __init__(self, fit: Fit, known: Known, wanted: Sequence[str] = ()) -> None:
+    def __init__(self, fit: Fit, known: Known, target: Sequence[str] = ()) -> None:
         self.model, self.known, self.how = must_be(MotionModel, fit.model), known, fit.how
         noise = fit.stages[-1].noise if fit.stages else {}
         counted = fit.how.get("counted", noise)
@@ -124,7 +124,7 @@ class Information:
         self.noise = np.array([counted.get(name, 1.0) for name in self.model.outputs])
         believed_nothing = [replace(p, prior=None) for p in self.model.parameters]  # `known` holds the priors
         blank = self.model.with_parameters(*believed_nothing)
-        self.rough = Rough(blank, wanted)
+        self.rough = Rough(blank, target)
         self.simulator, self.rough_simulator = Simulator(blank), Simulator(self.rough.model)
         self.simulator.kernel.prepare()
         self.rough_simulator.kernel.prepare()
@@ -163,13 +163,13 @@ class Information:
         loose = problem.free.copy()
         loose[np.concatenate(problem.parameters.index)] = False
         for k, (rows, _, J) in enumerate(by_interval(problem, x)):
-            run, own = problem.intervals[k].run, problem.layout.index[k]
+            run, value = problem.intervals[k].run, problem.layout.index[k]
             index = problem.parameters.index[run][self.known.places]
-            places = np.array([np.flatnonzero(own == place)[0] for place in index])
-            by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[own])]
+            places = np.array([np.flatnonzero(value == place)[0] for place in index])
+            by, by_start = J[:, :, places], J[:, :, np.flatnonzero(loose[value])]
             flat = by_start.reshape(-1, by_start.shape[2])
             if flat.shape[1]:  # noise of the readings alone says where a prediction starts
-                starts = own[loose[own]]
+                starts = value[loose[value]]
                 inner = flat.T @ flat + problem.believed[np.ix_(starts, starts)]
                 pull = np.linalg.pinv(inner, rcond=1e-10, hermitian=True) @ (flat.T @ by.reshape(-1, q))
                 by = by - (flat @ pull).reshape(by.shape)
@@ -177,14 +177,16 @@ class Information:
             G[rows] += by * problem.weight[rows][:, :, None]
         edges = np.cumsum([0, *(len(recording) for recording in recordings)])
         good = np.array([
-            bool(np.all(np.isfinite(own)) and np.all(np.isfinite(G[a:b])))
-            for own, a, b in zip(H, edges[:-1], edges[1:], strict=True)
+            bool(np.all(np.isfinite(item)) and np.all(np.isfinite(G[a:b])))
+            for item, a, b in zip(H, edges[:-1], edges[1:], strict=True)
         ])  # fmt: skip
         H[~good] = 0.0
         G[np.repeat(~good, np.diff(edges))] = 0.0
-        begun = [np.array([own.start for own in problem.intervals if own.run == k]) for k in range(len(plans))]
+        begun = [
+            np.array([interval.start for interval in problem.intervals if interval.run == k]) for k in range(len(plans))
+        ]
         scatter = self.scatter.of(recordings, p, G, begun, every)
-        return [Scores(own, own + more) for own, more in zip(H, scatter, strict=True)]
+        return [Scores(item, item + more) for item, more in zip(H, scatter, strict=True)]
 
     def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:
         """The recording that a plan is expected to give, without noise; one row of so many."""
@@ -196,13 +198,13 @@ class Information:
         return Recording("plan", plan.time[::every], {name: values[::every] for name, values in signals.items()})
 
 
-def criterion(precision: Array, known: Known, wanted: Sequence[str], kind: str) -> float:
+def criterion(precision: Array, known: Known, target: Sequence[str], kind: str) -> float:
     """How good a precision is for the wanted numbers, more is better.
 
     Parameters
     ----------
     precision : (q, q) of all free numbers.
-    wanted : those that count; all others are nuisances (Schur complement).
+    target : those that count; all others are nuisances (Schur complement).
     kind : "d": minus the log-determinant of their covariance; "a": minus the log of the mean relative variance; "e":
         minus that of the largest relative variance of any combination; "c": minus that of the first one's variance.
 
@@ -211,18 +213,18 @@ def criterion(precision: Array, known: Known, wanted: Sequence[str], kind: str) 
     Source: Atkinson, Donev & Tobias, Optimum Experimental Designs, with SAS, 2007, ch. 10.
     """
     C = _inverse(precision)
-    at = [known.names.index(name) for name in wanted]
-    own = C[np.ix_(at, at)]
-    if not np.all(np.isfinite(own)):
+    at = [known.names.index(name) for name in target]
+    entry = C[np.ix_(at, at)]
+    if not np.all(np.isfinite(entry)):
         return -np.inf
     if kind == "d":
-        sign, value = np.linalg.slogdet(own)
+        sign, value = np.linalg.slogdet(entry)
         return -float(value) if sign > 0 else -np.inf
     if kind == "c":
-        return -float(np.log(max(own[0, 0], 1e-300)))
+        return -float(np.log(max(entry[0, 0], 1e-300)))
     before = np.sqrt(np.diag(_inverse(known.precision))[at])
     scale = np.where(np.isfinite(before), np.maximum(before, 1e-150), 1.0)
-    relative = own / np.outer(scale, scale)
+    relative = entry / np.outer(scale, scale)
     value = np.mean(np.diag(relative)) if kind == "a" else np.max(np.linalg.eigvalsh(relative))
     return -float(np.log(max(float(value), 1e-300)))
 
@@ -234,25 +236,25 @@ def draws(fit: Fit, known: Known, count: int, seed: int) -> Array:
     """
     rng = np.random.default_rng((seed, 2311))
     model = fit.model
-    found = np.tile(model.values, (count, 1))
+    result = np.tile(model.values, (count, 1))
     assert fit.covariance is not None
     places = known.places
     C = fit.covariance[np.ix_(places, places)]
     sd = np.sqrt(np.maximum(np.nan_to_num(np.diag(C), posinf=0.0), 0.0))
     there = np.flatnonzero(sd > 0)
     if len(there) == 0 or count < 2:
-        return found
+        return result
     R = C[np.ix_(there, there)] / np.outer(sd[there], sd[there])
     value, vector = np.linalg.eigh(0.5 * (R + R.T))
     root = vector * np.sqrt(np.maximum(value, 0.0))
     z = np.clip(rng.standard_normal((count - 1, len(there))), -FARTHEST, FARTHEST) @ root.T
-    found[1:, places[there]] += np.clip(z, -FARTHEST, FARTHEST) * sd[there]
+    result[1:, places[there]] += np.clip(z, -FARTHEST, FARTHEST) * sd[there]
     for name, place in zip(known.names, places, strict=True):
         low, high = model[name].bounds
         value_ = float(model[name].array)
         lowest = max(low, 0.3 * value_) if value_ > 0 and low >= 0 else low
-        found[:, place] = np.clip(found[:, place], lowest, high)
-    return found
+        result[:, place] = np.clip(result[:, place], lowest, high)
+    return result
 
 
 def predicted_sd(known: Known, precision: Array) -> dict[str, tuple[float, float]]:
@@ -268,11 +270,11 @@ def _inverse(matrix: Array) -> Array:
     """Inverse of a positive semidefinite matrix in its own units; infinite variance where it says nothing."""
     scale = np.sqrt(np.maximum(np.diag(matrix), 0.0))
     there = scale > 0
-    found = np.full_like(matrix, 0.0)
-    found[np.diag_indices_from(found)] = np.inf
+    result = np.full_like(matrix, 0.0)
+    result[np.diag_indices_from(result)] = np.inf
     if np.any(there):
         inner = matrix[np.ix_(there, there)] / np.outer(scale[there], scale[there])
         value, vector = np.linalg.eigh(0.5 * (inner + inner.T))
         inverse = (vector / np.maximum(value, RIDGE)) @ vector.T
-        found[np.ix_(there, there)] = inverse / np.outer(scale[there], scale[there])
-    return found
+        result[np.ix_(there, there)] = inverse / np.outer(scale[there], scale[there])
+    return result

@@ -100,18 +100,18 @@ def stated(limits: DriveLimits, more: Mapping[str, object], where: str) -> Drive
     BadInput : one of them is unknown or no number that can be meant.
     """
     known = [one.name for one in fields(DriveLimits)]
-    found: dict[str, float] = {}
+    result: dict[str, float] = {}
     for name, value in more.items():
         if name not in known:
             raise BadInput(f"{where}: there is no limit {name!r:.40}.{near_or_all(name, known)}")
         low, high = RANGE[name]
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
             raise BadInput(f"{where}: {name} = {value!r:.40} is no number between {low:g} and {high:g}.")
-        found[name] = float(value)
-    new = replace(limits, **found)
-    if "speed_min" not in found and new.speed_min >= new.speed_max:
+        result[name] = float(value)
+    new = replace(limits, **result)
+    if "speed_min" not in result and new.speed_min >= new.speed_max:
         new = replace(new, speed_min=0.5 * new.speed_max)
-    if "speed_max" not in found and new.speed_min >= new.speed_max:
+    if "speed_max" not in result and new.speed_min >= new.speed_max:
         new = replace(new, speed_max=2.0 * new.speed_min)
     return new
 
@@ -138,8 +138,8 @@ def read_limits(path: str | Path) -> dict[str, object]:
     ------
     BadInput : it cannot be read, or is no such file.
     """
-    found = read_toml(path, "file of limits")
-    for name, value in found.items():
+    result = read_toml(path, "file of limits")
+    for name, value in result.items():
         if isinstance(value, float) and not np.isfinite(value):
             raise BadInput(f"‹limits› {path}: {name} is not finite.")
-    return found
+    return result

@@ -139,11 +139,11 @@ class Design:
         """All of it as plain data."""
         from dataclasses import asdict
 
-        found: dict[str, Any] = {
+        result: dict[str, Any] = {
             "goal": self.goal,
             "model": {"name": self.model},
             "criterion": dict(self.criterion),
-            "predicted_sd": {name: list(own) for name, own in self.predicted_sd.items()},
+            "predicted_sd": {name: list(item) for name, item in self.predicted_sd.items()},
             "separation": [{"pair": list(o.pair), "nats": o.nats, "p10": o.p10} for o in self.separation],
             "active_limits": list(self.active_limits),
             "impossible": list(self.impossible),
@@ -154,16 +154,16 @@ class Design:
             "repeat": self.repeat,
             "limits": asdict(self.limits),
             "kept": self.kept,
-            "phases": [asdict(own) for own in self.phases],
+            "phases": [asdict(phase) for phase in self.phases],
             "driver": None if self.driver is None else asdict(self.driver),
             "start": None,
         }
         if self.plan is not None:
-            found["start"] = {
+            result["start"] = {
                 "x": self.placement.x, "y": self.placement.y, "yaw": self.placement.yaw,
                 "v_x": float(self.plan.of("v_x")[0]), "run_up": self.run_up,
             }  # fmt: skip
-        return found
+        return result
 
     def text(self) -> str:
         """The text of design.json."""

@@ -64,7 +64,7 @@ def must_move(model: Model, do: str = "Fit") -> MotionModel:
     return must_be(MotionModel, model, none)
 
 
-def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: Say) -> Design:
+def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, say: Say) -> Design:
     """The manoeuvre that makes parameters of a fit precise.
 
     Parameters
@@ -72,7 +72,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: S
     fit : of equations of motion.
     names : of the parameters that count; all free ones unless any is named.
     kind : one of `CRITERIA`, see `information.criterion`.
-    asked : arena, limits and the like.
+    design_task : arena, limits and the like.
 
     Raises
     ------
@@ -81,47 +81,47 @@ def precise(fit: Fit, names: Sequence[str], kind: str, asked: DesignTask, say: S
     """
     model = must_move(fit.model)
     vehicle, known = vehicle_of(model), known_by(fit)
-    wanted = wanted_names(fit, known, names)
-    samples = draws(fit, known, DRAWS, asked.seed)
-    slower, vehicle = cautious(asked.limits, vehicle, model, samples)
-    asked = replace(asked, limits=slower)
-    course = PlanCourse(model, driver_of(model, asked.limits), asked.rate, asked.limits.speed_min)
-    information = Information(fit, known, wanted)
+    target = wanted_names(fit, known, names)
+    samples = draws(fit, known, DRAWS, design_task.seed)
+    slower, vehicle = cautious(design_task.limits, vehicle, model, samples)
+    design_task = replace(design_task, limits=slower)
+    course = PlanCourse(model, driver_of(model, design_task.limits), design_task.rate, design_task.limits.speed_min)
+    information = Information(fit, known, target)
 
     def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
-        told = [
+        entry = [
             [
-                criterion(known.precision + asked.repeat * own.information, known, wanted, kind)
-                for own in information.told(plans, p, rough=rough)
+                criterion(known.precision + design_task.repeat * item.information, known, target, kind)
+                for item in information.told(plans, p, rough=rough)
             ]
             for p in samples[: 1 if rough else AVERAGED]
         ]
-        return [float(value) for value in np.median(told, axis=0)]
+        return [float(value) for value in np.median(entry, axis=0)]
 
-    must_fit(asked)
+    must_fit(design_task)
     search = PlanSearch(
         course,
         vehicle,
-        asked.limits,
-        asked.arena,
-        asked.duration,
+        design_task.limits,
+        design_task.arena,
+        design_task.duration,
         samples,
         worth,
-        asked.seed,
-        follow=asked.follow,
-        effort=asked.effort,
+        design_task.seed,
+        follow=design_task.follow,
+        effort=design_task.effort,
     )
-    found, nearest = search.best(say)
-    if found is None:
-        raise no_room(nearest, asked, search)
-    after = known.precision + asked.repeat * information.of(found.plan, samples[:1])[0]
-    value = {"before": criterion(known.precision, known, wanted, kind), "after": criterion(after, known, wanted, kind)}
+    result, nearest = search.best(say)
+    if result is None:
+        raise no_room(nearest, design_task, search)
+    after = known.precision + design_task.repeat * information.of(result.plan, samples[:1])[0]
+    value = {"before": criterion(known.precision, known, target, kind), "after": criterion(after, known, target, kind)}
     every = predicted_sd(known, after)
-    told = {name: every[name] for name in wanted}
+    entry = {name: every[name] for name in target}
     return finished(
-        "precision", course, found, search, asked, samples,
-        criterion={"name": kind, "parameters": list(wanted), **value}, drive=drive_signal(fit, model),
-        predicted=told, impossible=_hardly(model, told), said=_exact(model),
+        "precision", course, result, search, design_task, samples,
+        criterion={"name": kind, "parameters": list(target), **value}, drive=drive_signal(fit, model),
+        predicted=entry, impossible=_hardly(model, entry), said=_exact(model),
     )  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def cautious(
     ----------
     samples : (K, parameters) draws of what is uncertain.
     """
-    names = [name for own in model.parameters for name in (own.name,) * own.size]
+    names = [name for parameter in model.parameters for name in (parameter.name,) * parameter.size]
     friction = [samples[:, names.index(name)] for name in ("D_f", "D_r", "mu_f", "mu_r") if name in names]
     if not friction:
         return limits, vehicle
@@ -153,10 +153,10 @@ def _exact(model: MotionModel) -> tuple[str, ...]:
     return ("The fit takes tyre curves for exact; with the setting form=uncertain sd counts what they leave out.",)
 
 
-def _hardly(model: MotionModel, told: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
+def _hardly(model: MotionModel, known: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
     """What the manoeuvre adds little to, and how little."""
     parts = []
-    for name, (before, after) in told.items():
+    for name, (before, after) in known.items():
         if not np.isfinite(after):
             parts.append(f"nothing to {name}, which stays unknown")
         elif np.isfinite(before) and after > (1.0 - LITTLE) * before:
@@ -171,9 +171,9 @@ def drive_signal(fit: Fit, model: MotionModel) -> str:
     return str(fit.how.get("inputs", {}).get("drive", model.aliases.get("drive", ("drive",))[0]))
 
 
-def must_fit(asked: DesignTask) -> None:
+def must_fit(design_task: DesignTask) -> None:
     """Raise `BadInput` where not even a straight drive at the lowest speed fits in."""
-    limits, arena = asked.limits, asked.arena
+    limits, arena = design_task.limits, design_task.arena
     if arena.breadth <= 2.0 * limits.margin:
         raise BadInput(
             f"‹arena› {arena.words} is too small: the vehicle with its margin is {2.0 * limits.margin:.2g} m wide, the "
@@ -190,16 +190,16 @@ def must_fit(asked: DesignTask) -> None:
         )
 
 
-def no_room(nearest: FoundPlan, asked: DesignTask, search: PlanSearch) -> BadInput:
+def no_room(nearest: FoundPlan, task: DesignTask, search: PlanSearch) -> BadInput:
     """The sentence on why no manoeuvre keeps to the limits."""
-    out = nearest.placement.outside + asked.limits.margin
+    out = nearest.placement.outside + task.limits.margin
     if out > 0 and np.isfinite(out):
-        wide = asked.arena.breadth + 2.0 * out
+        wide = task.arena.breadth + 2.0 * out
         return BadInput(
-            f"‹arena› {asked.arena.words} is too small: the manoeuvre that came nearest leaves it by {out:.1f} m. "
+            f"‹arena› {task.arena.words} is too small: the manoeuvre that came nearest leaves it by {out:.1f} m. "
             f"{wide:.0f} m across would do, or a lower ‹speed_max›."
         )
-    tight = strain(nearest.plan.motion, asked.limits)
+    tight = strain(nearest.plan.motion, task.limits)
     worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))
     kept = search.kept(nearest, search.samples)
     return BadInput(
@@ -210,24 +210,24 @@ def no_room(nearest: FoundPlan, asked: DesignTask, search: PlanSearch) -> BadInp
 
 
 def finished(
-    goal: str, course: PlanCourse, found: FoundPlan, search: PlanSearch, asked: DesignTask, samples: Array, *,
+    goal: str, course: PlanCourse, plan: FoundPlan, search: PlanSearch, task: DesignTask, samples: Array, *,
     criterion: dict[str, object], drive: str, predicted: dict[str, tuple[float, float]] | None = None,
     impossible: tuple[str, ...] = (), separation: tuple[Separation, ...] = (), said: tuple[str, ...] = (),
 ) -> Design:  # fmt: skip
     """A found plan with its corridor and the limits it uses up."""
-    motion = course.driven(found.plan, samples, follow=asked.follow)
+    motion = course.driven(plan.plan, samples, follow=task.follow)
     good = np.all(np.isfinite(motion), axis=(1, 2))
     corridor = np.quantile(motion[good], [0.025, 0.975], axis=0)
     return Design(
-        goal, course.model.name, drive, criterion, found.phases, found.plan, corridor, found.placement, asked.arena,
-        asked.limits, course.driver, predicted or {}, active_limits=used_up(found, motion[good], asked),
-        impossible=impossible, kept=search.kept(found, samples), repeat=asked.repeat, separation=separation, said=said,
+        goal, course.model.name, drive, criterion, plan.phases, plan.plan, corridor, plan.placement, task.arena,
+        task.limits, course.driver, predicted or {}, active_limits=used_up(plan, motion[good], task),
+        impossible=impossible, kept=search.kept(plan, samples), repeat=task.repeat, separation=separation, said=said,
     )  # fmt: skip
 
 
-def used_up(found: FoundPlan, motion: Array, asked: DesignTask) -> tuple[str, ...]:
+def used_up(found_plan: FoundPlan, motion: Array, design_task: DesignTask) -> tuple[str, ...]:
     """Limits of which a plan leaves less than a twentieth, to the worst of the draws."""
-    limits, plan, tight = asked.limits, found.plan, strain(motion, asked.limits)
+    limits, plan, tight = design_task.limits, found_plan.plan, strain(motion, design_task.limits)
     rate = np.max(np.abs(np.diff(plan.steer))) / (plan.time[1] - plan.time[0])
     change = np.diff(plan.motion[:, AT["v_x"]]) / (plan.time[1] - plan.time[0])
     shares = {
@@ -238,8 +238,8 @@ def used_up(found: FoundPlan, motion: Array, asked: DesignTask) -> tuple[str, ..
         "steer_rate": rate / limits.steer_rate,
         "drive_max": np.max(change) / (0.9 * limits.drive_max),
         "brake_max": -np.min(change) / (0.9 * limits.brake_max),
-        "arena": 1.0 + (found.placement.outside + limits.margin) / (0.5 * asked.arena.breadth),
-        "duration": found.duration / asked.duration,
+        "arena": 1.0 + (found_plan.placement.outside + limits.margin) / (0.5 * design_task.arena.breadth),
+        "duration": found_plan.duration / design_task.duration,
     }
     return tuple(name for name, share in shares.items() if share >= 0.95)
 

@@ -163,18 +163,18 @@ def asked(phases: Sequence[Phase], vehicle: Handling, limits: DriveLimits, durat
 
 def _reachable(speed: Array, limits: DriveLimits, rate: float) -> Array:
     """Speeds that accelerations within the limits can follow, no faster than asked for."""
-    found, up, down = speed.copy(), 0.9 * limits.drive_max / rate, 0.9 * limits.brake_max / rate
-    for k in range(1, len(found)):
-        found[k] = min(found[k], found[k - 1] + up)
-    for k in range(len(found) - 2, -1, -1):
-        found[k] = min(found[k], found[k + 1] + down)
-    return found
+    result, up, down = speed.copy(), 0.9 * limits.drive_max / rate, 0.9 * limits.brake_max / rate
+    for k in range(1, len(result)):
+        result[k] = min(result[k], result[k - 1] + up)
+    for k in range(len(result) - 2, -1, -1):
+        result[k] = min(result[k], result[k + 1] + down)
+    return result
 
 
 def _no_faster(steer: Array, most: float) -> Array:
     """Steering that changes by no more than so much a row, from straight ahead on."""
-    found, now = np.empty_like(steer), 0.0
-    for k, wanted in enumerate(steer):
-        now += min(max(wanted - now, -most), most)
-        found[k] = now
-    return found
+    result, now = np.empty_like(steer), 0.0
+    for k, target in enumerate(steer):
+        now += min(max(target - now, -most), most)
+        result[k] = now
+    return result

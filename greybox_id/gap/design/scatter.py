@@ -46,14 +46,14 @@ class Scores:
         """(q, q) inverse of the estimate's covariance, H S^-1 H; zero where it is not finite."""
         unit = np.sqrt(np.maximum(np.diag(self.H), 0.0))
         there = unit > 0
-        found = np.zeros_like(self.H)
+        result = np.zeros_like(self.H)
         if not np.all(np.isfinite(self.H)) or not np.all(np.isfinite(self.S)) or not np.any(there):
-            return found
+            return result
         among, size = np.ix_(there, there), np.outer(unit[there], unit[there])
         H, S = self.H[among] / size, self.S[among] / size
         inner = H @ np.linalg.pinv(S, rcond=1e-10, hermitian=True) @ H
-        found[among] = 0.5 * (inner + inner.T) * size
-        return found
+        result[among] = 0.5 * (inner + inner.T) * size
+        return result
 
 
 class Rough:
@@ -70,7 +70,7 @@ class Rough:
     def __init__(self, model: MotionModel, kept: Collection[str] = ()) -> None:
         trace = MotionTrace(model)
         columns = trace.timing.jac_sparsity(0, 0).get_triplet()[1] if trace.shift_count else []
-        names = [own.name for own in model.parameters for _ in range(own.size)]
+        names = [parameter.name for parameter in model.parameters for _ in range(parameter.size)]
         self.places = np.array([k for k in sorted(set(columns)) if names[k] not in kept], dtype=np.intp)
         held = {names[k] for k in self.places if model[names[k]].shape == () and model[names[k]].bounds[0] <= 0}
         self.places = np.array([k for k in self.places if names[k] in held], dtype=np.intp)
@@ -78,9 +78,9 @@ class Rough:
 
     def of(self, p: Array) -> Array:
         """(parameters,) without delays."""
-        found = np.array(p)
-        found[self.places] = 0.0
-        return found
+        result = np.array(p)
+        result[self.places] = 0.0
+        return result
 
 
 def by_interval(problem: MotionProblem, x: Array) -> Iterator[tuple[Index, Array, Array]]:
@@ -126,23 +126,23 @@ class ForceScatter:
         noise = self.noise / np.sqrt(every)
         if not knows_unknown_forces(self.model):
             return np.zeros((len(recordings), G.shape[2], G.shape[2]))
-        own = np.concatenate([p, np.zeros(self.model.size - len(p))])
+        value = np.concatenate([p, np.zeros(self.model.size - len(p))])
         bench = Bench(self.model, recordings, self.simulator)
         self.sizes = self.sizes or ForceSizes(bench)
-        about = linearised(bench, own, noise, self.sizes)
+        about = linearised(bench, value, noise, self.sizes)
         first = np.append(np.flatnonzero(about.first), len(about.first))
         begins = about.first.copy()
         if any(len(rows) > 1 for rows in starts):
-            for (plan, _), rows, a in zip(bench.trajectory(own), starts, first, strict=False):
+            for (plan, _), rows, a in zip(bench.trajectory(value), starts, first, strict=False):
                 begins[a + plan.row_segment[rows]] = True
         floor = np.where(about.axis == 0, 0.5, 1.0) * CAL.floor * about.mass
         scale = np.hypot(floor, CAL.form * about.force)
         fade = np.exp(-about.length / CAL.memory)
-        told = np.ascontiguousarray(G[about.row, about.channel])
-        found = []
+        known = np.ascontiguousarray(G[about.row, about.channel])
+        result = []
         for a, b in zip(first[:-1], first[1:], strict=True):
             c, d = about.pointer[a], about.pointer[b]
-            found.append(
+            result.append(
                 _shaken(
                     about.A[a:b],
                     about.B[a:b],
@@ -153,10 +153,10 @@ class ForceScatter:
                     begins[a:b],
                     about.pointer[a : b + 1] - c,
                     about.channel[c:d],
-                    told[c:d],
+                    known[c:d],
                 )
             )
-        return np.stack(found)
+        return np.stack(result)
 
 
 class Whitening:
@@ -183,14 +183,14 @@ class Whitening:
         p : (parameters,) of the model where to linearise.
         every : so many readings stand behind each.
         """
-        own = self.amplitudes
-        fewer = replace(own, noise=own.noise / np.sqrt(every))
+        amplitudes = self.amplitudes
+        fewer = replace(amplitudes, noise=amplitudes.noise / np.sqrt(every))
         bench = Bench(self.model, [recording], self.simulator)
         if not knows_unknown_forces(self.model):
-            return lambda e: (e.T * (bench.counted / np.hypot(fewer.noise, own.colour)).T).T
+            return lambda e: (e.T * (bench.counted / np.hypot(fewer.noise, amplitudes.colour)).T).T
         self.sizes = self.sizes or ForceSizes(bench)
         whole = np.concatenate([p, np.zeros(self.model.size - len(p))])
-        return model_error(linearised(bench, whole, own.noise, self.sizes), fewer, bench.counted).white
+        return model_error(linearised(bench, whole, amplitudes.noise, self.sizes), fewer, bench.counted).white
 
 
 @begun
@@ -206,48 +206,48 @@ def _shaken(  # pragma: no cover
     S, n, _ = A.shape
     forces, q = B.shape[2], G.shape[1]
     of_state, of_force, moved = np.zeros((n, q)), np.zeros((forces, q)), np.zeros((n, q))
-    found = np.zeros((q, q))
+    result = np.zeros((q, q))
     for k in range(S - 1, -1, -1):
         shock = 1.0 - fade[k] * fade[k]
         for j in range(forces):
             for x in range(q):
                 for y in range(x + 1):
-                    found[x, y] += shock * of_force[j, x] * of_force[j, y]
+                    result[x, y] += shock * of_force[j, x] * of_force[j, y]
         for j in range(forces):
             for x in range(q):
                 of_force[j, x] *= fade[k]
             for a in range(n):
-                own = B[k, a, j] * scale[k, j]
-                if own != 0.0:
+                value = B[k, a, j] * scale[k, j]
+                if value != 0.0:
                     for x in range(q):
-                        of_force[j, x] += own * of_state[a, x]
+                        of_force[j, x] += value * of_state[a, x]
         moved[:] = 0.0
         for a in range(n):
             for i in range(n):
-                own = A[k, a, i]
-                if own != 0.0:
+                value = A[k, a, i]
+                if value != 0.0:
                     for x in range(q):
-                        moved[i, x] += own * of_state[a, x]
+                        moved[i, x] += value * of_state[a, x]
         of_state[:] = moved
         for r in range(pointer[k], pointer[k + 1]):
             c = channel[r]
             for a in range(n):
-                own = C[k, c, a]
-                if own != 0.0:
+                value = C[k, c, a]
+                if value != 0.0:
                     for x in range(q):
-                        of_state[a, x] += own * G[r, x]
+                        of_state[a, x] += value * G[r, x]
             for j in range(forces):
-                own = D[k, c, j] * scale[k, j]
-                if own != 0.0:
+                value = D[k, c, j] * scale[k, j]
+                if value != 0.0:
                     for x in range(q):
-                        of_force[j, x] += own * G[r, x]
+                        of_force[j, x] += value * G[r, x]
         if begins[k]:
             of_state[:] = 0.0
     for j in range(forces):
         for x in range(q):
             for y in range(x + 1):
-                found[x, y] += of_force[j, x] * of_force[j, y]
+                result[x, y] += of_force[j, x] * of_force[j, y]
     for x in range(q):
         for y in range(x):
-            found[y, x] = found[x, y]
-    return found
+            result[y, x] = result[x, y]
+    return result

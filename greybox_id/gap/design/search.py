@@ -112,77 +112,77 @@ class PlanSearch:
     def best(self, say: Callable[[str], None] = lambda line: None) -> tuple[FoundPlan | None, FoundPlan]:
         """The best plan that keeps to all limits, None where there is none; and the one that breaks them least."""
         drawn = self._random()
-        inside = [own for own in drawn if own.broken <= 0]
+        inside = [item for item in drawn if item.broken <= 0]
         say(f"{len(drawn)} manoeuvres tried, {len(inside)} within the limits")
         if not inside:
-            gentlest = min(drawn, key=lambda own: own.broken)
+            gentlest = min(drawn, key=lambda item: item.broken)
             refined = self._refined([gentlest])
             if not refined:
                 return None, gentlest
             inside = refined
-        scored = sorted(self._scored(inside, rough=True), key=lambda own: -own.worth)
-        tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda own: -own.worth)
+        scored = sorted(self._scored(inside, rough=True), key=lambda item: -item.worth)
+        tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda item: -item.worth)
         kept, most = list[FoundPlan](), -np.inf
-        for own in tried:
-            if kept and own.worth <= most:  # gentler, it is worth less still
+        for item in tried:
+            if kept and item.worth <= most:  # gentler, it is worth less still
                 break
-            made = self.sure(own)
+            made = self.sure(item)
             if made is not None:
                 kept.append(made)
                 most = max(most, self._scored([made], rough=True)[0].worth)
         if not kept:
             return None, tried[0]
-        best = max(self._scored(kept), key=lambda own: own.worth)
+        best = max(self._scored(kept), key=lambda item: item.worth)
         return best, best
 
-    def sure(self, found: FoundPlan) -> FoundPlan | None:
+    def sure(self, result: FoundPlan) -> FoundPlan | None:
         """The plan, made gentler until enough of the draws keep to the limits; None where that does not help."""
         for _ in range(GENTLER):
-            kept, guilty = self._holding(found, self.samples, NEEDED)
-            if found.broken <= 0 and kept >= NEEDED:
-                return found
+            kept, guilty = self._holding(result, self.samples, NEEDED)
+            if result.broken <= 0 and kept >= NEEDED:
+                return result
             calmer = tuple(
                 replace(
-                    own,
-                    amplitude=0.9 * own.amplitude,
-                    lean=0.93 * own.lean,
-                    speed=max(0.97 * own.speed, self.speeds[0]),
+                    phase,
+                    amplitude=0.9 * phase.amplitude,
+                    lean=0.93 * phase.lean,
+                    speed=max(0.97 * phase.speed, self.speeds[0]),
                 )
-                if found.broken > 0 or k in guilty
-                else own
-                for k, own in enumerate(found.phases)
+                if result.broken > 0 or k in guilty
+                else phase
+                for k, phase in enumerate(result.phases)
             )
-            found = self._made([(calmer, found.duration)])[0]
+            result = self._made([(calmer, result.duration)])[0]
         return None
 
-    def kept(self, found: FoundPlan, P: Array) -> float:
+    def kept(self, found_plan: FoundPlan, P: Array) -> float:
         """Share of the parameters with which a plan keeps to all limits."""
-        return self._holding(found, P)[0]
+        return self._holding(found_plan, P)[0]
 
-    def _holding(self, found: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
+    def _holding(self, found_plan: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
         """That share, and the phases in which limits are broken first; all of them where the arena is left.
 
         Parameters
         ----------
         least : share below which it does not matter how many more do.
         """
-        shares, guilty, last = [], set[int](), len(found.phases) - 1  # the stop is the last phase's
-        each = [found.plan.phase == k for k in np.unique(found.plan.phase)]
-        for course, own in ((self.course, P), *((other, samples[: len(P)]) for other, samples in self.rivals)):
+        shares, guilty, last = [], set[int](), len(found_plan.phases) - 1  # the stop is the last phase's
+        each = [found_plan.plan.phase == k for k in np.unique(found_plan.plan.phase)]
+        for course, item in ((self.course, P), *((other, samples[: len(P)]) for other, samples in self.rivals)):
             held = 0
-            for a in range(0, len(own), AT_ONCE):
-                y = course.driven(found.plan, own[a : a + AT_ONCE], follow=self.follow)
-                out = np.array([self._outside(found.placement, motion) for motion in y])
+            for a in range(0, len(item), AT_ONCE):
+                y = course.driven(found_plan.plan, item[a : a + AT_ONCE], follow=self.follow)
+                out = np.array([self._outside(found_plan.placement, motion) for motion in y])
                 broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
                 within = ~np.any(broken, axis=0)
                 held += int(np.sum(within & (out <= 0.0)))
                 first = np.argmax(broken[:, ~within], axis=0)
-                guilty |= {min(int(found.plan.phase[np.argmax(each[k])]), last) for k in first}
+                guilty |= {min(int(found_plan.plan.phase[np.argmax(each[k])]), last) for k in first}
                 if np.any(within & (out > 0.0)):
                     guilty |= set(range(last + 1))
-                if held + len(own[a + AT_ONCE :]) < least * len(own):
-                    return held / len(own), frozenset(guilty)
-            shares.append(held / len(own))
+                if held + len(item[a + AT_ONCE :]) < least * len(item):
+                    return held / len(item), frozenset(guilty)
+            shares.append(held / len(item))
         return min(shares), frozenset(guilty)
 
     def _outside(self, placement: Placement, motion: Array) -> float:
@@ -194,22 +194,22 @@ class PlanSearch:
 
     def _random(self) -> list[FoundPlan]:
         drawn = [self._chain() for _ in range(self._times(SKETCHED))]
-        room = np.array([self._sketched(*own) for own in drawn])
+        room = np.array([self._sketched(*item) for item in drawn])
         counts = np.array([len(phases) for phases, _ in drawn])
         chosen = list[int]()
         for count in range(1, MOST_PHASES + 1):  # of each length as many: short chains fit in easily
-            own = np.flatnonzero(counts == count)
-            inside = own[room[own] <= 0]
+            value = np.flatnonzero(counts == count)
+            inside = value[room[value] <= 0]
             most = self._times(TRIED // MOST_PHASES)
-            chosen += (inside if len(inside) >= most else own[np.argsort(room[own], kind="stable")])[:most].tolist()
-        found = self._made([*(drawn[k] for k in chosen), *self._standard()])
+            chosen += (inside if len(inside) >= most else value[np.argsort(room[value], kind="stable")])[:most].tolist()
+        result = self._made([*(drawn[k] for k in chosen), *self._standard()])
         for _ in range(MENDED):
-            wrong = [k for k, own in enumerate(found) if own.broken > 0]
-            mended = self._made([self._mended(found[k]) for k in wrong])
+            wrong = [k for k, item in enumerate(result) if item.broken > 0]
+            mended = self._made([self._mended(result[k]) for k in wrong])
             for k, other in zip(wrong, mended, strict=True):
-                if other.broken < found[k].broken:
-                    found[k] = other
-        return found
+                if other.broken < result[k].broken:
+                    result[k] = other
+        return result
 
     def _standard(self) -> list[tuple[tuple[Phase, ...], float]]:
         slow, fast = self.speeds
@@ -245,19 +245,21 @@ class PlanSearch:
 
     def _sketched(self, phases: tuple[Phase, ...], duration: float) -> float:
         """By how much a chain would leave the arena, m, if tyres did not slip."""
-        own = asked(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
-        v = own.speed
-        yaw = np.cumsum(v * own.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
+        value = asked(phases, self.vehicle, self.limits, duration, SKETCH_RATE)
+        v = value.speed
+        yaw = (
+            np.cumsum(v * value.steer / (self.vehicle.length + max(self.vehicle.understeer, 0.0) * v**2)) / SKETCH_RATE
+        )
         x, y = np.cumsum(v * np.cos(yaw)) / SKETCH_RATE, np.cumsum(v * np.sin(yaw)) / SKETCH_RATE
         run_up = -(v[0] ** 2) / (2.0 * BACKING * self.limits.drive_max)
         placed = self.arena.place(np.concatenate(([run_up, 0.0], x)), np.concatenate(([0.0, 0.0], y)))
         return placed.outside + self.limits.margin
 
-    def _mended(self, own: FoundPlan) -> tuple[tuple[Phase, ...], float]:
+    def _mended(self, found_plan: FoundPlan) -> tuple[tuple[Phase, ...], float]:
         """Gentler where tyres are asked for too much, slower or shorter where the arena is left."""
-        worst = float(strain(own.plan.motion, self.limits).worst[0])
+        worst = float(strain(found_plan.plan.motion, self.limits).worst[0])
         gentler = 0.95 * SPARE / worst if np.isfinite(worst) and worst > SPARE else (1.0 if worst <= SPARE else 0.6)
-        too_far = own.placement.outside + self.limits.margin > 0
+        too_far = found_plan.placement.outside + self.limits.margin > 0
         slower = 0.8 if too_far else 1.0
         phases = tuple(
             replace(
@@ -266,9 +268,9 @@ class PlanSearch:
                 lean=float(p.lean * max(gentler, 0.4)),
                 speed=max(p.speed * slower, self.speeds[0]),
             )
-            for p in own.phases
+            for p in found_plan.phases
         )
-        duration = own.duration
+        duration = found_plan.duration
         if too_far and self.rng.random() < 0.5:
             duration = max(0.75 * duration, 0.25 * self.duration)
         return phases, duration
@@ -277,14 +279,14 @@ class PlanSearch:
         """Plans of chains, simulated several at once, and by how much they break limits."""
         plans = [asked(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
         order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
-        found: dict[int, FoundPlan] = {}
+        result: dict[int, FoundPlan] = {}
         for first in range(0, len(order), AT_ONCE):
-            own = order[first : first + AT_ONCE]
-            for k, plan in zip(own, self.course.references([plans[k] for k in own]), strict=True):
+            value = order[first : first + AT_ONCE]
+            for k, plan in zip(value, self.course.references([plans[k] for k in value]), strict=True):
                 phases, duration = chains[k]
                 placement, broken = self._placed(plan)
-                found[k] = FoundPlan(phases, duration, plan, placement, -np.inf, broken)
-        return [found[k] for k in range(len(plans))]
+                result[k] = FoundPlan(phases, duration, plan, placement, -np.inf, broken)
+        return [result[k] for k in range(len(plans))]
 
     def _placed(self, plan: PlannedMotion) -> tuple[Placement, float]:
         x, y, v = plan.of("x"), plan.of("y"), plan.of("v_x")
@@ -302,38 +304,38 @@ class PlanSearch:
         steered = np.max(np.abs(plan.steer)) / self.limits.steer_max - 1.0001
         return placement, max(worst, out, float(steered))
 
-    def _scored(self, own: Sequence[FoundPlan], *, rough: bool = False) -> list[FoundPlan]:
-        found = list[FoundPlan]()
-        for first in range(0, len(own), AT_ONCE):
-            some = own[first : first + AT_ONCE]
+    def _scored(self, found_plans: Sequence[FoundPlan], *, rough: bool = False) -> list[FoundPlan]:
+        result = list[FoundPlan]()
+        for first in range(0, len(found_plans), AT_ONCE):
+            some = found_plans[first : first + AT_ONCE]
             worth = self.worth([one.plan for one in some], rough)
-            found += [replace(one, worth=value) for one, value in zip(some, worth, strict=True)]
-        return found
+            result += [replace(one, worth=value) for one, value in zip(some, worth, strict=True)]
+        return result
 
     def _refined(self, starts: Sequence[FoundPlan]) -> list[FoundPlan]:
         """Chains refined by CMA-ES in their numbers: each for a heat, the best of them on; none that breaks limits."""
         each = [_Refinement(self, start) for start in starts]
         heat, most = self._times(HEAT), self._times(GENERATIONS)
-        for own in each:
-            own.go(heat)
-            if own.worth >= self.enough:
+        for item in each:
+            item.go(heat)
+            if item.worth >= self.enough:
                 break
-        leading, before = max(each, key=lambda own: own.worth), -np.inf
+        leading, before = max(each, key=lambda item: item.worth), -np.inf
         for _ in range(heat, most, heat):
             if before > -np.inf and leading.worth < before + SETTLED:
                 break
             before = leading.worth
             leading.go(heat)
-        return [own.best for own in each if own.best is not None]
+        return [item.best for item in each if item.best is not None]
 
-    def _hardest(self, found: FoundPlan) -> Array:
+    def _hardest(self, found_plan: FoundPlan) -> Array:
         """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
-        y = self.course.driven(found.plan, self.samples, follow=self.follow)
+        y = self.course.driven(found_plan.plan, self.samples, follow=self.follow)
         order = np.argsort(strain(y, self.limits).worst, kind="stable")
         last = int(np.ceil(NEEDED * len(order)))
         return np.asarray(self.samples[order[max(last - HARDEST, 0) : last]])
 
-    def _coded(self, own: FoundPlan) -> Array:
+    def _coded(self, found_plan: FoundPlan) -> Array:
         (slow, fast) = self.speeds
         numbers = [
             (
@@ -343,17 +345,17 @@ class PlanSearch:
                 np.log(p.duration),
                 2.0 * p.lean,
             )
-            for p in own.phases
+            for p in found_plan.phases
         ]
-        return np.array([*np.ravel(numbers), 3.0 * own.duration / self.duration])
+        return np.array([*np.ravel(numbers), 3.0 * found_plan.duration / self.duration])
 
     def _decoded(self, start: FoundPlan, x: Array) -> tuple[tuple[Phase, ...], float]:
         (slow, fast) = self.speeds
         phases = []
-        for own, (a, f, v, d, lean) in zip(start.phases, x[:-1].reshape(-1, 5), strict=True):
+        for phase, (a, f, v, d, lean) in zip(start.phases, x[:-1].reshape(-1, 5), strict=True):
             phases.append(
                 Phase(
-                    own.shape, float(np.clip(a / 2.0, -1.2, 1.2)),
+                    phase.shape, float(np.clip(a / 2.0, -1.2, 1.2)),
                     float(np.exp(np.clip(f, np.log(0.1), np.log(2.0)))) / self.pace,
                     float(np.clip(slow + (fast - slow) * v / 2.0, slow, fast)), float(np.exp(np.clip(d, -2.5, 2.5))),
                     float(np.clip(lean / 2.0, -1.0, 1.0)),
@@ -365,8 +367,8 @@ class PlanSearch:
 def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
     """The best chain of each number of phases, longer ones first: they hold the shorter ones as special cases."""
     best: dict[int, FoundPlan] = {}
-    for own in scored:
-        best.setdefault(len(own.phases), own)
+    for item in scored:
+        best.setdefault(len(item.phases), item)
     return [best[count] for count in sorted(best, reverse=True)]
 
 
@@ -393,19 +395,19 @@ class _Refinement:
             self.cma.tell(self._costs(made))
 
     def _costs(self, made: Sequence[FoundPlan]) -> list[float]:
-        inside = iter(self.search._scored([own for own in made if own.broken <= 0], rough=True))
-        found = []
-        for own in made:
-            if own.broken > 0:
-                found.append(1e3 + PENALTY * min(own.broken, 100.0))
+        inside = iter(self.search._scored([item for item in made if item.broken <= 0], rough=True))
+        result = []
+        for item in made:
+            if item.broken > 0:
+                result.append(1e3 + PENALTY * min(item.broken, 100.0))
                 continue
             scored, broken = next(inside), 0.0
             if not np.isfinite(self.worth) or scored.worth > self.worth - 0.5:
                 broken = 1.0 - self.search.kept(scored, self.few)
                 if broken <= 0.0 and scored.worth > self.worth:
                     self.best = scored
-            found.append(-scored.worth + PENALTY * broken)
-        return found
+            result.append(-scored.worth + PENALTY * broken)
+        return result
 
 
 class CMA:

@@ -89,7 +89,7 @@ class Axis:
         if self.inverse or not (self.low >= 0 and self.mean > 0):
             return self
         new = replace(self, relative=True)
-        null, low, high, mean = (new.coordinate(own) for own in (self.null, self.low, self.high, self.mean))
+        null, low, high, mean = (new.coordinate(item) for item in (self.null, self.low, self.high, self.mean))
         sd = self.sd / self.mean
         return replace(new, null=null, low=low, high=high, mean=mean, sd=sd, scale=sd)
 
@@ -141,7 +141,7 @@ class Candidate:
     @property
     def held(self) -> tuple[float, ...]:
         """Coordinates of second parameters that are held: they say which form of the effect it is."""
-        return tuple(own.low for own in self.axes[1:] if own.low == own.high)
+        return tuple(axis.low for axis in self.axes[1:] if axis.low == axis.high)
 
     @property
     def free(self) -> int:
@@ -152,13 +152,13 @@ class Candidate:
 def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Axis, ...]:
     """Parameters that the model holds a belief about: what a vehicle's tolerances state."""
     sudden = {effect.parameter.name for effect in effects.values() if not effect.gradual}
-    found = []
+    result = []
     for index, parameter in _scalars(model):
         if not parameter.fixed and parameter.prior is not None:
             axis = _axis(parameter, index, parameter.name in shifting)
             sd, mean = float(np.asarray(parameter.prior.sd)), parameter.prior.mean
             at = axis.null if mean is None else float(np.asarray(mean))
-            found.append(
+            result.append(
                 replace(
                     axis,
                     mean=at,
@@ -168,7 +168,7 @@ def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozens
                     narrow=parameter.source == ZONE,
                 )
             )
-    return tuple(found)
+    return tuple(result)
 
 
 def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozenset[str]) -> tuple[Candidate, ...]:
@@ -181,51 +181,51 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
     shifting : parameters that move instants.
     """
     places = {parameter.name: (index, parameter) for index, parameter in _scalars(model)}
-    found = []
+    result = []
     for name, effect in effects.items():
         index, parameter = places[effect.parameter.name]
         main = _axis(parameter, index, effect.parameter.name in shifting, effect.typical)
         seconds = [_second(*places[other.name]) for other in effect.others]
         gradual = effect.gradual and not main.shift
         if gradual and not seconds:
-            found.append(Candidate(name, (main,)))
+            result.append(Candidate(name, (main,)))
             continue
-        if any(own.unit == "rad" for own in seconds):  # with a direction, the magnitude has no sign
+        if any(second.unit == "rad" for second in seconds):  # with a direction, the magnitude has no sign
             main = replace(main, low=max(main.low, 0.0))
         typical = main.coordinate(effect.typical)
         if gradual:
             firsts = [main.null + CAL.gradual_start * (typical - main.null)]
         else:
             firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
-        for form in product(*(_forms(own) for own in seconds)):
-            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(own) for own in form)))
-            found.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
-    return tuple(found)
+        for form in product(*(_forms(second) for second in seconds)):
+            starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(item) for item in form)))
+            result.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
+    return tuple(result)
 
 
 def shifting(model: Diagnosed) -> frozenset[str]:
     """Parameters that move instants, by asking every shift what it depends on; maps with memory know no instants."""
     if isinstance(model, MemoryModel):
         return frozenset()
-    asked: set[str] = set()
+    requested: set[str] = set()
 
     class Asked(SimpleNamespace):
         def __getattr__(self, name: str) -> float:
-            asked.add(name)
+            requested.add(name)
             return 0.0
 
     for _, by in (*model.delays, *model.latencies):
         by(Asked())
-    return frozenset(asked)
+    return frozenset(requested)
 
 
 def _scalars(model: Diagnosed) -> list[tuple[int, Parameter]]:
-    found, index = [], 0
+    result, index = [], 0
     for parameter in model.parameters:
         if parameter.shape == ():
-            found.append((index, parameter))
+            result.append((index, parameter))
         index += parameter.size
-    return found
+    return result
 
 
 def _axis(parameter: Parameter, index: int, shift: bool, typical: float | None = None) -> Axis:

@@ -41,15 +41,15 @@ class Simulated:
 
 def _runs(model: MotionModel, recordings: Sequence[Recording]) -> list[MotionRun]:
     """The runs of recordings; parts in which sensors were silent have none, as long as others have."""
-    found, lacking = list[MotionRun](), list[BadInput]()
+    result, lacking = list[MotionRun](), list[BadInput]()
     for recording in recordings:
         try:
-            found += motion_runs(model, recording)
+            result += motion_runs(model, recording)
         except BadInput as error:
             lacking.append(error)
-    if not found:
+    if not result:
         raise lacking[0]
-    return found
+    return result
 
 
 @dataclass(frozen=True)
@@ -80,10 +80,10 @@ class Integrated:
 
     def readings(self, plan: Schedule) -> Array:
         """(n, outputs) readings by rows, where it is all of a run; NaN where there is none."""
-        found = self.y.ravel().take(plan.taken)
+        result = self.y.ravel().take(plan.taken)
         if not plan.complete:
-            found[plan.taken < 0] = np.nan
-        return found.reshape(plan.read_segment.shape)
+            result[plan.taken < 0] = np.nan
+        return result.reshape(plan.read_segment.shape)
 
 
 class Bench:
@@ -144,7 +144,7 @@ class Bench:
 
     def simulate(self, P: Array) -> Array:
         """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
-        return np.stack([own.y for own in self._simulations(P)])
+        return np.stack([simulation.y for simulation in self._simulations(P)])
 
     def _simulations(self, P: Array) -> list[Simulated]:
         """Simulations with each vector: those that are remembered, and new ones."""
@@ -170,37 +170,37 @@ class Bench:
     def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
         """Simulations with each vector along segments that are its own."""
         starts, count = self._starts(P)[0], len(self.runs)
-        whole = [Passage(plan, slice(0, len(plan.segments)), self._cut(plan)) for own in plans for plan in own]
-        found = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
-        return [self._simulated_by(own, found[k * count : (k + 1) * count]) for k, own in enumerate(plans)]
+        whole = [Passage(plan, slice(0, len(plan.segments)), self._cut(plan)) for item in plans for plan in item]
+        result = self._integrated(whole, starts.reshape(len(whole), -1), np.repeat(P, count, axis=0))
+        return [self._simulated_by(plan, result[k * count : (k + 1) * count]) for k, plan in enumerate(plans)]
 
     def _simulated_by(self, plans: Sequence[Schedule], runs: Sequence[Integrated]) -> Simulated:
         """A simulation of runs that were integrated one by one."""
         y = np.full(self.measured.shape, np.nan)
-        for rows, plan, own in zip(self.rows, plans, runs, strict=True):
-            y[rows] = own.readings(plan)
-        return Simulated(y, np.concatenate([own.cuts for own in runs]))
+        for rows, plan, run in zip(self.rows, plans, runs, strict=True):
+            y[rows] = run.readings(plan)
+        return Simulated(y, np.concatenate([run.cuts for run in runs]))
 
     def _integrated(self, passages: Sequence[Passage], z0: Array, P: Array) -> list[Integrated]:
         """Passages of runs, those together in a call that are about as long: it takes as long as its longest."""
-        kernel, found = self.simulator.kernel, dict[int, Integrated]()
+        kernel, result = self.simulator.kernel, dict[int, Integrated]()
         order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), id(passages[k].plan)))
         lengths = tuple(len(passages[k]) for k in order)
         for part in packed(lengths) if kernel.compiled else [slice(0, len(order))]:
-            own = order[part]
-            segments, reads = self._laid_out([passages[k] for k in own])
+            value = order[part]
+            segments, reads = self._laid_out([passages[k] for k in value])
             keeps = np.zeros(len(reads) + 1, dtype=bool)
-            for k in own:
+            for k in value:
                 keeps[passages[k].cuts] = keeps[len(passages[k])] = True
             with np.errstate(all="ignore"):
-                z, y = kernel.simulate(z0[own], segments, P[own], reads, keeps)
+                z, y = kernel.simulate(z0[value], segments, P[value], reads, keeps)
             place, rank = np.cumsum(keeps) - 1, np.cumsum(reads) - 1
-            for lane, k in enumerate(own):
+            for lane, k in enumerate(value):
                 each, its = passages[k], y[lane]
-                if len(own) > 1 and segments.strides[0] != 0:  # others are read elsewhere
+                if len(value) > 1 and segments.strides[0] != 0:  # others are read elsewhere
                     its = its[rank[: len(each)][each.plan.reads[each.segments]]]
-                found[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
-        return [found[k] for k in range(len(passages))]
+                result[k] = Integrated(z[lane, place[each.cuts]], z[lane, place[len(each)]], its)
+        return [result[k] for k in range(len(passages))]
 
     def _laid_out(self, passages: Sequence[Passage]) -> tuple[Array, NDArray[np.bool_]]:
         """Segments of passages side by side, (L, S, segment size), and at whose starts any is read.
@@ -208,18 +208,18 @@ class Bench:
         Shorter ones are filled up with segments of no length; where all have the same ones, they share them.
         """
         first, *_ = passages
-        if all(own.plan is first.plan and own.segments == first.segments for own in passages):
+        if all(passage.plan is first.plan and passage.segments == first.segments for passage in passages):
             segments = first.plan.segments[first.segments]
             return np.broadcast_to(segments, (len(passages), *segments.shape)), first.plan.reads[first.segments]
-        most, size = max(len(own) for own in passages), first.plan.segments.shape[1]
+        most, size = max(len(passage) for passage in passages), first.plan.segments.shape[1]
         if len(self._room) < len(passages) * most * size:
             self._room = np.empty(len(passages) * most * size)
         segments, reads = self._room[: len(passages) * most * size], np.zeros(most, dtype=bool)
         segments = segments.reshape(len(passages), most, size)
-        for lane, own in zip(segments, passages, strict=True):
-            lane[: len(own)] = own.plan.segments[own.segments]
-            lane[len(own) :] = 0.0
-            reads[: len(own)] |= own.plan.reads[own.segments]
+        for lane, passage in zip(segments, passages, strict=True):
+            lane[: len(passage)] = passage.plan.segments[passage.segments]
+            lane[len(passage) :] = 0.0
+            reads[: len(passage)] |= passage.plan.reads[passage.segments]
         return segments, reads
 
     def _cut(self, plan: Schedule) -> Index:
@@ -238,8 +238,8 @@ class Bench:
         """Every run's segments, and the states (segments, nz) at their starts, simulated with these parameters."""
         plans, starts = self._scheduled(tuple(self.simulator.shifts(p))), self._starts(p[None])[0][0]
         whole = [Passage(plan, slice(0, len(plan.segments)), np.arange(len(plan.segments))) for plan in plans]
-        found = self._integrated(whole, starts, np.tile(p, (len(plans), 1)))
-        return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
+        result = self._integrated(whole, starts, np.tile(p, (len(plans), 1)))
+        return [(plan, item.cuts) for plan, item in zip(plans, result, strict=True)]
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation and its derivatives.
@@ -264,10 +264,10 @@ class Bench:
             ]
         cut, by_lane, held = self._lanes_in(plans, p)
         by_p = self._starts(p[None])[1][0]
-        (found,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
+        (result,) = self._simulated_along([plans], p[None]) if any(moving) else self._simulations(p[None])
         chosen, kernel, size = np.asarray(columns, dtype=np.intp), self.simulator.kernel, self.simulator.trace.size
         with np.errstate(all="ignore"):
-            _, Z_end, _, Y = kernel.linearise(found.cuts, cut.segments, by_lane, cut.reads, chosen)
+            _, Z_end, _, Y = kernel.linearise(result.cuts, cut.segments, by_lane, cut.reads, chosen)
             for lanes_held, index in held:
                 at = size + np.flatnonzero(chosen == index)
                 Z_end[np.ix_(lanes_held, np.arange(size), at)] = 0.0
@@ -283,7 +283,7 @@ class Bench:
         S = np.zeros((*self.measured.shape, len(self.runs) * loose))
         for k, rows in enumerate(self.rows):
             S[rows, :, k * loose : (k + 1) * loose] = J[rows, :, len(chosen) :]
-        return found.y.copy(), J[:, :, : len(chosen)], S
+        return result.y.copy(), J[:, :, : len(chosen)], S
 
     def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
         """Lanes that runs are cut into to be differentiated, their parameters, and in which lanes which do not act."""
@@ -313,11 +313,11 @@ class Bench:
 
     def _starts(self, P: Array) -> tuple[Array, Array]:
         """(K, runs, nz) states at the runs' starts and their derivative by the parameters."""
-        found = [
-            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), own)
-            for run, (names, values), own in zip(self.runs, self._readings, self._at_starts(P), strict=True)
+        result = [
+            self.simulator.start(names, np.tile(values, (len(P), 1)), np.tile(run.inputs[0], (len(P), 1)), at_start)
+            for run, (names, values), at_start in zip(self.runs, self._readings, self._at_starts(P), strict=True)
         ]
-        return np.stack([z for z, _ in found], axis=1), np.stack([by_p for _, by_p in found], axis=1)
+        return np.stack([z for z, _ in result], axis=1), np.stack([by_p for _, by_p in result], axis=1)
 
     def _at_starts(self, P: Array) -> Sequence[Array]:
         """Of each run, (K, parameters) vectors in force where it begins."""

@@ -316,5 +316,6 @@ CAL = Calibration()
 def provenance() -> dict[str, tuple[object, str, str]]:
     """Of every number its value, what it is and how it was derived, and on which cases."""
     return {
-        own.name: (getattr(CAL, own.name), own.metadata["how"], own.metadata["data"]) for own in fields(Calibration)
+        item.name: (getattr(CAL, item.name), item.metadata["how"], item.metadata["data"])
+        for item in fields(Calibration)
     }

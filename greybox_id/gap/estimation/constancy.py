@@ -79,30 +79,36 @@ class _Alone:
         return H, g
 
 
-def _alone(search: Search, found: Hypothesis, at: int) -> _Alone | None:
+def _alone(search: Search, hypothesis: Hypothesis, at: int) -> _Alone | None:
     """One coordinate of a hypothesis; None where it does nothing."""
-    shape = found.e.shape
-    both = search.weighed(np.concatenate([found.e[:, :, None], found.J], axis=2)).reshape(found.e.size, -1)
+    shape = hypothesis.e.shape
+    both = search.weighed(np.concatenate([hypothesis.e[:, :, None], hypothesis.J], axis=2)).reshape(
+        hypothesis.e.size, -1
+    )
     r, J = both[:, 0], both[:, 1:]
-    u = np.concatenate([found.theta, found.linear])
+    u = np.concatenate([hypothesis.theta, hypothesis.linear])
     g = search.white.T @ r + search.precision @ (u - search.means)
-    stays = ((u <= search.low) & (g > 0)) | ((u >= search.high) & (g < 0)) | search.among({a.index for a in found.axes})
+    stays = (
+        ((u <= search.low) & (g > 0))
+        | ((u >= search.high) & (g < 0))
+        | search.among({a.index for a in hypothesis.axes})
+    )
     others = np.arange(J.shape[1]) != at
     moves = np.concatenate([~stays, others])  # all else, nuisances first
-    own = J.T @ J
+    value = J.T @ J
     beside = search.white.T @ J
-    H = np.block([[search.gram + search.precision, beside], [beside.T, own]])[np.ix_(moves, moves)]
+    H = np.block([[search.gram + search.precision, beside], [beside.T, value]])[np.ix_(moves, moves)]
     scale = 1 / np.sqrt(np.maximum(np.diag(H), 1e-300))
     inverse = np.linalg.pinv(H * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    does, alike = J[:, at].reshape(shape), np.concatenate([beside[:, at], own[:, at]])[moves]
+    does, alike = J[:, at].reshape(shape), np.concatenate([beside[:, at], value[:, at]])[moves]
     undone = np.zeros(len(moves))
     undone[moves] = inverse @ alike
-    told = float(own[at, at] - alike @ undone[moves])
-    if not told > CAL.ridge * float(own[at, at]):
+    known = float(value[at, at] - alike @ undone[moves])
+    if not known > CAL.ridge * float(value[at, at]):
         return None
     itself = does - (search.white @ undone[: len(u)] + J @ undone[len(u) :]).reshape(shape)
     slope = np.concatenate([g, J.T @ r])[moves]
-    by_row, by_channel = zip(*(_products(does, own.reshape(*shape, -1)) for own in (search.white, J)), strict=True)
+    by_row, by_channel = zip(*(_products(does, item.reshape(*shape, -1)) for item in (search.white, J)), strict=True)
     rows, channels = (np.concatenate(each, axis=1)[:, moves] for each in (by_row, by_channel))
     return _Alone(does, itself, does * r.reshape(shape), rows, channels, inverse, slope)
 
@@ -113,43 +119,43 @@ def _products(one: Array, many: Array) -> tuple[Array, Array]:
     return np.asarray((one[:, None, :] @ many)[:, 0]), over_rows
 
 
-def spreads(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
+def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
     """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel.
 
     Parameters
     ----------
-    search, found : the hypothesis and what refitted it.
+    search, hypothesis : the hypothesis and what refitted it.
     orders : "along ..." -> (N,) by which rows are sorted.
     effect : which one.
     """
-    at = found.parts[effect][1].start
-    alone = _alone(search, found, at)
-    return [] if alone is None else _spreads(alone, found, orders, at)
+    at = hypothesis.parts[effect][1].start
+    alone = _alone(search, hypothesis, at)
+    return [] if alone is None else _spreads(alone, hypothesis, orders, at)
 
 
-def _spreads(alone: _Alone, found: Hypothesis, orders: Mapping[str, Array], at: int) -> list[Spread]:
+def _spreads(alone: _Alone, hypothesis: Hypothesis, orders: Mapping[str, Array], at: int) -> list[Spread]:
     informs = np.sum(alone.itself**2, axis=1)
     cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
-    cuts[BETWEEN_CHANNELS] = np.eye(found.e.shape[1])
-    m = float(found.m[at])
-    size = abs(m - found.axes[at].null) + 1e-300
+    cuts[BETWEEN_CHANNELS] = np.eye(hypothesis.e.shape[1])
+    m = float(hypothesis.m[at])
+    size = abs(m - hypothesis.axes[at].null) + 1e-300
     by_chance, result = float(np.sum(1 / np.arange(1, len(cuts) + 1))), list[Spread]()
     for place, part in cuts.items():
         H, g = alone.in_parts(part)
         weight = np.diag(H)
-        told = weight > CAL.part_least * float(np.sum(weight))
-        count = int(np.sum(told))
-        offs = np.full(len(told), np.nan)
+        known = weight > CAL.part_least * float(np.sum(weight))
+        count = int(np.sum(known))
+        offs = np.full(len(known), np.nan)
         ratio, relative, p, wider = 1.0, 0.0, 1.0, 1.0
         if count:
-            own, pull = H[np.ix_(told, told)], g[told]
-            offs[told] = -np.linalg.solve(own + CAL.ridge * np.diag(np.diag(own)), pull)
+            value, pull = H[np.ix_(known, known)], g[known]
+            offs[known] = -np.linalg.solve(value + CAL.ridge * np.diag(np.diag(value)), pull)
         if count > 1:
-            Q = max(float(-pull @ offs[told]) - float(np.sum(pull)) ** 2 / max(float(np.sum(own)), 1e-300), 0.0)
+            Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(value)), 1e-300), 0.0)
             ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
-            wider = _stretched(own, (count - 1) * max(ratio - by_chance, 0.0))
-            mean = float(np.average(offs[told], weights=weight[told]))
-            variance = float(np.average((offs[told] - mean) ** 2, weights=weight[told]))
+            wider = _stretched(value, (count - 1) * max(ratio - by_chance, 0.0))
+            mean = float(np.average(offs[known], weights=weight[known]))
+            variance = float(np.average((offs[known] - mean) ** 2, weights=weight[known]))
             relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
         result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio, wider))
     return result
@@ -166,9 +172,9 @@ def _stretched(H: Array, beyond: float) -> float:
     H : (n, n) information on the parts' magnitudes, all else refitted.
     beyond : how much more their weighted squares about the mean are than noise and chance make them.
     """
-    told = np.sum(H, axis=0)
-    whole = float(np.sum(told))
-    apart = float(np.trace(H)) - float(told @ told) / whole if whole > 0 else 0.0
+    known = np.sum(H, axis=0)
+    whole = float(np.sum(known))
+    apart = float(np.trace(H)) - float(known @ known) / whole if whole > 0 else 0.0
     if beyond <= 0 or not apart > 0:
         return 1.0
     between = np.eye(len(H)) + beyond / apart * H  # H (H^-1 + tau^2 I)
@@ -183,7 +189,7 @@ def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
     seen : signals per row.
     rows : how many there are.
     """
-    found = {
+    result = {
         "along time": np.arange(rows, dtype=float),
         "along speed": seen.get("v_x"),
         "along longitudinal acceleration": seen.get("a_x"),
@@ -192,10 +198,10 @@ def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
         "along steering": seen.get("steer"),
         "along yaw rate": seen.get("yaw_rate"),
     }
-    return {place: values for place, values in found.items() if values is not None}
+    return {place: values for place, values in result.items() if values is not None}
 
 
-def stretch(search: Search, found: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
+def stretch(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
     """By what the variance of a magnitude exceeds that which noise and tolerances give it; at least one.
 
     What equations' form leaves moves a magnitude differently in each part of a drive, and what moves the parts moves
@@ -203,23 +209,23 @@ def stretch(search: Search, found: Hypothesis, orders: Mapping[str, Array], effe
     and what these leave open of the whole does not grow with it). The largest of n ratios is about 1 + 1/2 + .. +
     1/n where magnitudes are constant and parts three; what is beyond that counts.
     """
-    return max((own.stretch for own in spreads(search, found, orders, effect)), default=1.0)
+    return max((spread.stretch for spread in spreads(search, hypothesis, orders, effect)), default=1.0)
 
 
-def varies(search: Search, found: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
+def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
     """Effect -> how its magnitude differs most: by speed, accelerations, time or channel; none where noise may do so.
 
     Parameters
     ----------
-    search, found : as of `spreads`.
+    search, hypothesis : as of `spreads`.
     seen : signals per row.
     """
-    orders = orders_of(seen, len(found.e))
+    orders = orders_of(seen, len(hypothesis.e))
     result = {}
-    for k, name in enumerate(found.names):
-        told = [own for own in spreads(search, found, orders, k) if own.p_value < CAL.surely_varies]
-        if told:
-            result[name] = max(told, key=lambda own: own.relative)
+    for k, name in enumerate(hypothesis.names):
+        known = [spread for spread in spreads(search, hypothesis, orders, k) if spread.p_value < CAL.surely_varies]
+        if known:
+            result[name] = max(known, key=lambda item: item.relative)
     return result
 
 

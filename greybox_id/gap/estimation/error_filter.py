@@ -36,12 +36,12 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
                 P[nz + nd + m, nz + nd + m] = colour[m]
         for i in range(pointer[k], pointer[k + 1]):
             c = channel[i]
-            own = n
+            value = n
             for m in range(nc):
                 if coloured[m] == c:
-                    own = nz + nd + m
+                    value = nz + nd + m
             for q in range(flat):
-                sums[q] = rows[own, q] if own < n else 0.0
+                sums[q] = rows[value, q] if value < n else 0.0
             for b in range(nz):
                 y = C[k, c, b]
                 for x in range(L):
@@ -60,10 +60,10 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
             for x in range(L):
                 s[x] = white[c, x]
                 nu[x] = r[i]
-            if own < n:
+            if value < n:
                 for x in range(L):
-                    s[x] += g[own, x]
-                    nu[x] -= d[own, x]
+                    s[x] += g[value, x]
+                    nu[x] -= d[value, x]
             for a in range(nz + nd):
                 for x in range(L):
                     s[x] += h[a, x] * g[a, x]
@@ -169,7 +169,7 @@ def likelihood(  # type: ignore[no-untyped-def]  # pragma: no cover
 
 @begun
 def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
-    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, found
+    A, B, C, D, scale, fade, slow, first, pointer, channel, coloured, values, gain, size, place, result
 ):
     """Whiten values, (N, K), that stand at readings' places, by gains that are known; found in the same places."""
     S, nz, _ = A.shape
@@ -182,43 +182,43 @@ def innovations(  # type: ignore[no-untyped-def]  # pragma: no cover
         for i in range(pointer[k], pointer[k + 1]):
             c, at = channel[i], place[i]
             for x in range(K):
-                found[at, x] = values[at, x]
+                result[at, x] = values[at, x]
             for a in range(nz):
-                own = C[k, c, a]
-                if own != 0.0:
+                value = C[k, c, a]
+                if value != 0.0:
                     for x in range(K):
-                        found[at, x] -= own * d[a, x]
+                        result[at, x] -= value * d[a, x]
             for j in range(nd):
-                own = D[k, c, j] * scale[k, j]
-                if own != 0.0:
+                value = D[k, c, j] * scale[k, j]
+                if value != 0.0:
                     for x in range(K):
-                        found[at, x] -= own * d[nz + j, x]
+                        result[at, x] -= value * d[nz + j, x]
             for m in range(nc):
                 if coloured[m] == c:
                     for x in range(K):
-                        found[at, x] -= d[nz + nd + m, x]
+                        result[at, x] -= d[nz + nd + m, x]
             for a in range(n):
-                own = gain[i, a]
+                value = gain[i, a]
                 for x in range(K):
-                    d[a, x] += own * found[at, x]
-            own = 1.0 / size[i]
+                    d[a, x] += value * result[at, x]
+            value = 1.0 / size[i]
             for x in range(K):
-                found[at, x] *= own
+                result[at, x] *= value
         if k + 1 == S or first[k + 1]:
             continue
         for a in range(nz):
             for x in range(K):
                 moved[a, x] = 0.0
             for b in range(nz):
-                own = A[k, a, b]
-                if own != 0.0:
+                value = A[k, a, b]
+                if value != 0.0:
                     for x in range(K):
-                        moved[a, x] += own * d[b, x]
+                        moved[a, x] += value * d[b, x]
             for j in range(nd):
-                own = B[k, a, j] * scale[k, j]
-                if own != 0.0:
+                value = B[k, a, j] * scale[k, j]
+                if value != 0.0:
                     for x in range(K):
-                        moved[a, x] += own * d[nz + j, x]
+                        moved[a, x] += value * d[nz + j, x]
         for a in range(nz):
             for x in range(K):
                 d[a, x] = moved[a, x]

@@ -31,21 +31,21 @@ def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
     mix : (axes, axes) derivative of the parameters' coordinates by those of the axes.
     """
     places = {axis.name: k for k, axis in enumerate(axes)}
-    found, mix = [axis.relatively() for axis in axes], np.eye(len(axes))
+    result, mix = [axis.relatively() for axis in axes], np.eye(len(axes))
     for axle in "fr":
         names = [f"{letter}_{axle}" for letter in "BCE"]
         if not all(name in places for name in names):
             continue
-        own = [places[name] for name in names]
-        B, C, E = (axes[k].mean for k in own)
-        stated = np.diag([axes[k].sd ** 2 for k in own])
-        mix[np.ix_(own, own)] = _slope_and_shape(stated + _of_curve(B, C, E), np.array([1 / B, 1 / C, 0.0]))
-        for k in own:
-            found[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
+        value = [places[name] for name in names]
+        B, C, E = (axes[k].mean for k in value)
+        stated = np.diag([axes[k].sd ** 2 for k in value])
+        mix[np.ix_(value, value)] = _slope_and_shape(stated + _of_curve(B, C, E), np.array([1 / B, 1 / C, 0.0]))
+        for k in value:
+            result[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
         if (peak := places.get(f"D_{axle}")) is not None:
             off = float(np.hypot(axes[peak].sd, CAL.peak_off * axes[peak].mean))
-            found[peak] = replace(axes[peak], sd=off).relatively()
-    return tuple(found), mix
+            result[peak] = replace(axes[peak], sd=off).relatively()
+    return tuple(result), mix
 
 
 def _slope_and_shape(covariance: Array, slope: Array) -> Array:
@@ -60,8 +60,8 @@ def _of_curve(B: float, C: float, E: float) -> Array:
     J = _sensitivities(B, C, E)
     free = np.array(CAL.loose) * (B, C, 1.0)
     slope = np.array([1 / B, 1 / C, 0.0])
-    told = len(free) * (J.T @ J) / len(J) / CAL.curve_off**2  # the distance is shared by as many directions
-    return np.asarray(np.linalg.inv(told + np.outer(slope, slope) / CAL.slope_off**2 + np.diag(free**-2.0)))
+    known = len(free) * (J.T @ J) / len(J) / CAL.curve_off**2  # the distance is shared by as many directions
+    return np.asarray(np.linalg.inv(known + np.outer(slope, slope) / CAL.slope_off**2 + np.diag(free**-2.0)))
 
 
 def _sensitivities(B: float, C: float, E: float) -> Array:

@@ -72,18 +72,18 @@ def refitted_tolerances(
     examined = excerpt(recordings)
     prepared = prepare_plain(model, examined, effects, vehicle)
     bench = prepared.bench(examined)
-    own = nuisances(prepared.everything, effects, shifting(prepared.everything))
+    value = nuisances(prepared.everything, effects, shifting(prepared.everything))
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     if not np.all(np.isfinite(start)):
         raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
-    noise, told = stated_noise(bench, vehicle, start)
-    sd = noise if told or sd is None else sd
+    noise, known = stated_noise(bench, vehicle, start)
+    sd = noise if known or sd is None else sd
     good = sound(start, fresh(bench), bench.rows)
-    search = Search(bench, own, white_noise(sd, good, bench.rows), CAL.trusts[0])
+    search = Search(bench, value, white_noise(sd, good, bench.rows), CAL.trusts[0])
     search.about(None)
     starts = [search.at_means(), *([search.at_values(there)] if there and search.moving else [])]
-    found, most = starts[0], 1.0
-    for step in CAL.trusts if own else CAL.trusts[-1:]:
+    result, most = starts[0], 1.0
+    for step in CAL.trusts if value else CAL.trusts[-1:]:
         search.trusting(min(step, most))
         tried = list[Hypothesis]()
         for begin in starts:
@@ -91,11 +91,11 @@ def refitted_tolerances(
             for each in refit(search, _about(search, begin)):
                 tried += [each, settled(search, each)]
         if tried:  # none where derivatives leave the range of numbers
-            found = min(tried, key=by_cost)
-            starts, most = [found], _worth(found.e / sd, good) if trust is None else trust
-    if not np.isfinite(found.cost):  # wherever it was refitted: as stated it is within the range
+            result = min(tried, key=by_cost)
+            starts, most = [result], _worth(result.e / sd, good) if trust is None else trust
+    if not np.isfinite(result.cost):  # wherever it was refitted: as stated it is within the range
         return Misfit(start, 0.0), bench
-    return replace(misfit(search, found), trust=search.trust, values=search.values(found)), bench
+    return replace(misfit(search, result), trust=search.trust, values=search.values(result)), bench
 
 
 def _about(search: Search, begin: Hypothesis) -> list[Start]:
@@ -116,9 +116,9 @@ def _worth(e: Array, good: Mask) -> float:
     return 1.0 / (1.0 + beyond * correlation_time(np.where(good, e, 0.0))) if beyond > 0 else 1.0
 
 
-def misfit(search: Search, found: Hypothesis) -> Misfit:
+def misfit(search: Search, hypothesis: Hypothesis) -> Misfit:
     """What a hypothesis leaves."""
-    return Misfit(found.e, search.charge(found))
+    return Misfit(hypothesis.e, search.charge(hypothesis))
 
 
 def plain(e: Array, good: Mask, bench: FreeRuns) -> Mask:
@@ -137,20 +137,20 @@ def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, g
             return list(hypotheses)
         trust = search.trust
         search.trusting(1.0)
-        found = [_refitted(search, own) for own in hypotheses]
+        result = [_refitted(search, hypothesis) for hypothesis in hypotheses]
         search.trusting(trust)
-        return found
+        return result
     before = search.colour
     with search.elsewhere():
         search.recoloured(white_noise(sd, good, search.bench.rows))
-        found = [_settled(search, own) for own in hypotheses]
+        result = [_settled(search, hypothesis) for hypothesis in hypotheses]
         search.colour = before
-    return found
+    return result
 
 
-def _settled(search: Search, own: Hypothesis) -> Hypothesis:
+def _settled(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis whose nuisances are refitted, and linearised again where they get to, magnitudes held."""
-    best = _refitted(search, replace(own, cost=np.inf))
+    best = _refitted(search, replace(hypothesis, cost=np.inf))
     for _ in range(CAL.freed_again if search.moving or search.shifts else 0):
         search.about(best, delays=False)
         again = _refitted(search, best)
@@ -161,11 +161,13 @@ def _settled(search: Search, own: Hypothesis) -> Hypothesis:
     return best
 
 
-def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
+def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis with nuisances refitted, its magnitudes held."""
     held = []
-    for candidate, at in own.parts:
-        axes = (replace(axis, low=float(m), high=float(m)) for axis, m in zip(candidate.axes, own.m[at], strict=True))
+    for candidate, at in hypothesis.parts:
+        axes = (
+            replace(axis, low=float(m), high=float(m)) for axis, m in zip(candidate.axes, hypothesis.m[at], strict=True)
+        )
         held.append(replace(candidate, axes=tuple(axes)))
-    again = refit(search, [replace(search.start_of(own), candidates=tuple(held))], settle_on_rows=False)
-    return again[0] if again else own
+    again = refit(search, [replace(search.start_of(hypothesis), candidates=tuple(held))], settle_on_rows=False)
+    return again[0] if again else hypothesis

@@ -52,24 +52,24 @@ class Hypothesis:
 
     def main(self, effect: str) -> tuple[Axis, int]:
         """The axis of an effect's magnitude, and the place of its coordinate."""
-        return next((own.axes[0], at.start) for own, at in self.parts if own.effect == effect)
+        return next((item.axes[0], at.start) for item, at in self.parts if item.effect == effect)
 
     def only(self, effects: Collection[str]) -> Hypothesis:
         """Some of its effects, where they stand in it; what that costs is not known yet."""
-        places = [k for own, at in self.parts if own.effect in effects for k in range(at.start, at.stop)]
-        candidates = tuple(own for own in self.candidates if own.effect in effects)
+        places = [k for item, at in self.parts if item.effect in effects for k in range(at.start, at.stop)]
+        candidates = tuple(candidate for candidate in self.candidates if candidate.effect in effects)
         return replace(self, candidates=candidates, m=self.m[places], J=self.J[:, :, places], cost=np.inf)
 
 
 def parts_of(candidates: Sequence[Candidate]) -> list[tuple[Candidate, slice]]:
     """Candidates, each with the places of its coordinates among those of all."""
-    ends = np.cumsum([0, *(len(own.axes) for own in candidates)]).tolist()
-    return [(own, slice(a, b)) for own, a, b in zip(candidates, ends[:-1], ends[1:], strict=True)]
+    ends = np.cumsum([0, *(len(candidate.axes) for candidate in candidates)]).tolist()
+    return [(candidate, slice(a, b)) for candidate, a, b in zip(candidates, ends[:-1], ends[1:], strict=True)]
 
 
-def by_cost(own: Hypothesis) -> float:
+def by_cost(hypothesis: Hypothesis) -> float:
     """What hypotheses are put in order by, best first."""
-    return own.cost
+    return hypothesis.cost
 
 
 class Projection(NamedTuple):

@@ -89,12 +89,12 @@ class MemoryBench:
 
     def simulate(self, P: Array) -> Array:
         """(K, N, outputs) readings predicted with each of (K, parameters) vectors."""
-        found = np.empty((len(P), *self.measured.shape))
+        result = np.empty((len(P), *self.measured.shape))
         with np.errstate(all="ignore"):
-            for own, p in zip(found, P, strict=True):
+            for item, p in zip(result, P, strict=True):
                 for run, rows in zip(self._laid, self.rows, strict=True):
-                    own[rows] = self._read(run, p)
-        return found
+                    item[rows] = self._read(run, p)
+        return result
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation and its derivatives, by central differences; at a bound, by one towards the inside.

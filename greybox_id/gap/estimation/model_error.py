@@ -67,11 +67,11 @@ class Amplitudes:
     @staticmethod
     def of(logarithms: Array) -> Amplitudes:
         """Back from their logarithms."""
-        own = np.exp(logarithms)
-        n = (len(own) - 7) // 2
-        share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in own[:6])
-        noise, colour = own[6 : 6 + n], own[6 + n : -1]
-        return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(own[-1]))
+        value = np.exp(logarithms)
+        n = (len(value) - 7) // 2
+        share_y, share_x, floor_y, floor_x, memory_y, memory_x = (float(v) for v in value[:6])
+        noise, colour = value[6 : 6 + n], value[6 + n : -1]
+        return Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, float(value[-1]))
 
 
 @dataclass(frozen=True)
@@ -96,24 +96,24 @@ def believed(noise: Array, told: bool, exact: bool, stated: Mapping[str, StatedM
     exact : whether the equations' numbers are stated without tolerances.
     stated : "F_y", "F_x" -> what a vehicle file states of it; what it does not is as of any vehicle.
     """
-    own = CAL
-    form = own.form_exact if exact else own.form
-    floor = own.floor * form / own.form
+    entry = CAL
+    form = entry.form_exact if exact else entry.form
+    floor = entry.floor * form / entry.form
     n = len(noise)
-    colour = (own.colour_exact if exact else own.colour) * noise
-    usual = {"share": (form, own.form_sd), "amplitude": (floor, own.form_sd)}
-    usual["correlation_time"] = (own.memory, own.memory_sd)
+    colour = (entry.colour_exact if exact else entry.colour) * noise
+    usual = {"share": (form, entry.form_sd), "amplitude": (floor, entry.form_sd)}
+    usual["correlation_time"] = (entry.memory, entry.memory_sd)
     medians, sds = list[float](), list[float]()
     for name, (middle, sd) in usual.items():
         for force in ("F_y", "F_x"):
             value = getattr(stated.get(force), name, None)
             medians.append(middle if value is None else value)
-            sds.append(sd if value is None else own.form_sd_stated)
+            sds.append(sd if value is None else entry.form_sd_stated)
     all_sds = np.concatenate([
-        sds, [own.noise_sd if told else own.noise_sd_estimated] * n, [own.colour_sd] * n, [own.memory_sd],
+        sds, [entry.noise_sd if told else entry.noise_sd_estimated] * n, [entry.colour_sd] * n, [entry.memory_sd],
     ])  # fmt: skip
     share_y, share_x, floor_y, floor_x, memory_y, memory_x = medians
-    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, own.sensor_memory)
+    median = Amplitudes(share_y, share_x, floor_y, floor_x, memory_y, memory_x, noise, colour, entry.sensor_memory)
     return Believed(median, all_sds)
 
 
@@ -156,14 +156,14 @@ class ForceSizes:
     def __init__(self, bench: Bench) -> None:
         trace = bench.simulator.trace
         self.forces = [force for force, (name, _) in FORCES.items() if name in bench.model]
-        asked = list(dict.fromkeys(n for f in self.forces for n in SCALES[f] if n in bench.model.quantities))
-        self._told = SampledFunction(trace.told(tuple(asked)))
-        self._asked = asked
+        requested = list(dict.fromkeys(n for f in self.forces for n in SCALES[f] if n in bench.model.quantities))
+        self._told = SampledFunction(trace.told(tuple(requested)))
+        self._asked = requested
 
     def __call__(self, z: Array, segments: Array, p: Array) -> Array:
         """(S, forces) N."""
-        told = np.abs(self._told(z, segments, p))
-        columns = [sum(told[:, self._asked.index(n)] for n in SCALES[f] if n in self._asked) for f in self.forces]
+        known = np.abs(self._told(z, segments, p))
+        columns = [sum(known[:, self._asked.index(n)] for n in SCALES[f] if n in self._asked) for f in self.forces]
         return np.column_stack(columns)
 
 
@@ -182,15 +182,15 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
     names = [parameter.name for parameter in model.parameters]
     columns = [*(names.index(FORCES[force][0]) for force in sizes.forces), *more]
     trajectory = bench.trajectory(p)
-    segments = np.concatenate([own.segments for own, _ in trajectory])
-    z = np.concatenate([own for _, own in trajectory])
+    segments = np.concatenate([item.segments for item, _ in trajectory])
+    z = np.concatenate([item for _, item in trajectory])
     along = bench.along(p)
     with np.errstate(all="ignore"):
         _, Z, _, Y = simulator.kernel.linearise(z, segments[:, None, :], along, np.array([True]), np.array(columns))
     nz = simulator.trace.size
     Y = Y[:, 0]
     A, B, C, D = Z[:, :, :nz], Z[:, :, nz:], Y[:, :, :nz], Y[:, :, nz:]
-    own = _that_matter(A, B, C)
+    value = _that_matter(A, B, C)
     counted, first, row, channel, place = bench.counted, [], [], [], []
     offset = 0
     for (plan, _), rows in zip(trajectory, bench.rows, strict=True):
@@ -211,12 +211,12 @@ def linearised(bench: Bench, p: Array, noise: Array, sizes: ForceSizes, more: Se
         sd = noise[model.outputs.index(state.name)] if read_by else CAL.unknown_start * state.scale
         start[k] = 0.0 if k in bench.loose else sd**2
     force = sizes(z, segments, along)
-    parts = (A[:, own][:, :, own], B[:, own], C[:, :, own], D, segments[:, 0], force)
+    parts = (A[:, value][:, :, value], B[:, value], C[:, :, value], D, segments[:, 0], force)
     A, B, C, D, length, force = (np.ascontiguousarray(np.nan_to_num(each)) for each in parts)
     return Linearised(
         A=A, B=B, C=C, D=D, length=length, force=force,
         axis=np.array([0 if FORCES[f][1] == "y" else 1 for f in sizes.forces]),
-        mass=float(p[names.index("m")]), start=start[own], first=begins,
+        mass=float(p[names.index("m")]), start=start[value], first=begins,
         pointer=np.searchsorted(places[order], np.arange(offset + 1)),
         row=np.concatenate(row)[order], channel=np.concatenate(channel)[order],
     )  # fmt: skip
@@ -269,14 +269,14 @@ class ModelError:
 
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
-        own, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
-        found = np.zeros((n * channels, more))
+        value, (n, channels), more = self.about, values.shape[:2], int(np.prod(values.shape[2:]))
+        one = np.zeros((n * channels, more))
         innovations(
-            own.A, own.B, own.C, own.D, *self._laid, own.first, own.pointer, own.channel,
-            _coloured(own, self.amplitudes), np.ascontiguousarray(values).reshape(found.shape), self.gain, self.size,
-            own.row * channels + own.channel, found,
+            value.A, value.B, value.C, value.D, *self._laid, value.first, value.pointer, value.channel,
+            _coloured(value, self.amplitudes), np.ascontiguousarray(values).reshape(one.shape), self.gain, self.size,
+            value.row * channels + value.channel, one,
         )  # fmt: skip
-        return found.reshape(values.shape)
+        return one.reshape(values.shape)
 
 
 def model_error(about: Linearised, amplitudes: Amplitudes, usable: NDArray[np.bool_]) -> ModelError:
@@ -319,7 +319,7 @@ def estimated(
         beside = at + CAL.amplitude_step * np.eye(len(at))[free]
         lanes = np.vstack([at, beside])
         lanes = np.vstack([lanes, *[at[None]] * (-len(lanes) % 4)])  # which registers hold
-        each = laid(kept, [Amplitudes.of(own) for own in lanes])
+        each = laid(kept, [Amplitudes.of(lane) for lane in lanes])
         nll = likelihood(
             kept.A, kept.B, kept.C, kept.D, *each[:5], kept.start, kept.first, kept.pointer, kept.channel, each[5],
             r, *none,
@@ -328,11 +328,11 @@ def estimated(
 
     width = 4.0 * prior.sd[free]
     bounds = list(zip(start[free] - width, start[free] + width, strict=True))
-    found = minimize(
+    result = minimize(
         cost, start[free], jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps, "ftol": 1e-7}
     )
     best = start + 0.0
-    best[free] = found.x
+    best[free] = result.x
     return Amplitudes.of(best)
 
 
@@ -392,15 +392,15 @@ def laid(about: Linearised, lanes: Sequence[Amplitudes]) -> tuple[Array, Array, 
     channels : (colours,) whose slow errors these are.
     """
     y = about.axis == 0
-    floor = np.array([[own.floor_y / 2, own.floor_x] for own in lanes]).T * about.mass
-    share = np.array([[own.share_y, own.share_x] for own in lanes]).T
-    memory = np.array([[own.memory_y, own.memory_x] for own in lanes]).T
+    floor = np.array([[lane.floor_y / 2, lane.floor_x] for lane in lanes]).T * about.mass
+    share = np.array([[lane.share_y, lane.share_x] for lane in lanes]).T
+    memory = np.array([[lane.memory_y, lane.memory_x] for lane in lanes]).T
     place = np.where(y, 0, 1)
     scale = np.sqrt(floor[place] ** 2 + (share[place] * about.force[:, :, None]) ** 2)
     fade = np.exp(-about.length[:, None, None] / memory[place])
     channels = _coloured(about, lanes[0])
-    sensor = np.array([own.memory for own in lanes])
+    sensor = np.array([lane.memory for lane in lanes])
     slow = np.repeat(np.exp(-about.length[:, None, None] / sensor), len(channels), axis=1)
-    white = np.array([own.noise for own in lanes]).T ** 2
-    colour = np.array([own.colour[channels] for own in lanes]).T ** 2
+    white = np.array([lane.noise for lane in lanes]).T ** 2
+    colour = np.array([lane.colour[channels] for lane in lanes]).T ** 2
     return scale, fade, slow, np.ascontiguousarray(white), np.ascontiguousarray(colour), channels

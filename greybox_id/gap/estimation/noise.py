@@ -58,14 +58,14 @@ class Colour:
 
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
-        found = np.empty(values.shape)
+        result = np.empty(values.shape)
         with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
             for c, a in enumerate(self.ar):
-                own = values[:, c]
-                if len(a) and own.size:  # without nuisances there is nothing to filter
-                    own = np.concatenate([_innovations(own[rows], a) for rows in self.rows])
-                found[:, c] = own * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
-        return found
+                value = values[:, c]
+                if len(a) and value.size:  # without nuisances there is nothing to filter
+                    value = np.concatenate([_innovations(value[rows], a) for rows in self.rows])
+                result[:, c] = value * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
+        return result
 
     @property
     def stationary_sd(self) -> Array:
@@ -108,15 +108,15 @@ def sound(
     """(N, channels) readings that count and are no spikes beside their neighbours' residuals."""
     good = counted & np.isfinite(residuals)
     for c in range(residuals.shape[1]):
-        for own in rows:
-            e = np.where(good[own, c], residuals[own, c], np.nan)
+        for row in rows:
+            e = np.where(good[row, c], residuals[row, c], np.nan)
             if np.count_nonzero(np.isfinite(e)) <= 2 * CAL.around:
                 continue
             filled = np.interp(np.arange(len(e)), np.flatnonzero(np.isfinite(e)), e[np.isfinite(e)])
             padded = np.pad(filled, CAL.around // 2, mode="reflect")
             off = e - np.median(np.lib.stride_tricks.sliding_window_view(padded, CAL.around), axis=1)
             spread = robust_sd(off[np.isfinite(off) & (off != 0)]) if np.any(off != 0) else 0.0
-            good[own, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
+            good[row, c] &= ~(np.abs(off) > spike * max(spread, 1e-300))
     return good
 
 
@@ -128,9 +128,9 @@ def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int)
         there = e[good]
         return float(np.sqrt(np.mean(there**2))) if len(there) else 1.0, np.empty(0)
     lagged = np.zeros((len(e), most + 1))
-    for own in rows:
+    for row in rows:
         for lag in range(most + 1):
-            lagged[own.start + lag : own.stop, lag] = e[own.start : own.stop - lag]
+            lagged[row.start + lag : row.stop, lag] = e[row.start : row.stop - lag]
     A = lagged[usable]
     G = A.T @ A
     best = (np.inf, 1.0, np.empty(0))
@@ -145,14 +145,14 @@ def _fitted(e: Array, good: NDArray[np.bool_], rows: Sequence[slice], most: int)
 
 def _all_there(good: NDArray[np.bool_], rows: Sequence[slice], order: int) -> NDArray[np.bool_]:
     """Rows that are good, and so many before them."""
-    found = np.zeros_like(good)
-    for own in rows:
-        there = good[own].copy()
+    result = np.zeros_like(good)
+    for row in rows:
+        there = good[row].copy()
         for lag in range(1, order + 1):
-            there[lag:] &= good[own][:-lag]
+            there[lag:] &= good[row][:-lag]
             there[:lag] = False
-        found[own] = there
-    return found
+        result[row] = there
+    return result
 
 
 def _gain(a: Array) -> float:
@@ -168,10 +168,10 @@ def _gain(a: Array) -> float:
 
 def _innovations(values: Array, a: Array) -> Array:
     """Of a process with these coefficients, (n, ...) of (n, ...), zero before it begins."""
-    found = values.copy()
-    for lag, own in enumerate(a, 1):
-        found[lag:] -= own * values[:-lag]
-    return found
+    result = values.copy()
+    for lag, item in enumerate(a, 1):
+        result[lag:] -= item * values[:-lag]
+    return result
 
 
 def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> tuple[Array, bool]:
@@ -184,23 +184,23 @@ def stated_noise(bench: FreeRuns, vehicle: Vehicle | None, residuals: Array) -> 
     residuals : (N, channels) of any model: a slow misfit does not count as noise.
     """
     stated = vehicle.noise if vehicle is not None else {}
-    found, told = [], True
+    result, known = [], True
     for c, channel in enumerate(bench.channels):
-        own = bench.counted[:, c]
-        if not np.any(own):
-            found.append(1.0)
+        value = bench.counted[:, c]
+        if not np.any(value):
+            result.append(1.0)
             continue
-        e = residuals[own, c]
+        e = residuals[value, c]
         spread = robust_sd(e - np.median(e))
         held = bench.learnt or spread > CAL.too_large * stated.get(channel, 0.0)
         if channel in stated and held:
-            found.append(stated[channel])
+            result.append(stated[channel])
             continue
-        told = told and channel in stated
+        known = known and channel in stated
         fast = white_noise_sd([bench.measured[rows, c] for rows in bench.rows])
-        least = max(1e-9 * float(np.max(np.abs(bench.measured[own, c]))), 1e-12)
-        found.append(1.0 if np.isnan(fast) else max(fast, least))
-    return np.array(found), told
+        least = max(1e-9 * float(np.max(np.abs(bench.measured[value, c]))), 1e-12)
+        result.append(1.0 if np.isnan(fast) else max(fast, least))
+    return np.array(result), known
 
 
 def blocks(bench: FreeRuns, seconds: float = CAL.residual_block) -> list[tuple[int, int]]:

@@ -39,15 +39,15 @@ def observed(model: MotionModel, state: str, rate: float) -> MotionModel:
         read = SimpleNamespace(**{name: getattr(q.x, name, getattr(q, name, None)) for name in model.outputs})
         for sensor in model.sensors:
             vars(read).update(sensor(read, q))
-        pull = getattr(q.p, own.name) * (getattr(q.u, seen) - getattr(read, state))
+        pull = getattr(q.p, parameter.name) * (getattr(q.u, seen) - getattr(read, state))
         return {state: getattr(q.rates, state) + pull}
 
-    own = Parameter(
+    parameter = Parameter(
         PULLED.format(state), "1/s", rate, (0.0, np.inf), fixed=True, about=f"rate of an observer of {state}"
     )
     late = tuple((seen, _ahead(by)) for name, by in model.latencies if name == state)
     return replace(
-        model.with_parameters(own),
+        model.with_parameters(parameter),
         inputs=(*model.inputs, seen),
         delays=(*model.delays, *late),
         extra_rates=(*model.extra_rates, corrected),
@@ -60,10 +60,10 @@ def with_seen(recording: Recording, state: str) -> Recording:
     reading = recording[state]
     filled = np.array(reading)
     for start, stop in recording.runs:
-        own = slice(start, stop)
-        there = np.isfinite(reading[own])
+        value = slice(start, stop)
+        there = np.isfinite(reading[value])
         if np.any(there):
-            filled[own] = np.interp(recording.time[own], recording.time[own][there], reading[own][there])
+            filled[value] = np.interp(recording.time[value], recording.time[value][there], reading[value][there])
     return recording.with_signals(**{SEEN.format(state): filled})
 
 

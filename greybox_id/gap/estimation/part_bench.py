@@ -54,10 +54,10 @@ class PartBench(Bench):
 
     def _simulated_along(self, plans: Sequence[Sequence[Schedule]], P: Array) -> list[Simulated]:
         """See `Bench`."""
-        cuts = [[self._cut_within(own[piece.interval.run], piece.interval) for piece in self.pieces] for own in plans]
+        cuts = [[self._cut_within(plan[piece.interval.run], piece.interval) for piece in self.pieces] for plan in plans]
         return [
-            self._simulated_by(own, runs)
-            for own, runs in zip(plans, self._staged(plans, P, self._starts(P)[0], cuts), strict=True)
+            self._simulated_by(plan, runs)
+            for plan, runs in zip(plans, self._staged(plans, P, self._starts(P)[0], cuts), strict=True)
         ]
 
     def _cut_within(self, plan: Schedule, rows: Interval) -> Index:
@@ -68,14 +68,16 @@ class PartBench(Bench):
     def along(self, p: Array) -> Array:
         """See `Bench`."""
         plans, by_piece = self._scheduled(tuple(self.simulator.shifts(p[: self.size]))), self._of_pieces(p)
-        return np.repeat(by_piece, [_segments(plans[own.interval.run], own.interval) for own in self.pieces], axis=0)
+        return np.repeat(
+            by_piece, [_segments(plans[piece.interval.run], piece.interval) for piece in self.pieces], axis=0
+        )
 
     def trajectory(self, p: Array) -> list[tuple[Schedule, Array]]:
         """See `Bench`."""
         plans = self._scheduled(tuple(self.simulator.shifts(p[: self.size])))
         every = [np.arange(_segments(plans[piece.interval.run], piece.interval)) for piece in self.pieces]
-        (found,) = self._staged([plans], p[None], self._starts(p[None])[0], [every])
-        return [(plan, own.cuts) for plan, own in zip(plans, found, strict=True)]
+        (result,) = self._staged([plans], p[None], self._starts(p[None])[0], [every])
+        return [(plan, item.cuts) for plan, item in zip(plans, result, strict=True)]
 
     def _staged(
         self, plans: Sequence[Sequence[Schedule]], P: Array, starts: Array, cuts: Sequence[Sequence[Index]]
@@ -88,20 +90,22 @@ class PartBench(Bench):
         cuts : of each, by piece, segments at whose start states are wanted.
         """
         by_piece = np.stack([self._of_pieces(p) for p in P])
-        found: list[list[list[Integrated]]] = [[[] for _ in self.runs] for _ in P]
+        result: list[list[list[Integrated]]] = [[[] for _ in self.runs] for _ in P]
         for stage in range(max(piece.stage for piece in self.pieces) + 1):
-            now = [(k, at, own) for k in range(len(P)) for at, own in enumerate(self.pieces) if own.stage == stage]
+            now = [
+                (k, at, piece) for k in range(len(P)) for at, piece in enumerate(self.pieces) if piece.stage == stage
+            ]
             passages, z0 = [], []
-            for k, at, own in now:
-                run, rows = own.interval.run, own.interval
+            for k, at, item in now:
+                run, rows = item.interval.run, item.interval
                 first = int(plans[k][run].row_segment[rows.start])
                 within = slice(first, first + _segments(plans[k][run], rows))
                 passages.append(Passage(plans[k][run], within, cuts[k][at]))
-                z0.append(found[k][run][-1].end if stage else starts[k, run])
+                z0.append(result[k][run][-1].end if stage else starts[k, run])
             p = np.array([by_piece[k, at] for k, at, _ in now])
-            for (k, _, own), each in zip(now, self._integrated(passages, np.array(z0), p), strict=True):
-                found[k][own.interval.run].append(each)
-        return [[_joined(pieces) for pieces in runs] for runs in found]
+            for (k, _, item), each in zip(now, self._integrated(passages, np.array(z0), p), strict=True):
+                result[k][item.interval.run].append(each)
+        return [[_joined(pieces) for pieces in runs] for runs in result]
 
     def _lanes_in(self, plans: Sequence[Schedule], p: Array) -> tuple[Lanes, Array, Sequence[tuple[Index, int]]]:
         cut = lay(plans, [piece.interval for piece in self.pieces], self._cuts)
@@ -119,25 +123,25 @@ class PartBench(Bench):
     def _of_pieces(self, p: Array) -> Array:
         """(pieces, parameters) in force in each."""
         size = self.size
-        found = np.tile(p[:size], (len(self.pieces), 1))
+        result = np.tile(p[:size], (len(self.pieces), 1))
         if self._differs(p):
-            found[self._inside, self.index] = p[size]
-        return found
+            result[self._inside, self.index] = p[size]
+        return result
 
 
-def _pieces(run: int, own: slice, part: slice) -> list[Piece]:
+def _pieces(run: int, value: slice, part: slice) -> list[Piece]:
     """A run, cut where the part begins and ends."""
-    rows = own.stop - own.start
-    edges = [0, *sorted({cut - own.start for cut in (part.start, part.stop) if 0 < cut - own.start < rows}), rows]
+    rows = value.stop - value.start
+    edges = [0, *sorted({cut - value.start for cut in (part.start, part.stop) if 0 < cut - value.start < rows}), rows]
     return [
-        Piece(Interval(run, a, b), part.start <= own.start + a < part.stop, stage)
+        Piece(Interval(run, a, b), part.start <= value.start + a < part.stop, stage)
         for stage, (a, b) in enumerate(zip(edges[:-1], edges[1:], strict=True))
     ]
 
 
 def _joined(pieces: Sequence[Integrated]) -> Integrated:
     """A run of which these are the pieces."""
-    cuts, y = (np.concatenate([getattr(own, name) for own in pieces]) for name in ("cuts", "y"))
+    cuts, y = (np.concatenate([getattr(piece, name) for piece in pieces]) for name in ("cuts", "y"))
     return Integrated(cuts, pieces[-1].end, y)
 
 

@@ -56,11 +56,11 @@ class Prepared:
 
     def seen(self, recordings: Sequence[Recording]) -> list[Recording]:
         """Recordings with what the observer reads."""
-        found = list(recordings)
+        result = list(recordings)
         for state in OBSERVED:
             if SEEN.format(state) in self.everything.inputs:
-                found = [with_seen(recording, state) for recording in found]
-        return found
+                result = [with_seen(recording, state) for recording in result]
+        return result
 
 
 def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
@@ -71,18 +71,18 @@ def excerpt(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[
     recordings : any.
     most : rows.
     """
-    total = sum(len(own) for own in recordings)
+    total = sum(len(recording) for recording in recordings)
     if total <= most:
         return list(recordings)
     blocks = list[tuple[Recording, int, int]]()
-    for own in recordings:
-        length = max(1, round(CAL.excerpt_block / own.sample_time))
-        for start, stop in own.runs:
+    for recording in recordings:
+        length = max(1, round(CAL.excerpt_block / recording.sample_time))
+        for start, stop in recording.runs:
             edges = np.linspace(start, stop, max(1, round((stop - start) / length)) + 1).astype(int)
-            blocks += [(own, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+            blocks += [(recording, int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True)]
     count = max(1, int(len(blocks) * most / total))
     chosen = np.unique(np.linspace(0, len(blocks) - 1, count).round().astype(int))
-    return [own.rows(start, stop) for own, start, stop in (blocks[k] for k in chosen)]
+    return [item.rows(start, stop) for item, start, stop in (blocks[k] for k in chosen)]
 
 
 def thinned(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[Recording]:
@@ -96,18 +96,18 @@ def thinned(recordings: Sequence[Recording], most: int = CAL.most_rows) -> list[
     recordings : any.
     most : rows.
     """
-    each, found = -(-sum(len(own) for own in recordings) // most), list[Recording]()
-    for own in recordings:
-        step = min(each, int(CAL.thinnest / own.sample_time + CAL.on_a_row)) if own.hold == "linear" else 1
+    each, result = -(-sum(len(recording) for recording in recordings) // most), list[Recording]()
+    for recording in recordings:
+        step = min(each, int(CAL.thinnest / recording.sample_time + CAL.on_a_row)) if recording.hold == "linear" else 1
         if step <= 1:
-            found.append(own)
+            result.append(recording)
             continue
-        kept = [np.arange(start, stop, step) for start, stop in own.runs]
+        kept = [np.arange(start, stop, step) for start, stop in recording.runs]
         edges, rows = np.cumsum([0, *(len(run) for run in kept)]), np.concatenate(kept)
-        signals = {name: values[rows] for name, values in own.signals.items()}
+        signals = {name: values[rows] for name, values in recording.signals.items()}
         runs = tuple((int(a), int(b)) for a, b in zip(edges[:-1], edges[1:], strict=True))
-        found.append(replace(own, time=own.time[rows], signals=signals, runs=runs))
-    return found
+        result.append(replace(recording, time=recording.time[rows], signals=signals, runs=runs))
+    return result
 
 
 def prepare(
@@ -124,7 +124,9 @@ def prepare(
         motion count; those of what was learnt do not, for they are about it as it was before a fit.
     """
     nominal = _rough(model, recordings, effects, vehicle)
-    step = min((float(np.median(np.diff(own.time))) for own in recordings if len(own) > 1), default=0.0)
+    step = min(
+        (float(np.median(np.diff(recording.time))) for recording in recordings if len(recording) > 1), default=0.0
+    )
     nominal = _indifferent(nominal, effects, vehicle, step, _usual(model, recordings)["speed"])
     everything, concerned = nominal, {}
     for name, effect in effects.items():
@@ -163,15 +165,20 @@ def with_beliefs(model: AnyModel, effects: Mapping[str, Effect], vehicle: Vehicl
 
 def _usual(model: Diagnosed, recordings: Sequence[Recording]) -> dict[str, float]:
     """Median speed, m/s, root mean squares of steering and drive; 1 where there is none."""
-    found = {}
+    result = {}
     for name, signals in (("speed", ("v_x",)), ("steer", ("steer",)), ("drive", _signals(model, "drive"))):
-        held = [own[signal][np.isfinite(own[signal])] for own in recordings for signal in signals if signal in own]
+        held = [
+            recording[signal][np.isfinite(recording[signal])]
+            for recording in recordings
+            for signal in signals
+            if signal in recording
+        ]
         values = np.abs(np.concatenate(held)) if held else np.empty(0)
         size = 0.0
         if len(values):
             size = float(np.median(values) if name == "speed" else np.sqrt(np.mean(values**2)))
-        found[name] = size if size > 0 else 1.0
-    return found
+        result[name] = size if size > 0 else 1.0
+    return result
 
 
 def _signals(model: Diagnosed, name: str) -> tuple[str, ...]:
@@ -187,8 +194,8 @@ def _indifferent(
     Where a vehicle's file states tolerances of its equations, effects that it says nothing of may be there a little
     all the same: a tenth of what is usually meant by them, and what is less than a row's fraction for timing.
     """
-    own = [own for own in model.parameters if not own.fixed and own.prior is not None]
-    if vehicle is None or isinstance(model, MemoryModel) or not own:
+    value = [parameter for parameter in model.parameters if not parameter.fixed and parameter.prior is not None]
+    if vehicle is None or isinstance(model, MemoryModel) or not value:
         return model
     scale = CAL.indifference
     size = {unit: scale * by for unit, by in _sizes(model).items()}
@@ -207,14 +214,14 @@ def _indifferent(
 def _sizes(model: MotionModel) -> dict[str, float]:
     """By unit, what is usually meant by an effect here: lengths go with the wheelbase, forces with the weight."""
     held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}
-    found = {}
+    result = {}
     if {"l_f", "l_r"} <= held.keys():
-        found["m"] = CAL.of_wheelbase * (held["l_f"] + held["l_r"])
+        result["m"] = CAL.of_wheelbase * (held["l_f"] + held["l_r"])
     if "m" in held:
-        found["N"] = CAL.of_weight * held["m"] * G
+        result["N"] = CAL.of_weight * held["m"] * G
     if held.get("c_2", 0.0) > 0:
-        found["N s^2/m^2"] = CAL.of_drag * held["c_2"]
-    return found
+        result["N s^2/m^2"] = CAL.of_drag * held["c_2"]
+    return result
 
 
 def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
@@ -222,7 +229,7 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
         return model
     states = [state.name for state in model.states]
     for state, rate in OBSERVED.items():
-        if state in states and state in model.outputs and all(state in own for own in recordings):
+        if state in states and state in model.outputs and all(state in recording for recording in recordings):
             model = observed(model, state, rate)
     model = replace(model, passes=min(model.passes, CAL.passes))
     return model if model.learnt else with_unknown_forces(model)  # its network took up what forces lack
@@ -232,8 +239,8 @@ def _held(model: Model, parameter: Parameter, vehicle: Vehicle | None) -> Parame
     """A parameter, held unless something is believed of it, whether it is of the equations or of an effect on them."""
     if vehicle is None:
         return replace(parameter, fixed=parameter.fixed or parameter.prior is None)
-    own = vehicle.model.effects if vehicle.model is not None else {}
-    stated = vehicle.values.get(parameter.name, own.get(parameter.name))
+    effects = vehicle.model.effects if vehicle.model is not None else {}
+    stated = vehicle.values.get(parameter.name, effects.get(parameter.name))
     if stated is None or stated.sd is None:
         return replace(parameter, fixed=True)
     value = float(parameter.array) if stated.value is None else stated.value

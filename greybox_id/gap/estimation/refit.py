@@ -30,76 +30,78 @@ def refit(search: Search, starts: Sequence[Start], settle_on_rows: bool = True) 
     """
     work = [_Work(search, start) for start in starts]
     _walk(search, work, CAL.iterations)
-    found = [own.best for own in work if own.best is not None]
-    return _on_rows(search, found) if settle_on_rows else found
+    result = [item.best for item in work if item.best is not None]
+    return _on_rows(search, result) if settle_on_rows else result
 
 
 def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
     """So many steps of hypotheses, side by side."""
-    for own in work:
-        own.left = steps
-    while active := [own for own in work if own.left > 0 and not own.done]:
-        wanted = [own.wanted() for own in active]
-        room = -sum(len(each) for each in wanted) % CALL if len(search.bench.runs) == 1 else 0
-        for k, own in enumerate(active):  # a call takes as long for fewer
-            if own.looks_beside(room):
-                wanted[k] = own.wanted()
-                room -= len(wanted[k]) - 1
-        edges = np.cumsum([0, *(len(each) for each in wanted)])
-        e = search.residuals([p for each in wanted for p in each])
-        more = search.first_orders([own.at[2] for own in active])
+    for item in work:
+        item.left = steps
+    while active := [item for item in work if item.left > 0 and not item.done]:
+        target = [item.wanted() for item in active]
+        room = -sum(len(each) for each in target) % CALL if len(search.bench.runs) == 1 else 0
+        for k, item in enumerate(active):  # a call takes as long for fewer
+            if item.looks_beside(room):
+                target[k] = item.wanted()
+                room -= len(target[k]) - 1
+        edges = np.cumsum([0, *(len(each) for each in target)])
+        e = search.residuals([p for each in target for p in each])
+        more = search.first_orders([item.at[2] for item in active])
         values = [
-            own.values(e[a:b], more[:, :, k])
-            for k, (own, a, b) in enumerate(zip(active, edges[:-1], edges[1:], strict=True))
+            item.values(e[a:b], more[:, :, k])
+            for k, (item, a, b) in enumerate(zip(active, edges[:-1], edges[1:], strict=True))
         ]
         edges = np.cumsum([0, *(each.shape[2] for each in values)])
         white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
         white = white.reshape(-1, white.shape[2])
         with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
             cross = (white.T @ search.white).T  # several times as fast as the product the other way round
-        for own, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
-            own.take(each, white[:, a:b], cross[:, a:b])
+        for item, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
+            item.take(each, white[:, a:b], cross[:, a:b])
 
 
-def with_slopes(search: Search, found: Sequence[Hypothesis]) -> list[Hypothesis]:
+def with_slopes(search: Search, hypothesises: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses with derivatives taken where they are: what their magnitudes' spreads and widths are told by."""
-    work = [_Work(search, replace(search.start_of(own), slopes=None)) for own in found]
-    wanted = [own.wanted() for own in work]
-    edges = np.cumsum([0, *(len(each) for each in wanted)])
-    e, nothing = search.residuals([p for each in wanted for p in each]), np.zeros(search.bench.measured.shape)
+    work = [_Work(search, replace(search.start_of(item), slopes=None)) for item in hypothesises]
+    target = [item.wanted() for item in work]
+    edges = np.cumsum([0, *(len(each) for each in target)])
+    e, nothing = search.residuals([p for each in target for p in each]), np.zeros(search.bench.measured.shape)
     new = []
-    for own, each, a, b in zip(found, work, edges[:-1], edges[1:], strict=True):
+    for item, each, a, b in zip(hypothesises, work, edges[:-1], edges[1:], strict=True):
         J = each.values(e[a:b], nothing)[:, :, 1:]
-        new.append(replace(own, J=each.over_axes(J)) if np.all(np.isfinite(J)) else own)
+        new.append(replace(item, J=each.over_axes(J)) if np.all(np.isfinite(J)) else item)
     return new
 
 
-def settled(search: Search, found: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
+def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) -> Hypothesis:
     """A hypothesis whose nuisances are linearised about where they are until they move no more.
 
     They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
     derivatives taken there: what they then miss would pass for a gap.
     """
     for _ in range(again_at_most if search.moving or search.shifts else 0):
-        search.about(found, delays=False)
-        again = refit(search, [search.start_of(found)])
+        search.about(result, delays=False)
+        again = refit(search, [search.start_of(result)])
         if not again:
             break
-        before, found = found, again[0]  # the later one even where it costs more: the others will stand beside it
-        if found.cost > before.cost - CAL.enough:
+        before, result = result, again[0]  # the later one even where it costs more: the others will stand beside it
+        if result.cost > before.cost - CAL.enough:
             break
-    return found
+    return result
 
 
-def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
+def _on_rows(search: Search, hypothesises: list[Hypothesis]) -> list[Hypothesis]:
     """Hypotheses, or better ones with a delay of whole rows: there likelihoods have steps, which stop refits."""
-    better, owners, work = list(found), [], []
-    for at, own in enumerate(found):
-        for start in _whole_rows(search, own):
+    better, owners, work = list(hypothesises), [], []
+    for at, item in enumerate(hypothesises):
+        for start in _whole_rows(search, item):
             owners.append(at)
             work.append(_Work(search, start))
     _walk(search, work, CAL.glance)
-    likely = [each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < found[at].cost]
+    likely = [
+        each for at, each in zip(owners, work, strict=True) if each.best and each.best.cost < hypothesises[at].cost
+    ]
     _walk(search, likely, CAL.iterations - CAL.glance)
     for at, each in zip(owners, work, strict=True):
         if each.best is not None and each.best.cost < better[at].cost:
@@ -107,16 +109,16 @@ def _on_rows(search: Search, found: list[Hypothesis]) -> list[Hypothesis]:
     return better
 
 
-def _whole_rows(search: Search, found: Hypothesis) -> list[Start]:
+def _whole_rows(search: Search, hypothesis: Hypothesis) -> list[Start]:
     """A hypothesis with a delay of it at the whole rows that are nearest, and just beyond them if it is below."""
     starts, step = [], search.bench.sample_time
-    for k, axis in enumerate(found.axes):
-        whole = step * float(np.round(found.m[k] / step))
-        for at in (whole, whole + CAL.shifted) if found.m[k] < whole else (whole,):
-            if axis.shift and whole > 0 and axis.low <= at <= axis.high and at != found.m[k]:
-                m = found.m.copy()
+    for k, axis in enumerate(hypothesis.axes):
+        whole = step * float(np.round(hypothesis.m[k] / step))
+        for at in (whole, whole + CAL.shifted) if hypothesis.m[k] < whole else (whole,):
+            if axis.shift and whole > 0 and axis.low <= at <= axis.high and at != hypothesis.m[k]:
+                m = hypothesis.m.copy()
                 m[k] = at
-                starts.append(Start(found.candidates, m, found.theta, found.linear))
+                starts.append(Start(hypothesis.candidates, m, hypothesis.theta, hypothesis.linear))
     return starts
 
 
@@ -187,12 +189,12 @@ class _Work:
         m, theta, _ = self.at
         search = self.search
         p = search.placed(search.moved(theta), self.axes, m)
-        found = [p]
+        result = [p]
         for k in self._asked if self._beside_too else ():
             beside = m.copy()
             beside[k] += self._beside(self.axes[k], m[k])
-            found.append(search.placed(p, self.axes, beside))
-        return found
+            result.append(search.placed(p, self.axes, beside))
+        return result
 
     def _beside(self, axis: Axis, at: float) -> float:
         """How far beside; a shift does not cross a row, where readings jump."""
@@ -212,16 +214,16 @@ class _Work:
         more : (N, channels) that linear nuisances add.
         """
         m = self.at[0]
-        found = np.empty((*e.shape[1:], 1 + (len(self._moving) if self._beside_too else 0)))
-        found[:, :, 0] = e[0] + more
+        result = np.empty((*e.shape[1:], 1 + (len(self._moving) if self._beside_too else 0)))
+        result[:, :, 0] = e[0] + more
         with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off
             for at, k in enumerate(self._moving if self._beside_too else (), 1):
                 if k in self._asked:
-                    found[:, :, at] = (e[1 + self._asked.index(k)] - e[0]) / self._beside(self.axes[k], m[k])
+                    result[:, :, at] = (e[1 + self._asked.index(k)] - e[0]) / self._beside(self.axes[k], m[k])
                 else:
                     assert self._given is not None
-                    found[:, :, at] = self._given[:, :, k]
-        return found
+                    result[:, :, at] = self._given[:, :, k]
+        return result
 
     def take(self, values: Array, white: Array, cross: Array) -> None:
         """Simulations have come back: `values` of them, the same whitened, and times what nuisances do."""
@@ -229,11 +231,11 @@ class _Work:
         sane = bool(np.all(np.isfinite(slopes)))
         fresh = None
         if self._beside_too and sane:
-            own = white[:, 1:].copy()
+            value = white[:, 1:].copy()
             with np.errstate(over="ignore"):  # a motion that spins has slopes whose squares no number holds
-                gram = own.T @ own
+                gram = value.T @ value
             if np.all(np.isfinite(gram)):
-                fresh = _Slopes(self.at[0], slopes.copy(), own, gram, cross[:, 1:].copy())
+                fresh = _Slopes(self.at[0], slopes.copy(), value, gram, cross[:, 1:].copy())
         if self._renews:
             self._renews = False
             if fresh is None or self.best is None:  # beside it, it spins: no step leads on
@@ -272,9 +274,9 @@ class _Work:
             return False
         null = np.array([axis.null for axis in self.axes])
         size = np.abs(old - null)
-        for own, at in parts_of(self.candidates):
-            if own.gradual:
-                size[at] = np.maximum(size[at], [axis.scale for axis in own.axes])
+        for item, at in parts_of(self.candidates):
+            if item.gradual:
+                size[at] = np.maximum(size[at], [axis.scale for axis in item.axes])
         off = abs(self._gained - self._foretold)
         return bool(np.any(np.abs(m - old) > CAL.worn * size)) or off > CAL.as_foretold * self._foretold
 

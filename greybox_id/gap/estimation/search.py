@@ -104,25 +104,27 @@ class Search:
             self.expanded[k] = at if abs(at - axis.null) > CAL.shift_beside * axis.sd else axis.null
             self.nominal[axis.index] = axis.value(float(self.expanded[k]))
 
-    def _secants(self, p: Array, wanted: Sequence[bool], found: Array) -> None:
+    def _secants(self, p: Array, target: Sequence[bool], result: Array) -> None:
         """What abrupt nuisances do: per unit, then at once, put into (N, channels, 2 shifts), from where they are.
 
         Zero for those that are not wanted.
         """
-        found[:] = 0.0
+        result[:] = 0.0
         p = self.placed(p, self.shifts, self.expanded)
-        asked = [k for k, want in enumerate(wanted) if want]
+        requested = [k for k, want in enumerate(target) if want]
         spans = []
-        for k in asked:
+        for k in requested:
             axis, at = self.shifts[k], float(self.expanded[k])
             near, far = (CAL.at_once, 1.0) if at == axis.null else (-CAL.shift_beside, CAL.shift_beside)
             spans.append((at + near * axis.sd, at + far * axis.sd))
-        sides = [self.placed(p, [self.shifts[k]], [end]) for k, span in zip(asked, spans, strict=True) for end in span]
-        e = self.residuals([p, *sides] if asked else [])
-        for k, (start, end), one, other in zip(asked, spans, e[1::2], e[2::2], strict=True):
-            found[:, :, k] = (other - one) / (end - start)
+        sides = [
+            self.placed(p, [self.shifts[k]], [end]) for k, span in zip(requested, spans, strict=True) for end in span
+        ]
+        e = self.residuals([p, *sides] if requested else [])
+        for k, (start, end), one, other in zip(requested, spans, e[1::2], e[2::2], strict=True):
+            result[:, :, k] = (other - one) / (end - start)
             if self.expanded[k] == self.shifts[k].null:
-                found[:, :, len(self.shifts) + k] = one - e[0]
+                result[:, :, len(self.shifts) + k] = one - e[0]
 
     def recoloured(self, colour: Whitener) -> None:
         """Count residuals otherwise."""
@@ -136,8 +138,8 @@ class Search:
 
     def weighed(self, values: Array) -> Array:
         """Residuals or their derivatives, (N, channels, ...), as they count: half their squares are log-likelihood."""
-        found: Array = self.colour.white(values)
-        return found if self.trust == 1.0 else found * np.sqrt(self.trust)
+        result: Array = self.colour.white(values)
+        return result if self.trust == 1.0 else result * np.sqrt(self.trust)
 
     def _whiten(self) -> None:
         self.white = self.weighed(self._by).reshape(self.bench.measured.size, self._by.shape[2])
@@ -203,18 +205,18 @@ class Search:
     @staticmethod
     def placed(p: Array, axes: Sequence[Axis], coordinates: Sequence[float] | Array) -> Array:
         """A parameter vector with some axes elsewhere."""
-        found = p.copy()
+        result = p.copy()
         for axis, coordinate in zip(axes, coordinates, strict=True):
-            found[axis.index] = axis.value(float(coordinate))
-        return found
+            result[axis.index] = axis.value(float(coordinate))
+        return result
 
     def where(self, hypothesis: Hypothesis, axis: Axis) -> float:
         """The coordinate at which a hypothesis has an axis."""
-        for own, coordinate in zip(self.moving, hypothesis.theta, strict=True):
-            if own.index == axis.index:
-                return axis.coordinate(own.value(float(coordinate)))
-        for own, at in zip(self.shifts, self.expanded, strict=True):
-            if own.index == axis.index:
+        for shift, coordinate in zip(self.moving, hypothesis.theta, strict=True):
+            if shift.index == axis.index:
+                return axis.coordinate(shift.value(float(coordinate)))
+        for shift, at in zip(self.shifts, self.expanded, strict=True):
+            if shift.index == axis.index:
                 return float(at)
         return axis.null
 
@@ -229,17 +231,17 @@ class Search:
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
         """Linear nuisances, those that are candidates now at their null: they move as candidates."""
-        own = self.among({axis.index for axis in axes})[len(self.moving) :]
-        return np.where(own, self.null_linear, linear)
+        value = self.among({axis.index for axis in axes})[len(self.moving) :]
+        return np.where(value, self.null_linear, linear)
 
     def tolerated(self, hypothesis: Hypothesis) -> bool:
         """Whether a candidate of it is no further off than its tolerance reaches: it is no gap then."""
         believed = {axis.index: axis for axis in (*self.moving, *self.shifts)}
         return any(
-            abs(own.coordinate(axis.value(float(at))) - own.mean) <= CAL.tolerated_sd * own.sd
+            abs(item.coordinate(axis.value(float(at))) - item.mean) <= CAL.tolerated_sd * item.sd
             for axis, at in zip(hypothesis.axes, hypothesis.m, strict=True)
-            for own in [believed.get(axis.index)]
-            if own is not None
+            for item in [believed.get(axis.index)]
+            if item is not None
         )
 
     def reached(self, here: Array, there: Array) -> Array:
@@ -259,21 +261,21 @@ class Search:
     def expected_charge(self, hypothesis: Hypothesis) -> float:
         """What `charge` is at the mean where all are as believed: of how many nuisances the readings tell."""
         held = ~self.among({axis.index for axis in hypothesis.axes})
-        told = self.gram[np.ix_(held, held)]
-        return float(np.trace(np.linalg.solve(told + self.precision[np.ix_(held, held)], told)))
+        known = self.gram[np.ix_(held, held)]
+        return float(np.trace(np.linalg.solve(known + self.precision[np.ix_(held, held)], known)))
 
     def far(self, hypothesis: Hypothesis) -> Array:
         """How far a hypothesis has moving and abrupt nuisances from where they are believed to be, in their sds."""
         axes = (*self.moving, *self.shifts)
         at = np.concatenate([hypothesis.theta, hypothesis.linear])[: len(axes)]
-        found: Array = np.abs(at - self.means[: len(axes)]) / np.array([axis.sd for axis in axes])
-        return found
+        result: Array = np.abs(at - self.means[: len(axes)]) / np.array([axis.sd for axis in axes])
+        return result
 
     def beliefs(self, released: set[int]) -> Array:
         """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
         held = np.where(self.among(released), 0.0, 1.0)
-        found: Array = held[:, None] * self.precision * held
-        return found
+        result: Array = held[:, None] * self.precision * held
+        return result
 
     def residuals(self, P: Sequence[Array]) -> Array:
         """(K, N, channels) predictions minus readings; zero where there is none."""
@@ -318,23 +320,23 @@ class Search:
         Where the model is rough, residuals are no noise, and stay alike for seconds: what blocks of them pull at the
         coordinates adds up to more (a sandwich over blocks, after White, Econometrica 50, 1982).
         """
-        W, undone, told = self._told(hypothesis)
+        W, undone, known = self._told(hypothesis)
         W = W - self.white @ undone  # what coordinates do that nuisances cannot undo
         r = self.weighed(hypothesis.e[:, :, None])
         pulls = np.sum((W * r.reshape(-1, 1)).reshape(hypothesis.J.shape), axis=1)
-        own = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
-        own -= np.mean(own, axis=0)
-        seen = told @ (own.T @ own) @ told
-        found: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(told), 1e-300), 1.0))
-        return found
+        value = np.array([np.sum(pulls[a:b], axis=0) for a, b in blocks(self.bench)])
+        value -= np.mean(value, axis=0)
+        seen = known @ (value.T @ value) @ known
+        result: Array = np.sqrt(np.maximum(np.diag(seen) / np.maximum(np.diag(known), 1e-300), 1.0))
+        return result
 
     def _told(self, hypothesis: Hypothesis) -> tuple[Array, Array, Array]:
         """What coordinates do, whitened, what nuisances undo of it, and the covariance that follows from the rest."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
-        own = ~self.among({axis.index for axis in hypothesis.axes})
-        H, cross = (self.gram + self.precision)[np.ix_(own, own)], (plain.T @ self.white).T
+        value = ~self.among({axis.index for axis in hypothesis.axes})
+        H, cross = (self.gram + self.precision)[np.ix_(value, value)], (plain.T @ self.white).T
         undone = np.zeros(cross.shape)
-        undone[own] = np.linalg.solve(H, cross[own]) if len(H) else cross[own]
+        undone[value] = np.linalg.solve(H, cross[value]) if len(H) else cross[value]
         S = plain.T @ plain - cross.T @ undone
         scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
         covariance = np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)

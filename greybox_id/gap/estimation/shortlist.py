@@ -41,11 +41,15 @@ class Promise:
 
 def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]) -> list[Promise]:
     """What candidates promise beside a hypothesis, each form of them by itself; most promising first."""
-    forms = frozenset[str]().union(beside.names, *(own.never_beside for own in beside.candidates))
-    new = [own for own in candidates if own.effect not in forms and own.never_beside.isdisjoint(beside.names)]
+    forms = frozenset[str]().union(beside.names, *(candidate.never_beside for candidate in beside.candidates))
+    new = [
+        candidate
+        for candidate in candidates
+        if candidate.effect not in forms and candidate.never_beside.isdisjoint(beside.names)
+    ]
     if not new:
         return []
-    p, found = search.vector(beside), dict[tuple[str, tuple[float, ...]], Promise]()
+    p, result = search.vector(beside), dict[tuple[str, tuple[float, ...]], Promise]()
     plain = [candidate for candidate in new if not candidate.starts]
     columns = [candidate.axes[0].index for candidate in plain]
     J = search.bench.linearise(p, columns)[1] if columns else np.zeros((*beside.e.shape, 0))
@@ -61,12 +65,13 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
         axis = candidate.axes[0]
         null = search.where(beside, axis)
         at = float(np.clip(null + step, axis.low, axis.high))
-        sd, told = float(curve**-0.5), float(curve / max(raw, 1e-300))
+        sd, known = float(curve**-0.5), float(curve / max(raw, 1e-300))
         gone = search.reached(here, first.rest + (at - null) * with_it)
         gain = float(gain) * of_gain(at - null, float(step))
-        found[candidate.effect, ()] = Promise(candidate, gain, (at,), gone, sd, told)
+        result[candidate.effect, ()] = Promise(candidate, gain, (at,), gone, sd, known)
     curves = {
-        (own.effect, start): float(curve) for (own, start), curve in zip(tried, first.curve[len(plain) :], strict=True)
+        (item.effect, start): float(curve)
+        for (item, start), curve in zip(tried, first.curve[len(plain) :], strict=True)
     }
     for (candidate, start), ok, (gain, share, curve, raw, with_it) in zip(
         tried, sane, numbers[len(plain) :], strict=True
@@ -75,12 +80,12 @@ def promises(search: Search, beside: Hypothesis, candidates: Sequence[Candidate]
             continue
         power = _power(candidate, start, curves)
         begin, promised, reached = _promised(candidate, start, float(gain), float(share), power)
-        own = Promise(candidate, promised, begin, search.reached(here, first.rest + reached * with_it))
+        value = Promise(candidate, promised, begin, search.reached(here, first.rest + reached * with_it))
         key = candidate.effect, candidate.held
-        if own.gain > 0 and (key not in found or own.gain > found[key].gain):
+        if value.gain > 0 and (key not in result or value.gain > result[key].gain):
             sd = abs(start[0] - candidate.axes[0].null) * float(curve**-0.5)
-            found[key] = replace(own, sd=sd, told=float(curve / max(raw, 1e-300)))
-    return sorted(found.values(), key=lambda promise: -promise.gain)
+            result[key] = replace(value, sd=sd, told=float(curve / max(raw, 1e-300)))
+    return sorted(result.values(), key=lambda promise: -promise.gain)
 
 
 def from_where_best(
@@ -96,15 +101,20 @@ def from_where_best(
     candidates : with all their starts.
     refitted : single effects; a delay's start is half or twice the delay, and another effect may do as well as that.
     """
-    best = {(own.candidate.effect, own.candidate.held): (own.start,) for own in promised}
+    best = {(item.candidate.effect, item.candidate.held): (item.start,) for item in promised}
     for single in refitted:
         key = single.candidates[0].effect, single.candidates[0].held
         best[key] = (*best.get(key, ()), tuple(float(m) for m in single.m))
     return [
-        replace(own, starts=best.get((own.effect, own.held), own.starts[:: max(1, len(own.starts) // CAL.few_starts)]))
-        if own.starts
-        else own
-        for own in candidates
+        replace(
+            candidate,
+            starts=best.get(
+                (candidate.effect, candidate.held), candidate.starts[:: max(1, len(candidate.starts) // CAL.few_starts)]
+            ),
+        )
+        if candidate.starts
+        else candidate
+        for candidate in candidates
     ]
 
 
@@ -129,10 +139,10 @@ def _promised(
         return (at, *start[1:]), gain * of_gain(at - main.null, share * step), share
     if share <= 0 or step == 0:
         return start, 0.0, 1.0
-    wanted = np.log(share) / power
-    if abs(wanted) > np.log(BETWEEN):  # the next start tells; beyond the last something else is at work
+    target = np.log(share) / power
+    if abs(target) > np.log(BETWEEN):  # the next start tells; beyond the last something else is at work
         return start, 0.0, 1.0
-    factor = float(np.exp(wanted))
+    factor = float(np.exp(target))
     factor = 1.0 if 1 / CAL.start_near < factor < CAL.start_near else factor
     at = float(np.clip(main.null + factor * step, main.low, main.high))
     reached = abs((at - main.null) / step) ** power
@@ -146,10 +156,10 @@ def _power(
     """The power of its magnitude that what a candidate does grows with, by this start and the one nearest below it."""
     null = candidate.axes[0].null
     size = abs(start[0] - null)
-    below = [own for own in candidate.starts if own[1:] == start[1:] and 0 < abs(own[0] - null) < size]
+    below = [item for item in candidate.starts if item[1:] == start[1:] and 0 < abs(item[0] - null) < size]
     if candidate.gradual or not below:
         return 1.0
-    nearest = max(below, key=lambda own: abs(own[0] - null))
+    nearest = max(below, key=lambda item: abs(item[0] - null))
     here, there = curves[candidate.effect, start], curves[candidate.effect, nearest]
     if not (here > 0 and there > 0):
         return 1.0
@@ -157,6 +167,6 @@ def _power(
     return min(power, CAL.powers[1]) if power >= CAL.powers[0] else 1.0  # what acts at once grows with no power of it
 
 
-def of_gain(step: float, wanted: float) -> float:
+def of_gain(step: float, target: float) -> float:
     """Share of a gain that is left of a step cut short by a bound: beyond it nothing can be promised."""
-    return 1 - (1 - step / wanted) ** 2 if wanted != 0 else 1.0
+    return 1 - (1 - step / target) ** 2 if target != 0 else 1.0

@@ -62,7 +62,7 @@ def strip(
     recordings : whose rows these are, for the path.
     """
     channels = np.maximum(np.sum(bench.counted, axis=1), 1)
-    first, then = (np.sum((own / sd) ** 2, axis=1) / channels for own in (before, after))
+    first, then = (np.sum((item / sd) ** 2, axis=1) / channels for item in (before, after))
     parts = [slice(*ends) for ends in blocks(bench, CAL.strip_block)]
     time = running(bench.time)
     x, y = _recorded(bench, recordings) or _path(bench, seen)
@@ -72,13 +72,13 @@ def strip(
     for c, channel in enumerate(bench.channels):
         if not np.any(bench.counted[longest, c]):
             continue
-        for own, spectrum in zip((before, after), spectra, strict=True):
-            frequency, density = welch(own[longest, c] / sd[c], 1 / bench.sample_time, window)
+        for item, spectrum in zip((before, after), spectra, strict=True):
+            frequency, density = welch(item[longest, c] / sd[c], 1 / bench.sample_time, window)
             spectrum[channel] = density / (2 * bench.sample_time)  # white noise of the stated size is one
     return Strip(
-        time=np.array([float(np.mean(time[own])) for own in parts]),
-        before=np.array([float(np.mean(first[own])) for own in parts]),
-        after=np.array([float(np.mean(then[own])) for own in parts]),
+        time=np.array([float(np.mean(time[part])) for part in parts]),
+        before=np.array([float(np.mean(first[part])) for part in parts]),
+        after=np.array([float(np.mean(then[part])) for part in parts]),
         x=_middles(x, parts),
         y=_middles(y, parts),
         frequency=frequency,
@@ -92,18 +92,18 @@ def _middles(values: Array, parts: Sequence[slice]) -> Array:
     """Means of blocks; NaN of one without readings, nothing of nothing."""
     if not len(values):
         return values
-    own = [values[part][np.isfinite(values[part])] for part in parts]
-    return np.array([float(np.mean(one)) if len(one) else np.nan for one in own])
+    value = [values[part][np.isfinite(values[part])] for part in parts]
+    return np.array([float(np.mean(one)) if len(one) else np.nan for one in value])
 
 
 def _recorded(bench: FreeRuns, recordings: Sequence[Recording]) -> tuple[Array, Array] | None:
     """The path where every row's recording holds it."""
-    if not recordings or not all({"x", "y"} <= own.signals.keys() for own in recordings):
+    if not recordings or not all({"x", "y"} <= recording.signals.keys() for recording in recordings):
         return None
-    time = np.concatenate([own.time for own in recordings])
+    time = np.concatenate([recording.time for recording in recordings])
     if len(time) != len(bench.measured) or not np.allclose(time, bench.time):
         return None
-    x, y = (np.concatenate([own[name] for own in recordings]) for name in ("x", "y"))
+    x, y = (np.concatenate([recording[name] for recording in recordings]) for name in ("x", "y"))
     return (x, y) if np.any(np.isfinite(x) & np.isfinite(y)) else None
 
 
@@ -123,8 +123,8 @@ def _map(gap: Array, seen: Mapping[str, Array]) -> dict[str, Array]:
     if "v_x" not in seen or "a_y" not in seen:
         return {}
     v, a = seen["v_x"], seen["a_y"]
-    edges = [_edges(own) for own in (v, a)]
-    if any(own[-1] <= own[0] for own in edges):
+    edges = [_edges(item) for item in (v, a)]
+    if any(edge[-1] <= edge[0] for edge in edges):
         return {}
     rows, _, _ = np.histogram2d(v, a, edges)
     total, _, _ = np.histogram2d(v, a, edges, weights=gap)

@@ -50,16 +50,18 @@ class Scatter:
 
 def repeats(bench: FreeRuns) -> NDArray[np.bool_]:
     """(N,) rows at which all sensors repeat the row before exactly."""
-    found = np.zeros(len(bench.measured), dtype=bool)
+    result = np.zeros(len(bench.measured), dtype=bool)
     read = np.any(np.isfinite(bench.measured), axis=0)
     if np.count_nonzero(read) < CAL.fewest_channels or bench.learnt:
-        return found
+        return result
     for rows in bench.rows:
-        own = bench.measured[rows][:, read]
-        same = np.all((own[1:] == own[:-1]) | ~np.isfinite(own[1:]), axis=1) & np.any(np.isfinite(own[1:]), axis=1)
-        moving = np.any(own[1:] != 0, axis=1)
-        found[rows.start + 1 : rows.stop] = same & moving
-    return found
+        value = bench.measured[rows][:, read]
+        same = np.all((value[1:] == value[:-1]) | ~np.isfinite(value[1:]), axis=1) & np.any(
+            np.isfinite(value[1:]), axis=1
+        )
+        moving = np.any(value[1:] != 0, axis=1)
+        result[rows.start + 1 : rows.stop] = same & moving
+    return result
 
 
 def dropped(held: NDArray[np.bool_]) -> Scatter | None:
@@ -120,13 +122,13 @@ def jitter(
         return None
     rates, use = steady(bench, y, sd, good)
     a, z = np.where(use, rates / sd, 0.0), np.where(good, e / sd, 0.0)
-    brief, z = (np.where(use, own, 0.0) for own in (_brief(z, good, bench.rows), z))
+    brief, z = (np.where(use, item, 0.0) for item in (_brief(z, good, bench.rows), z))
     h, count = np.sum(a**2, axis=1), np.sum(use, axis=1)
 
     def squares(v: float, of: Array) -> Array:
         """(N,) squares of residuals without what jitter of v times their variance makes likely."""
-        found: Array = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
-        return found
+        result: Array = np.sum(of**2, axis=1) - v * np.sum(a * of, axis=1) ** 2 / (1 + v * h)
+        return result
 
     def left(v: float, of: Array) -> float:
         """Their mean."""
@@ -138,9 +140,9 @@ def jitter(
 
     def losses(v: float) -> Array:
         """(N,) negative log-likelihoods of rows."""
-        own = scale(v)
-        found: Array = 0.5 * (np.log1p(v * h) + count * np.log(own) + squares(v, brief) / own)
-        return found
+        value = scale(v)
+        result: Array = 0.5 * (np.log1p(v * h) + count * np.log(value) + squares(v, brief) / value)
+        return result
 
     def loss(log_variance: float) -> float:
         return float(np.sum(losses(float(np.exp(log_variance)))))
@@ -182,10 +184,10 @@ def _at_odds(a: Array, z: Array, use: NDArray[np.bool_], v: float) -> float:
     """
     apart = 0.0
     for c in range(a.shape[1]):
-        own = use[:, c] & (a[:, c] != 0)
-        if np.count_nonzero(own) < CAL.fewest_jumps:
+        value = use[:, c] & (a[:, c] != 0)
+        if np.count_nonzero(value) < CAL.fewest_jumps:
             continue
-        h, squares = a[own, c] ** 2, z[own, c] ** 2
+        h, squares = a[value, c] ** 2, z[value, c] ** 2
 
         def loss(log_variance: float, h: Array = h, squares: Array = squares) -> float:
             spread = 1 + np.exp(log_variance) * h
@@ -206,10 +208,10 @@ def _carries_on(a: Array, z: Array, v: float, runs: Sequence[slice]) -> float:
     runs : rows of each.
     """
     h = np.sum(a**2, axis=1)
-    told = v * h > 1.0
-    t = np.where(told, np.sum(a * z, axis=1) / np.sqrt(np.maximum(h, 1e-300)), 0.0)
-    pairs = np.concatenate([np.arange(own.start, own.stop - 1) for own in runs if own.stop > own.start + 1])
-    pairs = pairs[told[pairs] & told[pairs + 1]]
+    known = v * h > 1.0
+    t = np.where(known, np.sum(a * z, axis=1) / np.sqrt(np.maximum(h, 1e-300)), 0.0)
+    pairs = np.concatenate([np.arange(run.start, run.stop - 1) for run in runs if run.stop > run.start + 1])
+    pairs = pairs[known[pairs] & known[pairs + 1]]
     if len(pairs) < CAL.fewest_jumps:
         return 0.0
     one, other = t[pairs], t[pairs + 1]
@@ -227,8 +229,8 @@ def coin(jumps: Array, z: Array) -> float:
     jumps : (N, channels) by which readings before and after differ, over their noise.
     z : (N, channels) residuals without what lasts, over the noise; its size is refitted in both.
     """
-    own = np.any(jumps != 0, axis=1)
-    j, z = jumps[own], z[own]
+    value = np.any(jumps != 0, axis=1)
+    j, z = jumps[value], z[value]
     count = np.count_nonzero(j)
     if count < CAL.fewest_jumps:
         return 0.0
@@ -240,7 +242,7 @@ def coin(jumps: Array, z: Array) -> float:
         ends = [across - 2 * c * along + c**2 * length for c in (share, share - 1.0)]
 
         def loss(log_variance: float, ends: Sequence[Array] = ends) -> float:
-            halves = np.logaddexp(*(-0.5 * own * np.exp(-log_variance) for own in ends)) - np.log(2.0)
+            halves = np.logaddexp(*(-0.5 * end * np.exp(-log_variance) for end in ends)) - np.log(2.0)
             return float(0.5 * count * log_variance - np.sum(halves))
 
         at = np.log(max(alike, 1e-300))
@@ -251,18 +253,18 @@ def coin(jumps: Array, z: Array) -> float:
 
 def _brief(z: Array, good: NDArray[np.bool_], runs: Sequence[slice]) -> Array:
     """(N, channels) residuals that count, without the mean of those beside them."""
-    found = z.copy()
+    result = z.copy()
     for rows in runs:
-        around = [uniform_filter1d(own[rows].astype(float), 2 * CAL.rows_beside + 1, axis=0) for own in (z, good)]
-        found[rows] -= around[0] / np.maximum(around[1], 1e-9)
-    return found
+        around = [uniform_filter1d(item[rows].astype(float), 2 * CAL.rows_beside + 1, axis=0) for item in (z, good)]
+        result[rows] -= around[0] / np.maximum(around[1], 1e-9)
+    return result
 
 
 def jumps_by_commands(bench: FreeRuns, p: Array, effects: Mapping[str, Effect]) -> Array | None:
     """(N, channels) by which readings would differ had they been taken before their row's command, if that is known."""
-    if bench.learnt or AT_ONCE not in effects or not any(np.any(own.held) for own in bench.runs):
+    if bench.learnt or AT_ONCE not in effects or not any(np.any(run.held) for run in bench.runs):
         return None
-    name, names = effects[AT_ONCE].parameter.name, [own.name for own in bench.model.parameters]
+    name, names = effects[AT_ONCE].parameter.name, [parameter.name for parameter in bench.model.parameters]
     if name not in names or p[index := names.index(name)] != 0:
         return None
     early = p.copy()
@@ -283,18 +285,18 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
     base, best : (N, channels) residuals without any effect, and with the best explanation's.
     """
     y = np.where(bench.counted, base + bench.measured, 0.0)
-    own = sole_jitter(bench, base, y, sd, good, jump)
-    told = good if jump is not None else steady(bench, y, sd, good)[1]
-    gain = 0.5 * float(np.sum(np.where(told, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
-    return own is not None and own.gain >= gain and surely(own.gain) > CAL.present
+    scatter = sole_jitter(bench, base, y, sd, good, jump)
+    known = good if jump is not None else steady(bench, y, sd, good)[1]
+    gain = 0.5 * float(np.sum(np.where(known, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
+    return scatter is not None and scatter.gain >= gain and surely(scatter.gain) > CAL.present
 
 
 def sole_jitter(
     bench: FreeRuns, e: Array, y: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None
 ) -> Scatter | None:
     """Jitter that leaves noise and nothing else: errors of a model that lasts a row or two look like jitter as well."""
-    own = jitter(bench, e, y, sd, good, jump)
-    return own if own is not None and own.left <= CAL.unnamed_noise**2 else None
+    scatter = jitter(bench, e, y, sd, good, jump)
+    return scatter if scatter is not None and scatter.left <= CAL.unnamed_noise**2 else None
 
 
 def surely(gain: float) -> float:

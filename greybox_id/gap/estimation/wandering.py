@@ -47,10 +47,10 @@ def wandering(
     p: Array,
     residuals: Array,
     usable: NDArray[np.bool_],
-    found: Amplitudes,
+    one: Amplitudes,
     prior: Believed,
     noise: Array,
-    asked: Sequence[tuple[str, Axis]],
+    requested: Sequence[tuple[str, Axis]],
 ) -> tuple[Wander, ...]:
     """Effects that stand for unknown forces if their magnitudes wander: the likeliest, and what gains about as much.
 
@@ -62,32 +62,32 @@ def wandering(
     p : (parameters,) the explanation that left the residuals.
     residuals : (N, channels).
     usable : (N, channels).
-    found : amplitudes of model error beside it.
+    one : amplitudes of model error beside it.
     prior : of these.
     noise : (channels,) with which the starts of runs are read.
-    asked : effects with the axes of their magnitudes, which act at once and gradually.
+    requested : effects with the axes of their magnitudes, which act at once and gradually.
     """
     sizes = ForceSizes(bench)
-    about = tuned_on(linearised(bench, p, noise, sizes, [axis.index for _, axis in asked]), usable)
+    about = tuned_on(linearised(bench, p, noise, sizes, [axis.index for _, axis in requested]), usable)
     forces = len(sizes.forces)
     r = np.ascontiguousarray(residuals[about.row, about.channel])
     usual = prior.median
     quiet = replace(
-        found, floor_y=min(found.floor_y, usual.floor_y), share_y=min(found.share_y, usual.share_y),
-        floor_x=min(found.floor_x, usual.floor_x), share_x=min(found.share_x, usual.share_x), memory_y=usual.memory_y,
+        one, floor_y=min(one.floor_y, usual.floor_y), share_y=min(one.share_y, usual.share_y),
+        floor_x=min(one.floor_x, usual.floor_x), share_x=min(one.share_x, usual.share_x), memory_y=usual.memory_y,
         memory_x=usual.memory_x,
     )  # fmt: skip
-    loud, still = _costs(about, r, prior, [(found, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
-    units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in asked]
+    loud, still = _costs(about, r, prior, [(one, 0.0, 1.0), (quiet, 0.0, 1.0)], forces, None)
+    units = [abs(axis.value(axis.null + axis.scale) - axis.value(axis.null)) for _, axis in requested]
 
     def best(lanes: Iterator[Lane], k: int) -> tuple[float, Lane]:
         return _best(about, r, prior, lanes, forces, forces + k)
 
     firsts = [best(_everywhere(quiet, unit, CAL.wander_memories), k) for k, unit in enumerate(units)]
     least = min((cost for cost, _ in firsts), default=still)
-    by_chance = float(np.log(max(len(asked), 1) / CAL.rare))  # twice what two numbers gain is chi-square of two
+    by_chance = float(np.log(max(len(requested), 1) / CAL.rare))  # twice what two numbers gain is chi-square of two
     wanders = list[tuple[float, Wander]]()
-    for k, ((name, axis), (cost, lane)) in enumerate(zip(asked, firsts, strict=True)):
+    for k, ((name, axis), (cost, lane)) in enumerate(zip(requested, firsts, strict=True)):
         if cost < least + CAL.cost:
             cost, (_, sd, memory) = best(_about(*lane), k)
             _, staying = best(_everywhere(quiet, units[k], (np.inf,)), k)
@@ -95,22 +95,22 @@ def wandering(
             gain = min(still, stays) - cost
             if gain > by_chance and cost < loud + CAL.alike:
                 wanders.append((cost, Wander(name, axis.unit, sd, memory, gain)))
-    wanders.sort(key=lambda own: own[0])
-    return tuple(own for cost, own in wanders if cost < wanders[0][0] + CAL.alike)
+    wanders.sort(key=lambda item: item[0])
+    return tuple(item for cost, item in wanders if cost < wanders[0][0] + CAL.alike)
 
 
 Lane = tuple[Amplitudes, float, float]
 """Amplitudes of model error; sd and correlation time of the magnitude."""
 
 
-def _everywhere(own: Amplitudes, unit: float, memories: Sequence[float]) -> Iterator[Lane]:
+def _everywhere(amplitudes: Amplitudes, unit: float, memories: Sequence[float]) -> Iterator[Lane]:
     for share, memory in product(CAL.wander_shares, memories):
-        yield own, share * unit, memory
+        yield amplitudes, share * unit, memory
 
 
-def _about(own: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
+def _about(amplitudes: Amplitudes, sd: float, memory: float) -> Iterator[Lane]:
     for a, b in product(CAL.wander_nearby, CAL.wander_soon if np.isfinite(memory) else (1.0,)):
-        yield own, a * sd, b * memory
+        yield amplitudes, a * sd, b * memory
 
 
 def _best(
@@ -127,14 +127,14 @@ def _costs(
 ) -> Array:
     """(lanes,) negative log-likelihood, and that of the amplitudes by their prior."""
     chosen = [*range(forces), *([] if column is None else [column])]
-    own = replace(about, B=np.ascontiguousarray(about.B[..., chosen]), D=np.ascontiguousarray(about.D[..., chosen]))
-    scale, fade, slow, white, colour, channels = laid(own, [amplitudes for amplitudes, _, _ in lanes])
+    one = replace(about, B=np.ascontiguousarray(about.B[..., chosen]), D=np.ascontiguousarray(about.D[..., chosen]))
+    scale, fade, slow, white, colour, channels = laid(one, [amplitudes for amplitudes, _, _ in lanes])
     if column is not None:
         sd, memory = (np.array([lane[k] for lane in lanes]) for k in (1, 2))
         scale = np.concatenate([scale, np.broadcast_to(sd, (len(scale), 1, len(lanes)))], axis=1)
-        fade = np.concatenate([fade, np.exp(-own.length[:, None, None] / memory)], axis=1)
+        fade = np.concatenate([fade, np.exp(-one.length[:, None, None] / memory)], axis=1)
     nll = likelihood(
-        own.A, own.B, own.C, own.D, scale, fade, slow, white, colour, own.start, own.first, own.pointer, own.channel,
+        one.A, one.B, one.C, one.D, scale, fade, slow, white, colour, one.start, one.first, one.pointer, one.channel,
         channels, r, np.empty((0, 0)), np.empty(0),
     )  # fmt: skip
     cost = nll + prior.cost(np.vstack([amplitudes.logarithms for amplitudes, _, _ in lanes]))

@@ -137,8 +137,8 @@ def _swings(y: Line, r: Symbol, d: Symbol) -> Line:
     """(exp(A r) - 1) y without cancelling digits."""
     terms, (y_1, y_2) = _swing_terms(y, r, d)[1:], _swung(y, r, d)
     short = r < SHORT_SWING
-    return (cs.if_else(short, sum(own[0] for own in terms), y_1 - y[0]),
-            cs.if_else(short, sum(own[1] for own in terms), y_2 - y[1]))  # fmt: skip
+    return (cs.if_else(short, sum(term[0] for term in terms), y_1 - y[0]),
+            cs.if_else(short, sum(term[1] for term in terms), y_2 - y[1]))  # fmt: skip
 
 
 def _swing_line(y: Line, r: Symbol, d: Symbol) -> Line:
@@ -146,19 +146,19 @@ def _swing_line(y: Line, r: Symbol, d: Symbol) -> Line:
     (one, two), (y_1, y_2) = y, _swung(y, r, d)
     mean, other = (-2 * d * (y_1 - one) - (y_2 - two)) / r, (y_1 - one) / r
     moment = (-2 * d * (y_1 - mean) - (y_2 - other)) / r
-    terms, short = [own[0] for own in _swing_terms(y, r, d)], r < SHORT_SWING
-    mean = cs.if_else(short, sum(own / (n + 1) for n, own in enumerate(terms)), mean)
-    moment = cs.if_else(short, sum(own / (n + 2) for n, own in enumerate(terms)), moment)
+    terms, short = [swing_term[0] for swing_term in _swing_terms(y, r, d)], r < SHORT_SWING
+    mean = cs.if_else(short, sum(term / (n + 1) for n, term in enumerate(terms)), mean)
+    moment = cs.if_else(short, sum(term / (n + 2) for n, term in enumerate(terms)), moment)
     return mean, 12 * (moment - mean / 2)
 
 
 def _swing_terms(y: Line, r: Symbol, d: Symbol) -> list[Line]:
     """(A r)^n y / n! of the first n."""
-    found = [y]
+    result = [y]
     for n in range(1, SWING_TERMS):
-        one, two = found[-1]
-        found.append((two * r / n, (-one - 2 * d * two) * r / n))
-    return found
+        one, two = result[-1]
+        result.append((two * r / n, (-one - 2 * d * two) * r / n))
+    return result
 
 
 def rate_limit(signal: str, name: str, limit: Callable[[Namespace], Symbol]) -> Actuator:
@@ -199,9 +199,9 @@ def play(signal: str, name: str, half_width: Callable[[Namespace], Symbol]) -> A
         del h
         begin = state + moves(state, command[0], p)
         end = begin + moves(begin, command[1], p)
-        wanted, done = command[1] - command[0], end - begin
+        target, done = command[1] - command[0], end - begin
         # It moves with the command for the segment's last share, 0 to 1; where corners are rounded, any number.
-        moving = cs.fmin(cs.fmax(done * wanted / (wanted**2 + TINY**2), -1), 2)
+        moving = cs.fmin(cs.fmax(done * target / (target**2 + TINY**2), -1), 2)
         return end, (begin - done * moving * (1 - moving), begin + done * moving * (2 - moving))
 
     return Actuator(signal, name, segment, _from_where_it_stands(moves), moves)

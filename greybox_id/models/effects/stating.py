@@ -122,10 +122,10 @@ def reading(
     """
 
     def apply(model: MotionModel) -> MotionModel:
-        found = {output: change for output, change in changes.items() if output in model.outputs}
+        result = {output: change for output, change in changes.items() if output in model.outputs}
 
         def sensor(read: Namespace, q: Quantities) -> Mapping[str, Symbol]:
-            return {output: change(read, q) for output, change in found.items()}
+            return {output: change(read, q) for output, change in result.items()}
 
         return model.sensed(sensor)
 

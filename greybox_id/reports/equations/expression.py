@@ -145,7 +145,7 @@ def with_children(of: Expression, new: tuple[Expression, ...]) -> Expression:
     """The same expression of other parts."""
     match of:
         case Sum(terms):
-            return replace(of, terms=tuple((minus, own) for (minus, _), own in zip(terms, new, strict=True)))
+            return replace(of, terms=tuple((minus, item) for (minus, _), item in zip(terms, new, strict=True)))
         case Product():
             return Product(new)
         case Quotient():
@@ -169,8 +169,8 @@ def symbols(of: Expression) -> Iterator[Symbol]:
         yield of
     if isinstance(of, Window):
         yield of.weights
-    for own in children(of):
-        yield from symbols(own)
+    for child in children(of):
+        yield from symbols(child)
 
 
 def added(one: Expression, other: Expression, minus: bool = False) -> Expression:
@@ -185,43 +185,43 @@ def multiplied(one: Expression, other: Expression) -> Expression:
     negative = _is_negative(one) != _is_negative(other)
     one, other = _positive(one), _positive(other)
     if isinstance(one, Constant) and one.value == 1.0:
-        found: Expression = other
+        expression: Expression = other
     elif isinstance(other, Constant) and other.value == 1.0:
-        found = one
+        expression = one
     else:
         if isinstance(other, Constant):
             one, other = other, one
         factors = tuple(
-            factor for own in (one, other) for factor in (own.factors if isinstance(own, Product) else (own,))
+            factor for item in (one, other) for factor in (item.factors if isinstance(item, Product) else (item,))
         )
-        found = Product(factors)
-    return Sum(((True, found),)) if negative else found
+        expression = Product(factors)
+    return Sum(((True, expression),)) if negative else expression
 
 
 def divided(one: Expression, other: Expression) -> Expression:
     """A quotient with its sign drawn out."""
-    found = Quotient(_positive(one), _positive(other))
-    return Sum(((True, found),)) if _is_negative(one) != _is_negative(other) else found
+    quotient = Quotient(_positive(one), _positive(other))
+    return Sum(((True, quotient),)) if _is_negative(one) != _is_negative(other) else quotient
 
 
-def _is_negative(own: Expression) -> bool:
-    if isinstance(own, Constant):
-        return own.value < 0
-    return isinstance(own, Sum) and len(own.terms) == 1 and own.terms[0][0]
+def _is_negative(expression: Expression) -> bool:
+    if isinstance(expression, Constant):
+        return expression.value < 0
+    return isinstance(expression, Sum) and len(expression.terms) == 1 and expression.terms[0][0]
 
 
-def _positive(own: Expression) -> Expression:
-    if not _is_negative(own):
-        return own
-    if isinstance(own, Constant):
-        return Constant(-own.value)
-    assert isinstance(own, Sum)
-    return own.terms[0][1]
+def _positive(expression: Expression) -> Expression:
+    if not _is_negative(expression):
+        return expression
+    if isinstance(expression, Constant):
+        return Constant(-expression.value)
+    assert isinstance(expression, Sum)
+    return expression.terms[0][1]
 
 
 def _unsigned(term: tuple[bool, Expression]) -> tuple[bool, Expression]:
-    minus, own = term
-    return (not minus, _positive(own)) if _is_negative(own) else (minus, own)
+    minus, value = term
+    return (not minus, _positive(value)) if _is_negative(value) else (minus, value)
 
 
 LARGE = 7
@@ -248,27 +248,27 @@ class _Shortened:
         self._told: set[Expression] = set()
         self._left_out = 0
         seen: set[Expression] = set()
-        for own in equations:
-            self._count(own.right, seen)
+        for equation in equations:
+            self._count(equation.right, seen)
 
     def found(self) -> tuple[tuple[Equation, ...], int]:
         """Equations in order, definitions behind the first that needs them."""
-        for own in self._equations:
-            self._add(Equation(own.left, self._inside(own.right)), own.right)
+        for equation in self._equations:
+            self._add(Equation(equation.left, self._inside(equation.right)), equation.right)
         return tuple(self._made), self._left_out
 
     def _add(self, equation: Equation, original: Expression) -> None:
         waiting = self._waiting_in(original)
         self._made.append(equation)
-        for own in waiting:
+        for item in waiting:
             if len(self._made) >= MOST:
                 self._left_out += 1
                 continue
-            self._add(Equation(self._letters[own], self._inside(own)), own)
+            self._add(Equation(self._letters[item], self._inside(item)), item)
 
     def _waiting_in(self, original: Expression) -> list[Expression]:
         """What got a letter while this was written, in order of appearance."""
-        new = [own for own in self._letters if own not in self._told and own != original]
+        new = [letter for letter in self._letters if letter not in self._told and letter != original]
         self._told.update(new)
         return new
 
@@ -277,16 +277,16 @@ class _Shortened:
         if of in seen:
             return self._sizes[of]
         seen.add(of)
-        self._sizes[of] = 1 + sum(self._count(own, seen) for own in children(of))
+        self._sizes[of] = 1 + sum(self._count(child, seen) for child in children(of))
         return self._sizes[of]
 
     def _inside(self, of: Expression) -> Expression:
         """An expression whose larger, repeated parts are letters."""
         if isinstance(of, Sum) and len(of.terms) > MOST_TERMS:
             kept = (*of.terms[:SHOWN], of.terms[-1])
-            of_kept = tuple((minus, self._written(own)) for minus, own in kept)
+            of_kept = tuple((minus, self._written(item)) for minus, item in kept)
             return Sum(of_kept, left_out=len(of.terms) - len(kept))
-        return with_children(of, tuple(self._written(own) for own in children(of)))
+        return with_children(of, tuple(self._written(child) for child in children(of)))
 
     def _written(self, of: Expression) -> Expression:
         repeated = self._uses[of] > 1 and self._sizes[of] >= LARGE

@@ -18,13 +18,19 @@ def hybrid_equations(model: HybridModel) -> tuple[Equation, ...]:
     read = Reader()
     x = SimpleNamespace(**{state.name: read.named(Symbol(state.name)) for state in model.states})
     u = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.inputs})
-    p = SimpleNamespace(**{own.name: read.named(Symbol(own.name)) for own in model.parameters if own.shape == ()})
+    p = SimpleNamespace(
+        **{
+            parameter.name: read.named(Symbol(parameter.name))
+            for parameter in model.parameters
+            if parameter.shape == ()
+        }
+    )
     z = [read.named(Symbol(SAID, (k + 1,))) for k in range(model.network.outputs)]
     rates, quantities = model.physics(x, u, p, z)
-    wanted = [*model.estimates, *(name for name in model.outputs if name not in model.estimates)]
-    found = [Equation(Symbol(name), read(quantities[name])) for name in wanted if name in quantities]
-    found += [Equation(Symbol(name, dots=1), read(rate)) for name, rate in rates.items()]
-    return tuple(own for own in found if own.right != Symbol(own.left.name))
+    target = [*model.estimates, *(name for name in model.outputs if name not in model.estimates)]
+    result = [Equation(Symbol(name), read(quantities[name])) for name in target if name in quantities]
+    result += [Equation(Symbol(name, dots=1), read(rate)) for name, rate in rates.items()]
+    return tuple(item for item in result if item.right != Symbol(item.left.name))
 
 
 def network_words(model: HybridModel) -> str:

@@ -28,29 +28,29 @@ def memory_equations(model: MemoryModel) -> tuple[Equation, ...]:
 
     u = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.inputs})
     p = SimpleNamespace()
-    for own in model.parameters:
-        if own.shape == ():
-            setattr(p, own.name, read.named(Symbol(own.name)))
+    for parameter in model.parameters:
+        if parameter.shape == ():
+            setattr(p, parameter.name, read.named(Symbol(parameter.name)))
             continue
-        entries = np.empty(own.shape, dtype=object)
-        for index in np.ndindex(own.shape):
-            entries[index] = read.named(Symbol(own.name, tuple(k + 1 for k in index)))
-        setattr(p, own.name, entries)
+        entries = np.empty(parameter.shape, dtype=object)
+        for index in np.ndindex(parameter.shape):
+            entries[index] = read.named(Symbol(parameter.name, tuple(k + 1 for k in index)))
+        setattr(p, parameter.name, entries)
     outputs = model.equations(u, p, past)
-    found = [Equation(Symbol(name, mark=NEXT), read(cs.SX(outputs[name]))) for name in model.outputs]
+    result = [Equation(Symbol(name, mark=NEXT), read(cs.SX(outputs[name]))) for name in model.outputs]
     if model.feedback is not None:
         y = SimpleNamespace(**{name: read.named(Symbol(name)) for name in model.outputs})
         fed = {name: read(cs.SX(value)) for name, value in model.feedback(y, u).items()}
-        found += [Equation(Symbol(name), value) for name, value in fed.items() if value != Symbol(name)]
-    return tuple(found)
+        result += [Equation(Symbol(name), value) for name, value in fed.items() if value != Symbol(name)]
+    return tuple(result)
 
 
 def _weights(weights: Sequence[Casadi], known: dict[str, Expression]) -> Symbol:
     """The parameter whose last entries they are, without those; a letter where they are something else."""
-    found = [known.get(cs.SX(own).name()) if cs.SX(own).is_symbolic() else None for own in weights]
-    first = found[0]
+    result = [known.get(cs.SX(weight).name()) if cs.SX(weight).is_symbolic() else None for weight in weights]
+    first = result[0]
     if isinstance(first, Symbol) and first.entry:
-        expected = [Symbol(first.name, (*first.entry[:-1], k + 1)) for k in range(len(found))]
-        if found == expected:
+        expected = [Symbol(first.name, (*first.entry[:-1], k + 1)) for k in range(len(result))]
+        if result == expected:
             return Symbol(first.name, first.entry[:-1])
     return Symbol("g")

@@ -30,7 +30,12 @@ class _Written:
         model = self.model
         x = SimpleNamespace(**{state.name: self.named(Symbol(state.name)) for state in model.states})
         u = SimpleNamespace(**{name: self.named(self._input(name)) for name in model.inputs})
-        p = SimpleNamespace(**{own.name: self._parameter(own.name, own.shape, own.size) for own in model.parameters})
+        p = SimpleNamespace(
+            **{
+                parameter.name: self._parameter(parameter.name, parameter.shape, parameter.size)
+                for parameter in model.parameters
+            }
+        )
         q = _Recorded(self, x, u, p)
         rates = dict(model.dynamics(q.x, q.u, q.p, q))
         dotted = {name: self.named(Symbol(name, dots=1)) for name in (state.name for state in model.states)}
@@ -61,24 +66,27 @@ class _Written:
             for name, value in sensor(read, q).items():
                 if name in self.model.outputs:
                     setattr(read, name, value)
-        found = [Equation(Symbol(name, mark="read"), self.read(getattr(read, name))) for name in self.model.outputs]
-        self.made = [own for own in found if own.right != Symbol(own.left.name)]
+        result = [Equation(Symbol(name, mark="read"), self.read(getattr(read, name))) for name in self.model.outputs]
+        self.made = [item for item in result if item.right != Symbol(item.left.name)]
         return self.made
 
     def _needed(self, quantities: list[Equation], *others: list[Equation]) -> list[Equation]:
         """Quantities that lead to a derivative or to something read."""
-        wanted = set(self.model.outputs) | {s.name for own in others for e in own for s in symbols(e.right)}
+        target = set(self.model.outputs) | {s.name for other in others for e in other for s in symbols(e.right)}
         kept: list[Equation] = []
-        for own in reversed(quantities):
-            if own.left.name in wanted:
-                wanted |= {s.name for s in symbols(own.right)}
-                kept.insert(0, own)
+        for quantity in reversed(quantities):
+            if quantity.left.name in target:
+                target |= {s.name for s in symbols(quantity.right)}
+                kept.insert(0, quantity)
         return kept
 
     def _late(self) -> list[Equation]:
         """Commands and readings that are late."""
         p = SimpleNamespace(
-            **{own.name: self._parameter(own.name, own.shape, own.size) for own in self.model.parameters}
+            **{
+                parameter.name: self._parameter(parameter.name, parameter.shape, parameter.size)
+                for parameter in self.model.parameters
+            }
         )
         shifts = [(Symbol(name, mark="late"), Symbol(name), by) for name, by in self.model.delays]
         shifts += [(Symbol(name, mark="late"), Symbol(name, mark="read"), by) for name, by in self.model.latencies]
@@ -94,7 +102,9 @@ class _Written:
 
     def relaxed(self, name: str, value: Casadi, q: Any) -> Casadi:
         """A quantity that follows its value with a lag."""
-        time_constant = next(own.time_constant for own in self.model.relaxations if own.quantity == name)
+        time_constant = next(
+            relaxation.time_constant for relaxation in self.model.relaxations if relaxation.quantity == name
+        )
         symbol = self.named(Symbol(name))
         behind = added(self.read(value), Symbol(name), minus=True)
         try:
@@ -112,13 +122,13 @@ class _Recorded(NamedQuantities):
         model = written.model
         vars(self)["_written"] = written
         super().__init__(model, x, u, p, written.relaxed, before=_Before(written) if model.passes > 1 else None)
-        for own, before in ((self.u, u), (self.p, p)):
+        for item, before in ((self.u, u), (self.p, p)):
             for name, value in vars(before).items():
-                altered = getattr(own, name)
+                altered = getattr(item, name)
                 if altered is not value:
                     symbol = Symbol(name, mark="′")
                     written.made.append(Equation(symbol, written.read(altered)))
-                    setattr(own, name, written.named(symbol))
+                    setattr(item, name, written.named(symbol))
 
     def __setattr__(self, name: str, value: Casadi) -> None:
         super().__setattr__(name, value)

@@ -103,12 +103,12 @@ class Reader:
 _ELSE: dict[int, Callable[..., Expression]] = {
     cs.OP_MUL: multiplied,
     cs.OP_DIV: divided,
-    cs.OP_NEG: lambda own: multiplied(Constant(-1.0), own),
-    cs.OP_SQ: lambda own: Power(own, TWO),
-    cs.OP_TWICE: lambda own: multiplied(TWO, own),
+    cs.OP_NEG: lambda item: multiplied(Constant(-1.0), item),
+    cs.OP_SQ: lambda item: Power(item, TWO),
+    cs.OP_TWICE: lambda item: multiplied(TWO, item),
     cs.OP_POW: Power,
     cs.OP_CONSTPOW: Power,
-    cs.OP_INV: lambda own: Quotient(Constant(1.0), own),
+    cs.OP_INV: lambda item: Quotient(Constant(1.0), item),
     cs.OP_IF_ELSE_ZERO: lambda where, value: Cases(where, value, Constant(0.0)),
 }
 

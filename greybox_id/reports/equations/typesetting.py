@@ -113,8 +113,8 @@ def _plainly(of: Expression) -> Expression:
 def _set(of: Expression, to: _Typst | _MathML, within: int = SUM) -> str:
     """An expression, in brackets where it holds together less tightly than what it stands in."""
     of = _plainly(of)
-    own = _bare(of, to)
-    return to.bracketed(own) if _binding(of) < within else own
+    text = _bare(of, to)
+    return to.bracketed(text) if _binding(of) < within else text
 
 
 def _bare(of: Expression, to: _Typst | _MathML) -> str:
@@ -127,8 +127,8 @@ def _bare(of: Expression, to: _Typst | _MathML) -> str:
             return _sum(terms, left_out, to)
         case Product(factors):
             parts = [_set(factors[0], to, PRODUCT)]
-            for before, own in pairwise(factors):
-                parts += [to.dot if _is_worded(own) or _is_worded(before) else to.thin, _set(own, to, PRODUCT)]
+            for before, item in pairwise(factors):
+                parts += [to.dot if _is_worded(item) or _is_worded(before) else to.thin, _set(item, to, PRODUCT)]
             return to.row(*parts)
         case Quotient(above, below):
             return to.fraction(_set(above, to), _set(below, to))
@@ -137,7 +137,7 @@ def _bare(of: Expression, to: _Typst | _MathML) -> str:
         case Call(name, arguments) if name == SHIFTED:
             return to.shifted(_set(arguments[0], to), _set(arguments[1], to, PRODUCT))
         case Call(name, arguments):
-            return to.call(name, [_set(own, to) for own in arguments])
+            return to.call(name, [_set(argument, to) for argument in arguments])
         case Comparison(sign, left, right):
             return to.row(_set(left, to), to.operator(sign), _set(right, to))
         case Cases(where, value, otherwise):
@@ -149,12 +149,12 @@ def _bare(of: Expression, to: _Typst | _MathML) -> str:
 
 def _sum(terms: Sequence[tuple[bool, Expression]], left_out: int, to: _Typst | _MathML) -> str:
     parts: list[str] = []
-    for k, (minus, own) in enumerate(terms):
+    for k, (minus, item) in enumerate(terms):
         if left_out and k == len(terms) - 1:
             parts += [to.operator("+"), to.dots]
         if minus or k:
             parts.append(to.operator("−" if minus else "+"))
-        parts.append(_set(own, to, PRODUCT if minus else SUM))
+        parts.append(_set(item, to, PRODUCT if minus else SUM))
     if left_out:
         parts.append(to.counted(left_out + len(terms)))
     return to.row(*parts)
@@ -180,13 +180,13 @@ class _Typst:
         return f"{digits} dot.op 10^({int(power)})" if power else digits
 
     def symbol(self, symbol: Symbol, more: tuple[str, ...] = ()) -> str:
-        own = letter(symbol)
-        body = own.body if own.slanted else f'"{own.body}"'
-        if own.dots:
-            body = f"{self.accents[own.dots]}({body})"
-        index = ", ".join([*(part if is_symbol_index(part) else f'"{part}"' for part in own.index), *more])
+        value = letter(symbol)
+        body = value.body if value.slanted else f'"{value.body}"'
+        if value.dots:
+            body = f"{self.accents[value.dots]}({body})"
+        index = ", ".join([*(part if is_symbol_index(part) else f'"{part}"' for part in value.index), *more])
         lower = f"_({index})" if index else ""
-        upper = {"": "", "′": "^prime"}.get(own.mark, f'^"{own.mark}"')
+        upper = {"": "", "′": "^prime"}.get(value.mark, f'^"{value.mark}"')
         return f"{body}{lower}{upper}"
 
     def fraction(self, above: str, below: str) -> str:
@@ -237,16 +237,16 @@ class _MathML:
         return self.row(f"<mn>{digits}</mn>", self.dot, f"<msup><mn>10</mn><mn>{sign}{power}</mn></msup>")
 
     def symbol(self, symbol: Symbol, more: tuple[str, ...] = ()) -> str:
-        own = letter(symbol)
-        body = f"<mi>{escape(own.body)}</mi>" if own.slanted else f"<mtext>{escape(own.body)}</mtext>"
-        if own.dots:
-            body = f"<mover accent='true'>{body}<mo>{self.accents[own.dots]}</mo></mover>"
+        value = letter(symbol)
+        body = f"<mi>{escape(value.body)}</mi>" if value.slanted else f"<mtext>{escape(value.body)}</mtext>"
+        if value.dots:
+            body = f"<mover accent='true'>{body}<mo>{self.accents[value.dots]}</mo></mover>"
         parts = [
-            f"<mi>{part}</mi>" if is_symbol_index(part) else f"<mtext>{escape(part)}</mtext>" for part in own.index
+            f"<mi>{part}</mi>" if is_symbol_index(part) else f"<mtext>{escape(part)}</mtext>" for part in value.index
         ]
         parts += [f"<mi>{part}</mi>" for part in more]
         lower = self.row(self.operator(",").join(parts)) if parts else ""
-        upper = f"<mtext>{escape(own.mark)}</mtext>" if own.mark else ""
+        upper = f"<mtext>{escape(value.mark)}</mtext>" if value.mark else ""
         if lower and upper:
             return f"<msubsup>{body}{lower}{upper}</msubsup>"
         if lower:

@@ -35,14 +35,14 @@ TITLES = {"train": "training", "validate": "validation"}
 def excitation(recordings: Sequence[Seen]) -> Sheet | None:
     """Densities of samples over v_x and a_y, a panel for each role; None where speed or turning are not recorded."""
     points = {role: driven_points([one.recording for one in of_role(recordings, role)]) for role in TITLES}
-    points = {role: own for role, own in points.items() if len(own)}
+    points = {role: point for role, point in points.items() if len(point)}
     if not points:
         return None
     every = np.vstack(list(points.values()))
     v_x, a_y = (apart((float(low), float(high))) for low, high in np.quantile(every, WITHIN, axis=0).T)
     sheet, counts = Sheet((120.0,), len(points)), []
-    for ax, (role, own) in zip(sheet.grid[0], points.items(), strict=True):
-        counts.append(density(ax, own[:, 0], own[:, 1], v_x, a_y, CELLS))
+    for ax, (role, point) in zip(sheet.grid[0], points.items(), strict=True):
+        counts.append(density(ax, point[:, 0], point[:, 1], v_x, a_y, CELLS))
         ax.axhline(0.0, **ZERO)
         ax.set(title=TITLES[role], xlabel="v_x [m/s]", xlim=v_x, ylim=a_y)
     scale_of_counts(ax, max(counts))
@@ -78,8 +78,8 @@ ROOM = 2.0
 
 def has_tyres(model: MotionModel) -> bool:
     """Whether a model has axles with slip angles, lateral forces and loads."""
-    wanted = [f"{quantity}{axle}" for quantity in ("alpha_", "F_y", "F_z") for axle in AXLES]
-    return set(wanted) <= set(model.quantities)
+    target = [f"{quantity}{axle}" for quantity in ("alpha_", "F_y", "F_z") for axle in AXLES]
+    return set(target) <= set(model.quantities)
 
 
 def tyres(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Sheet | None:
@@ -129,11 +129,11 @@ def share_with_band(fit: Fit, curve: OverSlip, angles: Array) -> tuple[Array, Ar
     if fit.covariance is None:
         nothing = np.full(len(angles), np.nan)
         return share, nothing, nothing
-    told = []
+    known = []
     for angle in angles:
         at = Combination("F_y / F_z", "1", partial(_share, curve, angle, names))
-        told.append(combined(at, model, fit.covariance, fit.dof))
-    return share, np.array([one.low for one in told]), np.array([one.high for one in told])
+        known.append(combined(at, model, fit.covariance, fit.dof))
+    return share, np.array([one.low for one in known]), np.array([one.high for one in known])
 
 
 def _share(curve: OverSlip, angle: float, names: Sequence[str], p: Namespace) -> float:
@@ -199,9 +199,9 @@ def turns_beyond_curvature(model: MotionModel, speed: float, reach: float) -> tu
 
 def _measured(recordings: Sequence[Driven]) -> tuple[Array, Array, Array]:
     """Steering angle, speed and yaw rate at the samples that hold all three and move."""
-    wanted = ("steer", "v_x", "yaw_rate")
-    held = [one.recording for one in recordings if all(name in one.recording for name in wanted)]
-    table = np.vstack([np.empty((0, 3)), *(np.column_stack([r[name] for name in wanted]) for r in held)])
+    target = ("steer", "v_x", "yaw_rate")
+    held = [one.recording for one in recordings if all(name in one.recording for name in target)]
+    table = np.vstack([np.empty((0, 3)), *(np.column_stack([r[name] for name in target]) for r in held)])
     table = table[np.all(np.isfinite(table), axis=1)]
     top = float(np.quantile(table[:, 1], 0.99)) if len(table) else 0.0
     table = table[table[:, 1] > MOVING * top]
@@ -217,8 +217,8 @@ KILO = 1000.0
 
 def forces_over_slip(values: Mapping[str, Array]) -> Sheet | None:
     """One panel for each axle; None for models without axle forces and slip angles."""
-    wanted = [f"{kind}{axle}" for kind in ("alpha_", "F_y") for axle in AXLES]
-    if not all(name in values for name in wanted):
+    target = [f"{kind}{axle}" for kind in ("alpha_", "F_y") for axle in AXLES]
+    if not all(name in values for name in target):
         return None
     sheet = Sheet((150.0,), len(AXLES))
     largest = max(float(np.nanquantile(np.abs(values[f"F_y{axle}"]), REACH)) for axle in AXLES)
@@ -241,10 +241,10 @@ def _medians(slip: Array, force: Array, reach: float) -> tuple[Array, Array]:
     number = np.digitize(slip, edges) - 1
     middle, median = [], []
     for k in range(len(edges) - 1):
-        own = force[number == k]
-        if len(own) >= 10:
+        value = force[number == k]
+        if len(value) >= 10:
             middle.append((edges[k] + edges[k + 1]) / 2)
-            median.append(np.median(own))
+            median.append(np.median(value))
     return np.array(middle), np.array(median)
 
 
@@ -284,7 +284,7 @@ def steering(model: MemoryModel, recordings: Sequence[Seen]) -> Sheet | None:
         low, high = np.quantile(rho, [0.002, 0.998])
         ends = (float(steer.min()), float(steer.max())), (float(low), float(high))
         scale_of_counts(ax, density(ax, steer, rho, *ends))
-        slow, fast = (float(own) for own in np.quantile(v_x, QUANTILES))
+        slow, fast = (float(item) for item in np.quantile(v_x, QUANTILES))
         speeds = sorted({round(float(speed), 1) for speed in np.linspace(slow, fast, 3)})
         angles = np.linspace(float(steer.min()), float(steer.max()), STEERING_POINTS)
     for speed, line in zip(speeds, LEVELS[-len(speeds) :], strict=True):
@@ -339,7 +339,7 @@ def responses(model: MemoryModel) -> tuple[Parameter, ...]:
     trace = Trace(model)
     by_p = trace.weights_by_p
     lag_of = dict(zip(by_p.column.tolist(), (by_p.row % trace.memory).tolist(), strict=True))
-    found, start = [], 0
+    result, start = [], 0
     for parameter in model.parameters:
         entries = range(start, start + parameter.size)
         start += parameter.size
@@ -348,8 +348,8 @@ def responses(model: MemoryModel) -> tuple[Parameter, ...]:
         length = parameter.shape[-1]
         lags = [trace.memory - length + k % length for k in range(parameter.size)]
         if [lag_of.get(entry) for entry in entries] == lags:
-            found.append(parameter)
-    return tuple(found)
+            result.append(parameter)
+    return tuple(result)
 
 
 def impulse_responses(model: MemoryModel, fit: Fit) -> Sheet | None:

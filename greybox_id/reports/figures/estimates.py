@@ -165,10 +165,10 @@ ROW, MOST = 13.0, 24
 
 def starts(fit: Fit, stage: Stage) -> Sheet | None:
     """Where each start ended, in standard deviations from the estimate, row by row; None for one start."""
-    found = spread_of(fit, stage)
-    if not found:
+    result = spread_of(fit, stage)
+    if not result:
         return None
-    shown = sorted(found, key=lambda name: -max(abs(off) for off, _ in found[name]))[:MOST]
+    shown = sorted(result, key=lambda name: -max(abs(off) for off, _ in result[name]))[:MOST]
     sheet = Sheet((max(ROW * len(shown), 40.0),))
     ax = sheet.first()
     ax.axvline(0.0, **look(INK, 0.5))
@@ -176,7 +176,7 @@ def starts(fit: Fit, stage: Stage) -> Sheet | None:
         (False, ORANGE, "another objective", 2.0),
         (True, BLUE, "the best objective", 2.6),
     ):
-        at = [(off, row) for row, name in enumerate(shown) for off, own in found[name] if own is same]
+        at = [(off, row) for row, name in enumerate(shown) for off, item in result[name] if item is same]
         if at:
             x, y = np.array(at).T
             ax.plot(np.clip(x, -REACH, REACH), y, **look(colour, label=words, dashes="", dots=dots))
@@ -193,18 +193,18 @@ def starts(fit: Fit, stage: Stage) -> Sheet | None:
 def same_as_best(stage: Stage) -> list[bool]:
     """Of every start, whether its objective is that of the best."""
     best = min(stage.starts)
-    return [abs(own - best) <= SAME_OBJECTIVE * abs(best) for own in stage.starts]
+    return [abs(start - best) <= SAME_OBJECTIVE * abs(best) for start in stage.starts]
 
 
 def spread_of(fit: Fit, stage: Stage) -> dict[str, list[tuple[float, bool]]]:
     """Free numbers with a standard deviation -> of every start, where it ended beside the estimate, in standard
     deviations, and whether its objective is that of the best; empty for a single start.
     """
-    found = {}
+    result = {}
     for name in stage.ended_at[0] if len(stage.ended_at) > 1 else ():
         sd = float(np.ravel(fit.sd.get(name, 0.0))[0])
         if name in fit.model and np.isfinite(sd) and sd > 0:
             estimate = float(np.ravel(fit.model[name].array)[0])
-            ends = [(own[name] - estimate) / sd for own in stage.ended_at]
-            found[name] = list(zip(ends, same_as_best(stage), strict=True))
-    return found
+            ends = [(item[name] - estimate) / sd for item in stage.ended_at]
+            result[name] = list(zip(ends, same_as_best(stage), strict=True))
+    return result

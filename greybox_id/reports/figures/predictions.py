@@ -187,23 +187,23 @@ Scores = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Role -> protocol -> output -> {rmse, rmse_sd}."""
 
 
-def horizons(outputs: Sequence[str], own: Scores, held: Scores, noise: Mapping[str, float]) -> Sheet:
+def horizons(outputs: Sequence[str], value: Scores, held: Scores, noise: Mapping[str, float]) -> Sheet:
     """A panel for each output: RMSE with its standard error over the horizon, and in free run.
 
     Parameters
     ----------
     outputs : in order.
-    own, held : errors of the model and of persistence.
+    value, held : errors of the model and of persistence.
     noise : output -> standard deviation of the residuals of the fit.
     """
-    protocols = list(dict.fromkeys(protocol for of_role in own.values() for protocol in of_role))
+    protocols = list(dict.fromkeys(protocol for of_role in value.values() for protocol in of_role))
     sheet, axes = sheet_of(len(outputs), len(outputs) if len(outputs) <= ONE_ROW else COLUMNS, 108.0)
     for ax, name in zip(axes, outputs, strict=True):
         if name in noise:
             ax.axhline(noise[name], **NOISE | {"label": "residuals of the fit, sd"})
         if FREE_RUN in protocols[1:]:
             ax.axvline(protocols.index(FREE_RUN) - 0.5, **ZERO)
-        for lines, scores in ((HELD, held), (LINES, own)):
+        for lines, scores in ((HELD, held), (LINES, value)):
             for role, of_role in scores.items():
                 _over_horizons(ax, of_role, protocols, name, lines[role])
         ax.set(xlabel="horizon [s]", xlim=(-0.35, len(protocols) - 0.65), ylabel=label("RMSE", unit_of(name)),
@@ -249,7 +249,7 @@ def residual_correlations(one: Seen, inputs: Sequence[str]) -> Sheet | None:
     step = one.recording.sample_time
     most = max(2, min(round(SECONDS / step), MOST))
     driven = [name for name in inputs if name in one.recording and name not in one.outputs][:MOST_INPUTS]
-    tested = {k: own for k in range(len(one.outputs)) if (own := _protocols(one, k))}
+    tested = {k: value for k in range(len(one.outputs)) if (value := _protocols(one, k))}
     if not tested:
         return None
     sheet = Sheet((52.0,) * len(tested), 1 + len(driven), joined=True)
@@ -268,15 +268,15 @@ def residual_correlations(one: Seen, inputs: Sequence[str]) -> Sheet | None:
 
 def _protocols(one: Seen, k: int) -> dict[str, Parts]:
     """Of every protocol that is drawn, the stretches of an output's residuals."""
-    found = {protocol: _parts(one, protocol, k, None) for protocol in PROTOCOL_LINES if protocol != "published"}
-    return {protocol: parts for protocol, parts in found.items() if parts}
+    result = {protocol: _parts(one, protocol, k, None) for protocol in PROTOCOL_LINES if protocol != "published"}
+    return {protocol: parts for protocol, parts in result.items() if parts}
 
 
-def _with_itself(ax: Axes, found: dict[str, Parts], lags: Array) -> None:
-    half = NORMAL / np.sqrt(sum(len(a) for a, _ in next(iter(found.values())))) * np.ones(2)
+def _with_itself(ax: Axes, result: dict[str, Parts], lags: Array) -> None:
+    half = NORMAL / np.sqrt(sum(len(a) for a, _ in next(iter(result.values())))) * np.ones(2)
     band(ax, lags[[0, -1]], -half, half, PALE, "95 % band of unrelated signals", 0.4)
     ax.axhline(0.0, **ZERO)
-    for protocol, parts in found.items():
+    for protocol, parts in result.items():
         ax.plot(lags, correlation(parts, len(lags) - 1), **PROTOCOL_LINES[protocol])
     ax.set(xlim=(0.0, lags[-1]), ylim=(-0.4, 1.05))
     ax.set_yticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
@@ -299,20 +299,20 @@ def _with_input(ax: Axes, one: Seen, k: int, name: str, lags: Array) -> None:
 
 def _bartlett(parts: Parts, most: int) -> float:
     """Standard deviation of the correlation of two unrelated signals, each correlated with itself."""
-    own = correlation([(a, a) for a, _ in parts], most) * correlation([(b, b) for _, b in parts], most)
+    value = correlation([(a, a) for a, _ in parts], most) * correlation([(b, b) for _, b in parts], most)
     counted = sum(len(a) for a, _ in parts)
-    return float(np.sqrt(max(1.0 + 2.0 * np.nansum(own[1:]), 1.0) / counted))
+    return float(np.sqrt(max(1.0 + 2.0 * np.nansum(value[1:]), 1.0) / counted))
 
 
 def _parts(one: Seen, protocol: str, k: int, name: str | None) -> Parts:
     """Unbroken stretches of residuals, beside themselves or an input."""
     if protocol not in one.predicted:
         return []
-    found = one.predicted[protocol]
-    residual = found.predicted[:, k] - found.measured[:, k]
-    other = residual if name is None else one.recording[name][found.rows]
+    result = one.predicted[protocol]
+    residual = result.predicted[:, k] - result.measured[:, k]
+    other = residual if name is None else one.recording[name][result.rows]
     known = np.flatnonzero(np.isfinite(residual) & np.isfinite(other))
-    edges = np.flatnonzero((np.diff(found.rows[known]) != 1) | (np.diff(found.run[known]) != 0)) + 1
+    edges = np.flatnonzero((np.diff(result.rows[known]) != 1) | (np.diff(result.run[known]) != 0)) + 1
     return [(residual[p], other[p]) for p in np.split(known, edges) if len(p) >= SHORTEST]
 
 
@@ -362,10 +362,10 @@ def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Look, Sequence
     """The curves of one output: look, and unbroken stretches of values."""
     first = one.predicted[one.main] if "honest" not in one.predicted else one.predicted["honest"]
     curves: list[tuple[Look, Sequence[Array]]] = [(MEASURED, _unbroken(first, first.measured[:, k]))]
-    for protocol, found in one.predicted.items():
+    for protocol, item in one.predicted.items():
         if protocol in PROTOCOL_LINES and protocol != "published":
             line = PROTOCOL_LINES[protocol]
-            errors = _unbroken(found, found.predicted[:, k] - found.measured[:, k])
+            errors = _unbroken(item, item.predicted[:, k] - item.measured[:, k])
             curves.append((line | {"label": f"residual, {line['label']}"}, errors))
     if noise is not None and noise.of(one.outputs[k]):
         curves.append((NOISE | {"label": f"noise, {noise.where}"}, noise.of(one.outputs[k])))

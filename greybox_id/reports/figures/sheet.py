@@ -117,8 +117,8 @@ class Sheet(Figure):
 
     def first(self) -> Axes:
         """The axes at the upper left."""
-        own: Axes = self.grid[0, 0]
-        return own
+        axes: Axes = self.grid[0, 0]
+        return axes
 
     def lay_out(self) -> None:
         """Place the axes so that their letters have room, and set the height that all need."""
@@ -143,9 +143,9 @@ class Sheet(Figure):
         """The figure as one SVG element; without colours their names stand for them, as CSS variables of the page."""
         body = self._body
         if not colours:
-            for name, own in LIGHT.items():
-                body = body.replace(own, f"var(--{name})")
-        width, height = (72 * own for own in self.get_size_inches())
+            for name, item in LIGHT.items():
+                body = body.replace(item, f"var(--{name})")
+        width, height = (72 * get_size_inch for get_size_inch in self.get_size_inches())
         title = f"<title>{escape(alt)}</title>" if alt else ""
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" class="{MARK}" viewBox="0 0 {width:g} {height:.1f}" '
@@ -185,11 +185,18 @@ class Sheet(Figure):
                 if axis.get_scale() == "log":
                     _label_powers(axis)
             _fit_letters(ax)
-            found = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis)]
-            found += [ax.title.get_window_extent(renderer)] if ax.get_title() else []
-            boxes += [box for box in (*found, *(own.get_tightbbox(renderer) for own in ax.child_axes)) if box]
-        around, own, last = Bbox.union(boxes), ax.bbox, not self.joined or ax in self.grid[-1]
-        left, right, above, below = own.x0 - around.x0, around.x1 - own.x1, around.y1 - own.y1, own.y0 - around.y0
+            result = [axis.get_tightbbox(renderer) for axis in (ax.xaxis, ax.yaxis)]
+            result += [ax.title.get_window_extent(renderer)] if ax.get_title() else []
+            boxes += [
+                box for box in (*result, *(child_axis.get_tightbbox(renderer) for child_axis in ax.child_axes)) if box
+            ]
+        around, value, last = Bbox.union(boxes), ax.bbox, not self.joined or ax in self.grid[-1]
+        left, right, above, below = (
+            value.x0 - around.x0,
+            around.x1 - value.x1,
+            around.y1 - value.y1,
+            value.y0 - around.y0,
+        )
         return WIDER * left + 1.0, max(right, EDGE), max(above, EDGE), below + (3.0 if last else 1.0)
 
     def _legend(self) -> float:
@@ -259,14 +266,14 @@ def cells(
     """
     known, negative = np.isfinite(share), share < 0
     level = np.round(SHADES * np.clip(np.abs(np.where(known, share, 0.0)), 0.0, 1.0))
-    for own, is_negative in sorted(set(zip(level[known].tolist(), negative[known].tolist(), strict=True))):
-        i, j = np.nonzero(known & (level == own) & (negative == is_negative))
+    for item, is_negative in sorted(set(zip(level[known].tolist(), negative[known].tolist(), strict=True))):
+        i, j = np.nonzero(known & (level == item) & (negative == is_negative))
         (left, right), (low, high) = ((e[k] + gap / 2 * np.diff(e)[k], e[k + 1] - gap / 2 * np.diff(e)[k])
                                       for e, k in ((x, i), (y, j)))  # fmt: skip
         around = np.array([[left, low], [right, low], [right, high], [left, high], [left, low]])
         codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(i)
         path = Path(np.moveaxis(around, 2, 0).reshape(-1, 2), codes)
-        shade = opacity[0] + (opacity[1] - opacity[0]) * own / SHADES
+        shade = opacity[0] + (opacity[1] - opacity[0]) * item / SHADES
         ax.add_patch(
             PathPatch(path, facecolor=below if is_negative else colour, alpha=shade, linewidth=0.0, label=label)
         )
@@ -331,17 +338,17 @@ def _fit_letters(ax: Axes) -> None:
     below = [words for words in ax.get_xticklabels() if words.get_text() and low <= words.get_position()[0] <= high]
     boxes = [(words.get_window_extent(renderer), words) for words in below if not words.get_rotation()]
     end = -np.inf
-    for box, words in sorted(boxes, key=lambda own: own[0].x0):
+    for box, words in sorted(boxes, key=lambda item: item[0].x0):
         words.set_visible(box.x0 > end + 1.5)
         end = box.x1 if words.get_visible() else end
-    for own in (ax, *ax.child_axes):
-        long = own.yaxis.label.get_window_extent(renderer).height
-        own.yaxis.label.set_fontsize(round(SIZE * min(1.0, (ax.bbox.height + 2 * GUTTER) / max(long, 1.0)), 1))
+    for child_axis in (ax, *ax.child_axes):
+        long = child_axis.yaxis.label.get_window_extent(renderer).height
+        child_axis.yaxis.label.set_fontsize(round(SIZE * min(1.0, (ax.bbox.height + 2 * GUTTER) / max(long, 1.0)), 1))
 
 
-def _text(found: re.Match[str]) -> str:
+def _text(result: re.Match[str]) -> str:
     """A text without the type that measured it, with symbols and indices."""
-    size, style, place, words = found.groups()
+    size, style, place, words = result.groups()
     style = re.sub(r" font-family: [^;]*;?", "", style)
     place = re.sub(r' transform="rotate\(-0 .*?\)"', "", place)
     return f'<text style="font-size: {size}px;{style}"{place}>{_spans(unescape(words), float(size))}</text>'
@@ -386,7 +393,7 @@ def scale_of_counts(ax: Axes, most: float) -> None:
     """Draw the scale of a density beside it: samples in a cell, up to the largest count."""
     round_ones = [m * 10**k for k in range(6) for m in (1, 2, 5) if m * 10**k <= most]
     kept = round_ones[:: max(1, round(len(round_ones) / 5))]
-    ticks = [(float(np.log(own) / np.log(most)), f"{own:g}") for own in kept]
+    ticks = [(float(np.log(item) / np.log(most)), f"{item:g}") for item in kept]
     shades(ax, ticks, "samples per cell [1]", PALE, opacity=OPACITY)
 
 

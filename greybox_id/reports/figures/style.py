@@ -44,8 +44,8 @@ Look = dict[str, Any]
 
 def look(colour: str, width: float = 1.1, label: str | None = None, *, dashes: Any = "-", dots: float = 0.0) -> Look:
     """Keywords of a line: its colour, width and the radius of dots on it, points, dashes and label in the legend."""
-    own: Look = {"color": colour, "linewidth": width, "linestyle": dashes, "label": label}
-    return own | ({"marker": "o", "markersize": 2 * dots, "markeredgewidth": 0.0} if dots else {})
+    look: Look = {"color": colour, "linewidth": width, "linestyle": dashes, "label": label}
+    return look | ({"marker": "o", "markersize": 2 * dots, "markeredgewidth": 0.0} if dots else {})
 
 
 MEASURED = look(INK, 1.2, "measured")

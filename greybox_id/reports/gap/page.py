@@ -54,7 +54,7 @@ def after_words(closure: Closure, applied: bool) -> str:
     """What errors after are of: effects, or parameters alone that went elsewhere; "" where nothing differs."""
     if applied:
         return str(AFTER["label"])
-    return MOVED if any(own.after != own.before for own in closure.errors) else ""
+    return MOVED if any(error.after != error.before for error in closure.errors) else ""
 
 
 def bars(closure: Closure, after: str) -> Sheet:
@@ -65,30 +65,30 @@ def bars(closure: Closure, after: str) -> Sheet:
     closure : whose errors.
     after : what there is after, in words; "" draws what was before alone.
     """
-    channels = list(dict.fromkeys(own.channel for own in closure.errors))
+    channels = list(dict.fromkeys(error.channel for error in closure.errors))
     if not channels:
         return notice_sheet("no errors over horizons were kept")
-    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: math.inf if h is None else h)
+    horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: math.inf if h is None else h)
     sheet, axes = row_of(len(channels), 82.0)
     for ax, channel in zip(axes, channels, strict=True):
-        own = {error.horizon: error for error in closure.errors if error.channel == channel}
-        at = [k for k, horizon in enumerate(horizons) if horizon in own]
-        found = [own[horizons[k]] for k in at]
-        _draw(ax, np.array(at, dtype=float), found, after)
-        ax.set(xlabel="horizon [s]", xlim=(-0.6, len(horizons) - 0.4), title=label(channel, found[0].unit))
+        value = {error.horizon: error for error in closure.errors if error.channel == channel}
+        at = [k for k, horizon in enumerate(horizons) if horizon in value]
+        result = [value[horizons[k]] for k in at]
+        _draw(ax, np.array(at, dtype=float), result, after)
+        ax.set(xlabel="horizon [s]", xlim=(-0.6, len(horizons) - 0.4), title=label(channel, result[0].unit))
         ax.set_xticks(range(len(horizons)), ["free" if h is None else f"{h:g}" for h in horizons])
         ax.grid(visible=False, axis="x")
     axes[0].set_ylabel("RMSE")
     return sheet
 
 
-def _draw(ax: Axes, at: Array, found: list[Errors], after: str) -> None:
+def _draw(ax: Axes, at: Array, errorses: list[Errors], after: str) -> None:
     shift = WIDE / 2 if after else 0.0
-    ax.bar(at - shift, [own.before for own in found], WIDE, color=BEFORE["color"], label=BEFORE["label"], **EDGED)
+    ax.bar(at - shift, [item.before for item in errorses], WIDE, color=BEFORE["color"], label=BEFORE["label"], **EDGED)
     if after:
-        ax.bar(at + shift, [own.after for own in found], WIDE, color=AFTER["color"], label=after, **EDGED)
+        ax.bar(at + shift, [item.after for item in errorses], WIDE, color=AFTER["color"], label=after, **EDGED)
     across = np.concatenate([[k - 1.25 * WIDE, k + 1.25 * WIDE, np.nan] for k in at])
-    ax.plot(across, np.concatenate([[own.floor, own.floor, np.nan] for own in found]), **FLOOR)
+    ax.plot(across, np.concatenate([[item.floor, item.floor, np.nan] for item in errorses]), **FLOOR)
 
 
 SHARE_OPACITY = (0.04, 1.0)
@@ -146,16 +146,16 @@ def limits(gap: Gap) -> Sheet | None:
 def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
     shown = [*known.items()][:MOST_LIMITS]
     at, (low, high) = np.arange(len(shown)), SIZES
-    ends = np.array([min(max(own.share, 1.3 * low), high) for _, own in shown])
-    unseen = np.array([own.share >= 1.0 for _, own in shown])
+    ends = np.array([min(max(item.share, 1.3 * low), high) for _, item in shown])
+    unseen = np.array([item.share >= 1.0 for _, item in shown])
     for colour, words, k in (
         (PALE, "usual size is below the detection limit", unseen),
         (BLUE, "would show", ~unseen),
     ):
         if np.any(k):
             ax.barh(at[k], ends[k] - low, 0.6, low, color=colour, label=words, **EDGED)
-    for row, (_, own) in enumerate(shown):
-        if own.share > high:
+    for row, (_, item) in enumerate(shown):
+        if item.share > high:
             ax.text(0.8 * high, row, ">", size=SMALL, ha="center", va="center_baseline", color=INK)
     ax.axvline(1.0, **look(INK, 0.8))
     ax.set(xlabel="size that would show over the usual one [1]", xscale="log", xlim=SIZES,
@@ -202,15 +202,15 @@ def ranking(gap: Gap) -> Sheet:
 
 def aliases(shown: Sequence[Ranked]) -> list[list[int]]:
     """Rows that cannot be distinguished, as sets that are linked; those of one row alone are left out."""
-    place = {own.effect: k for k, own in enumerate(shown)}
+    place = {item.effect: k for k, item in enumerate(shown)}
     group = list(range(len(shown)))
-    for k, own in enumerate(shown):
-        for name in own.indistinguishable_from:
+    for k, item in enumerate(shown):
+        for name in item.indistinguishable_from:
             if name in place:
                 one, other = group[k], group[place[name]]
                 group = [min(one, other) if g in (one, other) else g for g in group]
-    found = [[k for k, g in enumerate(group) if g == one] for one in dict.fromkeys(group)]
-    return [members for members in found if len(members) > 1]
+    result = [[k for k, g in enumerate(group) if g == one] for one in dict.fromkeys(group)]
+    return [members for members in result if len(members) > 1]
 
 
 def relative(effect: str, value: float, magnitude: float) -> float:
@@ -225,7 +225,7 @@ def relative(effect: str, value: float, magnitude: float) -> float:
 def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
     """Bars, and lines that join rows that cannot be distinguished."""
     for colour, words, is_applied in ((BLUE, "applied", True), (PALE, "not applied", False)):
-        rows = [k for k, own in enumerate(shown) if (own.effect in gap.applied) == is_applied]
+        rows = [k for k, item in enumerate(shown) if (item.effect in gap.applied) == is_applied]
         if rows:
             ax.barh(rows, [shown[k].probability for k in rows], 0.5, color=colour, label=words, **EDGED)
     sets = aliases(shown)
@@ -235,14 +235,14 @@ def _probabilities(ax: Axes, gap: Gap, shown: Sequence[Ranked]) -> None:
         ax.plot(np.full(len(joined), 1.08 + 0.12 * k), joined, **line)  # no line crosses a row that is not meant
     ax.set(xlabel="probability [1]", xlim=(0.0, 1.04 + 0.12 * len(sets)), ylim=_rows(shown))
     ax.set_xticks((0.0, 0.5, 1.0), ("0", "0.5", "1"))
-    ax.set_yticks(range(len(shown)), [own.effect.replace("_", " ") for own in shown])
+    ax.set_yticks(range(len(shown)), [item.effect.replace("_", " ") for item in shown])
     ax.grid(visible=False, axis="y")
 
 
 def _intervals(ax: Axes, shown: Sequence[Ranked]) -> None:
     ax.axvline(0.0, **ZERO)
-    for row, own in enumerate(shown):
-        _interval(ax, row, own)
+    for row, item in enumerate(shown):
+        _interval(ax, row, item)
     ax.set(xlabel="95 % interval over estimate [1]", xlim=REACH, ylim=_rows(shown), xticks=(0, 1, 2), yticks=())
 
 
@@ -250,11 +250,11 @@ def _rows(shown: Sequence[Ranked]) -> tuple[float, float]:
     return max(len(shown), LEAST_ROWS) - 0.4, -0.6
 
 
-def _interval(ax: Axes, row: int, own: Ranked) -> None:
+def _interval(ax: Axes, row: int, ranked: Ranked) -> None:
     """Estimate and interval of one effect, and both in words above it."""
-    ends = sorted(relative(own.effect, end, own.magnitude) for end in own.interval)
+    ends = sorted(relative(ranked.effect, end, ranked.magnitude) for end in ranked.interval)
     centred: dict[str, Any] = {"ha": "center", "va": "center_baseline", "color": INK, "clip_on": True}
-    ax.text(1.0, row - 0.36, main_words(own), size=7.2, **centred)
+    ax.text(1.0, row - 0.36, main_words(ranked), size=7.2, **centred)
     if any(np.isnan(end) for end in ends):
         return
     low, high = (min(max(end, REACH[0]), REACH[1]) for end in ends)
@@ -313,16 +313,16 @@ def _along_time(ax: Axes, time: Array, strip: Strip, stretch: Mapping[str, float
 def _along_path(ax: Axes, strip: Strip) -> None:
     top = float(np.clip(np.nanmax(strip.before, initial=1.0), 3.0, LARGEST))
     share = np.log(np.clip(np.nan_to_num(strip.before, nan=1.0), 1.0, top)) / np.log(top)
-    ticks = [own for own in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if own <= top]
+    ticks = [item for item in (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0) if item <= top]
     ticks = ticks[:: max(1, round(len(ticks) / 4))]
     known = np.isfinite(strip.x) & np.isfinite(strip.y)
     order = np.argsort(share[known], kind="stable")  # the darkest on top
     x, y, shade = (
-        own[known][order] for own in (strip.x, strip.y, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * share)
+        item[known][order] for item in (strip.x, strip.y, PATH_OPACITY[0] + (PATH_OPACITY[1] - PATH_OPACITY[0]) * share)
     )
     ax.scatter(x, y, DOT**2, facecolors=to_rgba_array(EXCESS, shade), edgecolors=PALE, linewidths=0.25)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
-    scale = [(float(np.log(own) / np.log(top)), f"{own:g}") for own in ticks]
+    scale = [(float(np.log(tick) / np.log(top)), f"{tick:g}") for tick in ticks]
     shades(ax, scale, "before, over the noise's [1]", EXCESS, opacity=PATH_OPACITY)
 
 
@@ -336,7 +336,7 @@ def spectra(strip: Strip, applied: bool) -> Sheet:
     if not strip.spectrum_before or not np.any(known):
         return notice_sheet("no spectra of the errors were kept")
     shown = [*strip.spectrum_before.values(), *(strip.spectrum_after.values() if applied else ())]
-    every = np.concatenate([own[known] for own in shown])
+    every = np.concatenate([item[known] for item in shown])
     every = every[np.isfinite(every) & (every > 0)]
     low, high = (float(every.min()), float(every.max())) if len(every) else (1.0, 1.0)
     low, high = min(low, 1.0 / LEAST_DENSITY), max(high, LEAST_DENSITY)
@@ -356,7 +356,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     closure, held_out = judged(gap)
     applied = bool(gap.applied)
     on = f"{listed([*(closure.recordings or gap.recordings)])}{' (held out)' if held_out else ''}"
-    found = [
+    result = [
         Drawing(
             "gap_errors", bars(closure, after_words(closure, applied)),
             f"How far: errors of every channel by horizon of prediction, on {on}.",
@@ -366,7 +366,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     ]  # fmt: skip
     if gap.strip is not None:
         stretch = gap.where.time if gap.gap_detected else {}
-        found += [
+        result += [
             Drawing(
                 "gap_along", strips(gap.strip, stretch, applied),
                 "Where: mean square errors of all channels over those of the noise, along time and along the path.",
@@ -378,7 +378,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
                 "Spectra of the errors over the noise's.",
             ),
         ]  # fmt: skip
-    return tuple(found)
+    return tuple(result)
 
 
 def _causes(gap: Gap) -> tuple[Drawing, ...]:

@@ -46,7 +46,7 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
             channels=_numbers(where["channels"]),
             regimes={str(name): _pair(value) for name, value in where["regimes"].items()},
         ),
-        ranking=tuple(_ranked(own) for own in body["ranking"]),
+        ranking=tuple(_ranked(item) for item in body["ranking"]),
         applied=_words(body["applied"]),
         gap=_closure(body["gap"]),
         held_out=None if body["held_out"] is None else _closure(body["held_out"]),
@@ -55,11 +55,11 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         advice=_words(body["advice"]),
         strip=None if body["strip"] is None else _strip(body["strip"]),
         noise_stated=bool(body["noise_stated"]),
-        limits={str(name): Limit(**_limit(own)) for name, own in body.get("limits", {}).items()},
+        limits={str(name): Limit(**_limit(item)) for name, item in body.get("limits", {}).items()},
         budget=_budget(body.get("budget", []), body),
         unnamed=_unnamed(body.get("model_error")),
-        resembles=tuple(_wander(own) for own in body.get("resembles", ())),
-        moved=tuple(_moved(own) for own in body.get("moved", ())),
+        resembles=tuple(_wander(item) for item in body.get("resembles", ())),
+        moved=tuple(_moved(item) for item in body.get("moved", ())),
         tried=_numbers(body.get("tried", {})),
         held=str(body.get("held", "")),
     )
@@ -83,13 +83,13 @@ def _ranked(body: Mapping[str, Any]) -> Ranked:
 def _budget(rows: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> Budget | None:
     if not rows:
         return None
-    found = [
-        Share(str(own.get("effect", "unnamed")), float(own["share" if "effect" in own else "unnamed"]),
-              float(own["low"]), float(own["high"]))
-        for own in rows
+    result = [
+        Share(str(row.get("effect", "unnamed")), float(row["share" if "effect" in row else "unnamed"]),
+              float(row["low"]), float(row["high"]))
+        for row in rows
     ]  # fmt: skip
     on = body["held_out"] or body["gap"]
-    return Budget(tuple(found[:-1]), found[-1], _words(on["recordings"]), body["held_out"] is not None)
+    return Budget(tuple(result[:-1]), result[-1], _words(on["recordings"]), body["held_out"] is not None)
 
 
 def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
@@ -121,7 +121,7 @@ def _closure(body: Mapping[str, Any]) -> Closure:
         closed=_number(body["closed"]),
         closed_interval=_pair(body["closed_interval"]),
         recordings=_words(body["recordings"]),
-        errors=tuple(_errors(own) for own in body["errors"]),
+        errors=tuple(_errors(item) for item in body["errors"]),
     )
 
 
@@ -138,23 +138,23 @@ def _strip(body: Mapping[str, Any]) -> Strip:
         np.array(body[name], dtype=float) for name in ("time", "before", "after", "x", "y", "frequency")
     )
     first, then, cells = (_arrays(body[name]) for name in ("spectrum_before", "spectrum_after", "map"))
-    found = Strip(time, before, after, x, y, frequency, first, then, cells)
-    spectra = [*found.spectrum_before.values(), *found.spectrum_after.values()]
-    if found.time.ndim != 1 or not found.time.shape == found.before.shape == found.after.shape:
+    result = Strip(time, before, after, x, y, frequency, first, then, cells)
+    spectra = [*result.spectrum_before.values(), *result.spectrum_after.values()]
+    if result.time.ndim != 1 or not result.time.shape == result.before.shape == result.after.shape:
         raise ValueError("the lines of its picture do not belong together")
-    if any(own.shape != found.frequency.shape for own in spectra):
+    if any(item.shape != result.frequency.shape for item in spectra):
         raise ValueError("the spectra of its picture do not belong to its frequencies")
-    return found
+    return result
 
 
 def _arrays(body: Mapping[str, Any]) -> dict[str, Any]:
-    return {str(name): np.array(own, dtype=float) for name, own in body.items()}
+    return {str(name): np.array(item, dtype=float) for name, item in body.items()}
 
 
 def _words(body: Any) -> tuple[str, ...]:
     if not isinstance(body, list):
         raise TypeError(f"{body!r} is no list of words")
-    return tuple(str(own) for own in body)
+    return tuple(str(item) for item in body)
 
 
 def _number(value: Any, unknown: float = nan) -> float:

@@ -157,10 +157,10 @@ def ranked(gap: Gap) -> Table:
     """A row for each of the first effects."""
     rows = tuple(
         (
-            str(k), own.effect, magnitude_words(own), interval_words(own), probability_words(own.probability),
-            number(own.gain), "yes" if own.effect in gap.applied else "",
+            str(k), item.effect, magnitude_words(item), interval_words(item), probability_words(item.probability),
+            number(item.gain), "yes" if item.effect in gap.applied else "",
         )
-        for k, own in enumerate(gap.ranking[:MOST_RANKED], 1)
+        for k, item in enumerate(gap.ranking[:MOST_RANKED], 1)
     )  # fmt: skip
     return Table(("", "effect", "magnitude ± sd", "95 % interval", "probability", "gain", "applied"), rows, "rLLLrrl")
 
@@ -176,44 +176,46 @@ def _which(gap: Gap, ranking: Table) -> tuple[Part, ...]:
 def _likely(gap: Gap) -> list[Ranked]:
     """The effects that have sentences of their own."""
     return [
-        own for k, own in enumerate(gap.ranking) if k < FIRST or own.probability >= LEAST or own.effect in gap.applied
+        item
+        for k, item in enumerate(gap.ranking)
+        if k < FIRST or item.probability >= LEAST or item.effect in gap.applied
     ][:MOST_EVIDENCE]
 
 
 def evidence(gap: Gap) -> list[tuple[str, str]]:
     """The likely effects, each with its sentences."""
-    best = max((own.gain for own in gap.ranking), default=0.0)
-    return [(own.effect, " ".join(_sentences(gap, own, best))) for own in _likely(gap)]
+    best = max((item.gain for item in gap.ranking), default=0.0)
+    return [(item.effect, " ".join(_sentences(gap, item, best))) for item in _likely(gap)]
 
 
-def _sentences(gap: Gap, own: Ranked, best: float) -> list[str]:
-    known = EFFECTS.get(own.effect)
+def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
+    known = EFFECTS.get(value.effect)
     about = known.parameter.about if known is not None else ""
-    said = [
-        f"{capital(about)}: {magnitude_words(own)}." if about else f"{magnitude_words(own)}.",
+    one = [
+        f"{capital(about)}: {magnitude_words(value)}." if about else f"{magnitude_words(value)}.",
         f"It belongs to {known.group} and acts on {listed([*known.touches])}." if known is not None else "",
-        f"It is there with probability {probability_words(own.probability)}"
-        + (" and was applied." if own.effect in gap.applied else "."),
-        f"With it the log-likelihood gains {number(own.gain)}"
-        + (f", {number(best - own.gain)} less than with the best." if own.gain < best else "."),
+        f"It is there with probability {probability_words(value.probability)}"
+        + (" and was applied." if value.effect in gap.applied else "."),
+        f"With it the log-likelihood gains {number(value.gain)}"
+        + (f", {number(best - value.gain)} less than with the best." if value.gain < best else "."),
     ]
-    said = [sentence for sentence in said if sentence]
-    if _touches_null(own):
-        said.append("Its interval reaches to where it is not there at all.")
-    if own.indistinguishable_from:
-        said.append(f"It cannot be told from {listed([*own.indistinguishable_from])} on {on_these(gap.recordings)}.")
-    return said
+    one = [sentence for sentence in one if sentence]
+    if _touches_null(value):
+        one.append("Its interval reaches to where it is not there at all.")
+    if value.indistinguishable_from:
+        one.append(f"It cannot be told from {listed([*value.indistinguishable_from])} on {on_these(gap.recordings)}.")
+    return one
 
 
-def _touches_null(own: Ranked) -> bool:
-    known = EFFECTS.get(own.effect)
-    return known is not None and own.interval[0] <= float(known.parameter.array) <= own.interval[1]
+def _touches_null(ranked: Ranked) -> bool:
+    known = EFFECTS.get(ranked.effect)
+    return known is not None and ranked.interval[0] <= float(known.parameter.array) <= ranked.interval[1]
 
 
 def _runner_up(gap: Gap) -> str:
     """The likeliest effect that was not applied, against the likeliest that was."""
-    others = [own for own in gap.ranking if own.effect not in gap.applied]
-    first = next((own for own in gap.ranking if own.effect in gap.applied), None)
+    others = [item for item in gap.ranking if item.effect not in gap.applied]
+    first = next((item for item in gap.ranking if item.effect in gap.applied), None)
     if not others or first is None:
         return ""
     second = others[0]
@@ -232,13 +234,13 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
         return ()
     before = set(motion_equations(model))
     parts: list[Part] = []
-    for own in _likely(gap):
-        effect = EFFECTS.get(own.effect)
-        if effect is None or own.effect in model.effects or not effect.concerns(model):
+    for item in _likely(gap):
+        effect = EFFECTS.get(item.effect)
+        if effect is None or item.effect in model.effects or not effect.concerns(model):
             continue
         changed = [line for line in motion_equations(model + effect.starting_at(effect.typical)) if line not in before]
         shown, _ = readable(changed)
-        lead = f"{own.effect.replace('_', ' ')}:"
+        lead = f"{item.effect.replace('_', ' ')}:"
         if shown:
             parts.append(Together((Text("", lead=lead), Formulas(shown))))
         else:
@@ -261,7 +263,7 @@ def _could_be(gap: Gap) -> str:
     """Which effects of their usual size is below the detection limit, in a sentence."""
     if not gap.limits:
         return ""
-    unseen = [name for name, own in gap.limits.items() if own.share >= 1.0]
+    unseen = [name for name, limit in gap.limits.items() if limit.share >= 1.0]
     if not unseen:
         return f"Each of {len(gap.limits)} effects would show here if it had its usual size."
     return (
@@ -282,8 +284,8 @@ def _hardly_driven(gap: Gap) -> str:
 def limits_table(gap: Gap) -> Table:
     """What would show of every effect that was not applied, the least visible first."""
     rows = tuple(
-        (name, _about(name), _size(name, own), _usual(name, own), _times(own), _told(own))
-        for name, own in gap.limits.items()
+        (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _told(limit))
+        for name, limit in gap.limits.items()
     )
     return Table(("effect", "meaning", "would show from", "usual size", "in usual sizes", "told"), rows, "lLrrrr")
 
@@ -292,25 +294,25 @@ def _about(name: str) -> str:
     return EFFECTS[name].parameter.about if name in EFFECTS else ""
 
 
-def _size(name: str, own: Limit) -> str:
+def _size(name: str, limit: Limit) -> str:
     lowers = name in EFFECTS and not isfinite(float(EFFECTS[name].parameter.array))
-    if not isfinite(own.size) or (lowers and own.size == 0.0):
+    if not isfinite(limit.size) or (lowers and limit.size == 0.0):
         return "at no size"
-    unit = handy(own.unit, own.size)
-    return f"{'below ' if lowers else '± '}{number(unit.factor * own.size, 2)} {unit.unit}".strip()
+    unit = handy(limit.unit, limit.size)
+    return f"{'below ' if lowers else '± '}{number(unit.factor * limit.size, 2)} {unit.unit}".strip()
 
 
-def _usual(name: str, own: Limit) -> str:
-    unit = handy(own.unit, own.typical)
-    return f"{'× ' if is_factor(name) else ''}{number(unit.factor * own.typical, 2)} {unit.unit}".strip()
+def _usual(name: str, limit: Limit) -> str:
+    unit = handy(limit.unit, limit.typical)
+    return f"{'× ' if is_factor(name) else ''}{number(unit.factor * limit.typical, 2)} {unit.unit}".strip()
 
 
-def _told(own: Limit) -> str:
-    return percent(own.told) if own.told >= LEAST_TOLD else f"below {percent(LEAST_TOLD)}"
+def _told(limit: Limit) -> str:
+    return percent(limit.told) if limit.told >= LEAST_TOLD else f"below {percent(LEAST_TOLD)}"
 
 
-def _times(own: Limit) -> str:
-    return number(own.share, 2) if own.share < 1000.0 else "above 1000"
+def _times(limit: Limit) -> str:
+    return number(limit.share, 2) if limit.share < 1000.0 else "above 1000"
 
 
 def _how_far(gap: Gap) -> tuple[Part, ...]:
@@ -324,11 +326,11 @@ def _how_far(gap: Gap) -> tuple[Part, ...]:
         for one, held_out in reversed(both)
         if one.errors
     ]
-    said = (ERRORS if after else ERRORS_ALONE) if errors else ""
+    stated = (ERRORS if after else ERRORS_ALONE) if errors else ""
     return (
         *titled(title, Text(judged, small=False), closures(both), Text(CLOSURE)),
         *(part for title, table in errors for part in titled(title, table, level=2)),
-        Text(said),
+        Text(stated),
         *titled("Errors beside noise", channels(gap), Text(CHANNELS), level=2),
     )
 
@@ -346,13 +348,13 @@ def closures(of: Iterable[tuple[Closure, bool]]) -> Table:
 
 def _errors(closure: Closure, applied: bool) -> Table:
     """Before → after (floor), a row for each channel, a column for each horizon; without effects there is no after."""
-    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: inf if h is None else h)
-    by = {(own.channel, own.horizon): own for own in closure.errors}
+    horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: inf if h is None else h)
+    by = {(error.channel, error.horizon): error for error in closure.errors}
     rows = []
-    for channel in dict.fromkeys(own.channel for own in closure.errors):
-        found = [by.get((channel, horizon)) for horizon in horizons]
-        unit = next(own.unit for own in found if own is not None)
-        cells = ("–" if e is None else _cell(e, applied) for e in found)
+    for channel in dict.fromkeys(error.channel for error in closure.errors):
+        result = [by.get((channel, horizon)) for horizon in horizons]
+        unit = next(item.unit for item in result if item is not None)
+        cells = ("–" if e is None else _cell(e, applied) for e in result)
         rows.append((f"{signal_words(channel)} [{pretty_unit(unit)}]", *cells))
     return Table(
         ("channel", *("free run" if h is None else f"{h:g} s" for h in horizons)),
@@ -410,10 +412,10 @@ def stated(made: Made) -> Table:
     """The numbers that the simulation went by, and what each may be off by."""
     rows = tuple(
         (
-            own.name, _number(own.value, own.sd), pretty_unit(own.unit), "exact" if own.sd is None else "tolerance",
-            own.source,
+            one.name, _number(one.value, one.sd), pretty_unit(one.unit), "exact" if one.sd is None else "tolerance",
+            one.source,
         )
-        for own in made.stated
+        for one in made.stated
     )  # fmt: skip
     return Table(("number", "value ± sd", "unit", "counts as", "source"), rows, "lrllL")
 

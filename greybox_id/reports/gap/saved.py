@@ -57,14 +57,14 @@ class Made:
 def stated_numbers(vehicle: Vehicle, model: Model) -> tuple[Number, ...]:
     """What is stated of a vehicle that its model has, and tolerances on effects."""
     numbers = [
-        Number(name, own.value, own.sd, model[name].unit, own.source)
-        for name, own in vehicle.values.items()
+        Number(name, value.value, value.sd, model[name].unit, value.source)
+        for name, value in vehicle.values.items()
         if name in model and model[name].shape == ()
     ]
     tolerances = [
-        Number(name, own.value, own.sd, EFFECTS[name].parameter.unit, own.source)
-        for name, own in vehicle.effects.items()
-        if name in EFFECTS and own.sd is not None
+        Number(name, effect.value, effect.sd, EFFECTS[name].parameter.unit, effect.source)
+        for name, effect in vehicle.effects.items()
+        if name in EFFECTS and effect.sd is not None
     ]
     return (*numbers, *tolerances)
 
@@ -93,6 +93,6 @@ def _from_plain_data(body: Mapping[str, Any]) -> tuple[Gap, Made]:
         data=tuple(DataRecord(**record) for record in body["data"]),
         settings=dict(body["settings"]),
         effects={str(name): float(value) for name, value in body.get("effects", {}).items()},
-        stated=tuple(Number(**own) for own in body.get("stated", ())),
+        stated=tuple(Number(**item) for item in body.get("stated", ())),
     )
     return from_plain_data(body), made

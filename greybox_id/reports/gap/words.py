@@ -53,11 +53,11 @@ def is_factor(effect: str) -> bool:
 def magnitude_words(ranked: Ranked) -> str:
     """How large an effect is and when it acts, second parameters behind: 8 ± 1 m/s, wind_direction 1.0 rad."""
     known = EFFECTS.get(ranked.effect)
-    units = {own.name: own.unit for own in known.others} if known is not None else {}
+    units = {other.name: other.unit for other in known.others} if known is not None else {}
     behind = [
         f"{name} {number(value, 2)} {handy(units.get(name, ''), inf).unit}" for name, value in ranked.others.items()
     ]
-    return ", ".join((main_words(ranked), *(own.strip() for own in behind)))
+    return ", ".join((main_words(ranked), *(item.strip() for item in behind)))
 
 
 def main_words(ranked: Ranked) -> str:
@@ -74,42 +74,42 @@ def when_words(ranked: Ranked) -> str:
 
 def carried_over(gap: Gap) -> list[str]:
     """What a closed model, which is one for all times, has of effects that begin or end within a recording."""
-    said = []
-    for own in gap.ranking:
-        if own.effect in gap.applied and own.since is not None:
-            said.append(
-                f"{own.effect} begins in {own.within} at {number(own.since)} s: the closed model is the vehicle after "
+    stated = []
+    for one in gap.ranking:
+        if one.effect in gap.applied and one.since is not None:
+            stated.append(
+                f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model is the vehicle after "
                 "that, and has it all the time"
             )
-        elif own.effect in gap.applied and own.until is not None:
-            said.append(
-                f"{own.effect} ends in {own.within} at {number(own.until)} s: the closed model is the vehicle after "
+        elif one.effect in gap.applied and one.until is not None:
+            stated.append(
+                f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model is the vehicle after "
                 "that, and does not have it"
             )
-    return said
+    return stated
 
 
 def _size_words(ranked: Ranked) -> str:
-    own, (low, high) = handy_of(ranked), ranked.interval
-    value = own.factor * ranked.magnitude
-    before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {own.unit}" if own.unit else "")
+    entry, (low, high) = handy_of(ranked), ranked.interval
+    value = entry.factor * ranked.magnitude
+    before, behind = ("× " if is_factor(ranked.effect) else ""), (f" {entry.unit}" if entry.unit else "")
     arms = (high - ranked.magnitude, ranked.magnitude - low)
     if not any(isfinite(arm) for arm in arms):
         return f"{before}{number(value)}{behind}"  # nothing is known of its spread
     if not all(isfinite(arm) for arm in arms) or high <= low:
         return f"{before}{number(value)}{behind} {interval_words(ranked, unit=False)}"
     if min(arms) <= 0.0 or max(arms) > LOPSIDED * min(arms):
-        digits = together(value, by=own.factor * (high - low) / 4)
+        digits = together(value, by=entry.factor * (high - low) / 4)
         shown = digits.words[0] if not digits.power else number(value)
         return f"{before}{shown}{behind} {interval_words(ranked, unit=False)}"
-    return f"{before}{short_with_sd(value, own.factor * sum(arms) / (2 * NORMAL))}{behind}"
+    return f"{before}{short_with_sd(value, entry.factor * sum(arms) / (2 * NORMAL))}{behind}"
 
 
 def interval_words(ranked: Ranked, unit: bool = True) -> str:
     """[25, 37] ms, to the digits of its width; an end that is not finite as ∞."""
-    own = handy_of(ranked)
-    low, high = (own.factor * end for end in ranked.interval)
-    behind = f" {own.unit}" if own.unit and unit else ""
+    handy = handy_of(ranked)
+    low, high = (handy.factor * end for end in ranked.interval)
+    behind = f" {handy.unit}" if handy.unit and unit else ""
     if not (isfinite(low) and isfinite(high) and high > low):
         return f"[{number(low)}, {number(high)}]{behind}"
     return f"{interval(low, high, (high - low) / 4)}{behind}"
@@ -158,10 +158,10 @@ def _whether(gap: Gap) -> str:
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
             "Whether there is a gap cannot be told: no sensor noise is stated, and what is left was taken for it."
         )
-    beyond = [own for own in gap.moved if own.far > CAL.tolerated_sd]
+    beyond = [item for item in gap.moved if item.far > CAL.tolerated_sd]
     suffices = ["noise", *([] if beyond else ["stated tolerances"]), *_unknown_forces(gap)]
     if not gap.gap_detected and beyond:
-        far = listed([f"{own.name} is {number(own.far, 2)}" for own in beyond[:MOST_SHARES]])
+        far = listed([f"{item.name} is {number(item.far, 2)}" for item in beyond[:MOST_SHARES]])
         return (
             f"No gap that has a name ({p_words(gap.p_value)}): simulation and vehicle agree within {listed(suffices)} "
             f"once {far} standard deviations from where stated{_largest(gap)}. Tyres of another form may be; or "
@@ -189,7 +189,7 @@ def _largest(gap: Gap) -> str:
     if not channels:
         size = sqrt(gap.gap.before) if gap.gap.before > 0 else float("nan")
         return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
-    name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda own: channels[own])
+    name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda item: channels[item])
     times = f"{number(channels[name], 2)} times its noise"
     if gap.gap_detected and channels[name] < HARDLY and gap.applied:
         return f", though hardly in free run: the error of {name}, the largest, is {times}"
@@ -202,40 +202,40 @@ def where(gap: Gap) -> str:
     """Where it lies: equation, regime, time; "" where there is no gap."""
     if not gap.gap_detected:
         return ""
-    said = [clause for clause in (_equations(gap), _regime(gap), _time(gap)) if clause]
-    return "; ".join(said)
+    stated = [clause for clause in (_equations(gap), _regime(gap), _time(gap)) if clause]
+    return "; ".join(stated)
 
 
 def _equations(gap: Gap) -> str:
-    shares = sorted(gap.where.equations.items(), key=lambda own: -own[1])
+    shares = sorted(gap.where.equations.items(), key=lambda item: -item[1])
     named = [f"{name} {percent(share)}" for name, share in shares[:MOST_SHARES] if share >= LEAST_SHARE]
     return listed(named) or gap.where.channel
 
 
 def _regime(gap: Gap) -> str:
-    own = gap.where
-    time, share = own.regimes.get(own.regime, (float("nan"), float("nan")))
-    if own.regime == "any":
+    where = gap.where
+    time, share = where.regimes.get(where.regime, (float("nan"), float("nan")))
+    if where.regime == "any":
         return REGIMES["any"]
-    place = REGIMES.get(own.regime, own.regime)
+    place = REGIMES.get(where.regime, where.regime)
     if isfinite(time) and isfinite(share) and share > CONCENTRATED * time:
         return f"{percent(share)} of it in {percent(time)} of the time, {place}"
     return place
 
 
 def _time(gap: Gap) -> str:
-    own = gap.where.time
-    if not {"from", "to"} <= own.keys():
+    time = gap.where.time
+    if not {"from", "to"} <= time.keys():
         return ""
-    share = f", {percent(own['share'])} of the time" if isfinite(own.get("share", float("nan"))) else ""
-    return f"half of it between {own['from']:.4g} and {own['to']:.4g} s{share}"
+    share = f", {percent(time['share'])} of the time" if isfinite(time.get("share", float("nan"))) else ""
+    return f"half of it between {time['from']:.4g} and {time['to']:.4g} s{share}"
 
 
 def told_apart(gap: Gap, ranked: Ranked) -> str:
     """What an effect cannot be told from: by rank where that is ranked, by name otherwise."""
     if not ranked.indistinguishable_from:
         return ""
-    place = {own.effect: k for k, own in enumerate(gap.ranking, 1)}
+    place = {item.effect: k for k, item in enumerate(gap.ranking, 1)}
     ranks = sorted(place[name] for name in ranked.indistinguishable_from if name in place)
     names = [name for name in ranked.indistinguishable_from if name not in place]
     return f"cannot be told from {listed([*map(str, ranks), *names])} on {on_these(gap.recordings)}"
@@ -252,17 +252,17 @@ def which(gap: Gap) -> str:
         return ""
     if not gap.ranking:
         return "no named effect stands out"
-    first = [own for own in gap.ranking if own.effect in gap.applied] or [gap.ranking[0]]
-    said = [f"{own.effect}, {magnitude_words(own)} (probability {probability_words(own.probability)})" for own in first]
-    others = dict.fromkeys(name for own in first for name in own.indistinguishable_from)
+    first = [item for item in gap.ranking if item.effect in gap.applied] or [gap.ranking[0]]
+    one = [f"{one.effect}, {magnitude_words(one)} (probability {probability_words(one.probability)})" for one in first]
+    others = dict.fromkeys(name for item in first for name in item.indistinguishable_from)
     apart = f"; cannot be told from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
-    return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(said)}{apart}"
+    return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(one)}{apart}"
 
 
 def verdict(gap: Gap) -> list[tuple[str, str]]:
     """The whole answer: a lead and a sentence each; doubts on the data come first."""
     closure, held_out = judged(gap)
-    said = [
+    stated = [
         *(("Doubt", doubt) for doubt in gap.doubts[:MOST_DOUBTS]),
         ("", f"and {more} more doubts" if (more := len(gap.doubts) - MOST_DOUBTS) > 0 else ""),
         ("Gap", whether(gap)),
@@ -280,7 +280,7 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         ),
         ("Left", left(gap)),
     ]
-    return [(lead, sentence) for lead, sentence in said if sentence]
+    return [(lead, sentence) for lead, sentence in stated if sentence]
 
 
 def budget(gap: Gap) -> str:
@@ -288,8 +288,8 @@ def budget(gap: Gap) -> str:
     if gap.budget is None:
         return ""
     shares = [
-        f"{own.effect} {whole_percent(own.share)} % [{whole_percent(own.low)}, {whole_percent(own.high)}]"
-        for own in (*gap.budget.shares, gap.budget.unnamed)
+        f"{share.effect} {whole_percent(share.share)} % [{whole_percent(share.low)}, {whole_percent(share.high)}]"
+        for share in (*gap.budget.shares, gap.budget.unnamed)
     ]
     place = "held out" if gap.budget.held_out else "which chose the effects"
     return f"of the excess error on {listed([*gap.budget.recordings])} ({place}): {listed(shares)}"
@@ -326,13 +326,13 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
-        told = "" if high < 0 else "; whether at all cannot be told here"
+        known = "" if high < 0 else "; whether at all cannot be told here"
         return (
             f"adding {listed([*gap.applied])} makes predictions worse by {whole_percent(-share)} % of the excess "
-            f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{told}"
+            f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
         )
-    told = "" if not low <= 0 else "; that it closes at all cannot be told here"
-    return f"with {listed([*gap.applied])} the excess closes by {whole_percent(share)} % {bounds} {place}{told}"
+    known = "" if not low <= 0 else "; that it closes at all cannot be told here"
+    return f"with {listed([*gap.applied])} the excess closes by {whole_percent(share)} % {bounds} {place}{known}"
 
 
 def tells(closure: Closure) -> bool:
@@ -354,11 +354,11 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
     A closure refits tolerances before and after; whoever simulates the closed model has them where they were found.
     Where these went far, most of what the model as stated errs may be theirs; where it errs more, that is a warning.
     """
-    free = [own for own in closure.errors if own.horizon is None and own.floor > 0]
+    free = [error for error in closure.errors if error.horizon is None and error.floor > 0]
     if not free:
         return ""
     before, after = (
-        fsum((getattr(own, of) / own.floor) ** 2 for own in free) / len(free) for of in ("before", "after")
+        fsum((getattr(item, of) / item.floor) ** 2 for item in free) / len(free) for of in ("before", "after")
     )
     square = f"mean square {number(before)} → {number(after)} times that of the noise"
     if after <= before:

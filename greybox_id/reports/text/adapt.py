@@ -16,29 +16,29 @@ MOST_MOVED = 8
 """Parameters that are named."""
 
 
-def parts(found: Adaptation) -> Iterator[RenderableType]:
+def parts(result: Adaptation) -> Iterator[RenderableType]:
     """An adaptation, part by part."""
-    for doubt in found.doubts:
+    for doubt in result.doubts:
         yield led("mind", doubt)
-    for output, words in found.choices.items():
+    for output, words in result.choices.items():
         yield led("chosen", f"{output}: {words}")
-    for run, delays in found.delays.items():
-        said = ", ".join(f"{output} {round(1e3 * own) or 0:+d} ms" for output, own in delays.items())
-        yield led("timing", f"run {run}: {said} against the inputs, compared with the fit's training data")
-    if found.moved:
-        names = [f"{name} ({count})" if count > 1 else name for name, count in list(found.moved.items())[:MOST_MOVED]]
+    for run, delays in result.delays.items():
+        stated = ", ".join(f"{output} {round(1e3 * delay) or 0:+d} ms" for output, delay in delays.items())
+        yield led("timing", f"run {run}: {stated} against the inputs, compared with the fit's training data")
+    if result.moved:
+        names = [f"{name} ({count})" if count > 1 else name for name, count in list(result.moved.items())[:MOST_MOVED]]
         yield led("moved", f"beyond two of their standard deviations: {', '.join(names)}")
     yield ""
-    if not found.zero_shot.rest:
-        yield led("rest", f"nothing is left behind the {found.seconds:g} s that were adapted to: no test")
-        for output, own in found.in_sample.items():
+    if not result.zero_shot.rest:
+        yield led("rest", f"nothing is left behind the {result.seconds:g} s that were adapted to: no test")
+        for output, item in result.in_sample.items():
             unit = pretty_unit(unit_of(output))
-            yield led("", f"{output}, on these seconds themselves: RMSE {number(own['rmse'])} {unit}")
+            yield led("", f"{output}, on these seconds themselves: RMSE {number(item['rmse'])} {unit}")
         return
-    ahead = ", 0.5 s ahead" if isinstance(found.fit.model, MotionModel) else ""
+    ahead = ", 0.5 s ahead" if isinstance(result.fit.model, MotionModel) else ""
     table = plain_table(f"what follows{ahead}", "unit", "as it was", "chosen", "expected, 95 %")
-    for output, error in found.chosen.rest.items():
-        before, (low, high) = found.zero_shot.rest[output], found.chosen.interval[output]
+    for output, error in result.chosen.rest.items():
+        before, (low, high) = result.zero_shot.rest[output], result.chosen.interval[output]
         table.add_row(
             output, pretty_unit(unit_of(output)), with_sd(before.rmse, before.rmse_sd),
             with_sd(error.rmse, error.rmse_sd),

@@ -172,15 +172,15 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
         lines.add_row("at zero", ", ".join(nothing))
     for name, values in result.per_run.items():
         if result.model[name].shape == () and len(values) > 1:
-            own = pretty_unit(result.model[name].unit)
-            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {own}")
+            entry = pretty_unit(result.model[name].unit)
+            lines.add_row("by run", f"{name}: {', '.join(number(float(value)) for value in values)} {entry}")
     if lines.row_count:
         yield ""
         yield lines
-    told = [c for c in result.combined() if math.isfinite(c.sd) and c.sd > 0]
-    if told:
+    current = [c for c in result.combined() if math.isfinite(c.sd) and c.sd > 0]
+    if current:
         table = plain_table("identifiable combination", "estimate", "95 % interval", "unit", "")
-        for c in told:
+        for c in current:
             table.add_row(c.name, with_sd(c.value, c.sd), interval(c.low, c.high, c.sd), pretty_unit(c.unit), c.about)
         yield ""
         yield table

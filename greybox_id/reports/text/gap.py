@@ -60,9 +60,13 @@ def parts(gap: Gap, width: int = WIDTH) -> Iterator[RenderableType]:
 
 def _which(gap: Gap, width: int) -> Group | None:
     """The ranked effects with magnitude, probability, and what they cannot be told from."""
-    shares = {own.effect for own in gap.budget.shares} if gap.budget is not None else set()  # each has its reason here
-    told = {*gap.applied, *shares}
-    likely = [(k, own) for k, own in enumerate(gap.ranking, 1) if own.probability >= LEAST or own.effect in told][:MOST]
+    shares = (
+        {share.effect for share in gap.budget.shares} if gap.budget is not None else set()
+    )  # each has its reason here
+    known = {*gap.applied, *shares}
+    likely = [(k, item) for k, item in enumerate(gap.ranking, 1) if item.probability >= LEAST or item.effect in known][
+        :MOST
+    ]
     if not likely or not (gap.gap_detected or gap.applied):
         return None
     wide = width >= NARROW
@@ -72,10 +76,10 @@ def _which(gap: Gap, width: int) -> Group | None:
     heads = ("", "effect", "magnitude ± sd or [95 %]", "probability", "")
     table.add_row(*heads[: 4 + wide], style="dim")
     notes: list[RenderableType] = [table]
-    for k, own in likely:
-        said = "applied" if own.effect in gap.applied else own.reason and f"not applied: {own.reason}"
-        note = "; ".join(filter(None, (said, told_apart(gap, own))))
-        cells = (str(k), own.effect, magnitude_words(own), probability(own.probability))
+    for k, item in likely:
+        stated = "applied" if item.effect in gap.applied else item.reason and f"not applied: {item.reason}"
+        note = "; ".join(filter(None, (stated, told_apart(gap, item))))
+        cells = (str(k), item.effect, magnitude_words(item), probability(item.probability))
         table.add_row(*cells, *([note] if wide else []))
         if note and not wide:
             notes.append(f"{k}  {note}")
@@ -85,16 +89,16 @@ def _which(gap: Gap, width: int) -> Group | None:
     return Group(*notes)
 
 
-def _budget(found: Budget) -> Group:
+def _budget(budget: Budget) -> Group:
     """Shares of the excess error as bars, the unnamed rest last."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for _ in range(3):
         table.add_column()
-    place = f"on {listed([*found.recordings])}, {'held out' if found.held_out else 'which chose the effects'}"
-    for own in (*found.shares, found.unnamed):
-        bar = "█" * round(BAR * min(max(own.share, 0.0), 1.0))
-        interval = f"[{whole_percent(own.low)}, {whole_percent(own.high)}]"
-        table.add_row(own.effect, f"{whole_percent(own.share)} % {interval}", bar)
+    place = f"on {listed([*budget.recordings])}, {'held out' if budget.held_out else 'which chose the effects'}"
+    for share in (*budget.shares, budget.unnamed):
+        bar = "█" * round(BAR * min(max(share.share, 0.0), 1.0))
+        interval = f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
+        table.add_row(share.effect, f"{whole_percent(share.share)} % {interval}", bar)
     return Group(f"share of the excess error {place}", table)
 
 
@@ -128,26 +132,26 @@ def _and_more(named: Sequence[str], count: int) -> str:
 
 def _how_far(gap: Gap, width: int) -> Group:
     closure, held_out = judged(gap)
-    said: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
+    types: list[RenderableType] = [how_far(gap, closure, held_out), levels(closure)]
     if warning := as_it_stands(gap, closure):
-        said.append(warning)
-    said += carried_over(gap)
+        types.append(warning)
+    types += carried_over(gap)
     if not held_out and gap.applied:
-        said.append("what it is worth on other recordings is not known: hold some out")
+        types.append("what it is worth on other recordings is not known: hold some out")
     if gap.moved:
         named = [
-            f"{own.name} {number(own.stated, 3)} ± {number(own.sd, 2)} → {number(own.value, 3)} {pretty_unit(own.unit)}"
-            for own in gap.moved[:MOST_WORDS]
+            f"{one.name} {number(one.stated, 3)} ± {number(one.sd, 2)} → {number(one.value, 3)} {pretty_unit(one.unit)}"
+            for one in gap.moved[:MOST_WORDS]
         ]
-        said.append(f"parameters further than one sd from where they are stated: {_and_more(named, len(gap.moved))}")
+        types.append(f"parameters further than one sd from where they are stated: {_and_more(named, len(gap.moved))}")
     if closure.errors:
-        said.append(_errors(closure, width))
-    return Group(*said)
+        types.append(_errors(closure, width))
+    return Group(*types)
 
 
 def _errors(closure: Closure, width: int) -> Table:
     """RMSE before → after (floor) for each channel, over the horizons."""
-    horizons = sorted({own.horizon for own in closure.errors}, key=lambda h: float("inf") if h is None else h)
+    horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: float("inf") if h is None else h)
     if width < NARROW and len(horizons) > 2:
         timed = [h for h in horizons if h is not None]
         near = min(timed, key=lambda h: abs(h - NEAR))
@@ -156,15 +160,15 @@ def _errors(closure: Closure, width: int) -> Table:
     table.add_column("RMSE before → after (floor)", header_style="dim")
     for horizon in horizons:
         table.add_column("free run" if horizon is None else f"{horizon:g} s", header_style="dim", no_wrap=True)
-    by = {(own.channel, own.horizon): own for own in closure.errors}
-    for channel in dict.fromkeys(own.channel for own in closure.errors):
-        unit = next(own.unit for own in closure.errors if own.channel == channel)
+    by = {(error.channel, error.horizon): error for error in closure.errors}
+    for channel in dict.fromkeys(error.channel for error in closure.errors):
+        unit = next(error.unit for error in closure.errors if error.channel == channel)
         cells = [_error(by.get((channel, horizon))) for horizon in horizons]
         table.add_row(f"{channel} [{pretty_unit(unit)}]", *cells)
     return table
 
 
-def _error(own: Errors | None) -> str:
-    if own is None:
+def _error(errors: Errors | None) -> str:
+    if errors is None:
         return "–"
-    return f"{rmse(own.before)} → {rmse(own.after)} ({number(own.floor, 2)})"
+    return f"{rmse(errors.before)} → {rmse(errors.after)} ({number(errors.floor, 2)})"

@@ -23,10 +23,10 @@ def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
     timing : what `greybox_id.fitting.scores.timing.Timing.as_dict` gives.
     """
     seconds = timing["seconds"]
-    told = "" if seconds is None else f", told by its first {seconds:g} s of motion"
+    known = "" if seconds is None else f", told by its first {seconds:g} s of motion"
     for run, outputs in timing["runs"].items():
-        said = ", ".join(f"{name} {_late(own['delay'], own['sd'])}" for name, own in outputs.items())
-        yield f"run {run}: {said}{told}"
+        stated = ", ".join(f"{name} {_late(output['delay'], output['sd'])}" for name, output in outputs.items())
+        yield f"run {run}: {stated}{known}"
 
 
 def _late(delay: float, sd: float) -> str:

@@ -30,8 +30,8 @@ class Screen(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterator[Segment]:
         """Segments without orders but rich's own."""
-        for own in super().render(renderable, options):
-            yield own if own.control else Segment(clean(own.text), own.style)
+        for item in super().render(renderable, options):
+            yield item if item.control else Segment(clean(item.text), item.style)
 
 
 def as_text(parts: Iterable[RenderableType], width: int = WIDTH) -> str:

@@ -22,79 +22,79 @@ COVERED = 0.8
 """Share of the truth within two standard deviations, of 95 % that are due, below which bands mislead."""
 
 
-def parts(found: Track, told: Digest) -> Iterator[RenderableType]:
+def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
     """What a track says, part by part."""
-    yield verdict_table(verdict(found))
+    yield verdict_table(verdict(track))
     yield ""
-    how = f"{found.kind.upper()}{' and smoother' if found.smoothed else ''}"
-    yield f"{how}: {counted(len(found.rows), 'row')} in {counted(len(np.unique(found.run)), 'run')}\n"
+    how = f"{track.kind.upper()}{' and smoother' if track.smoothed else ''}"
+    yield f"{how}: {counted(len(track.rows), 'row')} in {counted(len(np.unique(track.run)), 'run')}\n"
     quantiles = ("5 %", "median", "95 %", "± median sd")
     table = plain_table("estimate", *quantiles, "unit", "identifiable in", right=(*quantiles, "identifiable in"))
-    for name, values in found.values.items():
+    for name, values in track.values.items():
         low, middle, high = np.nanquantile(values, [0.05, 0.5, 0.95])
-        share = f"{100 * found.told[name]:.0f} % of rows" if name in found.told else ""
-        sd = float(np.nanmedian(found.sds[name]))
-        table.add_row(name, *alike(low, middle, high, sd, by=sd), pretty_unit(found.units[name]), share)
+        share = f"{100 * track.told[name]:.0f} % of rows" if name in track.told else ""
+        sd = float(np.nanmedian(track.sds[name]))
+        table.add_row(name, *alike(low, middle, high, sd, by=sd), pretty_unit(track.units[name]), share)
     yield table
     yield ""
     tests = ("NIS (1)", "windows within 95 %", "next to next", "gated")
     counts = ("taken", "innovation rms")
     checks = plain_table("reading", *counts, "unit", *tests, right=(*counts, *tests))
-    for name, own in found.consistency.items():
+    for name, item in track.consistency.items():
         checks.add_row(
-            name, str(own.count), f"{own.rms:.3g}", pretty_unit(unit_of(name)), f"{own.nis:.2f}",
-            f"{100 * own.inside:.0f} %", f"{own.correlation:+.2f}", str(own.gated),
+            name, str(item.count), f"{item.rms:.3g}", pretty_unit(unit_of(name)), f"{item.nis:.2f}",
+            f"{100 * item.inside:.0f} %", f"{item.correlation:+.2f}", str(item.gated),
         )  # fmt: skip
     yield checks
     yield ""
-    for sentence in beside_truth(told):
+    for sentence in beside_truth(digest):
         yield f"truth    {sentence}"
-    for sentence in found.sentences:
+    for sentence in track.sentences:
         yield f"mind     {sentence}"
 
 
-def beside_truth(told: Digest) -> list[str]:
+def beside_truth(digest: Digest) -> list[str]:
     """How far estimates are from what was measured of them and did not enter the filter, as sentences."""
-    found = []
-    for name, own in told.truth.items():
+    result = []
+    for name, one in digest.truth.items():
         sentence = (
-            f"{name}: RMSE {decimal(own.rmse)} {own.unit} beside what was measured and did not enter the filter "
-            f"({decimal(own.size)} {own.unit} rms); {100 * own.inside:.2g} % of it is within two sd, where 95 % is due"
+            f"{name}: RMSE {decimal(one.rmse)} {one.unit} beside what was measured and did not enter the filter "
+            f"({decimal(one.size)} {one.unit} rms); {100 * one.inside:.2g} % of it is within two sd, where 95 % is due"
         )
-        if own.inside < COVERED:
+        if one.inside < COVERED:
             sentence += ": the bands are too narrow, do not trust them"
-        if own.rmse > own.size:
+        if one.rmse > one.size:
             sentence += "; zero would be nearer"
-        found.append(f"{sentence}.")
-    if "sideslip" not in told.truth:
-        found.append("A better likelihood is not always a better sideslip; nothing here measures the sideslip itself.")
-    return found
+        result.append(f"{sentence}.")
+    if "sideslip" not in digest.truth:
+        result.append("A better likelihood is not always a better sideslip; nothing here measures the sideslip itself.")
+    return result
 
 
-def as_dict(found: Track, told: Digest) -> dict[str, Any]:
+def as_dict(track: Track, digest: Digest) -> dict[str, Any]:
     """A track as plain data."""
-    judged = verdict(found)
+    judged = verdict(track)
     return {
         "verdict": judged.usability,
         "reasons": list(judged.reasons),
-        "filter": found.kind,
-        "smoothed": found.smoothed,
-        "rows": len(found.rows),
-        "runs": len(np.unique(found.run)),
+        "filter": track.kind,
+        "smoothed": track.smoothed,
+        "rows": len(track.rows),
+        "runs": len(np.unique(track.run)),
         "estimates": {
             name: {
-                "unit": found.units[name],
+                "unit": track.units[name],
                 "mean": float(np.nanmean(values)),
-                "sd_median": float(np.nanmedian(found.sds[name])),
-                **({"identifiable_in": found.told[name]} if name in found.told else {}),
+                "sd_median": float(np.nanmedian(track.sds[name])),
+                **({"identifiable_in": track.told[name]} if name in track.told else {}),
             }
-            for name, values in found.values.items()
+            for name, values in track.values.items()
         },
-        "noise": dict(found.noise),
-        "innovations": {name: vars(own) for name, own in found.consistency.items()},
-        "widened": found.widened,
-        "log_likelihood": found.log_likelihood,
-        "findings": list(found.sentences),
-        "filter_seconds": found.seconds,
-        "truth": {name: asdict(own) for name, own in told.truth.items()},
+        "noise": dict(track.noise),
+        "innovations": {name: vars(item) for name, item in track.consistency.items()},
+        "widened": track.widened,
+        "log_likelihood": track.log_likelihood,
+        "findings": list(track.sentences),
+        "filter_seconds": track.seconds,
+        "truth": {name: asdict(item) for name, item in digest.truth.items()},
     }

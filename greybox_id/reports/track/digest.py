@@ -182,16 +182,16 @@ WITHIN = (0.05, 0.5, 0.95)
 RANGE = (0.005, 0.5, 0.995)
 
 
-def digest(found: Track, recording: Recording, made: TrackMade) -> Digest:
+def digest(track: Track, recording: Recording, made: TrackMade) -> Digest:
     """What a report shows of a track.
 
     Parameters
     ----------
-    found : the track.
+    track : the track.
     recording : as read; what it measures of the estimates stands beside them, whether the filter read it or not.
     made : what the track was made with.
     """
-    model = found.model
+    model = track.model
     return Digest(
         model=model.name,
         about=model.about,
@@ -199,40 +199,44 @@ def digest(found: Track, recording: Recording, made: TrackMade) -> Digest:
         effects={name: float(model[name].array) for name in model.effects},
         made=made,
         data=data_record(recording, "track"),
-        filter=found.kind,
-        smoothed=found.smoothed,
-        parameters=found.parameters,
-        disturbances=found.disturbances,
-        rows=len(found.rows),
-        runs=len(np.unique(found.run)),
-        estimates={name: _estimate(found, name) for name in _shown(found)},
-        truth={name: own for name in _shown(found) if (own := _truth(found, recording, name)) is not None},
-        noise={n: NoiseSize(size, found.noise_units[n], found.noise_from[n]) for n, size in _used(found).items()},
-        calibrated=dict(found.calibrated),
-        consistency=dict(found.consistency),
-        signals=_signals(found, recording),
-        widened=found.widened,
-        log_likelihood=found.log_likelihood,
-        sentences=found.sentences,
-        course=_course(found, recording),
-        innovations={name: _innovations(found, name) for name in found.innovations},
+        filter=track.kind,
+        smoothed=track.smoothed,
+        parameters=track.parameters,
+        disturbances=track.disturbances,
+        rows=len(track.rows),
+        runs=len(np.unique(track.run)),
+        estimates={name: _estimate(track, name) for name in _shown(track)},
+        truth={name: measured for name in _shown(track) if (measured := _truth(track, recording, name)) is not None},
+        noise={n: NoiseSize(size, track.noise_units[n], track.noise_from[n]) for n, size in _used(track).items()},
+        calibrated=dict(track.calibrated),
+        consistency=dict(track.consistency),
+        signals=_signals(track, recording),
+        widened=track.widened,
+        log_likelihood=track.log_likelihood,
+        sentences=track.sentences,
+        course=_course(track, recording),
+        innovations={name: _innovations(track, name) for name in track.innovations},
     )
 
 
-def _scaled(found: Track) -> dict[str, str]:
+def _scaled(track: Track) -> dict[str, str]:
     """Tracked factors -> what they scale, which is shown in their place."""
-    return {own.scaled_by: own.name for own in found.model.combinations if own.scaled_by and own.name in found.values}
+    return {
+        combination.scaled_by: combination.name
+        for combination in track.model.combinations
+        if combination.scaled_by and combination.name in track.values
+    }
 
 
-def _shown(found: Track) -> list[str]:
-    return [name for name in found.values if name not in _scaled(found)]
+def _shown(track: Track) -> list[str]:
+    return [name for name in track.values if name not in _scaled(track)]
 
 
-def _estimate(found: Track, name: str) -> Estimate:
-    low, median, high = (float(own) for own in np.nanquantile(found.values[name], WITHIN))
-    sd = float(np.nanmedian(found.sds[name]))
-    told = {_scaled(found).get(own, own): share for own, share in found.told.items()}
-    return Estimate(found.units[name], low, median, high, sd, told.get(name))
+def _estimate(track: Track, name: str) -> Estimate:
+    low, median, high = (float(item) for item in np.nanquantile(track.values[name], WITHIN))
+    sd = float(np.nanmedian(track.sds[name]))
+    known = {_scaled(track).get(name, name): share for name, share in track.told.items()}
+    return Estimate(track.units[name], low, median, high, sd, known.get(name))
 
 
 def measured_of(recording: Recording, name: str) -> Array | None:
@@ -244,23 +248,23 @@ def measured_of(recording: Recording, name: str) -> Array | None:
     return None
 
 
-def _entered(found: Track, name: str) -> bool:
+def _entered(track: Track, name: str) -> bool:
     """Whether the filter saw what was measured of an estimate."""
-    seen = {*found.innovations, *found.model.inputs}
-    return name in seen or (name == "sideslip" and "v_y" in seen and "sideslip" not in found.recording)
+    seen = {*track.innovations, *track.model.inputs}
+    return name in seen or (name == "sideslip" and "v_y" in seen and "sideslip" not in track.recording)
 
 
-def _truth(found: Track, recording: Recording, name: str) -> Measured | None:
+def _truth(track: Track, recording: Recording, name: str) -> Measured | None:
     whole = measured_of(recording, name)
-    if whole is None or _entered(found, name):
+    if whole is None or _entered(track, name):
         return None
-    measured, values, sds = whole[found.rows.astype(int)], found.values[name], found.sds[name]
+    measured, values, sds = whole[track.rows.astype(int)], track.values[name], track.sds[name]
     there = np.isfinite(measured) & np.isfinite(values)
     if not np.any(there):
         return None
     off = (values - measured)[there]
     return Measured(
-        unit=found.units[name],
+        unit=track.units[name],
         rows=int(np.count_nonzero(there)),
         rmse=float(np.sqrt(np.mean(off**2))),
         bias=float(np.mean(off)),
@@ -270,68 +274,69 @@ def _truth(found: Track, recording: Recording, name: str) -> Measured | None:
     )
 
 
-def _used(found: Track) -> dict[str, float]:
+def _used(track: Track) -> dict[str, float]:
     """The noises that have a part in the estimates: those of outputs that were not read have none."""
-    unread = {f"noise_{name}" for name in found.model.outputs if name not in found.innovations}
-    return {name: size for name, size in found.noise.items() if name not in unread}
+    unread = {f"noise_{name}" for name in track.model.outputs if name not in track.innovations}
+    return {name: size for name, size in track.noise.items() if name not in unread}
 
 
-def _signals(found: Track, recording: Recording) -> dict[str, tuple[str, str, tuple[float, ...]]]:
+def _signals(track: Track, recording: Recording) -> dict[str, tuple[str, str, tuple[float, ...]]]:
     """What went into the filter, and between which values it was driven."""
-    model = found.model
-    inputs = [own for name in model.inputs for own in (name, *model.aliases.get(name, ())) if own in recording]
-    roles = dict.fromkeys(inputs, "input") | dict.fromkeys(found.innovations, "reading")
-    rows = found.rows.astype(int)
+    model = track.model
+    inputs = [item for name in model.inputs for item in (name, *model.aliases.get(name, ())) if item in recording]
+    roles = dict.fromkeys(inputs, "input") | dict.fromkeys(track.innovations, "reading")
+    rows = track.rows.astype(int)
     quantiles = {name: np.nanquantile(recording[name][rows], RANGE) for name in roles}
     return {
-        name: (recording.unit(name), role, tuple(float(own) for own in quantiles[name])) for name, role in roles.items()
+        name: (recording.unit(name), role, tuple(float(quantile) for quantile in quantiles[name]))
+        for name, role in roles.items()
     }
 
 
-def _course(found: Track, recording: Recording) -> Course:
-    moving = [name for name in _shown(found) if np.nanmax(found.values[name]) > np.nanmin(found.values[name])]
-    drawn = [name for name in dict.fromkeys((*SHOWN, *found.tracked)) if name in moving][:MOST_DRAWN]
-    every = max(1, ceil(len(found.rows) / MOST_ROWS))
-    runs = [np.flatnonzero(found.run == run) for run in np.unique(found.run)]
-    kept = np.concatenate([own[::every] for own in runs])
-    rows = found.rows[kept].astype(int)
+def _course(track: Track, recording: Recording) -> Course:
+    moving = [name for name in _shown(track) if np.nanmax(track.values[name]) > np.nanmin(track.values[name])]
+    drawn = [name for name in dict.fromkeys((*SHOWN, *track.tracked)) if name in moving][:MOST_DRAWN]
+    every = max(1, ceil(len(track.rows) / MOST_ROWS))
+    runs = [np.flatnonzero(track.run == run) for run in np.unique(track.run)]
+    kept = np.concatenate([run[::every] for run in runs])
+    rows = track.rows[kept].astype(int)
     read = {name: whole[rows] for name in drawn if (whole := measured_of(recording, name)) is not None}
     return Course(
         every=every,
-        time=_rounded(running_time(found)[kept]),
-        run=found.run[kept].astype(float),
-        values={n: _rounded(found.values[n][kept]) for n in (*drawn, *SLIPS) if n in found.values},
-        sds={name: _rounded(found.sds[name][kept]) for name in drawn},
-        measured={name: _rounded(own) for name, own in read.items()},
+        time=_rounded(running_time(track)[kept]),
+        run=track.run[kept].astype(float),
+        values={n: _rounded(track.values[n][kept]) for n in (*drawn, *SLIPS) if n in track.values},
+        sds={name: _rounded(track.sds[name][kept]) for name in drawn},
+        measured={name: _rounded(item) for name, item in read.items()},
     )
 
 
-def running_time(found: Track) -> Array:
+def running_time(track: Track) -> Array:
     """(n,) s; runs whose clocks begin anew are laid one behind the other."""
-    time = found.time.copy()
-    starts = np.flatnonzero(np.diff(found.run)) + 1
+    time = track.time.copy()
+    starts = np.flatnonzero(np.diff(track.run)) + 1
     if np.all(np.diff(time)[starts - 1] > 0):
         return time
     for start in starts:
-        time[start:] += time[start - 1] - time[start] + found.recording.sample_time
+        time[start:] += time[start - 1] - time[start] + track.recording.sample_time
     return np.asarray(time)
 
 
-def _innovations(found: Track, name: str) -> Innovations:
-    step = found.recording.sample_time
+def _innovations(track: Track, name: str) -> Innovations:
+    step = track.recording.sample_time
     size = max(2, round(WINDOW / step))
-    scaled = found.innovations[name] / found.expected[name]
+    scaled = track.innovations[name] / track.expected[name]
     there = np.isfinite(scaled)
-    edges = np.flatnonzero((np.diff(found.rows[there]) != 1) | (np.diff(found.run[there]) != 0)) + 1
-    parts = [own for own in np.split(scaled[there], edges) if len(own) > 1]
+    edges = np.flatnonzero((np.diff(track.rows[there]) != 1) | (np.diff(track.run[there]) != 0)) + 1
+    parts = [item for item in np.split(scaled[there], edges) if len(item) > 1]
     most = max(1, min(round(LAGS / step), MOST_LAGS))
-    told = correlation([(own, own) for own in parts], most) if parts else np.full(most + 1, np.nan)
+    known = correlation([(part, part) for part in parts], most) if parts else np.full(most + 1, np.nan)
     return Innovations(
-        _rounded(windowed(running_time(found)[there], size)),
+        _rounded(windowed(running_time(track)[there], size)),
         _rounded(windowed(scaled[there] ** 2, size)),
         *bounds(size),
         _rounded(np.arange(most + 1.0) * step),
-        _rounded(told),
+        _rounded(known),
     )
 
 
@@ -372,27 +377,28 @@ def _from_plain_data(body: Mapping[str, Any]) -> Digest:
         disturbances=_words(body["disturbances"]),
         rows=int(body["rows"]),
         runs=int(body["runs"]),
-        estimates={name: Estimate(**own) for name, own in body["estimates"].items()},
-        truth={name: Measured(**own) for name, own in body["truth"].items()},
-        noise={name: NoiseSize(**own) for name, own in body["noise"].items()},
+        estimates={name: Estimate(**item) for name, item in body["estimates"].items()},
+        truth={name: Measured(**item) for name, item in body["truth"].items()},
+        noise={name: NoiseSize(**item) for name, item in body["noise"].items()},
         calibrated={name: (float(value), float(sd)) for name, (value, sd) in body["calibrated"].items()},
-        consistency={name: Consistency(**own) for name, own in body["consistency"].items()},
+        consistency={name: Consistency(**item) for name, item in body["consistency"].items()},
         signals={
-            name: (str(unit), str(role), tuple(float(own) for own in ends))
+            name: (str(unit), str(role), tuple(float(end) for end in ends))
             for name, (unit, role, ends) in body["signals"].items()
         },
         widened=float(body["widened"]),
         log_likelihood=float(body["log_likelihood"]),
         sentences=_words(body["sentences"]),
         course=_read_course(body["course"]),
-        innovations={name: _read_innovations(own) for name, own in body["innovations"].items()},
+        innovations={name: _read_innovations(item) for name, item in body["innovations"].items()},
     )
 
 
 def _read_course(body: Mapping[str, Any]) -> Course:
     time, run = (np.array(body[name], dtype=float) for name in ("time", "run"))
     values, sds, measured = (
-        {name: np.array(own, dtype=float) for name, own in body[kind].items()} for kind in ("values", "sds", "measured")
+        {name: np.array(item, dtype=float) for name, item in body[kind].items()}
+        for kind in ("values", "sds", "measured")
     )
     _alike(time, run, *values.values(), *sds.values(), *measured.values())
     if not sds.keys() <= values.keys():
@@ -401,14 +407,14 @@ def _read_course(body: Mapping[str, Any]) -> Course:
 
 
 def _read_innovations(body: Mapping[str, Any]) -> Innovations:
-    time, nis, lags, told = (np.array(body[name], dtype=float) for name in ("time", "nis", "lags", "correlation"))
+    time, nis, lags, known = (np.array(body[name], dtype=float) for name in ("time", "nis", "lags", "correlation"))
     _alike(time, nis)
-    _alike(lags, told)
-    return Innovations(time, nis, float(body["low"]), float(body["high"]), lags, told)
+    _alike(lags, known)
+    return Innovations(time, nis, float(body["low"]), float(body["high"]), lags, known)
 
 
 def _alike(*lines: Array) -> None:
-    if any(own.ndim != 1 or own.shape != lines[0].shape for own in lines):
+    if any(line.ndim != 1 or line.shape != lines[0].shape for line in lines):
         raise ValueError("the lines of its pictures do not belong together")
 
 
@@ -419,4 +425,4 @@ def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
 def _words(body: Any) -> tuple[str, ...]:
     if not isinstance(body, list):
         raise TypeError(f"{body!r} is no list of words")
-    return tuple(str(own) for own in body)
+    return tuple(str(item) for item in body)

@@ -28,65 +28,65 @@ MOST_NAMED = 4
 LEADS = ("How sure", "Is it so", "Against what")
 
 
-def verdict(found: Digest) -> tuple[str, str, str]:
+def verdict(digest: Digest) -> tuple[str, str, str]:
     """Three sentences."""
-    return _how_sure(found), _is_it_so(found), _against_what(found)
+    return _how_sure(digest), _is_it_so(digest), _against_what(digest)
 
 
-def method(found: Digest) -> str:
+def method(one: Digest) -> str:
     """The filter in words: a UKF and smoother."""
-    return f"{'an' if found.filter == 'ekf' else 'a'} {found.filter.upper()}{' and smoother' if found.smoothed else ''}"
+    return f"{'an' if one.filter == 'ekf' else 'a'} {one.filter.upper()}{' and smoother' if one.smoothed else ''}"
 
 
-def _how_sure(found: Digest) -> str:
-    walks = {name: own.told for name, own in found.estimates.items() if own.told is not None}
-    names = [name for name in dict.fromkeys(("sideslip", *walks)) if name in found.estimates][:MOST_NAMED]
+def _how_sure(one: Digest) -> str:
+    walks = {name: estimate.told for name, estimate in one.estimates.items() if estimate.told is not None}
+    names = [name for name in dict.fromkeys(("sideslip", *walks)) if name in one.estimates][:MOST_NAMED]
     each = [
-        f"{quantity(own.sd, own.unit)} in {signal_words(name)}" for name in names for own in [found.estimates[name]]
+        f"{quantity(item.sd, item.unit)} in {signal_words(name)}" for name in names for item in [one.estimates[name]]
     ]
-    untold = [f"{signal_words(name)} in {percent(told)}" for name, told in walks.items() if told < 1]
+    untold = [f"{signal_words(name)} in {percent(walk)}" for name, walk in walks.items() if walk < 1]
     return (
-        f"Along {found.data.name}, {counted(found.rows, 'row')} in {counted(found.runs, 'run')}, {method(found)} on "
-        f"{found.model} estimates with a standard deviation of, in the median, {listed(each)}"
+        f"Along {one.data.name}, {counted(one.rows, 'row')} in {counted(one.runs, 'run')}, {method(one)} on "
+        f"{one.model} estimates with a standard deviation of, in the median, {listed(each)}"
         f"{f'; the recording informs {listed(untold)} of the rows' if untold else ''}."
     )
 
 
-def _is_it_so(found: Digest) -> str:
-    told = {name: own for name, own in found.consistency.items() if isfinite(own.nis)}
-    if not told:
+def _is_it_so(digest: Digest) -> str:
+    known = {name: item for name, item in digest.consistency.items() if isfinite(item.nis)}
+    if not known:
         return "Too few readings were taken to say whether the filter knows how wrong it is."
-    means = listed([f"{number(own.nis, 2)} in {signal_words(name)}" for name, own in told.items()])
-    inside = listed([f"{percent(own.inside)}" for own in told.values() if isfinite(own.inside)])
+    means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
+    inside = listed([f"{percent(item.inside)}" for item in known.values() if isfinite(item.inside)])
     windows = f", and {inside} of the windows of {WINDOW:g} s lie within their 95 % bounds" if inside else ""
-    widened = f"; bands are wider by {number(found.widened, 3)} for it" if found.widened > 1 else ""
-    return f"Squared innovations are {means} times what the filter expects{windows}{_memory(found)}{widened}."
+    widened = f"; bands are wider by {number(digest.widened, 3)} for it" if digest.widened > 1 else ""
+    return f"Squared innovations are {means} times what the filter expects{windows}{_memory(digest)}{widened}."
 
 
-def _memory(found: Digest) -> str:
+def _memory(digest: Digest) -> str:
     """Whether innovations depend on those before, as a clause."""
     beyond = [
-        f"{number(own.correlation, 2)} in {signal_words(name)}"
-        for name, own in found.consistency.items()
-        if abs(own.correlation) > own.correlation_bound
+        f"{number(item.correlation, 2)} in {signal_words(name)}"
+        for name, item in digest.consistency.items()
+        if abs(item.correlation) > item.correlation_bound
     ]
     if not beyond:
         return "; neighbouring innovations do not correlate"
     return f"; neighbouring innovations correlate by {listed(beyond)}, more than chance: something there has a memory"
 
 
-def _against_what(found: Digest) -> str:
-    if not found.truth:
+def _against_what(digest: Digest) -> str:
+    if not digest.truth:
         return (
             "Nothing that was estimated was also measured without entering the filter: how far the estimates are off "
             "cannot be told from this recording."
         )
-    each = [_error(name, own) for name, own in found.truth.items()]
+    each = [_error(name, item) for name, item in digest.truth.items()]
     return f"Against what was measured and did not enter the filter, estimates err by an RMSE of {listed(each)}."
 
 
-def _error(name: str, own: Measured) -> str:
-    return f"{quantity(own.rmse, own.unit)} in {signal_words(name)} ({percent(own.inside)} within two sd)"
+def _error(name: str, value: Measured) -> str:
+    return f"{quantity(value.rmse, value.unit)} in {signal_words(name)} ({percent(value.inside)} within two sd)"
 
 
 NOISES = {
@@ -98,90 +98,90 @@ NOISES = {
 """Kind of noise -> what its size says."""
 
 
-def provenance(found: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
+def provenance(digest: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
     """The recording, and what reproduces the track."""
-    made = found.made
+    made = digest.made
     pairs = (
         ("version", f"greybox-id {made.version}"),
         ("command", made.command or "not recorded (tracked from Python)"),
         ("vehicle", made.vehicle or "none named"),
-        ("filter", f"{method(found)} on {found.model}"),
-        ("walks for good", listed([_walks(found, name) for name in found.parameters]) or "nothing"),
-        ("comes and goes", listed(found.disturbances) or "nothing"),
-        ("effects added", listed([*found.effects]) or "none"),
+        ("filter", f"{method(digest)} on {digest.model}"),
+        ("walks for good", listed([_walks(digest, name) for name in digest.parameters]) or "nothing"),
+        ("comes and goes", listed(digest.disturbances) or "nothing"),
+        ("effects added", listed([*digest.effects]) or "none"),
     )
-    return recorded_in([found.data], {"track": "tracked"}), pairs
+    return recorded_in([digest.data], {"track": "tracked"}), pairs
 
 
-def _walks(found: Digest, name: str) -> str:
-    return name if name in found.estimates else f"the input {name}, which was not recorded"
+def _walks(digest: Digest, name: str) -> str:
+    return name if name in digest.estimates else f"the input {name}, which was not recorded"
 
 
-def estimates(found: Digest) -> Table:
+def estimates(digest: Digest) -> Table:
     """A row for each estimate."""
-    walks = any(own.told is not None for own in found.estimates.values())
+    walks = any(estimate.told is not None for estimate in digest.estimates.values())
     rows = tuple(
         (
-            signal_words(name), *alike(own.low, own.median, own.high, own.sd, by=own.sd),
-            pretty_unit(own.unit), *(("" if own.told is None else percent(own.told),) if walks else ()),
+            signal_words(name), *alike(estimate.low, estimate.median, estimate.high, estimate.sd, by=estimate.sd),
+            pretty_unit(estimate.unit), *(("" if estimate.told is None else percent(estimate.told),) if walks else ()),
         )
-        for name, own in found.estimates.items()
+        for name, estimate in digest.estimates.items()
     )  # fmt: skip
     head = ("estimate", "5 %", "median", "95 %", "median sd", "unit", *(("identifiable in",) if walks else ()))
     return Table(head, rows, "lRRRRlR"[: len(head)])
 
 
-def truth(found: Digest) -> Table:
+def truth(digest: Digest) -> Table:
     """A row for each estimate that was measured and did not enter the filter."""
     rows = tuple(
         (
-            signal_words(name), number(own.rmse), number(own.bias, 2), number(own.worst, 2), number(own.size),
-            pretty_unit(own.unit), percent(own.inside), f"{own.rows:,}".replace(",", "\u00a0"),
+            signal_words(name), number(item.rmse), number(item.bias, 2), number(item.worst, 2), number(item.size),
+            pretty_unit(item.unit), percent(item.inside), f"{item.rows:,}".replace(",", "\u00a0"),
         )
-        for name, own in found.truth.items()
+        for name, item in digest.truth.items()
     )  # fmt: skip
     head = ("estimate", "RMSE", "mean error", "largest", "RMS measured", "unit", "within two sd", "rows")
     return Table(head, rows, "lRRRRlRR")
 
 
-def readings(found: Digest) -> Table:
+def readings(digest: Digest) -> Table:
     """A row for each reading: whether the filter expected it."""
     rows = tuple(
         (
-            signal_words(name), f"{own.count:,}".replace(",", "\u00a0"), number(own.rms), pretty_unit(unit_of(name)),
-            number(own.nis), percent(own.inside), number(own.correlation, 2), f"± {number(own.correlation_bound, 2)}",
-            str(own.gated),
+            signal_words(name), f"{one.count:,}".replace(",", "\u00a0"), number(one.rms), pretty_unit(unit_of(name)),
+            number(one.nis), percent(one.inside), number(one.correlation, 2), f"± {number(one.correlation_bound, 2)}",
+            str(one.gated),
         )
-        for name, own in found.consistency.items()
+        for name, one in digest.consistency.items()
     )  # fmt: skip
     head = ("reading", "taken", "innovation RMS", "unit", "NIS", "windows within", "next to next", "chance", "gated")
     return Table(head, rows, "lRRlRRRRR")
 
 
-def noises(found: Digest) -> Table:
+def noises(digest: Digest) -> Table:
     """A row for each noise that has a part in the estimates."""
     rows = []
-    for name, own in found.noise.items():
+    for name, item in digest.noise.items():
         kind, _, of = name.partition("_")
-        shares = " (a share of itself)" if kind == "walk" and own.unit in ("", "1") else ""
-        unit = f"{'1' if shares else pretty_unit(own.unit)}/√s" if kind == "walk" else pretty_unit(own.unit)
-        said = NOISES[kind].format(signal_words(of)) + shares
-        origin = f"{own.origin} on the first {found.made.tuned_on:g} s" if own.origin == "tuned" else own.origin
-        rows.append((name, said, number(own.size), unit, origin))
+        shares = " (a share of itself)" if kind == "walk" and item.unit in ("", "1") else ""
+        unit = f"{'1' if shares else pretty_unit(item.unit)}/√s" if kind == "walk" else pretty_unit(item.unit)
+        stated = NOISES[kind].format(signal_words(of)) + shares
+        origin = f"{item.origin} on the first {digest.made.tuned_on:g} s" if item.origin == "tuned" else item.origin
+        rows.append((name, stated, number(item.size), unit, origin))
     return Table(("noise", "meaning", "size", "unit", "from"), tuple(rows), "lLrll")
 
 
-def calibrated(found: Digest) -> Table:
+def calibrated(digest: Digest) -> Table:
     """A row for each parameter of the model that was tuned along."""
-    rows = tuple((name, with_sd(value, sd)) for name, (value, sd) in found.calibrated.items())
+    rows = tuple((name, with_sd(value, sd)) for name, (value, sd) in digest.calibrated.items())
     return Table(("parameter", "estimate ± sd, SI units"), rows, "lL")
 
 
-def signals(found: Digest) -> Table:
+def signals(digest: Digest) -> Table:
     """A row for each channel that went in, with the range that was driven."""
     rows = tuple(
-        (signal_words(name), role, *(number(own) for own in ends), pretty_unit(unit))
-        for name, (unit, role, ends) in found.signals.items()
+        (signal_words(name), role, *(number(end) for end in ends), pretty_unit(unit))
+        for name, (unit, role, ends) in digest.signals.items()
     )
     return Table(("channel", "taken as", "0.5 %", "median", "99.5 %", "unit"), rows, "lLRRRl")
 
@@ -194,22 +194,22 @@ SHARE = 0.995
 MIDDLE, LOW = 60.0, 75.0
 
 
-def drawings(found: Digest) -> tuple[Drawing, ...]:
+def drawings(digest: Digest) -> tuple[Drawing, ...]:
     """Estimates over time, forces over slip angle where a model has them, and the innovations over time and lags."""
-    how = f"{found.filter.upper()} and smoother" if found.smoothed else found.filter.upper()
-    more = " What was measured of them is drawn beside them." if found.course.measured else ""
-    more += f" Of {found.course.every} rows one is drawn." if found.course.every > 1 else ""
-    if found.runs > 1:
+    how = f"{digest.filter.upper()} and smoother" if digest.smoothed else digest.filter.upper()
+    more = " What was measured of them is drawn beside them." if digest.course.measured else ""
+    more += f" Of {digest.course.every} rows one is drawn." if digest.course.every > 1 else ""
+    if digest.runs > 1:
         more += " Runs begin at dotted lines; where their clocks begin anew they are laid one behind the other."
     made = [
         Drawing(
             "estimates",
-            over_time(found),
+            over_time(digest),
             f"Estimates over time ({how}), with bands of two standard deviations.{more}",
             "Estimates over time with bands.",
         )
     ]
-    slips = forces_over_slip(found.course.values)
+    slips = forces_over_slip(digest.course.values)
     if slips is not None:
         made.append(
             Drawing(
@@ -222,14 +222,14 @@ def drawings(found: Digest) -> tuple[Drawing, ...]:
     made += [
         Drawing(
             "innovations",
-            squares(found),
+            squares(digest),
             "Normalised innovations squared (NIS), means over 2 s, and within which bounds 95 % of them lie if the "
             "filter knows how wrong it is.",
             "NIS of each reading over time with its bounds.",
         ),
         Drawing(
             "whiteness",
-            whiteness(found),
+            whiteness(digest),
             "Correlation of innovations with those a lag later. If the filter takes from the readings all that they "
             "tell, an innovation does not depend on those before; what stays outside the band is something the model "
             "lacks, or noise that has a memory of its own.",
@@ -239,13 +239,13 @@ def drawings(found: Digest) -> tuple[Drawing, ...]:
     return tuple(made)
 
 
-def over_time(found: Digest) -> Sheet:
+def over_time(digest: Digest) -> Sheet:
     """Estimates with bands of two standard deviations, one panel each."""
-    course = found.course
+    course = digest.course
     sheet = Sheet((TALL,) * len(course.sds), joined=True)
     for ax, name in zip(sheet.grid[:, 0], course.sds, strict=True):
         _draw(ax, course, name)
-        ax.set_ylabel(f"{symbol(name)}\n[{pretty_unit(found.estimates[name].unit)}]")
+        ax.set_ylabel(f"{symbol(name)}\n[{pretty_unit(digest.estimates[name].unit)}]")
     ax.set(xlabel="time [s]", xlim=(np.min(course.time), np.max(course.time)))
     return sheet
 
@@ -253,9 +253,9 @@ def over_time(found: Digest) -> Sheet:
 def _draw(ax: Axes, course: Course, name: str) -> None:
     """Estimates of every run; the axis shows most of them, bands may open further."""
     for run in np.unique(course.run):
-        own = course.run == run
+        value = course.run == run
         first = run == course.run[0]
-        time, values, sd = course.time[own], course.values[name][own], course.sds[name][own]
+        time, values, sd = course.time[value], course.values[name][value], course.sds[name][value]
         if not first:
             ax.axvline(float(time[0]), **BORDER)
         band(ax, time, values - 2 * sd, values + 2 * sd, label="± 2 sd" if first else None)
@@ -268,28 +268,40 @@ def _draw(ax: Axes, course: Course, name: str) -> None:
         ax.set_ylim(low - margin, high + margin)
 
 
-def squares(found: Digest) -> Sheet:
+def squares(digest: Digest) -> Sheet:
     """Normalised innovations squared over time, one panel for each reading."""
-    ends = np.array([np.min(found.course.time), np.max(found.course.time)])
-    sheet = Sheet((MIDDLE,) * len(found.innovations), joined=True)
-    for ax, (name, own) in zip(sheet.grid[:, 0], found.innovations.items(), strict=True):
-        band(ax, ends, np.full(2, own.low), np.full(2, own.high), PALE, "95 % of windows, if consistent", 0.4)
-        ax.plot(own.time, own.nis, **look(BLUE, 0.6, "mean over 2 s", dots=1.2))
+    ends = np.array([np.min(digest.course.time), np.max(digest.course.time)])
+    sheet = Sheet((MIDDLE,) * len(digest.innovations), joined=True)
+    for ax, (name, innovation) in zip(sheet.grid[:, 0], digest.innovations.items(), strict=True):
+        band(
+            ax,
+            ends,
+            np.full(2, innovation.low),
+            np.full(2, innovation.high),
+            PALE,
+            "95 % of windows, if consistent",
+            0.4,
+        )
+        ax.plot(innovation.time, innovation.nis, **look(BLUE, 0.6, "mean over 2 s", dots=1.2))
         ax.set(ylabel=f"NIS {symbol(name)}\n[1]", yscale="log")
     ax.set(xlabel="time [s]", xlim=ends)
     return sheet
 
 
-def whiteness(found: Digest) -> Sheet:
+def whiteness(digest: Digest) -> Sheet:
     """Correlations of innovations with later ones, one panel for each reading."""
-    sheet = Sheet((LOW,), len(found.innovations))
-    for ax, (name, own) in zip(sheet.grid[0], found.innovations.items(), strict=True):
-        half = np.full(2, found.consistency[name].correlation_bound)
-        band(ax, own.lags[[0, -1]], -half, half, PALE, "95 % if independent", 0.4)
+    sheet = Sheet((LOW,), len(digest.innovations))
+    for ax, (name, innovation) in zip(sheet.grid[0], digest.innovations.items(), strict=True):
+        half = np.full(2, digest.consistency[name].correlation_bound)
+        band(ax, innovation.lags[[0, -1]], -half, half, PALE, "95 % if independent", 0.4)
         ax.axhline(0.0, **ZERO)
-        ax.plot(own.lags, own.correlation, **look(BLUE, 0.9, dots=1.2))
+        ax.plot(innovation.lags, innovation.correlation, **look(BLUE, 0.9, dots=1.2))
         ax.set(
-            xlabel="lag [s]", xlim=(0.0, own.lags[-1]), ylabel="correlation [1]", ylim=(-0.6, 1.05), title=symbol(name)
+            xlabel="lag [s]",
+            xlim=(0.0, innovation.lags[-1]),
+            ylabel="correlation [1]",
+            ylim=(-0.6, 1.05),
+            title=symbol(name),
         )
         ax.set_yticks((-0.5, 0.0, 0.5, 1.0), ("−0.5", "0", "0.5", "1"))
     return sheet
@@ -326,40 +338,40 @@ EQUATIONS = (
 )
 
 
-def track_report(found: Digest) -> Document:
+def track_report(digest: Digest) -> Document:
     """What the report of a track says and shows."""
-    made = {one.name: one for one in drawings(found)}
-    recorded, pairs = provenance(found)
+    made = {one.name: one for one in drawings(digest)}
+    recorded, pairs = provenance(digest)
     parts = (
-        VerdictBox(tuple(zip(LEADS, verdict(found), strict=True))),
+        VerdictBox(tuple(zip(LEADS, verdict(digest), strict=True))),
         *titled("Provenance", recorded, Pairs(pairs)),
-        *titled("What was estimated", estimates(found), Text(ESTIMATES), made["estimates"]),
+        *titled("What was estimated", estimates(digest), Text(ESTIMATES), made["estimates"]),
         *((made["forces_over_slip"],) if "forces_over_slip" in made else ()),
-        *titled("Against what was measured", truth(found), Text(TRUTH if found.truth else "")),
+        *titled("Against what was measured", truth(digest), Text(TRUTH if digest.truth else "")),
         *titled(
             "Does the filter know how wrong it is",
-            made["innovations"], made["whiteness"], readings(found), Text(READINGS),
+            made["innovations"], made["whiteness"], readings(digest), Text(READINGS),
         ),
-        *titled("How large noise is taken", noises(found), Text(NOISE)),
-        *titled("Calibrated along", calibrated(found)),
-        *titled("What went in", signals(found)),
-        *_equations(found),
-        *titled("Limits", Points((*found.sentences, BANDS, *_about_tuning(found), RANGE))),
+        *titled("How large noise is taken", noises(digest), Text(NOISE)),
+        *titled("Calibrated along", calibrated(digest)),
+        *titled("What went in", signals(digest)),
+        *_equations(digest),
+        *titled("Limits", Points((*digest.sentences, BANDS, *_about_tuning(digest), RANGE))),
     )  # fmt: skip
-    about = f"{found.model}: {found.about}"
-    return Document(f"Track of {found.data.name}", about, "a track", f"greybox-id {found.made.version}", parts)
+    about = f"{digest.model}: {digest.about}"
+    return Document(f"Track of {digest.data.name}", about, "a track", f"greybox-id {digest.made.version}", parts)
 
 
-def _about_tuning(found: Digest) -> tuple[str, ...]:
-    made = found.made
+def _about_tuning(digest: Digest) -> tuple[str, ...]:
+    made = digest.made
     seconds = max(made.tuned_on, made.calibrated_on)
-    if not seconds or not (found.calibrated or any(own.origin == "tuned" for own in found.noise.values())):
+    if not seconds or not (digest.calibrated or any(item.origin == "tuned" for item in digest.noise.values())):
         return ()
-    what = "Noise and parameters were" if found.calibrated else "Noise was"
+    what = "Noise and parameters were" if digest.calibrated else "Noise was"
     return (f"{what} tuned on the first {seconds:g} s: there innovations are smaller than they will be elsewhere.",)
 
 
-def _equations(found: Digest) -> tuple[Part, ...]:
-    model = must_be(MotionModel, build(found.model, found.settings, found.effects))
-    walked, _ = walking(model, found.parameters, found.disturbances, EFFECTS)
+def _equations(digest: Digest) -> tuple[Part, ...]:
+    model = must_be(MotionModel, build(digest.model, digest.settings, digest.effects))
+    walked, _ = walking(model, digest.parameters, digest.disturbances, EFFECTS)
     return titled("Equations of the model", *written_down(motion_equations(walked), EQUATIONS))

@@ -60,9 +60,9 @@ class InjectedModel(SteppedModel):
     @property
     def physics(self) -> MotionModel:
         """The model without the network, with all its other effects."""
-        own: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(MotionModel)}
+        value: dict[str, Any] = {one.name: getattr(self, one.name) for one in fields(MotionModel)}
         effects = tuple(name for name in self.effects if name != LEARNED)
-        return MotionModel(**{**own, "dynamics": self.equations, "effects": effects})
+        return MotionModel(**{**value, "dynamics": self.equations, "effects": effects})
 
     def stage(self, period: float, moving: Collection[str] = ()) -> Period:
         """Its stage; see `LearnedPeriod`."""
@@ -99,13 +99,13 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     model = must_be(MotionModel, model, no)
     if isinstance(model, InjectedModel):
         raise BadInput(f"In {model.name} a network acts already; inject into its model of motion (.physics).")
-    found: Weight = ("spread" if len(net.members) > 1 else 1.0) if weight is None else weight
-    if found != "spread" and (isinstance(found, str) or not 0.0 <= found <= 1.0):
-        raise BadInput(f"weight: a number from 0 to 1 or 'spread' is needed, not {found!r}.")
-    if found == "spread" and len(net.members) < 2:
+    result: Weight = ("spread" if len(net.members) > 1 else 1.0) if weight is None else weight
+    if result != "spread" and (isinstance(result, str) or not 0.0 <= result <= 1.0):
+        raise BadInput(f"weight: a number from 0 to 1 or 'spread' is needed, not {result!r}.")
+    if result == "spread" and len(net.members) < 2:
         raise BadInput("weight: one network has no spread; train several (‹members›), or give a number from 0 to 1.")
-    own = Period(model, net.sample_time)  # says what is wrong with a model that moves along no path
-    known = (own.drive, *model.aliases.get(own.drive, ()))
+    period = Period(model, net.sample_time)  # says what is wrong with a model that moves along no path
+    known = (period.drive, *model.aliases.get(period.drive, ()))
     if net.channel and net.channel not in known:
         raise BadInput(f"The network reads {net.channel}, but {model.name} is driven by {', '.join(known)}.")
     if net.residual:
@@ -115,21 +115,21 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
                 "Train it again with model=."
             )
     else:
-        late = {name: seconds for name, seconds in own.equations.shifts().items() if name.startswith("delay")}
+        late = {name: seconds for name, seconds in period.equations.shifts().items() if name.startswith("delay")}
         if late:
-            told = ", ".join(f"{name} {1e3 * seconds:.3g} ms" for name, seconds in late.items())
+            entry = ", ".join(f"{name} {1e3 * seconds:.3g} ms" for name, seconds in late.items())
             raise BadInput(
-                f"{model.name} delays commands ({told}), and the network has learned their delay from recordings: it "
+                f"{model.name} delays commands ({entry}), and the network has learned their delay from recordings: it "
                 "would act twice. Inject into the model without it, or train variant='residual' with model=."
             )
     parts: dict[str, Any] = {one.name: getattr(model, one.name) for one in fields(MotionModel)}
     parts |= {"effects": (*model.effects, LEARNED), "dynamics": _refusing(model.name, net.sample_time)}
-    return InjectedModel(**parts, net=net, weight=found, equations=model.dynamics)
+    return InjectedModel(**parts, net=net, weight=result, equations=model.dynamics)
 
 
 def fingerprint(model: MotionModel) -> str:
     """Says which model this is, with its values."""
-    values = {own.name: own.array for own in model.parameters}
+    values = {parameter.name: parameter.array for parameter in model.parameters}
     return checksum(plain({"name": model.name, "effects": model.effects, "values": values}))
 
 
@@ -193,15 +193,15 @@ class LearnedPeriod(Period):
         now, numbers = np.concatenate([z[:, :n], z[:, -3:]], axis=1), np.concatenate([acting, bend], axis=1)
         free = self._driven_on(now, numbers, np.zeros((lanes, len(self._said))), p)
         seen = np.concatenate([self._row(z, acting), z[:, n:-3]], axis=1).reshape(lanes, self.net.history, -1)
-        own = free[:, self._said]
-        said = self.net.following(seen, own)
-        push = self._share(said) * (np.mean(said, axis=0) - own)
+        value = free[:, self._said]
+        stated = self.net.following(seen, value)
+        push = self._share(stated) * (np.mean(stated, axis=0) - value)
         after = self._driven_on(now, numbers, push, p)
         return np.concatenate([after[:, :n], seen[:, :-1].reshape(lanes, -1), after[:, n:]], axis=1)
 
     def _driven_on(self, z: Array, numbers: Array, push: Array, p: Array) -> Array:
-        told = np.concatenate([numbers, push], axis=1)[:, None, :]
-        return self._kernel.simulate(z, told, p, [False])[0][:, 1]
+        known = np.concatenate([numbers, push], axis=1)[:, None, :]
+        return self._kernel.simulate(z, known, p, [False])[0][:, 1]
 
     def _row(self, z: Array, acting: Array) -> Array:
         """(L, inputs) what the network sees now."""
@@ -212,11 +212,11 @@ class LearnedPeriod(Period):
             row[:, k] = z[:, column]
         return row
 
-    def _share(self, said: Array) -> float | Array:
+    def _share(self, stated: Array) -> float | Array:
         """w."""
         if self._weight != "spread":
             return self._weight
-        return np.asarray(1.0 / (1.0 + (np.std(said, axis=0, ddof=1) / self.net.sigma) ** 2))
+        return np.asarray(1.0 / (1.0 + (np.std(stated, axis=0, ddof=1) / self.net.sigma) ** 2))
 
     def _made(self) -> Kernel:
         """(z, commands, path and push, p) -> z a step later, where what the network says is led to model + push."""
@@ -240,9 +240,9 @@ class LearnedPeriod(Period):
 
 def _pushed(model: MotionModel) -> MotionModel:
     """The model with a yaw acceleration on top, the last of its parameters."""
-    own = model.with_parameters(PUSH)
+    value = model.with_parameters(PUSH)
 
     def rates(q: Quantities) -> Mapping[str, Symbol]:
         return {"yaw_rate": q.rates.yaw_rate + q.p.learned_yaw_acceleration}
 
-    return replace(own, extra_rates=(*own.extra_rates, rates))
+    return replace(value, extra_rates=(*value.extra_rates, rates))

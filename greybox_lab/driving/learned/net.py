@@ -46,15 +46,15 @@ class Layers:
     @property
     def sizes(self) -> tuple[int, ...]:
         """Numbers that go in, units of the hidden layers, numbers that come out."""
-        return (len(self.weights[0]), *(len(own) for own in self.biases))
+        return (len(self.weights[0]), *(len(biase) for biase in self.biases))
 
     def __call__(self, x: Array) -> Array:
         """(L, out) of (L, in), each row by itself: to the bit the same alone and among others."""
         h = x[:, None, :]
         for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
             h = elu(h @ W + b)
-        found: Array = (h @ self.weights[-1] + self.biases[-1])[:, 0]
-        return found
+        result: Array = (h @ self.weights[-1] + self.biases[-1])[:, 0]
+        return result
 
 
 def drawn(sizes: Sequence[int], rng: np.random.Generator) -> Array:
@@ -106,8 +106,8 @@ class SquaredError:
     def _through(self, q: Array) -> list[Array]:
         """What each layer reads, and the errors of the last one."""
         self._net.vector[:] = q
-        *layers, said = self._net.forward(self._x)
-        return [*layers, said - self._y]
+        *layers, stated = self._net.forward(self._x)
+        return [*layers, stated - self._y]
 
 
 DRIVE = "drive"
@@ -184,14 +184,14 @@ class ActuatorNet:
     trained: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        own = VARIANTS.get(self.variant)
-        if own is None:
+        value = VARIANTS.get(self.variant)
+        if value is None:
             raise ValueError(f"there is no variant {self.variant!r}; there are {', '.join(VARIANTS)}")
-        if (self.inputs, self.outputs, self.history) != (own.inputs, own.outputs, own.history):
+        if (self.inputs, self.outputs, self.history) != (value.inputs, value.outputs, value.history):
             raise ValueError(f"inputs, outputs or history are not those of the variant {self.variant}")
         if not (self.members and np.isfinite(self.sample_time) and self.sample_time > 0):
             raise ValueError("a network has a sample time above zero, and members")
-        if own.residual != bool(self.model) or (DRIVE in self.inputs) != bool(self.channel):
+        if value.residual != bool(self.model) or (DRIVE in self.inputs) != bool(self.channel):
             raise ValueError("the model it adds to, or the drive's channel, is missing")
         ends = (self.history * len(self.inputs), len(self.outputs))
         if any((one.sizes[0], one.sizes[-1]) != ends for one in self.members):
@@ -209,21 +209,21 @@ class ActuatorNet:
         """Whether it adds to a model's prediction."""
         return VARIANTS[self.variant].residual
 
-    def following(self, seen: Array, own: Array) -> Array:
+    def following(self, seen: Array, value: Array) -> Array:
         """What every member says of the next step.
 
         Parameters
         ----------
         seen : (L, history, inputs) in SI units, the newest step first.
-        own : (L, outputs) what the model of motion says of it.
+        value : (L, outputs) what the model of motion says of it.
 
         Returns
         -------
         (members, L, outputs) in SI units.
         """
         x = ((seen - self.means) / self.scales).reshape(len(seen), -1)
-        said = np.stack([one(x) for one in self.members]) * self.out_scales + self.out_means
-        return np.asarray(said + own if self.residual else said)
+        stated = np.stack([one(x) for one in self.members]) * self.out_scales + self.out_means
+        return np.asarray(stated + value if self.residual else stated)
 
     def text(self) -> str:
         """The text of its file."""
@@ -266,8 +266,8 @@ def load_actuator_net(path: str | Path) -> ActuatorNet:
 
 def _of(body: dict[str, Any]) -> ActuatorNet:
     members = tuple(
-        Layers(tuple(np.array(own["weights"], dtype=float) for own in one),
-               tuple(np.array(own["biases"], dtype=float) for own in one))
+        Layers(tuple(np.array(item["weights"], dtype=float) for item in one),
+               tuple(np.array(item["biases"], dtype=float) for item in one))
         for one in body["members"]
     )  # fmt: skip
     numbers = {

@@ -76,19 +76,19 @@ class OpenLoop:
         recording.must_run()
         step = round(recording.sample_time, 9) if sample_time is None else sample_time
         self.recording = resampled(recording, step)
-        self._stage = own = stage(model, step)
-        known = [own.drive, *model.aliases.get(own.drive, ())]
+        self._stage = value = stage(model, step)
+        known = [value.drive, *model.aliases.get(value.drive, ())]
         drive = next((name for name in known if name in recording), known[-1])
         recording.require(("steer", drive, "v_x", "yaw_rate"), model.name)
-        self._p, self._plane = own.equations.values, [own.states.index(name) for name in PLANE]
-        commands = np.stack([self.recording["steer" if name == "steer" else drive] for name in own.inputs], axis=1)
-        self._late = own.begun(1.0, self._p)[1] / step
+        self._p, self._plane = value.equations.values, [value.states.index(name) for name in PLANE]
+        commands = np.stack([self.recording["steer" if name == "steer" else drive] for name in value.inputs], axis=1)
+        self._late = value.begun(1.0, self._p)[1] / step
         self._acting = np.concatenate([self._delayed(commands[a:b]) for a, b in self.recording.runs])
         nothing = np.full(len(commands), np.nan)
         read = [self.recording[name] if name in recording else nothing for name in PLANE]
         self._read = np.stack(read, axis=1)
-        self._step, self._needed = step, max(round(RUN_IN / step), own.memory)
-        self._z = np.zeros((len(commands), own.size + 3))
+        self._step, self._needed = step, max(round(RUN_IN / step), value.memory)
+        self._z = np.zeros((len(commands), value.size + 3))
         self.foretold = np.full((len(commands), len(PLANE)), np.nan)
         for a, b in self.recording.runs:
             self._observe(a, b)
@@ -112,25 +112,25 @@ class OpenLoop:
                 f"{self.recording.name}: predictions of {max(horizons):g} s need {self._needed} rows before them, and "
                 f"no unbroken run is {self._needed + last + 1} rows long."
             )
-        z, found = self._z[starts], {}
+        z, result = self._z[starts], {}
         with np.errstate(all="ignore"):  # models that go astray are told as such
             for k in range(last):
                 z = self._moved(z, starts + k)
                 for horizon, count in steps.items():
                     if count == k + 1:
                         rows = starts + count
-                        found[horizon] = Ahead(rows, z[:, self._plane], self._read[rows])
-        return found
+                        result[horizon] = Ahead(rows, z[:, self._plane], self._read[rows])
+        return result
 
     def _observe(self, a: int, b: int) -> None:
         """States at every row of a run, with what was read in place of the model's own motion."""
-        own = self._stage
+        value = self._stage
         first = np.nan_to_num(self._read[a])
-        z = np.zeros(own.size + 3)
-        z[: own.size] = own.begun(float(first[0]), self._p)[0]
-        x = np.zeros(own.motion)
+        z = np.zeros(value.size + 3)
+        z[: value.size] = value.begun(float(first[0]), self._p)[0]
+        x = np.zeros(value.motion)
         x[self._plane] = first
-        z[: own.motion] = np.array(own.equations.settled(x, self._acting[a], self._p)).ravel()
+        z[: value.motion] = np.array(value.equations.settled(x, self._acting[a], self._p)).ravel()
         for k in range(a, b):
             read = np.isfinite(self._read[k])
             if k > a:
@@ -188,9 +188,9 @@ def errors_ahead(
     >>> sorted(errors_ahead(gb.models.single_track(vehicle="roboracer"), [lap], [0.5])[0.5])
     ['v_x', 'yaw_rate']
     """
-    found = [OpenLoop(model, own, sample_time).horizons(horizons, every) for own in recordings]
+    result = [OpenLoop(model, recording, sample_time).horizons(horizons, every) for recording in recordings]
     joined = {
-        h: Ahead(*(np.concatenate([getattr(own[h], part) for own in found]) for part in Ahead.__dataclass_fields__))
+        h: Ahead(*(np.concatenate([getattr(item[h], part) for item in result]) for part in Ahead.__dataclass_fields__))
         for h in horizons
     }
-    return {horizon: own.rms() for horizon, own in joined.items()}
+    return {horizon: item.rms() for horizon, item in joined.items()}

@@ -71,39 +71,39 @@ def train_actuator_net(
     (('steer', 'yaw_rate', 'v_x'), ('yaw_rate',), 3)
     """
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    own = VARIANTS.get(variant)
-    if own is None:
+    value = VARIANTS.get(variant)
+    if value is None:
         raise BadInput(f"There is no variant {variant!r} of actuator networks.{near_or_all(variant, VARIANTS)}")
     if not given:
         raise BadInput("There is no recording to train on; name at least one.")
     if members < 1 or steps < 1:
         raise BadInput(f"members and steps are 1 or more, not {members} and {steps}.")
-    if own.residual and model is None:
+    if value.residual and model is None:
         raise BadInput("A residual network adds to a model: give it with model=.")
-    if model is not None and not own.residual:
+    if model is not None and not value.residual:
         raise BadInput(f"Networks of variant {variant} add to no model; omit model, or ask for 'residual'.")
-    channel = "" if DRIVE not in own.inputs else _channel(given, model)
+    channel = "" if DRIVE not in value.inputs else _channel(given, model)
     for recording in given:
         recording.require(
-            [channel if name == DRIVE else name for name in own.inputs], f"an actuator network ({variant})"
+            [channel if name == DRIVE else name for name in value.inputs], f"an actuator network ({variant})"
         )
         recording.must_run()
     step = round(given[0].sample_time, 9) if sample_time is None else float(sample_time)
     if not step > 0:
         raise BadInput(f"sample_time: s above zero are needed, not {sample_time!r}.")
     even = [resampled(recording, step) for recording in given]
-    told = [_foretold(model, recording, own.outputs) for recording in even]
-    found = windows(even, own, channel, step, told)
-    scaling = _Scaling.of(found, own.inputs, own.outputs, own.residual)
-    x, y = scaling.read(found.seen), scaling.said(found)
+    known = [_foretold(model, recording, value.outputs) for recording in even]
+    result = windows(even, value, channel, step, known)
+    scaling = _Scaling.of(result, value.inputs, value.outputs, value.residual)
+    x, y = scaling.read(result.seen), scaling.said(result)
     sizes = (x.shape[1], *HIDDEN, y.shape[1])
     trained, errors = [], []
     for k in range(members):
         rng = np.random.default_rng(seed + k)
-        inside, outside = found.split(rng)
+        inside, outside = result.split(rng)
         if not (np.any(inside) and np.any(outside)):
             raise BadInput(
-                f"{len(found)} windows in {found.blocks.max() + 1} blocks of time are too few to train on some and "
+                f"{len(result)} windows in {result.blocks.max() + 1} blocks of time are too few to train on some and "
                 "hold others out. Record longer, without gaps."
             )
         held = SquaredError(sizes, x[outside], y[outside])
@@ -125,11 +125,11 @@ def train_actuator_net(
         "notes": [note for recording in even for note in recording.notes if "resampled" in note],
     }  # fmt: skip
     return ActuatorNet(
-        variant=variant, inputs=own.inputs, outputs=own.outputs, history=own.history, sample_time=step,
+        variant=variant, inputs=value.inputs, outputs=value.outputs, history=value.history, sample_time=step,
         members=tuple(layers for layers, *_ in trained), means=scaling.means, scales=scaling.scales,
         out_means=scaling.out_means, out_scales=scaling.out_scales,
         sigma=np.maximum(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)), 1e-9), channel=channel,
-        model="" if model is None else fingerprint(model), data=data_hash(even, own.inputs, channel), trained=about,
+        model="" if model is None else fingerprint(model), data=data_hash(even, value.inputs, channel), trained=about,
     )  # fmt: skip
 
 
@@ -140,15 +140,15 @@ class _Scaling:
         self.means, self.scales, self.out_means, self.out_scales = means, scales, out_means, out_scales
 
     @classmethod
-    def of(cls, found: StepWindows, inputs: Sequence[str], outputs: Sequence[str], residual: bool) -> _Scaling:
+    def of(cls, step_windows: StepWindows, inputs: Sequence[str], outputs: Sequence[str], residual: bool) -> _Scaling:
         """By mean and spread of what is read, and of what is to be said."""
-        if len(found) < 2:
+        if len(step_windows) < 2:
             raise BadInput(
                 "The recordings hold no two windows without a missing reading: nothing is learned from them."
             )
-        now, after = found.seen[:, 0], found.following - found.own
+        now, after = step_windows.seen[:, 0], step_windows.following - step_windows.own
         scales, out = np.std(now, axis=0), np.std(after, axis=0)
-        for name, spread in zip(outputs, np.std(found.following, axis=0), strict=True):
+        for name, spread in zip(outputs, np.std(step_windows.following, axis=0), strict=True):
             if not spread > 0:
                 raise BadInput(f"{name} is the same in all rows: how the vehicle answers cannot be learned from that.")
         # a command that is never given tells nothing: it is read as zero
@@ -159,9 +159,9 @@ class _Scaling:
         """(n, numbers) what networks read of windows."""
         return np.asarray(((seen - self.means) / self.scales).reshape(len(seen), -1))
 
-    def said(self, found: StepWindows) -> Array:
+    def said(self, step_windows: StepWindows) -> Array:
         """(n, outputs) what networks are to say of them."""
-        return np.asarray((found.following - found.own - self.out_means) / self.out_scales)
+        return np.asarray((step_windows.following - step_windows.own - self.out_means) / self.out_scales)
 
 
 def _descended(loss: SquaredError, held: SquaredError, start: Array, steps: int, seed: int, say: Say) -> Descent:
@@ -192,7 +192,7 @@ def _foretold(model: MotionModel | None, recording: Recording, outputs: Sequence
     """(n, outputs) what the model says of the row after each; zeros without one."""
     if model is None:
         return np.zeros((len(recording), len(outputs)))
-    own = OpenLoop(model, recording).foretold[:, [PLANE.index(name) for name in outputs]]
-    found = np.full_like(own, np.nan)
-    found[:-1] = own[1:]
-    return found
+    value = OpenLoop(model, recording).foretold[:, [PLANE.index(name) for name in outputs]]
+    result = np.full_like(value, np.nan)
+    result[:-1] = value[1:]
+    return result

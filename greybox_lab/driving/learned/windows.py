@@ -81,16 +81,16 @@ def resampled(recording: Recording, sample_time: float) -> Recording:
         runs.append((begin, begin + len(at)))
         times.append(at)
         for name, values in recording.signals.items():
-            own = values[a:b]
+            value = values[a:b]
             if name in COMMANDS and recording.hold == "zero":
                 ends = np.append(t, t[-1] + sample_time)
-                total = np.concatenate([[0.0], np.cumsum(own * np.diff(ends))])
+                total = np.concatenate([[0.0], np.cumsum(value * np.diff(ends))])
                 until = np.interp([at, np.minimum(at + sample_time, ends[-1])], ends, total)
                 parts[name].append((until[1] - until[0]) / (np.minimum(at + sample_time, ends[-1]) - at))
             else:
-                parts[name].append(np.interp(at, t, own))
+                parts[name].append(np.interp(at, t, value))
     note = f"{recording.name} was resampled from {recording.sample_time:g} s to {sample_time:g} s."
-    signals = {name: np.concatenate(own) for name, own in parts.items()}
+    signals = {name: np.concatenate(part) for name, part in parts.items()}
     made = replace(recording, time=np.concatenate(times), signals=signals, runs=tuple(runs))
     return replace(made, notes=(*recording.notes, note))
 
@@ -112,8 +112,8 @@ def windows(
     foretold : (n, outputs) of each, what a model says of the next row; NaN where it says nothing.
     """
     H, per_block = variant.history, max(round(BLOCK / sample_time), 1)
-    seen, following, own, blocks, before = [], [], [], [], 0
-    for recording, told in zip(recordings, foretold, strict=True):
+    seen, following, value, blocks, before = [], [], [], [], 0
+    for recording, item in zip(recordings, foretold, strict=True):
         reads, says = (columns(recording, names, channel) for names in (variant.inputs, variant.outputs))
         for a, b in recording.runs:
             ends = np.arange(a + H - 1, b - 1)
@@ -121,12 +121,12 @@ def windows(
                 at = ends[:, None] - np.arange(H)
                 seen.append(reads[at])
                 following.append(says[ends + 1])
-                own.append(told[ends])
+                value.append(item[ends])
                 blocks.append(before + np.stack([(at[:, -1] - a) // per_block, (ends + 1 - a) // per_block], axis=1))
             before += (b - a) // per_block + 1
     if not seen:
         raise BadInput(f"No unbroken run is longer than the {H} steps that the network reads, and one more.")
-    parts = [np.concatenate(each) for each in (seen, following, own)]
+    parts = [np.concatenate(each) for each in (seen, following, value)]
     whole = np.all([np.all(np.isfinite(part.reshape(len(part), -1)), axis=1) for part in parts], axis=0)
     return StepWindows(parts[0][whole], parts[1][whole], parts[2][whole], np.concatenate(blocks)[whole])
 

@@ -45,19 +45,19 @@ def identified(car: VirtualCar, rides: list[Ride]) -> VirtualCar:
     rides : of the nominal vehicle, nothing withheld.
     """
     truth = [ride.truth(_AFTER * ride.period) for ride in rides]  # the servo has done what it can by then
-    joined = {name: np.concatenate([own[name] for own in truth]) for name in truth[0]}
+    joined = {name: np.concatenate([item[name] for item in truth]) for name in truth[0]}
     steer, drive = (np.concatenate([ride.arriving(k, _AFTER) for ride in rides]) for k in (0, 1))
     moving = (joined["v_x"] > 0.15 * car.top_speed) & (np.arange(len(steer)) % 3 == 0)
-    joined = {name: own[moving] for name, own in joined.items()}
+    joined = {name: item[moving] for name, item in joined.items()}
     steer, drive = steer[moving], drive[moving]
     weights = {name: 1.0 / max(float(np.std(joined[name])), 1e-9) for name in ("a_x", "a_y", "yaw_acceleration")}
     p = dict(car.parameters)
 
     def stated(x: Row) -> dict[str, float]:
-        own = dict(zip(_TYRES, map(float, x[:8]), strict=True))
-        own["I_z"] = p["I_z"] * float(x[8])
+        value = dict(zip(_TYRES, map(float, x[:8]), strict=True))
+        value["I_z"] = p["I_z"] * float(x[8])
         scales = (p["m"] * 0.1, p["m"] * 0.1 / car.top_speed, p["m"] / car.top_speed**2, p["force_per_unit"])
-        return p | own | dict(zip(("c_0", "c_1", "c_2", "force_per_unit"), scales * x[9:], strict=True))
+        return p | value | dict(zip(("c_0", "c_1", "c_2", "force_per_unit"), scales * x[9:], strict=True))
 
     def residuals(x: Row) -> Row:
         a = accelerations(stated(x), joined, steer, drive)
@@ -67,8 +67,8 @@ def identified(car: VirtualCar, rides: list[Ride]) -> VirtualCar:
 
     begin = np.array([*(p[name] for name in _TYRES), 1.0, p["c_0"] / (p["m"] * 0.1), 0.0,
                       p["c_2"] * car.top_speed**2 / p["m"], 1.0])  # fmt: skip
-    found = least_squares(residuals, np.clip(begin, _LEAST + 1e-6, _MOST - 1e-6), bounds=(_LEAST, _MOST), max_nfev=40)
-    return replace(car, parameters={name: float(f"{own:.6g}") for name, own in stated(found.x).items()})
+    result = least_squares(residuals, np.clip(begin, _LEAST + 1e-6, _MOST - 1e-6), bounds=(_LEAST, _MOST), max_nfev=40)
+    return replace(car, parameters={name: float(f"{item:.6g}") for name, item in stated(result.x).items()})
 
 
 def accelerations(p: dict[str, float], at: dict[str, Row], steer: Row, drive: Row) -> dict[str, Row]:
@@ -136,7 +136,7 @@ class _ForeignCase(Draw):
         self.effects = dict(self.drawn)
         if "wind_gust" in self.drawn:
             self.effects["wind_direction"] = float(rng.uniform(-np.pi, np.pi))
-        self.seed, self.other_seed = (int(own) for own in rng.choice(2**31 - 1, 2, replace=False))
+        self.seed, self.other_seed = (int(item) for item in rng.choice(2**31 - 1, 2, replace=False))
         self._drive()
         if planned.kind == "many":
             self.resize()
@@ -150,23 +150,23 @@ class _ForeignCase(Draw):
         self.again = Replays(self._driven_again, noise, rows, self.ride.period, self.tolerances, self._form())
 
     def _reality(self, effects: Mapping[str, float], seed: int, numbers: Mapping[str, float]) -> Reality:
-        own = withheld(numbers, effects, self.vehicle.about)
-        return self.family.build(own, gusts(6000, seed) if effects.get("crosswind") else np.zeros(1))
+        value = withheld(numbers, effects, self.vehicle.about)
+        return self.family.build(value, gusts(6000, seed) if effects.get("crosswind") else np.zeros(1))
 
     def _identified(self) -> VirtualCar:
         """The single track that fits the nominal vehicle; where it does not fit well, the draw is none."""
         about = self.vehicle.about
         rides = [
-            driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(own))
-            for own in self.rng.integers(2**31, size=3)
+            driven(self._reality({}, 0, self.vehicle.numbers), about, REFERENCE, 50.0, int(integer))
+            for integer in self.rng.integers(2**31, size=3)
         ]
         stated = identified(about, rides[:2])
         proof = rides[2]
         flat = DoubleTrack(single_track(stated, proof.linear_hold))
         model = replayed(flat, about, proof.commands, proof.period, proof.start)
-        real, said = readings(proof, about, {}, 0), readings(model, about, {}, 0)
+        real, entry = readings(proof, about, {}, 0), readings(model, about, {}, 0)
         self.form = {
-            name: float(np.std(said[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
+            name: float(np.std(entry[name] - real[name]) / (np.std(real[name]) + 1e-9)) for name in FORM_CHANNELS
         }
         if max(self.form.values()) > (ROUGH_MOST if self.family.rough else FORM_MOST):
             raise BadInput("The single track that was identified does not describe the vehicle.")
@@ -241,10 +241,10 @@ def columns(linear_hold: bool) -> str:
 
 def _shifted(numbers: Mapping[str, float], stated: VirtualCar, true: VirtualCar) -> dict[str, float]:
     """Numbers of a vehicle that differs from the one identified as the true single track differs from that stated."""
-    found, before, after = dict(numbers), chassis(stated), chassis(true)
+    result, before, after = dict(numbers), chassis(stated), chassis(true)
     for name, value in before.items():
         if name in ("drive_split_front", "brake_split_front"):
-            found[name] = min(max(found[name] + after[name] - value, 0.0), 1.0)
+            result[name] = min(max(result[name] + after[name] - value, 0.0), 1.0)
         elif value != 0.0:
-            found[name] = found[name] * after[name] / value
-    return found
+            result[name] = result[name] * after[name] / value
+    return result

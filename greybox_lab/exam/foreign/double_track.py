@@ -226,12 +226,12 @@ def arriving(commands: Grid, column: int, row: int, within: float, period: float
 
 
 @compiled
-def servo(car: Record, s: Row, asked: float) -> float:
+def servo(car: Record, s: Row, requested: float) -> float:
     """Road-wheel angle after a step: play, a limited rate, and a servo of second order that is as late as stated."""
-    s[_PLAY] = min(max(s[_PLAY], asked - car.steer_backlash), asked + car.steer_backlash)
-    wanted = s[_PLAY]
+    s[_PLAY] = min(max(s[_PLAY], requested - car.steer_backlash), requested + car.steer_backlash)
+    target = s[_PLAY]
     most = car.steer_rate * STEP
-    s[_LIMITED] += min(max(wanted - s[_LIMITED], -most), most)
+    s[_LIMITED] += min(max(target - s[_LIMITED], -most), most)
     time = car.steer_time + car.steer_lag
     if time > 0.0:  # two equal lags in a row
         keep = exp(-STEP / (0.5 * time))
@@ -243,9 +243,9 @@ def servo(car: Record, s: Row, asked: float) -> float:
 
 
 @compiled
-def motor(car: Record, s: Row, asked: float) -> float:
+def motor(car: Record, s: Row, requested: float) -> float:
     """Force after a step: gain, what the motor can at its speed, and a lag."""
-    force = asked * car.force_per_unit * car.drive_gain * (1.0 - car.sinking_voltage * s[_TIME] / 60.0)
+    force = requested * car.force_per_unit * car.drive_gain * (1.0 - car.sinking_voltage * s[_TIME] / 60.0)
     if force > 0.0 and car.drive_most < np.inf:
         most = car.m * car.drive_most / (1.0 + (max(s[0], 0.0) / car.drive_corner) ** 8) ** 0.125
         force = most * np.tanh(force / most) if force > 0.8 * most else force
@@ -263,9 +263,9 @@ def advance(car: Record, s: Row, commands: Grid, row: int, steps: int, period: f
     for step in range(steps):
         linear = car.linear_hold != 0.0
         within = (step + 0.5) * STEP if linear else step * STEP
-        asked = arriving(commands, 0, row, within, period, car.steer_delay, linear)
+        requested = arriving(commands, 0, row, within, period, car.steer_delay, linear)
         s[_GUST] = gusts[min(int(s[_TIME] / STEP) // 20, len(gusts) - 1)]
-        steer = servo(car, s, asked * car.steer_ratio + car.steer_offset)
+        steer = servo(car, s, requested * car.steer_ratio + car.steer_offset)
         force = motor(car, s, arriving(commands, 1, row, within, period, 0.0, linear))
         _motion(car, s, steer, force, k1, seen)
         s[_A_X], s[_A_Y] = seen[3], seen[4]

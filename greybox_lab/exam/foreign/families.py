@@ -107,30 +107,30 @@ def withheld(numbers: Mapping[str, float], effects: Mapping[str, float], car: Vi
     effects : magnitudes, and second parameters.
     car : says how large and fast it is.
     """
-    size, found = car.size, dict(numbers)
+    size, result = car.size, dict(numbers)
     for name, value in effects.items():
         for number in _FACTORS.get(name, ()):
-            found[number] = found.get(number, 1.0 if number in _ONES else 0.0) * value
+            result[number] = result.get(number, 1.0 if number in _ONES else 0.0) * value
         if name in _SUMMANDS:
-            found[_SUMMANDS[name]] = found.get(_SUMMANDS[name], 0.0) + value
+            result[_SUMMANDS[name]] = result.get(_SUMMANDS[name], 0.0) + value
         if name in _LIMITS:
-            found[_LIMITS[name]] = value
+            result[_LIMITS[name]] = value
         if name == "cog_shift":
-            found["l_f"], found["l_r"] = found["l_f"] - value, found["l_r"] + value
+            result["l_f"], result["l_r"] = result["l_f"] - value, result["l_r"] + value
         if name in OUTSIDE and name not in OF_SENSORS:
-            found[name] = value
-    found["temperature_energy"] = effects.get("tyre_temperature_E_0", 1.4 * size.weight)
-    found["drive_corner"] = effects.get("motor_saturation_v_b", 0.6 * size.top_speed)
-    found["wind_direction"] = effects.get("wind_direction", 0.0)
-    found["roll_frequency"] = effects.get("roll_frequency", 1.5)
-    found["roll_damping"] = effects.get("roll_damping", 0.3)
-    return found
+            result[name] = value
+    result["temperature_energy"] = effects.get("tyre_temperature_E_0", 1.4 * size.weight)
+    result["drive_corner"] = effects.get("motor_saturation_v_b", 0.6 * size.top_speed)
+    result["wind_direction"] = effects.get("wind_direction", 0.0)
+    result["roll_frequency"] = effects.get("roll_frequency", 1.5)
+    result["roll_damping"] = effects.get("roll_damping", 0.3)
+    return result
 
 
 def together(*several: Mapping[str, float]) -> dict[str, float]:
     """Effects acting together: factors multiply, what is added adds, of limits the smallest holds."""
-    outside = {name: value for own in several for name, value in own.items() if name in OUTSIDE}
-    return combined(*({k: v for k, v in own.items() if k not in OUTSIDE} for own in several)) | outside
+    outside = {name: value for item in several for name, value in item.items() if name in OUTSIDE}
+    return combined(*({k: v for k, v in item.items() if k not in OUTSIDE} for item in several)) | outside
 
 
 Build = Callable[[Mapping[str, float], Row], Reality]
@@ -197,7 +197,7 @@ def roughened(car: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, tu
     else:
         p["I_z"] *= 1.0 + sides[2] * float(rng.uniform(*INERTIA))
         off.append("yaw_inertia")
-    return replace(car, parameters={name: float(f"{own:.6g}") for name, own in p.items()}), tuple(off)
+    return replace(car, parameters={name: float(f"{item:.6g}") for name, item in p.items()}), tuple(off)
 
 
 VIRTUAL = "workshop"
@@ -222,24 +222,24 @@ ROUGH = ("suspended",)
 SETS: Mapping[str, tuple[str, ...]] = {"development": DEVELOPMENT, "examination": EXAMINATION, "rough": ROUGH}
 
 
-def families(wanted: Sequence[str]) -> tuple[str, ...]:
+def families(target: Sequence[str]) -> tuple[str, ...]:
     """Names of families, sets of them spelt out.
 
     Raises
     ------
     BadInput : there is no such family.
     """
-    found: dict[str, None] = {}
-    for name in wanted or ("examination",):
+    result: dict[str, None] = {}
+    for name in target or ("examination",):
         if name not in FAMILIES and name not in SETS:
             raise BadInput(f'There is no family "{name}"; there are {", ".join((*SETS, *FAMILIES))}.')
-        found |= dict.fromkeys(SETS.get(name, (name,)))
-    return tuple(found)
+        result |= dict.fromkeys(SETS.get(name, (name,)))
+    return tuple(result)
 
 
 def able(names: Sequence[str], effects: Sequence[str]) -> tuple[str, ...]:
     """Those of some families that can be made to have all of these effects."""
-    return tuple(own for own in names if set(effects) <= {*FAMILIES[own].effects, *FAMILIES[own].outside})
+    return tuple(name for name in names if set(effects) <= {*FAMILIES[name].effects, *FAMILIES[name].outside})
 
 
 def gusts(rows: int, seed: int) -> Row:
@@ -251,7 +251,7 @@ def gusts(rows: int, seed: int) -> Row:
     return values
 
 
-def dealt_out(counts: Counts, tier: Tier, seed: int, wanted: Sequence[str]) -> tuple[Planned, ...]:
+def dealt_out(counts: Counts, tier: Tier, seed: int, target: Sequence[str]) -> tuple[Planned, ...]:
     """Cases of an examination on foreign vehicles, each of a family that can be made to have its effects.
 
     Parameters
@@ -259,21 +259,21 @@ def dealt_out(counts: Counts, tier: Tier, seed: int, wanted: Sequence[str]) -> t
     counts : how many of each kind.
     tier : of all of them.
     seed : says which.
-    wanted : families or sets of them; none are those of the examination, and `VIRTUAL` where there are many effects.
+    target : families or sets of them; none are those of the examination, and `VIRTUAL` where there are many effects.
     """
-    virtual = tier == "many" and (not wanted or VIRTUAL in wanted)
-    asked = [name for name in wanted if name != VIRTUAL]
-    names = families(asked) if asked or not virtual or not wanted else ()
-    known = [set(VOCABULARY)] * virtual + [set(FAMILIES[own].effects) for own in names]
-    other = [set(OUTSIDE) & set(KNOWN_OUTSIDE)] * virtual + [set(FAMILIES[own].outside) for own in names]
-    whole = any(own == set.union(*known) for own in known)
+    virtual = tier == "many" and (not target or VIRTUAL in target)
+    requested = [name for name in target if name != VIRTUAL]
+    names = families(requested) if requested or not virtual or not target else ()
+    known = [set(VOCABULARY)] * virtual + [set(FAMILIES[name].effects) for name in names]
+    other = [set(OUTSIDE) & set(KNOWN_OUTSIDE)] * virtual + [set(FAMILIES[name].outside) for name in names]
+    whole = any(item == set.union(*known) for item in known)
     effects = set.union(*known) if whole else set.intersection(*known)
     beyond = set.union(*other)
     cases = dealt(counts, tier, seed, [n for n in VOCABULARY if n in effects], [n for n in OUTSIDE if n in beyond])
     rng = np.random.default_rng((seed, 51151))
-    found = []
-    for own in cases:
-        fit = able(names, own.effects)
-        turn = virtual and (not fit or own.number % 2 == 0)  # half of them are the virtual vehicle's
-        found.append(replace(own, family="" if turn else str(rng.choice(fit))))
-    return tuple(found)
+    result = []
+    for item in cases:
+        fit = able(names, item.effects)
+        turn = virtual and (not fit or item.number % 2 == 0)  # half of them are the virtual vehicle's
+        result.append(replace(item, family="" if turn else str(rng.choice(fit))))
+    return tuple(result)

@@ -122,7 +122,7 @@ def _clean(ride: Ride, car: VirtualCar, effects: Mapping[str, float], seed: int)
 
 def _all(car: VirtualCar, effects: Mapping[str, float]) -> dict[str, float]:
     """Magnitudes of all that sensors may have."""
-    return complete({name: own for name, own in effects.items() if name in OF_THE_SENSORS}, car.size)
+    return complete({name: effect for name, effect in effects.items() if name in OF_THE_SENSORS}, car.size)
 
 
 def _time(ride: Ride) -> Row:

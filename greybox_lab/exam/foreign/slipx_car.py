@@ -114,7 +114,7 @@ class SlipxCar(Stepwise):
 
     def advance(self, commands: Grid, row: int, steps: int, period: float, out: Any) -> None:
         """Carry out a row of commands."""
-        n, s, seen, asked = self._n, self._state, self._seen, self._input
+        n, s, seen, requested = self._n, self._state, self._seen, self._input
         delay = n.get("steer_delay", 0.0)
         play, lag, step = n.get("steer_backlash", 0.0), self._lag, self._model.step
         ratio, offset = n.get("steer_ratio", 1.0), n.get("steer_offset", 0.0)
@@ -125,15 +125,15 @@ class SlipxCar(Stepwise):
         wind, towards, c_2, m = n.get("wind", 0.0), n.get("wind_direction", 0.0), n["c_2"], n["m"]
         for k in range(steps):
             within = (k + 0.5) * STEP
-            wanted = arriving(commands, 0, row, within, period, delay)
-            self._play = min(max(self._play, wanted - play), wanted + play)
+            target = arriving(commands, 0, row, within, period, delay)
+            self._play = min(max(self._play, target - play), target + play)
             force = arriving(commands, 1, row, within, period, 0.0) * self._per_unit
             force *= 1.0 - n.get("sinking_voltage", 0.0) * self._time / 60.0
             self._driven = force + (self._driven - force) * keep
-            asked.steer_cmd, asked.accel_cmd = self._play * ratio + offset, self._driven
+            requested.steer_cmd, requested.accel_cmd = self._play * ratio + offset, self._driven
             v = s.vel_body
             v_x, v_y, r = v.x, v.y, s.yaw_rate
-            step(s, asked, STEP, seen)
+            step(s, requested, STEP, seen)
             v = s.vel_body
             a_x, a_y, yaw_acceleration = seen.ax, seen.ay, (s.yaw_rate - r) / STEP
             if along or across or wind:

@@ -108,7 +108,7 @@ def _car(n: Mapping[str, float]) -> _Car:
         n["I_z"], n["h_cg"], n["roll_centre"] * n["h_cg"], n["anti_dive"], L, x, y, unsprung, load, spring,
         2.0 * n["damping"] * np.sqrt(spring * corner), share * lacking / (4.0 * y**2), tyre, n["wheel_radius"],
         0.5 * 0.6 * float(unsprung[0]) * n["wheel_radius"] ** 2, np.array([n[f"mu_{axle}"] for axle in "ffrr"]),
-        np.array([own[0] for own in curves]), np.array([own[1] for own in curves]), n["past_peak"], n["fall"],
+        np.array([curve[0] for curve in curves]), np.array([curve[1] for curve in curves]), n["past_peak"], n["fall"],
         n["deflection"] + n.get("relaxation", 0.0), n["bump_steer"], np.array([n["c_0"], n["c_1"], n["c_2"]]),
         n.get("downforce", 0.0), n.get("slope", 0.0), n.get("bank", 0.0), n["drive_split_front"],
         min(max(n["brake_split_front"] + n.get("brake_bias", 0.0), 0.0), 1.0),
@@ -194,8 +194,8 @@ def _stepper() -> Any:
         for step in range(steps):
             within = (step + 0.5) * STEP
             now[0] = s[0]
-            asked = arriving(commands, 0, at, within, period, acts.steer_delay, True)
-            steer = servo(acts, now, asked * acts.steer_ratio + acts.steer_offset)
+            requested = arriving(commands, 0, at, within, period, acts.steer_delay, True)
+            steer = servo(acts, now, requested * acts.steer_ratio + acts.steer_offset)
             force = motor(acts, now, arriving(commands, 1, at, within, period, 0.0, True))
             _motion(car, s, steer, force, k1, seen)
             out[step, 0] = seen

@@ -84,8 +84,8 @@ class Stepwise:
         for row in range(len(commands)):
             if not task.by_robot and row + ahead < len(commands):
                 seen[:6] = self.state[:6]
-                asked = decider()(task.knows, task.road, task.spacing, task.plan, row, seen, mind, task.period)
-                commands[row + ahead] = asked
+                requested = decider()(task.knows, task.road, task.spacing, task.plan, row, seen, mind, task.period)
+                commands[row + ahead] = requested
             self.advance(commands, row, task.hold, task.period, out[row * task.hold : (row + 1) * task.hold])
 
 
@@ -130,12 +130,12 @@ KINDS: tuple[Kind, ...] = ("car", "racer", "sports", "truck")
 def chassis(car: VirtualCar) -> dict[str, float]:
     """What `double_track.CHASSIS` says of a vehicle: stiffness and friction of its tyres, and the rest as it is."""
     p = car.parameters
-    found = {name: p[name] for name in ("m", "I_z", "l_f", "l_r", "h_cg", "track_f", "track_r", "c_0", "c_1", "c_2")}
-    found |= {name: p[name] for name in ("drive_split_front", "brake_split_front", "force_per_unit", "wheel_radius")}
+    result = {name: p[name] for name in ("m", "I_z", "l_f", "l_r", "h_cg", "track_f", "track_r", "c_0", "c_1", "c_2")}
+    result |= {name: p[name] for name in ("drive_split_front", "brake_split_front", "force_per_unit", "wheel_radius")}
     for axle in "fr":
-        found[f"slope_{axle}"] = p[f"B_{axle}"] * p[f"C_{axle}"] * p[f"D_{axle}"]
-        found[f"mu_{axle}"] = p[f"D_{axle}"]
-    return found
+        result[f"slope_{axle}"] = p[f"B_{axle}"] * p[f"C_{axle}"] * p[f"D_{axle}"]
+        result[f"mu_{axle}"] = p[f"D_{axle}"]
+    return result
 
 
 def drawn_car(rng: np.random.Generator, kind: Kind) -> VirtualCar:

@@ -191,8 +191,8 @@ def advance(car: Car, q: CarMotion, steer_command: float, current: float) -> Non
     if not q.waiting_steer:
         q.waiting_steer.extend([0.0] * round(car.steer_delay / dt))
     q.waiting_steer.append(max(-car.steer_max, min(car.steer_max, steer_command)))
-    wanted = car.steer_gain * q.waiting_steer.popleft() + car.steer_trim
-    q.steer += dt * max(-car.steer_rate, min(car.steer_rate, (wanted - q.steer) / car.steer_lag))
+    target = car.steer_gain * q.waiting_steer.popleft() + car.steer_trim
+    q.steer += dt * max(-car.steer_rate, min(car.steer_rate, (target - q.steer) / car.steer_lag))
     half = 0.5 * car.track
     spread = car.ackermann * half / car.wheelbase * q.steer * q.steer
 

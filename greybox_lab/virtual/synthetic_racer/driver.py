@@ -243,9 +243,9 @@ class SpeedControl:
     _sum: float = 0.0
     _last: float = 0.0
 
-    def __call__(self, wanted: float, v: float) -> float:
+    def __call__(self, target: float, v: float) -> float:
         """Commanded current, A."""
-        error = wanted - v
+        error = target - v
         current = self.k_p * error + self._sum
         low, high = self.limits
         if low < current < high:

@@ -79,12 +79,12 @@ def move(car: Car, chain: Row, steer: float, force: float, h: float) -> None:
     elif car.form_rate_limit == 0:
         chain[LIMITED] = before + min(max(off, -limit * h), limit * h)
     else:
-        wanted = _SERVO * off + chain[INTEGRAL]
-        if abs(wanted) < limit:
+        target = _SERVO * off + chain[INTEGRAL]
+        if abs(target) < limit:
             chain[INTEGRAL] += _SERVO_INTEGRAL * off * h
         else:
             chain[INTEGRAL] *= exp(-20.0 * h)
-        chain[LIMITED] = before + min(max(wanted, -limit), limit) * h
+        chain[LIMITED] = before + min(max(target, -limit), limit) * h
 
     T = car.steering_lag
     if T == 0.0:

@@ -240,16 +240,16 @@ def toleranced(car: VirtualCar, rng: np.random.Generator) -> VirtualCar:
 
     Values are drawn from normal distributions cut at 2.5 sd; delays and lags are never negative.
     """
-    own = tolerances(car)
+    value = tolerances(car)
 
     def about(sd: float) -> float:
         return sd * float(np.clip(rng.standard_normal(), -2.5, 2.5))
 
     p = dict(car.parameters)
-    for name, sd in own.parameters.items():
+    for name, sd in value.parameters.items():
         p[name] += about(sd)
     small = {}
-    for name, sd in own.effects.items():
+    for name, sd in value.effects.items():
         drawn = about(sd)
         small[name] = ALL[name].null + (abs(drawn) if name in _POSITIVE else drawn)
     return replace(car, parameters=p, small=small)

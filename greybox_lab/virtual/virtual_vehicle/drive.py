@@ -107,7 +107,7 @@ class MadeRecording:
         when = instants(time, self._complete, self.forms.latency == "jittering", self.rng["when"])
         known = {**car.parameters, "top_speed": size.top_speed}
         clean = read(motion, when, self._complete, known, self.rng["sensors"])
-        sd = {signal: spoilt[0] * own for signal, own in car.noise.items()}
+        sd = {signal: spoilt[0] * item for signal, item in car.noise.items()}
         read_ones = noisy(clean, sd, period, *spoilt[1:], self.rng["noise"])
         read_ones = hung(read_ones, time, self._complete, self.rng["drops"])
 
@@ -123,16 +123,16 @@ class MadeRecording:
         effects = self._complete
         steps = len(plan) * self.hold + ceil(8.0 * effects["timestamp_jitter"] / STEP) + 1
         gusts = self._gusts(effects["side_gusts"], steps)
-        own = record(self.car, effects, self.forms)
-        return Simulation(own, driver(self.car), road, spacing, plan, run_in, self.hold, steps, start, gusts)
+        value = record(self.car, effects, self.forms)
+        return Simulation(value, driver(self.car), road, spacing, plan, run_in, self.hold, steps, start, gusts)
 
     @cached_property
     def _asked(self) -> dict[str, float]:
         """Effects, small ones included; the direction of a wind is drawn where it is not given."""
-        asked = combined(self.car.small, self.effects)
-        if asked.get("wind_gust", 0.0) != 0.0 and "wind_direction" not in asked:
-            asked["wind_direction"] = float(self.rng["wind"].uniform(-np.pi, np.pi))
-        return asked
+        requested = combined(self.car.small, self.effects)
+        if requested.get("wind_gust", 0.0) != 0.0 and "wind_direction" not in requested:
+            requested["wind_direction"] = float(self.rng["wind"].uniform(-np.pi, np.pi))
+        return requested
 
     @cached_property
     def _complete(self) -> dict[str, float]:
@@ -235,14 +235,14 @@ def drive(
     ------
     BadInput : an effect, a manoeuvre, a form or the rate is not known.
     """
-    own = made(car, effects, forms, seed, rate)
+    made_recording = made(car, effects, forms, seed, rate)
     size, rows = car.size, max(int(round(duration * rate)), 2)
     run_in = ceil(RUN_IN * rate)
-    road, spacing = closed_road(size, float(own.rng["plan"].uniform(0.6, 0.88)), own.rng["road"])
-    plan = planned(manoeuvre, size, rows, run_in, rate, float(road[0, 4]), own.rng["plan"])
+    road, spacing = closed_road(size, float(made_recording.rng["plan"].uniform(0.6, 0.88)), made_recording.rng["road"])
+    plan = planned(manoeuvre, size, rows, run_in, rate, float(road[0, 4]), made_recording.rng["plan"])
     start = np.array([plan[0, 2], 0.0, 0.0])
     name = f"{car.name}, {manoeuvre} {seed}"
-    return own.recorded(name, plan, road, spacing, run_in, start, (noise, colour, outliers, quantisation))
+    return made_recording.recorded(name, plan, road, spacing, run_in, start, (noise, colour, outliers, quantisation))
 
 
 def replay(
@@ -267,11 +267,11 @@ def replay(
 
     Other parameters, what is raised : as for `drive`.
     """
-    own = made(car, effects, forms, seed, 1.0 / commands.sample_time)
+    made_recording = made(car, effects, forms, seed, 1.0 / commands.sample_time)
     begin = np.array([start.get(name, 0.0) for name in ("v_x", "v_y", "yaw_rate")])
     plan = robot(commands["steer"], commands[car.drive_channel])
     nowhere = np.zeros((8, ROAD))
-    return own.recorded(commands.name, plan, nowhere, 1.0, 0, begin, (noise, colour, outliers, quantisation))
+    return made_recording.recorded(commands.name, plan, nowhere, 1.0, 0, begin, (noise, colour, outliers, quantisation))
 
 
 def steered(
@@ -297,10 +297,10 @@ def steered(
 
     Other parameters, what is raised : as for `drive`.
     """
-    own = made(car, effects, forms, seed, rate)
+    made_recording = made(car, effects, forms, seed, rate)
     begin = np.array([speed[0], 0.0, 0.0])
     plan = steering_robot(steer, speed)
-    return own.recorded(name, plan, np.zeros((8, ROAD)), 1.0, 0, begin, (noise, colour, 0.0, 0.0))
+    return made_recording.recorded(name, plan, np.zeros((8, ROAD)), 1.0, 0, begin, (noise, colour, 0.0, 0.0))
 
 
 class SteppedCar:
@@ -329,11 +329,11 @@ class SteppedCar:
         forms: str | Forms = "nominal",
         seed: int = 0,
     ) -> None:
-        own = made(car, effects, forms, seed, rate)
+        made_recording = made(car, effects, forms, seed, rate)
         nothing = np.zeros(max(int(round(duration * rate)), 1))
-        self._hold = own.hold
+        self._hold = made_recording.hold
         start = np.array([v_x, 0.0, 0.0])
-        self._simulation = own.simulation(robot(nothing, nothing), np.zeros((8, ROAD)), 1.0, 0, start)
+        self._simulation = made_recording.simulation(robot(nothing, nothing), np.zeros((8, ROAD)), 1.0, 0, start)
 
     @property
     def time(self) -> float:

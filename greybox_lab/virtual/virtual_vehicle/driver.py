@@ -80,16 +80,18 @@ def decide(
     knows: Driver, road: Grid, spacing: float, plan: Grid, row: int, s: Row, mind: Row, period: float
 ) -> tuple[float, float]:
     """Steering, rad, and drive, in the unit of its channel, that the driver commands at a row of the plan."""
-    asked = plan[row]
-    if asked[FOLLOW] < 0.0 and isnan(asked[SPEED]):
-        return asked[TURN], asked[OPEN_DRIVE]
-    if asked[FOLLOW] < 0.0:
-        return asked[TURN], on_the_pedals(knows, road, spacing, plan, row, s, mind, period, 0.0) / knows.force_per_unit
+    requested = plan[row]
+    if requested[FOLLOW] < 0.0 and isnan(requested[SPEED]):
+        return requested[TURN], requested[OPEN_DRIVE]
+    if requested[FOLLOW] < 0.0:
+        return requested[TURN], on_the_pedals(
+            knows, road, spacing, plan, row, s, mind, period, 0.0
+        ) / knows.force_per_unit
     v = max(s[V_X], 0.3)
     drift = atan2(s[V_Y], v)
     lost = 0.0
-    steer = asked[TURN] * (knows.length / max(v, knows.least_speed) ** 2 + max(knows.understeer, 0.0))
-    if asked[FOLLOW] > 0.0:
+    steer = requested[TURN] * (knows.length / max(v, knows.least_speed) ** 2 + max(knows.understeer, 0.0))
+    if requested[FOLLOW] > 0.0:
         if mind[FOLLOWING] == 0.0:
             mind[ORIGIN_X], mind[ORIGIN_Y], mind[ORIGIN_YAW] = s[X], s[Y], s[YAW]
             mind[NEAREST] = 0.0
@@ -97,7 +99,7 @@ def decide(
         lost = max(abs(mind[DEVIATION]) - 0.3 * knows.length, 0.0) / knows.length
     else:
         mind[DEVIATION] = nan
-    mind[FOLLOWING] = asked[FOLLOW]
+    mind[FOLLOWING] = requested[FOLLOW]
 
     # countersteer when the rear slides, and no further than the front tyres have something to give
     sliding = abs(drift) - 0.12
@@ -105,16 +107,16 @@ def decide(
         steer += 0.9 * sliding if drift > 0.0 else -0.9 * sliding
     straight = atan2(s[V_Y] + knows.l_f * s[YAW_RATE], v)
     steer = min(max(steer, straight - knows.peak_slip), straight + knows.peak_slip)
-    if asked[FOLLOW] > 0.0:
+    if requested[FOLLOW] > 0.0:
         turn = 1.2 / knows.time * period
         steer = min(max(steer, mind[HANDS] - turn), mind[HANDS] + turn)
     steer = min(max(steer, -knows.steer_max), knows.steer_max)
     mind[HANDS] = steer
 
-    if isnan(asked[SPEED]) and asked[FOLLOW] == 0.0:
-        mind[FOOT] = asked[OPEN_DRIVE] * knows.force_per_unit
+    if isnan(requested[SPEED]) and requested[FOLLOW] == 0.0:
+        mind[FOOT] = requested[OPEN_DRIVE] * knows.force_per_unit
         mind[INTEGRAL] = 0.0
-        return steer, asked[OPEN_DRIVE]
+        return steer, requested[OPEN_DRIVE]
     return steer, on_the_pedals(knows, road, spacing, plan, row, s, mind, period, lost) / knows.force_per_unit
 
 
@@ -151,14 +153,14 @@ def on_the_pedals(
     v, n = s[V_X], len(road)
     if isnan(plan[row, SPEED]):
         k = int(mind[NEAREST]) + int(max(v, 0.0) * 0.08 * knows.time / spacing)
-        wanted = road[k % n, ROAD_SPEED]
+        target = road[k % n, ROAD_SPEED]
         rises = (road[(k + 3) % n, ROAD_SPEED] ** 2 - road[(k - 3) % n, ROAD_SPEED] ** 2) / (12.0 * spacing)
-        wanted *= 1.0 - min(0.4 * lost, 0.5)
+        target *= 1.0 - min(0.4 * lost, 0.5)
     else:
-        wanted = plan[row, SPEED]
+        target = plan[row, SPEED]
         after = plan[min(row + 1, len(plan) - 1), SPEED]
-        rises = 0.0 if isnan(after) else (after - wanted) / period
-    error = wanted - v
+        rises = 0.0 if isnan(after) else (after - target) / period
+    error = target - v
     a = rises + 1.5 / knows.time * error + mind[INTEGRAL]
     used = min(abs(v * s[YAW_RATE]) / knows.grip, 0.95)
     room = sqrt(1.0 - used * used)

@@ -89,13 +89,13 @@ def turn_wheels(car: Car, s: Row, given: Row, wheels: Grid, spin: Row, faster: f
     F_xf, F_xr = driven(car, s, given)
     R, I_w = car.wheel_radius, car.I_w
     for i in range(4):
-        asked = 0.5 * (F_xf if i < 2 else F_xr) + I_w / (R * R) * faster
+        requested = 0.5 * (F_xf if i < 2 else F_xr) + I_w / (R * R) * faster
         load = 0.5 * (wheels[2 * (i // 2), LOAD] + wheels[2 * (i // 2) + 1, LOAD])
         peak = load * (car.D_f if i < 2 else car.D_r) * car.grip_scale
         rolling = wheels[i, ROLLING] + 0.5 * h * faster
         back = R * R * SLIP_STIFFNESS * load / speed_for_slip(rolling)
         force = rolling_force(car, spin[i], rolling, load, peak)
-        spin[i] = max(spin[i] + h * R * (asked - force) / (I_w + h * back), 0.0)
+        spin[i] = max(spin[i] + h * R * (requested - force) / (I_w + h * back), 0.0)
 
 
 class Moment(NamedTuple):
@@ -179,7 +179,7 @@ def _simulator(stamp: str) -> Callable[..., None]:
             before = min(max((k - late - 1) // hold, 0), rows - 1)
             after = min(max((k - late) // hold, 0), rows - 1)
             arrives = cut > 0.0 and before != after
-            asked = driving_command(car, commands[row, 1])
+            requested = driving_command(car, commands[row, 1])
             given[GUST] = gusts[min(k, len(gusts) - 1)]
             given[TIME] = max(k - first * hold, 0) * STEP
             given[MASS] = max(1.0 - car.fuel_burn * given[TIME] / 60.0, 0.3)
@@ -187,8 +187,8 @@ def _simulator(stamp: str) -> Callable[..., None]:
                 h = STEP if not arrives else (cut * STEP if piece == 0 else (1.0 - cut) * STEP)
                 steer = steering_command(car, commands[before if arrives and piece == 0 else after, 0])
                 if k == 0:
-                    settle(car, chain, steer, asked)
-                jump(car, chain, steer, asked)
+                    settle(car, chain, steer, requested)
+                jump(car, chain, steer, requested)
                 given[STEER], given[FORCE] = road_wheel(car, chain, s[V_X]), wheel_force(car, chain, s[V_X])
                 settling = car.loads_shift > 0.0 and (fresh or before != after)
                 for _ in range(20 if k == 0 else (4 if settling else 1)):  # until loads agree
@@ -206,7 +206,7 @@ def _simulator(stamp: str) -> Callable[..., None]:
                 for stage in range(4):
                     if stage > 0:
                         if stage != 2:
-                            move(car, chain, steer, asked, 0.5 * h)
+                            move(car, chain, steer, requested, 0.5 * h)
                         for i in range(STATES):
                             trial[i] = s[i] + _REACH[stage] * h * rate[i]
                         given[STEER], given[FORCE] = (

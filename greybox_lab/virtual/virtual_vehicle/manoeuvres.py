@@ -87,13 +87,13 @@ def brake_in_turn(size: Scale, rows: int, rate: float, rng: np.random.Generator)
     while at < rows:
         count = int(period * rate)
         t = np.arange(count) / rate / period
-        own = slice(at, min(at + count, rows))
-        n = own.stop - own.start
+        value = slice(at, min(at + count, rows))
+        n = value.stop - value.start
         turn = np.interp(t, [0.05, 0.15, 0.6, 0.7], [0.0, 1.0, 0.75, 0.0])
         fast, slow = rng.uniform(0.75, 0.95), rng.uniform(0.4, 0.6)
         ends = (fast, slow) if rng.random() < 0.75 else (slow, fast)
-        plan[own, TURN] = (side * rng.uniform(0.4, 0.65) * size.grip * turn)[:n]
-        plan[own, SPEED] = (
+        plan[value, TURN] = (side * rng.uniform(0.4, 0.65) * size.grip * turn)[:n]
+        plan[value, SPEED] = (
             size.top_speed * np.interp(t, [0.0, 0.25, 0.32, 0.65, 1.0], [*ends[:1] * 2, *ends[1:] * 2, fast])[:n]
         )
         side, at = -side, at + count

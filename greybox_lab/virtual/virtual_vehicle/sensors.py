@@ -57,9 +57,9 @@ def instants(time: Row, effects: Mapping[str, float], scatters: bool, rng: np.ra
     n, moment = len(time), time + effects["timestamp_jitter"] * rng.standard_normal(len(time))
     imu, yaw, speed = (np.full(n, effects[f"sensor_latency_{name}"]) for name in ("imu", "yaw", "vx"))
     if scatters:
-        imu, yaw, speed = (own * rng.gamma(25.0, 1 / 25.0, n) for own in (imu, yaw, speed))
+        imu, yaw, speed = (item * rng.gamma(25.0, 1 / 25.0, n) for item in (imu, yaw, speed))
     late: dict[str, float | Row] = {"v_x": speed, "v_y": 0.0, "yaw_rate": yaw + imu, "a_x": imu, "a_y": imu}
-    return {name: moment - own for name, own in late.items()}
+    return {name: moment - item for name, item in late.items()}
 
 
 def read(
@@ -149,7 +149,7 @@ def noisy(
     quantisation : step of readings over their sd.
     rng : draws.
     """
-    found, keeps = {}, np.exp(-period / 0.08)
+    result, keeps = {}, np.exp(-period / 0.08)
     for name in _CHANNELS:
         n = len(seen[name])
         white, slow = rng.standard_normal(n), _autoregressive(keeps, rng.standard_normal(n))
@@ -157,8 +157,8 @@ def noisy(
         if name in sd:
             values = seen[name] + sd[name] * (np.sqrt(1.0 - colour) * white + np.sqrt(colour) * slow + far)
             step = quantisation * sd[name]
-            found[name] = step * np.round(values / step) if step > 0.0 else values
-    return found
+            result[name] = step * np.round(values / step) if step > 0.0 else values
+    return result
 
 
 def _autoregressive(keeps: float, shocks: Row) -> Row:
