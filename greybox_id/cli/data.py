@@ -68,7 +68,7 @@ def check_command(
     greybox data check lap7.csv lap8.csv --columns my_car.toml
     greybox data check lap7.csv --columns my_car.toml --repair mended.toml
     """  # fmt: skip
-    target = map_target(repair) if repair else None
+    target = map_target(repair, "‹repair›") if repair else None
     mapping, changes = mended(files, columns, wheelbase) if target else (columns, ())
     results, pace = [], Pace(len(files))
     with progress() as say:
@@ -260,7 +260,7 @@ def _number(value: float | None) -> float | None:
     return float(value) if value is not None and abs(value) < float("inf") else None
 
 
-def map_target(out: str) -> Path:
+def map_target(out: str, option: str = "‹out›") -> Path:
     """Where a map is to be written. Raises `BadInput` for another kind of file, and for one that is there.
 
     A map that is there may have been edited, and no map is taken for one that may be replaced.
@@ -268,7 +268,7 @@ def map_target(out: str) -> Path:
     target = Path(out)
     if target.suffix.lower() != ".toml":
         raise BadInput(f"{out}: a column map is a .toml file; name one with --out.")
-    return claim(target, becomes="a column map")
+    return claim(target, option, becomes="a column map")
 
 
 def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:

@@ -129,7 +129,7 @@ def _head(data: bytes, separator: str, where: str) -> list[str]:
     if len(data) > cut and len(head) > 2 and not data[:cut].endswith((b"\n", b"\r")):
         head.pop()  # cut off
     for item in [separator] if separator else SEPARATORS:
-        few_enough(max((line.count(item) for line in head[:2]), default=0), where)
+        few_enough(max((line.count(item) + 1 for line in head[:2]), default=0), where)
     return head
 
 

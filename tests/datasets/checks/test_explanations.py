@@ -76,7 +76,8 @@ FAULTS = {
 def test_a_fault_is_named_first_with_its_size(name):
     fault, words, size = FAULTS[name]
     first = check(fault(drive(3)))[0]
-    assert first.severity is Severity.DISTRUST
+    alone = name == "a_y's scale"  # nothing else says whether a_y, yaw_rate or v_x is off
+    assert first.severity is (Severity.WARNING if alone else Severity.DISTRUST)
     assert words in first.sentence
     assert first.value == pytest.approx(size, rel=0.25)
 
