@@ -112,10 +112,10 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     with progress() as say:
         result = measure(data, quick=quick, say=say, keep=lambda rows: kept.keep(quick=quick, rows=rows))
         kept.keep(quick=quick, rows=result.rows)
-        document = msnn_report(result)
-        written = write_pages(document, pages, _command("msnn", True, quick))
+        document = msnn_report(result) if pages or not as_json else None
+        written = [] if document is None else write_pages(document, pages, _command("msnn", True, quick))
     known = {"paper": "msnn", "quick": quick, "rows": result.rows, "comparisons": result.comparisons}
-    _say(known, on_screen(document), kept.file, written, as_json)
+    _say(known, [] if document is None else on_screen(document), kept.file, written, as_json)
 
 
 @bench.command("truck")
@@ -154,9 +154,9 @@ def truck_command(
     kept, pages = KeptBench("truck", out, minutes), pages_of(report, "truck")
     with progress() as say:
         result = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
-        document = truck_report(result)
-        written = write_pages(document, pages, _command("truck", True, quick))
-    _say(result, on_screen(document), kept.file, written, as_json)
+        document = truck_report(result) if pages or not as_json else None
+        written = [] if document is None else write_pages(document, pages, _command("truck", True, quick))
+    _say(result, [] if document is None else on_screen(document), kept.file, written, as_json)
 
 
 @bench.command("loop")
