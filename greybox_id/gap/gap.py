@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields
 from math import isfinite, nan, sqrt
 from typing import Any
 
@@ -306,7 +306,8 @@ class Gap:
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""
-        body = asdict(replace(self, closed=None, strip=None, budget=None))
+        plain = {item.name: getattr(self, item.name) for item in fields(Gap)}  # results above it hold more
+        body = asdict(Gap(**plain | {"closed": None, "strip": None, "budget": None}))
         body["budget"] = [] if self.budget is None else self.budget.to_json()
         body["model_error"] = None if self.unnamed is None else self.unnamed.to_json()
         return {key: value for key, value in body.items() if key not in ("closed", "strip", "unnamed")}

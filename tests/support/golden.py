@@ -1,7 +1,7 @@
 """Numbers of fits, gaps, tracks and exports on fixed recordings, as `golden.json` beside it holds them.
 
-`PYTHONPATH=tests/support python -m golden` compares, `python -m golden --write` writes. A change that is meant is written
-together with its reason in the message of the commit; all others leave every number equal to 1e-9.
+`PYTHONPATH=tests/support python -m golden` compares, `python -m golden --write` writes. A change that is meant is
+written together with its reason in the message of the commit; all others leave every number equal to 1e-9.
 """
 
 import json
