@@ -427,7 +427,10 @@ class _Joint:
         """What functions add to the parameters' covariance, where they move the optimum, and the functions' sizes."""
         root = np.sqrt(variances)
         inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
-        of_sizes = root[:, None] * la.solve(inner, np.diag(root), assume_a="pos")
+        size, along = la.eigh(
+            0.5 * (inner + inner.T)
+        )  # at least one: what is added to the unit matrix has none below zero
+        of_sizes = root[:, None] * ((along / np.maximum(size, 1.0)) @ along.T) * root[None, :]
         sizes, follow = -of_sizes @ self.pull, self.inverse @ self.C
         return follow @ of_sizes @ follow.T, -follow @ sizes, sizes
 
