@@ -48,8 +48,8 @@ NOT_ON_LATERAL = {
     "combined_slip", "longitudinal_load_transfer", "wind_gust", "accel_bias_x", "imu_mount_pitch", "imu_mount_yaw",
 }  # fmt: skip
 ON_LONGITUDINAL = {
-    "grip_scale", "motor_lag", "motor_gain", "motor_saturation", "aero_drag", "rolling_resistance", "mass_change", "road_slope",
-    "wind_gust", "accel_bias_x", "imu_mount_pitch", "wheel_speed_scale", "sensor_latency_vx", "sensor_latency_imu",
+    "grip_scale", "motor_lag", "motor_gain", "motor_saturation", "aero_drag", "rolling_resistance", "mass_change",
+    "road_slope", "wind_gust", "accel_bias_x", "imu_mount_pitch", "wheel_speed_scale", "sensor_latency_vx", "sensor_latency_imu",
     "timestamp_jitter", "dropped_samples",
 }  # fmt: skip
 RANGES = {
