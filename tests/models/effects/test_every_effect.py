@@ -49,8 +49,8 @@ NOT_ON_LATERAL = {
 }  # fmt: skip
 ON_LONGITUDINAL = {
     "grip_scale", "motor_lag", "motor_gain", "motor_saturation", "aero_drag", "rolling_resistance", "mass_change",
-    "road_slope", "wind_gust", "accel_bias_x", "imu_mount_pitch", "wheel_speed_scale", "sensor_latency_vx", "sensor_latency_imu",
-    "timestamp_jitter", "dropped_samples",
+    "road_slope", "wind_gust", "accel_bias_x", "imu_mount_pitch", "wheel_speed_scale", "sensor_latency_vx",
+    "sensor_latency_imu", "timestamp_jitter", "dropped_samples",
 }  # fmt: skip
 RANGES = {
     "v_x": (3.0, 40.0), "v_y": (-1.0, 1.0), "yaw_rate": (-0.6, 0.6), "friction_work": (0.0, 2e4),
