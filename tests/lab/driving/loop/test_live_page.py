@@ -51,7 +51,10 @@ class Page:
 
     def shown(self):
         """The page as it is now."""
-        return self.ask("Runtime.evaluate", expression="document.documentElement.outerHTML")["result"]["value"]
+        html = (
+            "document.documentElement ? document.documentElement.outerHTML : ''"  # none while a page is being replaced
+        )
+        return self.ask("Runtime.evaluate", expression=html)["result"].get("value", "")
 
 
 @contextmanager
