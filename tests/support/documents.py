@@ -66,7 +66,7 @@ def _run_console(text):
 def _said(words):
     if words[0] == "greybox":
         called = greybox(*words[1:])
-        assert called.code == 0, called.err
+        assert called.code in (0, 3), called.err  # 3: written, and not usable, which a page may be about
         return called.err + called.out
     if words[0] == "gcc" and shutil.which("gcc") is None:
         pytest.skip("gcc is not installed")
