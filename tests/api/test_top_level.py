@@ -42,8 +42,9 @@ def test_editors_see_what_is_loaded_on_demand():
         assert found[name] == ((module, inside) if inside else tuple(module.rsplit(".", 1)))
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "design" else name for name in NAMES]
+)
 def test_every_name_is_documented_with_an_example_that_runs(name, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     thing = getattr(gb, name)
