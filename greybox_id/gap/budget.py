@@ -57,6 +57,7 @@ def budget(
     edges = blocks(bench)
     sums = np.array([[np.sum(squares[item][a:b]) for item in sets] + [np.sum(rows[a:b])] for a, b in edges])
     charges = np.array([misfits[item].charge for item in sets])
+    without = [sets.index(frozenset(names) - {name}) for name in names]
     weights = np.array([[_weight(name, item, len(names)) for item in sets] for name in names]).reshape(len(names), -1)
 
     def shares(total: Array) -> Array:
@@ -65,7 +66,8 @@ def budget(
         E = np.minimum(E, E[0] + excess)  # where effects make it spin, how much worse they are says nothing
         E[1:-1] = np.minimum(E[1:-1], max(E[0], E[-1]))  # some of them may without the others: they explain nothing
         closed = weights @ E / excess
-        return np.append(closed, (E[-1] - floor) / excess)
+        beside = [(E[k] - E[-1]) / max(E[k] - floor, CAL.least_gap) for k in without]
+        return np.concatenate([closed, [(E[-1] - floor) / excess], beside])
 
     def over(E: Array) -> tuple[float, float]:
         floor = float(min(1.0, E[0], E[-1]))  # noise has no more than is left
@@ -79,10 +81,11 @@ def budget(
     low, high = resampled(sums, shares, CAL.draws)
     result = [
         Share(name, float(s), float(a), float(b))
-        for name, s, a, b in zip((*names, "unnamed"), shares(whole), low, high, strict=True)
+        for name, s, a, b in zip((*names, "unnamed", *names), shares(whole), low, high, strict=True)
     ]
+    n = len(names)
     shows = bool(max(E[0], E[-1]) - floor >= CAL.shows)
-    return Budget(tuple(result[:-1]), result[-1], recordings, held_out, shows)
+    return Budget(tuple(result[:n]), result[n], recordings, held_out, shows, tuple(result[n + 1 :]))
 
 
 def _weight(name: str, value: Set, n: int) -> float:

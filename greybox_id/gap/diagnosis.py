@@ -24,19 +24,21 @@ from .advice import advice, limits, not_excited, unread
 from .budget import budget, subsets
 from .closed_model import closed_model, moved, place_of, with_effects
 from .closing import left_open
-from .estimation.axes import ActingRows
+from .estimation.axes import ActingRows, scalars
 from .estimation.calibration import CAL
 from .estimation.constancy import Spread
-from .estimation.free_runs import at_their_best, misfit, plain, refitted_tolerances
+from .estimation.free_runs import at_their_best, freed_tolerances, misfit, of_subsets, plain, refitted_tolerances
 from .estimation.hypothesis import Hypothesis
+from .estimation.noise import white_noise
 from .estimation.observer import PULLED
 from .estimation.preparing import excerpt
+from .estimation.search import Search
 from .estimation.strip import strip
 from .estimation.variance import fresh
 from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import TINY, Examined, examine
-from .gap import Budget, Gap, Ranked
+from .gap import Budget, CauseClass, Gap, Ranked
 from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
@@ -93,7 +95,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(it, held_out, tell) if it.best.candidates else None
-    telling = shared if shared is not None and shared.shows else None
+    telling = shared if shared is not None and shared.shows and (shared.held_out or not selection.at_once) else None
     best, reasons = _causes(it, telling)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
@@ -103,8 +105,8 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         best = selection.base
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
     if (
-        telling is None
-        and shared is not None
+        shared is not None
+        and not shared.shows
         and any(share.effect in applied and share.low <= 0 for share in shared.shares)
     ):
         shared = None  # shares of next to nothing, beside names that are surely there
@@ -159,6 +161,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         moved=moved(it, best, closed),
         tried={item.candidate.effect: item.gain for item in selection.promised},
         held=_held(it),
+        classes=_classes(it, ranking, applied),
     )
 
 
@@ -208,6 +211,8 @@ def _without_forces(examined: Examined) -> float:
 def _budget(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
     """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
     names = examined.best.names
+    if len(names) > CAL.few:
+        return _budget_of_many(examined, held_out, tell)
     if held_out:
         tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
         full = with_effects(examined, examined.best)
@@ -244,6 +249,49 @@ def _budget(examined: Examined, held_out: Sequence[Recording], tell: Callable[..
     )
 
 
+def _budget_of_many(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
+    """The same of many effects: what each does adds up, to first order, in sets that are neither none nor all."""
+    best, names = examined.best, examined.best.names
+    search = examined.selection.search
+    if held_out:
+        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        full = with_effects(examined, best)
+        there = search.values(best)
+        whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
+        search.about(result)
+        nothing, _ = refitted_tolerances(
+            with_effects(examined, best, set()),
+            held_out,
+            examined.vehicle,
+            examined.effects,
+            examined.sd,
+            whole.values,
+            whole.trust,
+        )
+        known = {frozenset(names): whole, frozenset[str](): nothing}
+        misfits = of_subsets(search, result, _absent(examined, search), known)
+        good = plain(whole.e, fresh(search.bench), search.bench)
+        return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
+    known = {frozenset(item): misfit(search, examined.freed[item]) for item in (frozenset(names), frozenset[str]())}
+    with search.elsewhere():
+        if examined.unnamed is not None:
+            search.recoloured(white_noise(examined.sd, examined.good, examined.bench.rows))
+        result = examined.freed[frozenset(names)]
+        search.about(result)
+        misfits = of_subsets(search, result, _absent(examined, search), known)
+    good = plain(known[frozenset(names)].e, examined.good, examined.bench)
+    recordings = tuple(item.name for item in examined.recordings)
+    return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
+
+
+def _absent(examined: Examined, search: Search) -> dict[str, dict[int, float]]:
+    """Effect of the best hypothesis -> parameter that is elsewhere without it -> where."""
+    same = search is examined.selection.search
+    places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
+    mains = {each.effect: each.axes[0] for each in examined.best.candidates}
+    return {name: {axis.index if same else places[axis.name]: axis.value(axis.null)} for name, axis in mains.items()}
+
+
 def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:
     """The effects of the best hypothesis that are called causes, and why the others are not, by name.
 
@@ -256,8 +304,8 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
     varying = one.varying
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
-        share = shared.of(name) if shared is not None else None
-        sure = probability(one.evidence, one.selection.tried, name, *_alike(one, name, CAL.twins))
+        share = shared.judged(name) if shared is not None else None
+        sure = _of_class(one, name)
         spread = varying.get(name)
         if spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
@@ -322,6 +370,29 @@ def by_no_name(examined: Examined) -> float:
 def _itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
     """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
     return _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
+
+
+def _of_class(examined: Examined, name: str) -> float:
+    """The probability that an effect is there, or one that these recordings cannot tell from it."""
+    within = CAL.alike if examined.selection.at_once else CAL.twins
+    return probability(examined.evidence, examined.selection.tried, name, *_alike(examined, name, within))
+
+
+def _classes(examined: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:
+    """Of every effect of the best explanation, what acts as it does."""
+    classes, known = [], 1.0 - CAL.nothing_unknown
+    tried = examined.selection.tried
+    for name in examined.best.names:
+        if not any(item.effect == name for item in ranking):
+            continue
+        members = (name, *_alike(examined, name, CAL.alike))
+        alone = {member: probability(examined.evidence, tried, member) for member in members}
+        whole = known * _of_class(examined, name)
+        total = sum(alone.values()) or 1.0
+        each = {member: whole * p / total for member, p in sorted(alone.items(), key=lambda item: -item[1])}
+        each = {member: p for member, p in each.items() if p >= CAL.told_probability or member == name}
+        classes.append(CauseClass(tuple(each), whole, each, name if name in applied else ""))
+    return tuple(sorted(classes, key=lambda item: -item.probability))
 
 
 def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | None) -> list[Ranked]:
@@ -421,7 +492,7 @@ def _constant(spread: Spread | None) -> float:
 
 def _closes(shared: Budget | None, name: str) -> float:
     """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
-    if shared is None or (value := shared.of(name)) is None:
+    if shared is None or (value := shared.judged(name)) is None:
         return 1.0
     sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
     return float(ndtr((value.share - _least_share(shared)) / sd))

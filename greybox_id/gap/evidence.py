@@ -21,6 +21,7 @@ from scipy.special import chdtrc, chdtri
 from ..base.shorthands import Array
 from .estimation.axes import Candidate
 from .estimation.calibration import CAL
+from .estimation.constancy import steadily
 from .estimation.hypothesis import Hypothesis
 from .estimation.noise import Colour
 from .selection import Selection
@@ -32,8 +33,8 @@ Costs = Callable[[str], float]
 
 
 NONE: Mapping[str, float] = MappingProxyType({})
-Stretches = Callable[[Hypothesis], Sequence[float]]
-"""By what the variance of each effect's magnitude exceeds what is expected: by how much more it costs."""
+Unsteady = Callable[[Hypothesis], Sequence[float]]
+"""Of each effect of a hypothesis, how its magnitude differs between parts, see `constancy.unsteadiness`."""
 
 
 def costs(forces: bool, candidates: Sequence[Candidate] = ()) -> Costs:
@@ -71,7 +72,7 @@ class Evidence:
 
 
 def evidence(
-    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, stretches: Stretches | None = None
+    selection: Selection, rough: bool, cost: Costs, left: float = 0.0, unsteady: Unsteady | None = None
 ) -> Evidence:
     """Weigh hypotheses.
 
@@ -81,14 +82,14 @@ def evidence(
     rough : whether tolerances are stated.
     cost : of effects.
     left : mean square over that of noise, less one, of what the best of them leaves.
-    stretches : of hypotheses' effects; None: all are one.
+    unsteady : how magnitudes of hypotheses' effects differ between parts; None: not at all.
     """
     search = selection.search
     temper = tempering(search.colour.readings, rough, left)
     gained = [temper / search.trust * (selection.base.cost - item.cost) for item in selection.tried]
     least = [price(item, cost) for item in selection.tried]
     worth = [gain - option for gain, option in zip(gained, least, strict=True)]
-    grown = _stretches(selection, worth, cost, stretches) if stretches is not None else {}
+    grown = _stretches(selection, worth, cost, unsteady) if unsteady is not None else {}
     prices = _as_dear(selection.tried, [price(item, cost, grown) for item in selection.tried] if grown else least)
     scores = [item - price for item, price in zip(gained, prices, strict=True)]
     most = max([*scores, 0.0])
@@ -118,7 +119,7 @@ def tempering(readings: int, rough: bool, left: float = 0.0) -> float:
     return CAL.untempered / (CAL.untempered + (each * readings if rough else 0.0))
 
 
-def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, stretches: Stretches) -> dict[str, float]:
+def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unsteady: Unsteady) -> dict[str, float]:
     """Effect -> by what its cost grows: as the best hypothesis that holds it has it, if that is worth its least price.
 
     The same in all of them: else a partner beside which a large effect differs a little less would seem to gain that.
@@ -129,13 +130,14 @@ def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, stretc
     for k in sorted(range(len(tried)), key=lambda k: -worth[k]):
         for name in tried[k].names:
             best.setdefault(name, k)
-    known = {k: dict(zip(tried[k].names, stretches(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
+    known = {k: dict(zip(tried[k].names, unsteady(tried[k]), strict=True)) for k in set(best.values()) if worth[k] > 0}
     result = dict[str, float]()
     for name, k in best.items():
         if k in known:
             others = set(tried[k].names) - {name}
             without = min([selection.base.cost, *(item.cost for item in tried if set(item.names) == others)])
-            by, gained = known[k][name], (without - tried[k].cost) / selection.search.trust
+            gained = (without - tried[k].cost) / selection.search.trust
+            by = gained / float(steadily(gained, known[k][name])) if gained > 0 else 1.0
             result[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
     return result
 

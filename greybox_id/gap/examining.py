@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +16,14 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
+from .at_once import select_at_once
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
 from .estimation.axes import candidates, nuisances, shifting
 from .estimation.bench import Bench
 from .estimation.calibration import CAL
-from .estimation.constancy import Spread, orders_of, stretch, varies
+from .estimation.causes import causes
+from .estimation.constancy import Spread, orders_of, unsteadiness, varies
 from .estimation.free_runs import at_their_best, misfit, plain
 from .estimation.hypothesis import Hypothesis
 from .estimation.model_error import Amplitudes, Believed, ForceSizes, estimated, linearised, model_error
@@ -29,11 +31,13 @@ from .estimation.model_error import believed as believed_amplitudes
 from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from .estimation.observer import PULLED
 from .estimation.preparing import Prepared, excerpt, prepare
+from .estimation.problem import Problem
 from .estimation.search import Search
+from .estimation.together import Together, Whitening
 from .estimation.unknown_forces import knows_unknown_forces
 from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
 from .estimation.wandering import Wander, wandering
-from .evidence import Evidence, Stretches, costs, evidence, heaviest, plainly, tempering
+from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Firmly, Selection, select
@@ -102,6 +106,8 @@ class Examined:
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
         """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
+        if self.selection.at_once:  # paid for already
+            return {}
         if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
             return {}
         return varies(self.selection.search, self.best, self.seen)
@@ -141,9 +147,19 @@ def examine(
     tempered = rough and not forces
     search = Search(bench, believed, white_noise(sd, good, bench.rows), tempering(int(np.sum(good)), tempered))
     known = vehicle.model_error if vehicle is not None else {}
-    whiten = _whitener(bench, good, believed_amplitudes(sd, entry, not rough, known), sd)
+    prior = believed_amplitudes(sd, entry, not rough, known)
+    whiten = _whitener(bench, good, prior, sd)
     cost = costs(forces, value)
-    selection = select(search, value, whiten, cost, _firmly(bench, start, sd, good))
+    firmly = _firmly(bench, start, sd, good)
+    if rough and forces:  # model error that is annealed: where numbers are exact, or are weights, there is none
+        tolerances = [axis for axis in believed if not axis.narrow]
+        everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
+        problem = Problem(bench, tolerances, everything, good)
+        together = Together(problem, Whitening(problem, sd, prior, forces, search.trust), tell)
+        selection = select_at_once(together, believed, cost, _unsteadiness, search.trust, firmly)
+        search = selection.search
+    else:
+        selection = select(search, value, whiten, cost, firmly)
     selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
@@ -151,8 +167,8 @@ def examine(
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if entry and np.any(good) else 0.0  # nobody knows
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
-    stretches = _stretches(selection.search, seen) if forces else None
-    weighed = evidence(selection, tempered, cost, left, stretches)
+    unsteady = partial(_unsteadiness, selection.search) if forces else None
+    weighed = evidence(selection, tempered, cost, left, unsteady)
     best = heaviest(selection, weighed)
     search = as_it_acts(selection.search, best)
     selection, bench = replace(selection, search=search), search.bench
@@ -194,14 +210,11 @@ def examine(
     )  # fmt: skip
 
 
-def _stretches(search: Search, seen: Mapping[str, Array]) -> Stretches:
-    """By what a cost grows of each effect of a hypothesis."""
-    orders = orders_of(seen, len(search.bench.measured))
-
-    def stretches(hypothesis: Hypothesis) -> list[float]:
-        return [stretch(search, hypothesis, orders, k) for k in range(len(hypothesis.candidates))]
-
-    return stretches
+def _unsteadiness(search: Search, hypothesis: Hypothesis) -> list[float]:
+    """Of each effect of a hypothesis, how its magnitude differs between parts of the drive."""
+    bench = search.bench
+    orders = orders_of(signals(bench, np.where(bench.counted, hypothesis.e + bench.measured, 0.0)), len(bench.measured))
+    return [unsteadiness(search, hypothesis, orders, k) for k in range(len(hypothesis.candidates))]
 
 
 def _whitener(

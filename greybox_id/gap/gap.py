@@ -85,6 +85,27 @@ class Ranked:
 
 
 @dataclass(frozen=True)
+class CauseClass:
+    """Effects that act alike on these recordings, one of which is there.
+
+    Which act alike is worked out from the recordings: each member, in the place of the first and everything else
+    refitted, explains them as well.
+
+    Attributes
+    ----------
+    members : likeliest first.
+    probability : that one of them is there.
+    each : member -> probability that it is the one.
+    applied : the member that the closed model has; "" where it has none.
+    """
+
+    members: tuple[str, ...]
+    probability: float
+    each: Mapping[str, float]
+    applied: str = ""
+
+
+@dataclass(frozen=True)
 class Closure:
     """How far a gap shrinks.
 
@@ -133,6 +154,7 @@ class Budget:
     recordings : on which it was measured.
     held_out : whether these chose nothing.
     shows : whether there is enough of it that shares say something.
+    beside : of each effect, which share it closes of the excess that all others leave.
     """
 
     shares: tuple[Share, ...]
@@ -140,10 +162,18 @@ class Budget:
     recordings: tuple[str, ...]
     held_out: bool
     shows: bool = True
+    beside: tuple[Share, ...] = ()
 
     def of(self, effect: str) -> Share | None:
         """The share of an effect."""
         return next((share for share in self.shares if share.effect == effect), None)
+
+    def judged(self, effect: str) -> Share | None:
+        """What an effect is judged by: what it closes of what all others leave; small causes stand beside large ones.
+
+        Its share of the whole where the others are not known to be causes: of an effect alone both are the same.
+        """
+        return next((share for share in self.beside if share.effect == effect), self.of(effect))
 
     def to_json(self) -> list[dict[str, Any]]:
         """One object per effect, and one for the unnamed rest."""
@@ -260,6 +290,7 @@ class Gap:
     where : see `Where`.
     ranking : the effects that may be the cause, most probable first.
     applied : effects that the closed model has.
+    classes : of what acts alike, one for each effect of the best explanation, likeliest first.
     gap : how far the gap shrinks on the diagnosed recordings themselves.
     held_out : the same on recordings never used for choosing; None where none were given.
     not_excited : effect -> how small it could be without showing here (twice its standard deviation), with unit.
@@ -303,6 +334,7 @@ class Gap:
     moved: tuple[Moved, ...] = ()
     tried: Mapping[str, float] = field(default_factory=dict)
     held: str = ""
+    classes: tuple[CauseClass, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Everything but the closed model and the picture, as plain data."""

@@ -46,12 +46,14 @@ class Selection:
     base : nothing but nuisances.
     tried : single effects, pairs and triples, best first.
     promised : of every single candidate beside the base.
+    at_once : whether everything was looked for at once: how magnitudes differ between parts was paid for there.
     """
 
     search: Search
     base: Hypothesis
     tried: tuple[Hypothesis, ...]
     promised: tuple[Promise, ...]
+    at_once: bool = False
 
     def of(self, size: int) -> list[Hypothesis]:
         """Hypotheses of so many effects, best first."""

@@ -20,7 +20,7 @@ from .calibration import CAL
 ZONE = "zone of indifference"
 """Source of a prior that no file states."""
 DIRECTIONS = (0.0, pi / 2, pi, -pi / 2)
-SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7)}
+SECONDS = {"J": (1e-3, 1e-2, 0.1, 1.0, 10.0), "m/s": (0.5, 1.0, 3.0), "Hz": (0.6, 1.0, 1.7, 2.9)}
 """By unit, of a second parameter's usual value; else where it is."""
 SHARE = (0.0, 1.0)
 """Bounds of a second parameter that says how much of something goes along."""
@@ -153,7 +153,7 @@ def nuisances(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozens
     """Parameters that the model holds a belief about: what a vehicle's tolerances state."""
     sudden = {effect.parameter.name for effect in effects.values() if not effect.gradual}
     result = []
-    for index, parameter in _scalars(model):
+    for index, parameter in scalars(model):
         if not parameter.fixed and parameter.prior is not None:
             axis = _axis(parameter, index, parameter.name in shifting)
             sd, mean = float(np.asarray(parameter.prior.sd)), parameter.prior.mean
@@ -180,7 +180,7 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
     effects : those of which the magnitude may differ from where it stands in the model.
     shifting : parameters that move instants.
     """
-    places = {parameter.name: (index, parameter) for index, parameter in _scalars(model)}
+    places = {parameter.name: (index, parameter) for index, parameter in scalars(model)}
     result = []
     for name, effect in effects.items():
         index, parameter = places[effect.parameter.name]
@@ -219,7 +219,8 @@ def shifting(model: Diagnosed) -> frozenset[str]:
     return frozenset(requested)
 
 
-def _scalars(model: Diagnosed) -> list[tuple[int, Parameter]]:
+def scalars(model: Diagnosed) -> list[tuple[int, Parameter]]:
+    """A model's parameters that are single numbers, each with its place in the vector of all."""
     result, index = [], 0
     for parameter in model.parameters:
         if parameter.shape == ():

@@ -259,6 +259,38 @@ class Calibration:
     )
     trusts: tuple[float, ...] = _known((0.05, 0.25, 1.0), "as how many readings one counts, the prior first", SEARCHED)
 
+    # ---- everything at once
+    few: int = _known(3, "effects of which every set is refitted for its share: eight sets", DEFINED)
+    gradual_sizes: tuple[float, ...] = _known((0.3,), "of its usual size at which an effect is looked at", SEARCHED)
+    abrupt_sizes: tuple[float, ...] = _known(
+        (0.12, 0.3, 0.7, 1.7), "the same of effects whose derivative vanishes at the null", SEARCHED
+    )
+    beyond_start: float = _known(2.5, "times such a size, up to which what it does is believed to be alike", DEFINED)
+    evidence_rounds: int = _known(12, "steps of evidence maximisation", SEARCHED)
+    evidence_settled: float = _known(0.05, "of a logarithm of a variance, below which it moves no more", SEARCHED)
+    sweeps: int = _known(4000, "of the sampler of sets, a quarter of which are not counted", SEARCHED)
+    stages: tuple[float, ...] = _known((8.0, 3.0, 1.0), "times as rough as usual: each is a hypothesis", DEFINED)
+    steps_of_stage: tuple[int, ...] = _known((3, 3, 4), "of the search in each of them", SEARCHED)
+    against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
+    rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
+    refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
+    listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
+    much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
+    likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
+    spreads_weighed: int = _known(3, "times that causes are weighed by how their magnitudes differ at most", SEARCHED)
+    doubted: float = _known(
+        4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
+    )
+    exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
+    exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
+    as_rough: float = _known(1.3, "times as rough forms are believed to be, where forces say more", DEFINED)
+    as_rough_again: int = _known(2, "times at most", SEARCHED)
+    second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
+    still: float = _known(0.05, "of its scale, below which nothing moves any more", SEARCHED)
+    switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
+    moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
+    second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)
+
     # ---- how numbers are found
     iterations: int = _known(10, "steps of a refit", SEARCHED)
     settled: float = _known(0.05, "nats: a step that gains less is the last", SEARCHED)

@@ -32,7 +32,6 @@ class Spread:
     p_value : how often so much would come from noise.
     parts : of each part, magnitudes as coordinates, from low to high; NaN where a part says nothing.
     ratio : variance of the parts' magnitudes over that from noise, one on average where a magnitude is constant.
-    stretch : by what the variance of the whole grows where parts have magnitudes of their own, that differ so.
     """
 
     place: str
@@ -40,7 +39,6 @@ class Spread:
     p_value: float
     parts: tuple[float, ...]
     ratio: float = 1.0
-    stretch: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -139,46 +137,25 @@ def _spreads(alone: _Alone, hypothesis: Hypothesis, orders: Mapping[str, Array],
     cuts[BETWEEN_CHANNELS] = np.eye(hypothesis.e.shape[1])
     m = float(hypothesis.m[at])
     size = abs(m - hypothesis.axes[at].null) + 1e-300
-    by_chance, result = float(np.sum(1 / np.arange(1, len(cuts) + 1))), list[Spread]()
+    result = list[Spread]()
     for place, part in cuts.items():
         H, g = alone.in_parts(part)
         weight = np.diag(H)
         known = weight > CAL.part_least * float(np.sum(weight))
         count = int(np.sum(known))
         offs = np.full(len(known), np.nan)
-        ratio, relative, p, wider = 1.0, 0.0, 1.0, 1.0
+        ratio, relative, p = 1.0, 0.0, 1.0
         if count:
             value, pull = H[np.ix_(known, known)], g[known]
             offs[known] = -np.linalg.solve(value + CAL.ridge * np.diag(np.diag(value)), pull)
         if count > 1:
             Q = max(float(-pull @ offs[known]) - float(np.sum(pull)) ** 2 / max(float(np.sum(value)), 1e-300), 0.0)
             ratio, p = Q / (count - 1), float(chdtrc(count - 1, Q))
-            wider = _stretched(value, (count - 1) * max(ratio - by_chance, 0.0))
             mean = float(np.average(offs[known], weights=weight[known]))
             variance = float(np.average((offs[known] - mean) ** 2, weights=weight[known]))
             relative = float(np.sqrt(variance * max(1 - 1 / max(ratio, 1e-300), 0.0))) / size
-        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio, wider))
+        result.append(Spread(place, relative, p, tuple(float(m + off) for off in offs), ratio))
     return result
-
-
-def _stretched(H: Array, beyond: float) -> float:
-    """By what the variance of a magnitude grows where parts have their own, tolerances being common to all of them.
-
-    At most by what their squares exceed noise (Birge, Phys. Rev. 40, 1932): of parts that tell unequally, one that says
-    next to nothing and is off would else decide how far off those are that tell all there is.
-
-    Parameters
-    ----------
-    H : (n, n) information on the parts' magnitudes, all else refitted.
-    beyond : how much more their weighted squares about the mean are than noise and chance make them.
-    """
-    known = np.sum(H, axis=0)
-    whole = float(np.sum(known))
-    apart = float(np.trace(H)) - float(known @ known) / whole if whole > 0 else 0.0
-    if beyond <= 0 or not apart > 0:
-        return 1.0
-    between = np.eye(len(H)) + beyond / apart * H  # H (H^-1 + tau^2 I)
-    return min(max(whole / float(np.sum(np.linalg.solve(between, H))), 1.0), 1.0 + beyond / max(len(H) - 1, 1))
 
 
 def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
@@ -201,15 +178,24 @@ def orders_of(seen: Mapping[str, Array], rows: int) -> dict[str, Array]:
     return {place: values for place, values in result.items() if values is not None}
 
 
-def stretch(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
-    """By what the variance of a magnitude exceeds that which noise and tolerances give it; at least one.
+def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> float:
+    """Variance of a magnitude's mean, over its square, if parts of a drive are draws of it: tau^2 / K over m^2.
 
-    What equations' form leaves moves a magnitude differently in each part of a drive, and what moves the parts moves
-    the whole (random effects, DerSimonian & Laird, Control. Clin. Trials 7, 1986; tolerances are common to all parts,
-    and what these leave open of the whole does not grow with it). The largest of n ratios is about 1 + 1/2 + .. +
-    1/n where magnitudes are constant and parts three; what is beyond that counts.
+    What equations' form leaves moves a magnitude differently in each part of a drive, and the mean of K parts that
+    scatter by tau has a variance of tau^2 / K beside that of noise and tolerances (random effects, DerSimonian & Laird,
+    Control. Clin. Trials 7, 1986). The worst of all ways to part the drive counts.
     """
-    return max((spread.stretch for spread in spreads(search, hypothesis, orders, effect)), default=1.0)
+    each = (
+        spread.relative**2 / int(np.sum(np.isfinite(spread.parts)))
+        for spread in spreads(search, hypothesis, orders, effect)
+        if np.any(np.isfinite(spread.parts))
+    )
+    return max(each, default=0.0)
+
+
+def steadily(gain: float | Array, unsteady: float | Array) -> float | Array:
+    """What an effect gains, in nats, where its magnitude is as unsteady: half of m^2 over both variances together."""
+    return gain / (1.0 + 2.0 * gain * unsteady)
 
 
 def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:

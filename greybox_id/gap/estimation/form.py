@@ -18,12 +18,13 @@ from .axes import Axis
 from .calibration import CAL
 
 
-def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
+def rough_curves(axes: Sequence[Axis], rough: float = 1.0) -> tuple[tuple[Axis, ...], Array]:
     """Nuisances, those of tyre curves as far as curves are known, and how parameters move with them.
 
     Parameters
     ----------
     axes : nuisances; an axle of which B, C and E are all among them has a curve that is rough.
+    rough : times as rough as curves usually are.
 
     Returns
     -------
@@ -39,11 +40,11 @@ def rough_curves(axes: Sequence[Axis]) -> tuple[tuple[Axis, ...], Array]:
         value = [places[name] for name in names]
         B, C, E = (axes[k].mean for k in value)
         stated = np.diag([axes[k].sd ** 2 for k in value])
-        mix[np.ix_(value, value)] = _slope_and_shape(stated + _of_curve(B, C, E), np.array([1 / B, 1 / C, 0.0]))
+        mix[np.ix_(value, value)] = _slope_and_shape(stated + _of_curve(B, C, E, rough), np.array([1 / B, 1 / C, 0.0]))
         for k in value:
             result[k] = replace(axes[k], sd=1.0, scale=1.0, low=-inf, high=inf)
         if (peak := places.get(f"D_{axle}")) is not None:
-            off = float(np.hypot(axes[peak].sd, CAL.peak_off * axes[peak].mean))
+            off = float(np.hypot(axes[peak].sd, rough * CAL.peak_off * axes[peak].mean))
             result[peak] = replace(axes[peak], sd=off).relatively()
     return tuple(result), mix
 
@@ -55,13 +56,17 @@ def _slope_and_shape(covariance: Array, slope: Array) -> Array:
     return np.column_stack([along, ways[:, 1:] * np.sqrt(sizes[1:])])
 
 
-def _of_curve(B: float, C: float, E: float) -> Array:
+def _of_curve(B: float, C: float, E: float, rough: float) -> Array:
     """(3, 3) covariance of B, C and E that leave the curve in its band."""
     J = _sensitivities(B, C, E)
     free = np.array(CAL.loose) * (B, C, 1.0)
     slope = np.array([1 / B, 1 / C, 0.0])
-    known = len(free) * (J.T @ J) / len(J) / CAL.curve_off**2  # the distance is shared by as many directions
-    return np.asarray(np.linalg.inv(known + np.outer(slope, slope) / CAL.slope_off**2 + np.diag(free**-2.0)))
+    known = (
+        len(free) * (J.T @ J) / len(J) / (rough * CAL.curve_off) ** 2
+    )  # the distance is shared by as many directions
+    return np.asarray(
+        np.linalg.inv(known + np.outer(slope, slope) / (rough * CAL.slope_off) ** 2 + np.diag(free**-2.0))
+    )
 
 
 def _sensitivities(B: float, C: float, E: float) -> Array:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -55,7 +56,21 @@ def refitted_tolerances(
     there: Mapping[str, float] | None = None,
     trust: float | None = None,
 ) -> tuple[Misfit, FreeRuns]:
-    """Errors of a model whose tolerances are refitted to recordings.
+    """Errors of a model whose tolerances are refitted to recordings; parameters as of `freed_tolerances`."""
+    errors, search, _ = freed_tolerances(model, recordings, vehicle, effects, sd, there, trust)
+    return errors, search.bench
+
+
+def freed_tolerances(
+    model: Diagnosed,
+    recordings: Sequence[Recording],
+    vehicle: Vehicle | None,
+    effects: Mapping[str, Effect],
+    sd: Array | None = None,
+    there: Mapping[str, float] | None = None,
+    trust: float | None = None,
+) -> tuple[Misfit, Search, Hypothesis]:
+    """Errors of a model whose tolerances are refitted to recordings, what refitted them, and where they are.
 
     Parameters
     ----------
@@ -94,8 +109,8 @@ def refitted_tolerances(
             result = min(tried, key=by_cost)
             starts, most = [result], _worth(result.e / sd, good) if trust is None else trust
     if not np.isfinite(result.cost):  # wherever it was refitted: as stated it is within the range
-        return Misfit(start, 0.0), bench
-    return replace(misfit(search, result), trust=search.trust, values=search.values(result)), bench
+        return Misfit(start, 0.0), search, replace(result, e=start)
+    return replace(misfit(search, result), trust=search.trust, values=search.values(result)), search, result
 
 
 def _about(search: Search, begin: Hypothesis) -> list[Start]:
@@ -171,3 +186,41 @@ def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
         held.append(replace(candidate, axes=tuple(axes)))
     again = refit(search, [replace(search.start_of(hypothesis), candidates=tuple(held))], settle_on_rows=False)
     return again[0] if again else hypothesis
+
+
+def of_subsets(
+    search: Search, whole: Hypothesis, absent: Mapping[str, Mapping[int, float]], known: Mapping[frozenset[str], Misfit]
+) -> dict[frozenset[str], Misfit]:
+    """Errors with every set of some effects: what each does adds up, and tolerances are refitted, to first order.
+
+    Parameters
+    ----------
+    search : linearised about the whole, in the noise that free runs count by.
+    whole : with all of them.
+    absent : effect -> index of a parameter -> its value where the effect is not there.
+    known : sets whose errors are known from refits.
+    """
+    names = tuple(absent)
+    p = search.vector(whole)
+    ways = [p]
+    for name in names:
+        q = p.copy()
+        for index, value in absent[name].items():
+            q[index] = value
+        ways.append(q)
+    e = search.residuals(ways)
+    each = {name: np.nan_to_num(changed - e[0]) for name, changed in zip(names, e[1:], strict=True)}
+    sets = [frozenset(item) for size in range(len(names) + 1) for item in combinations(names, size)]
+    rest = [item for item in sets if item not in known]
+    u = np.concatenate([whole.theta, whole.linear])
+    H = search.gram + search.precision
+    result = dict(known)
+    for item in rest:
+        left = whole.e + sum((each[name] for name in names if name not in item), start=np.zeros_like(whole.e))
+        r = search.weighed(left[:, :, None]).ravel()
+        step = -np.linalg.solve(H, search.white.T @ r + search.precision @ (u - search.means)) if len(u) else u
+        to = np.clip(u + step, search.low, search.high)
+        off = to - search.means
+        charge = float(off @ search.precision @ off) / search.trust
+        result[item] = Misfit(left + search.moved_by(to - u), charge, search.trust)
+    return result

@@ -211,6 +211,13 @@ def _indifferent(
     return model
 
 
+def usual_size(model: Diagnosed, effect: Effect) -> float:
+    """What is usually meant by an effect on this vehicle: lengths go with the wheelbase, forces with the weight."""
+    own = effect.parameter
+    typical = abs(effect.typical - float(own.array))
+    return _sizes(model).get(own.unit, typical) if isinstance(model, MotionModel) else typical
+
+
 def _sizes(model: MotionModel) -> dict[str, float]:
     """By unit, what is usually meant by an effect here: lengths go with the wheelbase, forces with the weight."""
     held = {name: float(model[name].array) for name in ("m", "l_f", "l_r", "c_2") if name in model}

@@ -33,6 +33,7 @@ class Search:
     nuisances : what is believed.
     colour : how residuals count.
     trust : as how many readings one counts: less than one where equations are rough, whatever noise says.
+    rough : times as rough as usual, that curves of tyres are.
 
     Attributes
     ----------
@@ -41,9 +42,11 @@ class Search:
     simulations : how many were asked for; the bench remembers some.
     """
 
-    def __init__(self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0) -> None:
+    def __init__(
+        self, bench: FreeRuns, nuisances: Sequence[Axis], colour: Whitener, trust: float = 1.0, rough: float = 1.0
+    ) -> None:
         self.bench = bench
-        self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt])
+        self.moving, self._mix = rough_curves([axis for axis in nuisances if not axis.abrupt], rough)
         self.shifts = tuple(axis for axis in nuisances if axis.abrupt)
         self.nominal = np.array(bench.model.values)
         sds = np.array([axis.sd for axis in (*self.moving, *self.shifts)])
@@ -228,6 +231,11 @@ class Search:
         """(N, channels, K) what K sets of linear nuisances add to simulations."""
         by = self._by.reshape(self.bench.measured.size, self._by.shape[2])[:, len(self.moving) :]
         return np.asarray(by @ (np.array(linear) - self.null_linear).T).reshape(*self.bench.measured.shape, len(linear))
+
+    def moved_by(self, step: Array) -> Array:
+        """(N, channels) what a step of all nuisances changes, to first order."""
+        by = self._by.reshape(self.bench.measured.size, self._by.shape[2])
+        return np.asarray(by @ step).reshape(self.bench.measured.shape)
 
     def released(self, linear: Array, axes: Sequence[Axis]) -> Array:
         """Linear nuisances, those that are candidates now at their null: they move as candidates."""

@@ -13,7 +13,7 @@ from ...base.json_data import plain
 from ...fitting.scores.horizons import Errors
 from ...gap.estimation.strip import Strip
 from ...gap.estimation.wandering import Wander
-from ...gap.gap import Budget, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
+from ...gap.gap import Budget, CauseClass, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
@@ -62,7 +62,13 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         moved=tuple(_moved(item) for item in body.get("moved", ())),
         tried=_numbers(body.get("tried", {})),
         held=str(body.get("held", "")),
+        classes=tuple(_class(own) for own in body.get("classes", ())),
     )
+
+
+def _class(body: Mapping[str, Any]) -> CauseClass:
+    members, probability = _words(body["members"]), _number(body["probability"])
+    return CauseClass(members, probability, _numbers(body["each"]), str(body["applied"]))
 
 
 def _moved(body: Mapping[str, Any]) -> Moved:

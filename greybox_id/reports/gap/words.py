@@ -8,7 +8,7 @@ from math import fsum, inf, isfinite, sqrt
 from ...base.numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
 from ...base.statistics import NORMAL
 from ...gap.estimation.calibration import CAL
-from ...gap.gap import Closure, Gap, Ranked
+from ...gap.gap import CauseClass, Closure, Gap, Ranked
 from ...models.effects import EFFECTS
 
 LOPSIDED = 1.3
@@ -253,10 +253,22 @@ def which(gap: Gap) -> str:
     if not gap.ranking:
         return "no named effect stands out"
     first = [item for item in gap.ranking if item.effect in gap.applied] or [gap.ranking[0]]
-    one = [f"{one.effect}, {magnitude_words(one)} (probability {probability_words(one.probability)})" for one in first]
-    others = dict.fromkeys(name for item in first for name in item.indistinguishable_from)
+    classes = {item.applied: item for item in gap.classes if item.applied and len(item.members) > 1}
+    one = [_named(item, classes.get(item.effect)) for item in first]
+    others = dict.fromkeys(name for item in first if item.effect not in classes for name in item.indistinguishable_from)
     apart = f"; cannot be told from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
     return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(one)}{apart}"
+
+
+def _named(own: Ranked, alike: CauseClass | None) -> str:
+    """An effect with its probability, or with that of all that act alike, and of each of them."""
+    if alike is None:
+        return f"{own.effect}, {magnitude_words(own)} (probability {probability_words(own.probability)})"
+    each = ", ".join(f"{name} {probability_words(p)}" for name, p in alike.each.items())
+    return (
+        f"one of {listed([*alike.members])} (probability {probability_words(alike.probability)}; {each}), of which "
+        f"{own.effect}, {magnitude_words(own)}, does best and is applied"
+    )
 
 
 def verdict(gap: Gap) -> list[tuple[str, str]]:

@@ -21,6 +21,7 @@ MATHEMATICS = {
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
     "columns": {"APART", "BLOCKS", "LAGS", "LEAST"},  # a jackknife and its grid; each says where it comes from
+    "problem": {"LEAST_ZONE"},
     "usual": {"FAST"},  # a percentile that a sentence names
 }
 

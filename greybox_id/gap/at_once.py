@@ -1,0 +1,213 @@
+"""From everything at once to hypotheses: the set of causes, without each of them, and with others in their places.
+
+The search of all coordinates together (`estimation.together`) says how rough the equations are and which causes are
+there. Each of them is then taken away, and everything else is refitted: it stays if it gains what a cause must, by as
+much more as its magnitude differs between parts of the drive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..base.errors import BadInput
+from ..base.shorthands import Array, Mask
+from .estimation.axes import Axis, Candidate
+from .estimation.calibration import CAL
+from .estimation.constancy import steadily
+from .estimation.hypothesis import Hypothesis, Start, by_cost
+from .estimation.problem import FORM
+from .estimation.refit import refit, settled, with_slopes
+from .estimation.search import Search
+from .estimation.shortlist import Promise
+from .estimation.together import Stage, Together
+from .selection import Firmly, Selection
+
+Unsteadiness = Callable[[Search, Hypothesis], list[float]]
+"""Of each effect of a hypothesis, how its magnitude differs between parts of the drive."""
+
+
+def select_at_once(
+    together: Together,
+    believed: Sequence[Axis],
+    costs: Callable[[str], float],
+    unsteadiness: Unsteadiness,
+    trust: float,
+    firmly: Firmly | None = None,
+) -> Selection:
+    """Refit what may explain the recording.
+
+    Parameters
+    ----------
+    together : the search of everything at once.
+    believed : nuisances, zones of indifference among them.
+    costs : log-likelihood that effects must gain, by name.
+    unsteadiness : of each effect of a hypothesis, see `constancy`.
+    trust : as how many readings one counts.
+    firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
+    """
+    problem = together.problem
+    if firmly is not None:
+        problem.nominal[firmly.index] = firmly.rate
+    prices = np.array([
+        costs(own.name) + CAL.second_parameter * len(own.forms[0].seconds) for own in problem.causes
+    ])  # fmt: skip
+    stage = together.explained()
+    if firmly is not None:
+        stage = _let_loose(together, stage, firmly)
+    stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))
+    axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
+            for a in believed]  # fmt: skip
+    search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
+    search.nominal[:] = problem.nominal
+    search.about(None)
+    best = _refitted(search, _placed(search, together, stage))
+    names, unsteady = [item.name for item in problem.causes], np.zeros(len(prices))
+    for _ in range(CAL.spreads_weighed):
+        by = dict(zip(best.names, unsteadiness(search, best), strict=True))
+        unsteady = np.maximum(unsteady, [by.get(name, 0.0) for name in names])
+        if not np.any(stage.there & (steadily(gains, unsteady) < prices)):
+            break
+        stage, gains = together.pruned(stage, prices, unsteady)
+        best = _refitted(search, _placed(search, together, stage))
+    base = _base(search, best)
+    if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
+        gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
+    alike = _exchanged(search, together, stage, best) if best.names else []
+    tried, offered = [best, *_without_each(best, stage, names, gains), *alike], promised(together, stage)
+    if len({name for own in tried for name in own.names}) < CAL.listed:
+        first = offered[: CAL.listed]
+        starts = [Start((_as_refitted(own.candidate),), np.array(own.start), base.theta, base.linear) for own in first]
+        tried += refit(search, starts)
+    alone = {frozenset(own.names): own for own in reversed(tried) if own.names}
+    found = sorted(alone.values(), key=by_cost)
+    if found:
+        found = [*with_slopes(search, found[:1]), *found[1:]]
+    return Selection(search, base, tuple(found), offered, True)
+
+
+def _let_loose(together: Together, firm: Stage, firmly: Firmly) -> Stage:
+    """A stage that was found beside firm observers without them, where its simulations, and nominal ones, stand."""
+    problem = together.problem
+    problem.nominal[firmly.index] = 0.0
+    problem.forget()
+    ways = [problem.vector(own) for own in (firm.state, problem.roughly(firm.rough, problem.begin()) or firm.state)]
+    if np.all(np.isfinite(problem.residuals(ways))):
+        loose = together.settled(firm.state, firm.rough, together.variance(firm.there), rounds=2)
+        if loose.sets.cost(loose.there) <= CAL.rather * firm.sets.cost(firm.there):
+            return loose
+    problem.nominal[firmly.index] = firmly.rate
+    problem.forget()
+    return firm
+
+
+def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
+    """A stage's explanation as a hypothesis that is not simulated yet."""
+    problem, state = together.problem, stage.state
+    p = problem.vector(state)
+    values = {axis.name: float(p[axis.index]) for axis in search.moving}
+    for k in np.flatnonzero(stage.there):
+        values.pop(problem.causes[k].main.name, None)
+    own = search.at_values(values)
+    candidates, m = [], list[float]()
+    for k in np.flatnonzero(stage.there):
+        cause = problem.causes[k]
+        candidates.append(_as_refitted(problem.causes[k].forms[state.form[k]].candidate))
+        at = float(state.m[k]) if state.on[k] or problem.smooth[k] else float(cause.main.null)
+        seconds = [
+            axis.value(x)
+            for axis, x in zip(cause.forms[state.form[k]].candidate.axes[1:], state.seconds[k], strict=True)
+        ]
+        m += [at, *seconds]
+    count = sum(len(each.axes) for each in candidates)
+    assert count == len(m)
+    return replace(own, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*own.e.shape, count)))
+
+
+def _as_refitted(candidate: Candidate) -> Candidate:
+    """A candidate with second parameters in their own units."""
+    axes = []
+    for axis in candidate.axes:
+        if axis.relative:
+            low, high, null = (axis.value(own) for own in (axis.low, axis.high, axis.null))
+            axis = replace(axis, relative=False, low=low, high=high, null=null, mean=null, scale=axis.scale * abs(null))
+        axes.append(axis)
+    return replace(candidate, axes=tuple(axes))
+
+
+def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
+    """A hypothesis refitted about where it is."""
+    search.about(own)
+    found = refit(search, [replace(search.start_of(own), slopes=None)])
+    if not found:
+        found = refit(search, [search.start_of(search.at_means())])
+    if not found:
+        raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
+    return settled(search, found[0], 1)
+
+
+def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
+    """The best explanation without each of its effects, and what that costs."""
+    places = {name: k for k, name in enumerate(names)}
+    return [
+        replace(best.only(set(best.names) - {name}), cost=best.cost + float(gains[places[name]])) for name in best.names
+    ]
+
+
+def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesis) -> list[Hypothesis]:
+    """The best explanation with others in the place of each effect, as far as they may explain as much."""
+    problem, found, sets = together.problem, list[Hypothesis](), stage.sets
+    here = sets.cost(stage.there)
+    for k in np.flatnonzero(stage.there):
+        tried = list[tuple[float, int, Mask]]()
+        for new in np.flatnonzero(~stage.there):
+            swap = stage.there.copy()
+            swap[k], swap[new] = False, True
+            tried.append((sets.cost(swap) - here, int(new), swap))
+        tried.sort(key=lambda each: each[0])
+        rest = best.only(set(best.names) - {problem.causes[k].name})
+        for off, other, swap in tried[: CAL.exchanged]:
+            if off > CAL.exchange_look and problem.causes[k].gradual:  # of the others first order tells little
+                break
+            cause, state = problem.causes[other], stage.state
+            form = cause.forms[state.form[other]]
+            candidate = _as_refitted(form.candidate)
+            seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[other], strict=True)]
+            size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
+            start = Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
+            again = refit(search, [start])
+            found += [min(again[0], replace(again[0], cost=best.cost + max(off, 0.0)), key=by_cost)] if again else []
+    return found
+
+
+def _base(search: Search, best: Hypothesis) -> Hypothesis:
+    """Nothing but nuisances, as well as they can do."""
+    nothing = Start((), np.empty(0), best.theta, best.linear)
+    found = refit(search, [search.start_of(search.at_means()), nothing])
+    if not found:
+        raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
+    return settled(search, min(found, key=by_cost), 1)
+
+
+def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
+    """Of every effect what it would gain by itself beside nuisances, to first order, most first."""
+    problem, sets = together.problem, stage.sets
+    found = []
+    nothing = np.zeros(len(problem.causes), dtype=bool)
+    here = sets.score(nothing)
+    mains = np.flatnonzero(sets.main)
+    for k, cause in enumerate(problem.causes):
+        alone = nothing.copy()
+        alone[k] = True
+        gain = sets.score(alone) - here + sets.odds[k]
+        size, sd = (own[k] for own in sets.sizes(alone))
+        candidate = cause.forms[stage.state.form[k]].candidate
+        told = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
+        seconds = (axis.value(x) for axis, x in zip(candidate.axes[1:], stage.state.seconds[k], strict=True))
+        start = (float(np.clip(size, cause.main.low, cause.main.high)), *seconds)
+        found.append(
+            Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, np.empty(0), float(sd), told)
+        )
+    return tuple(sorted(found, key=lambda own: -own.gain))

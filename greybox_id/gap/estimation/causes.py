@@ -1,0 +1,140 @@
+"""What may be the matter with a vehicle, each with the sizes and forms from which a search may see it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import product
+from math import log, pi
+
+import numpy as np
+
+from ...engine.simulation import Diagnosed
+from ...models.effect import Effect
+from .axes import DIRECTIONS, SECONDS, Axis, Candidate, candidates
+from .calibration import CAL
+from .preparing import usual_size
+
+
+@dataclass(frozen=True)
+class Form:
+    """One form of an effect: a magnitude, and second parameters that are held or have a belief.
+
+    Attributes
+    ----------
+    candidate : the effect in this form; its axes are in the coordinates that the search moves.
+    seconds : second parameters that are free.
+    starts : (magnitude, second parameters ...) coordinates at which it is looked at while it is not there.
+    """
+
+    candidate: Candidate
+    seconds: tuple[Axis, ...]
+    starts: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """An effect that may be there.
+
+    Attributes
+    ----------
+    name : of the effect.
+    main : axis of its magnitude.
+    forms : at least one.
+    usual : size of its magnitude where it is there, sd of the slab.
+    zone : size that nobody calls a gap, sd of the spike; zero where equations are exact.
+    gradual : whether its derivative at the null tells about it.
+    """
+
+    name: str
+    main: Axis
+    forms: tuple[Form, ...]
+    usual: float
+    zone: float
+    gradual: bool
+
+    @property
+    def cost(self) -> float:
+        """Log-likelihood that it must gain."""
+        return CAL.cost
+
+
+def causes(
+    model: Diagnosed,
+    effects: Mapping[str, Effect],
+    shifting: frozenset[str],
+    stated: Sequence[Axis],
+    sample_time: float,
+    rough: bool,
+) -> tuple[Cause, ...]:
+    """Everything that may be there.
+
+    Parameters
+    ----------
+    model : with all effects at their null.
+    effects : by name.
+    shifting : parameters that move instants.
+    stated : tolerances, those among them that are effects known to be there a little.
+    sample_time : s.
+    rough : whether equations are: small effects are no gap then.
+    """
+    tolerated = {own.index: own for own in stated}
+    found = dict[str, list[Candidate]]()
+    for own in candidates(model, effects, shifting):
+        found.setdefault(own.effect, []).append(own)
+    return tuple(_cause(model, effects[name], forms, tolerated, sample_time, rough) for name, forms in found.items())
+
+
+def _cause(
+    model: Diagnosed,
+    effect: Effect,
+    forms: Sequence[Candidate],
+    tolerated: Mapping[int, Axis],
+    sample_time: float,
+    rough: bool,
+) -> Cause:
+    main = forms[0].axes[0]
+    usual = main.scale if main.inverse else usual_size(model, effect)
+    own = tolerated.get(main.index)
+    zone = CAL.indifference * usual if rough and (effect.gradual or main.unit in ("s", "m")) else 0.0
+    if rough and main.unit == "s":
+        zone = max(zone, CAL.timing * sample_time)
+    if own is not None:
+        zone = max(zone, own.sd)
+        main = replace(main, mean=own.mean)
+    return Cause(effect.name, main, tuple(_form(each, usual) for each in forms), usual, zone, forms[0].gradual)
+
+
+def _form(candidate: Candidate, usual: float) -> Form:
+    main, *others = candidate.axes
+    axes, ways = list[Axis](), list[tuple[float, ...]]()
+    for axis in others:
+        if axis.low == axis.high:
+            ways.append((axis.low,))
+            axes.append(axis)
+            continue
+        own, at = _believed(axis)
+        axes.append(own)
+        ways.append(at)
+    seconds = tuple(axis for axis in axes if axis.low < axis.high)
+    sizes = CAL.gradual_sizes if candidate.gradual else CAL.abrupt_sizes
+    firsts = [main.null + f * usual for f in sizes]
+    if not candidate.gradual or seconds or len(axes):
+        starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *ways))
+    else:
+        starts = ()
+    return Form(replace(candidate, axes=(main, *axes)), seconds, starts)
+
+
+def _believed(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
+    """A second parameter with a belief as wide as the values that it is tried at, and these."""
+    if axis.unit == "rad":
+        return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS
+    factors = SECONDS.get(axis.unit, (1.0,))
+    own = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
+    if not own.relative:
+        return replace(own, sd=own.scale), (own.null,)
+    wide = max(0.5 * log(max(factors) / min(factors)), CAL.second_sd)
+    return replace(own, sd=wide, scale=0.1), tuple(
+        float(np.clip(own.mean + log(f), own.low, own.high)) for f in factors
+    )

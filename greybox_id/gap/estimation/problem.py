@@ -1,0 +1,391 @@
+"""Everything that may move, in one problem: tolerances, every effect's magnitude, second parameters, starts of runs.
+
+A state says where each of them is. About it the problem is linear and Gaussian: whitened residuals, and one column for
+each coordinate. What small magnitudes of abrupt effects do, how runs start, and whether a reading just precedes its
+row's command enter to first order alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from ...base.shorthands import Array, Mask
+from ...engine.simulation import FreeRuns
+from .axes import Axis
+from .calibration import CAL
+from .causes import Cause, Form
+from .form import rough_curves
+from .noise import Whitener
+
+LEAST_ZONE = 1e-4
+"""Of its usual size, the zone of a cause where equations are exact: small enough to be none."""
+FORM = "form_"
+"""Begins the names of errors of form by regime."""
+
+
+@dataclass(frozen=True)
+class State:
+    """Where everything is.
+
+    Attributes
+    ----------
+    theta : (tolerances,) coordinates, where curves are mixed for this roughness.
+    m : (causes,) coordinates of magnitudes.
+    seconds : of every cause, coordinates of all its second parameters.
+    form : of every cause, which of its forms.
+    on : (causes,) whether it is simulated at its magnitude; gradual ones without second parameters always are.
+    """
+
+    theta: Array
+    m: Array
+    seconds: tuple[tuple[float, ...], ...]
+    form: tuple[int, ...]
+    on: Mask
+
+
+class Linear(NamedTuple):
+    """The problem about a state.
+
+    Attributes
+    ----------
+    r : (R,) whitened residuals.
+    A : (R, K) whitened columns: tolerances, causes, second parameters of those that are on, first-order ones.
+    at, mean, low, high : (K,) where coordinates are, are believed, and may be.
+    sd : (K,) of beliefs; of causes their zones.
+    cause : (K,) of magnitudes and second parameters, whose they are; else -1.
+    main : (K,) whether it is a cause's magnitude.
+    moved : (K,) whether simulations have it; else it enters to first order alone, and stays where it is.
+    """
+
+    r: Array
+    A: Array
+    at: Array
+    mean: Array
+    low: Array
+    high: Array
+    sd: Array
+    cause: Array
+    main: Mask
+    moved: Mask
+
+
+class Problem:
+    """One recording, or several, and all that may explain them.
+
+    Parameters
+    ----------
+    bench : what simulates.
+    tolerances : beliefs that a file states, and errors of form; no zones of indifference.
+    causes : what may be there.
+    good : (N, channels) readings that count.
+    """
+
+    def __init__(self, bench: FreeRuns, tolerances: Sequence[Axis], causes: Sequence[Cause], good: Mask) -> None:
+        self.bench, self.causes, self.good = bench, tuple(causes), good
+        own = {each.main.index for each in causes}
+        self._stated = [axis for axis in tolerances if axis.index not in own and not axis.abrupt]
+        self.shifts = tuple(axis for axis in tolerances if axis.index not in own and axis.abrupt)
+        self.nominal = np.array(bench.model.values)
+        self.usual = np.array([each.usual for each in self.causes])
+        self.zone = np.maximum([each.zone for each in self.causes], LEAST_ZONE * self.usual)
+        self.null = np.array([each.main.null for each in self.causes])
+        self.mean = np.array([each.main.mean for each in self.causes])
+        self.low = np.array([each.main.low for each in self.causes])
+        self.high = np.array([each.main.high for each in self.causes])
+        self.smooth = np.array(
+            [each.gradual and not each.main.inverse and not each.forms[0].starts for each in self.causes], dtype=bool
+        )
+        self.widened = np.zeros(len(self.causes), dtype=int)
+        self.simulations = 0
+        self._looking = dict[int, tuple[int, int]]()
+        self._slopes = dict[int, Array]()
+        self.roughly(1.0)
+
+    # ---- what is believed
+
+    def roughly(self, factor: float, state: State | None = None) -> State | None:
+        """Believe curves and forms to be so many times as rough as usual; the state moves along."""
+        before = None if state is None else self._parameters(state.theta)
+        axes = [replace(a, sd=a.sd * factor, scale=a.scale * factor) if a.name.startswith(FORM) else a
+                for a in self._stated]  # fmt: skip
+        self.tolerances, self.mix = rough_curves(axes, factor)
+        self.theta_mean = np.array([axis.mean for axis in self.tolerances])
+        self.theta_sd = np.array([axis.sd for axis in self.tolerances])
+        if state is None or before is None:
+            return state
+        theta = self.theta_mean + np.linalg.solve(self.mix, before - self.theta_mean) if len(before) else state.theta
+        return replace(state, theta=theta)
+
+    def _parameters(self, theta: Array) -> Array:
+        return np.asarray(self.theta_mean + self.mix @ (theta - self.theta_mean))
+
+    def begin(self) -> State:
+        """Nothing but what is believed."""
+        forms = [each.forms[0] for each in self.causes]
+        return State(
+            self.theta_mean.copy(),
+            np.where(self.smooth, self.mean, self.null),
+            tuple(_at_start(form, 0) for form in forms),
+            (0,) * len(forms),
+            np.zeros(len(forms), dtype=bool),
+        )
+
+    # ---- simulation
+
+    def vector(self, state: State) -> Array:
+        """The parameter vector."""
+        p = self.nominal.copy()
+        for axis, x in zip(self.tolerances, self._parameters(state.theta), strict=True):
+            p[axis.index] = axis.value(float(x))
+        for k, cause in enumerate(self.causes):
+            if self.smooth[k]:
+                p[cause.main.index] = cause.main.value(float(state.m[k]))
+            elif state.on[k]:
+                self._place(p, k, state.form[k], (float(state.m[k]), *state.seconds[k]))
+        return p
+
+    def _place(self, p: Array, k: int, form: int, at: Sequence[float]) -> None:
+        for axis, x in zip(self.causes[k].forms[form].candidate.axes, at, strict=True):
+            p[axis.index] = axis.value(float(x))
+
+    def residuals(self, P: Sequence[Array]) -> Array:
+        """(K, N, channels) predictions minus readings; zero where there is none."""
+        if not len(P):
+            return np.zeros((0, *self.bench.measured.shape))
+        self.simulations += len(P)
+        y = self.bench.simulate(np.array(P))
+        return np.where(self.bench.counted, y - self.bench.measured, 0.0)
+
+    # ---- linearisation
+
+    def linearise(self, state: State, whitener: Whitener, look: bool, precision: Array) -> tuple[State, Linear]:
+        """The problem about a state.
+
+        Parameters
+        ----------
+        look : whether causes that are not there are looked at from all their starts; the best of each is kept.
+        precision : (causes,) of beliefs about magnitudes, for that.
+        """
+        state = self._as_looked_at(state)
+        p = self.vector(state)
+        smooth = [k for k in range(len(self.causes)) if self.smooth[k]]
+        ons = [k for k in range(len(self.causes)) if state.on[k] and not self.smooth[k]]
+        seconds = [(k, j, axis) for k in ons for j, axis in enumerate(self._form(state, k).candidate.axes[1:])
+                   if axis.low < axis.high]  # fmt: skip
+        indices = [axis.index for axis in self.tolerances] + [self.causes[k].main.index for k in smooth]
+        indices += [axis.index for _, _, axis in seconds]
+        _, J, S = self.bench.linearise(p, indices)
+        nt, E = len(self.tolerances), len(self.causes)
+        tolerances = (
+            J[:, :, :nt].reshape(self.bench.measured.size, nt) @ (self.mix * _by(p, self.tolerances)[:, None])
+        ).reshape(*J.shape[:2], nt)
+        by_seconds = J[:, :, nt + len(smooth) :] * _by(p, [axis for _, _, axis in seconds])
+        offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
+        jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
+        asked: list[tuple[Array, float]] = [(p, 1.0)]
+        for k in ons:
+            asked.append(self._beside(p, state, k))
+        for k in jumps:
+            q = p.copy()
+            q[self.causes[k].main.index] = CAL.at_once * self.zone[k]
+            asked.append((q, 1.0))
+        for axis in self.shifts:
+            q = p.copy()
+            q[axis.index] = axis.value(axis.mean + axis.sd)
+            asked.append((q, axis.sd))
+        kept = [] if look else [k for k in offs if k in self._slopes]
+        starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(state, k, look)]
+        for k, f, s in starts:
+            cause = self.causes[k]
+            q = p.copy()
+            self._place(q, k, f, cause.forms[f].starts[s])
+            asked.append((q, cause.forms[f].starts[s][0] - cause.main.null))
+        e = self.residuals([q for q, _ in asked])
+        slopes = np.stack([(own - e[0]) / step for own, (_, step) in zip(e, asked, strict=True)], axis=2)[:, :, 1:]
+        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+        a, b, c = len(ons), len(ons) + len(jumps), len(ons) + len(jumps) + len(self.shifts)
+        every = np.concatenate([
+            np.nan_to_num(e[0])[:, :, None], tolerances, J[:, :, nt : nt + len(smooth)], by_seconds, S, slopes,
+            *(self._slopes[k][:, :, None] for k in kept),
+        ], axis=2)  # fmt: skip
+        white = whitener.white(np.clip(np.nan_to_num(every), -CAL.far, CAL.far)).reshape(-1, every.shape[2])
+        edges = np.cumsum([1, nt, len(smooth), len(seconds), S.shape[2]])
+        r, T, M, X, B = white[:, 0], *(white[:, i:j] for i, j in zip(edges[:-1], edges[1:], strict=True))
+        rest = white[:, edges[-1] : edges[-1] + slopes.shape[2]]
+        mains = np.zeros((len(r), E))
+        mains[:, smooth], mains[:, ons], mains[:, kept] = M, rest[:, :a], white[:, edges[-1] + slopes.shape[2] :]
+        first = np.concatenate([B, rest[:, a:c]], axis=1)
+        if starts:
+            known = np.concatenate([T, X, first], axis=1)
+            own = self._own_precision(known.shape[1], nt, len(seconds), S.shape[2], whitener, seconds, b - a)
+            state = self._seen(state, starts, rest[:, c:], mains, known, own, r, precision)
+        chosen = dict[int, int]()
+        for place, (k, f, s) in enumerate(starts):
+            if (f, s) == self._looking.get(k):
+                chosen[k] = place
+        for k, place in chosen.items():
+            mains[:, k], self._slopes[k] = rest[:, c + place], slopes[:, :, c + place]
+        for k in ons:
+            self._slopes.pop(k, None)
+        return state, self._linear(state, r, T, mains, X, first, seconds, whitener, S.shape[2], b - a)
+
+    def _form(self, state: State, k: int) -> Form:
+        return self.causes[k].forms[state.form[k]]
+
+    def _beside(self, p: Array, state: State, k: int) -> tuple[Array, float]:
+        """A vector beside a cause that is there, and how far."""
+        cause, m = self.causes[k], float(state.m[k])
+        size = max(abs(m - cause.main.null), 0.3 * cause.usual)
+        step = max(self.bench.sample_time, 0.1 * size) if cause.main.shift else 0.02 * size
+        if m + step > self.high[k]:
+            step = -step
+        q = p.copy()
+        q[cause.main.index] = cause.main.value(m + step)
+        return q, step
+
+    def _starts(self, state: State, k: int, look: bool) -> list[tuple[int, int]]:
+        """From where a cause that is not there is looked at."""
+        if look or k not in self._looking:
+            return [(f, s) for f, form in enumerate(self.causes[k].forms) for s in range(len(form.starts))]
+        return [self._looking[k]]
+
+    def _own_precision(
+        self, count: int, nt: int, ns: int, starts: int, whitener: Whitener, seconds: Sequence[tuple[int, int, Axis]],
+        jumps: int,
+    ) -> Array:  # fmt: skip
+        sds = [*self.theta_sd, *(axis.sd for _, _, axis in seconds), *self._of_starts(whitener),
+               *[CAL.jumps_sd] * jumps, *(axis.sd for axis in self.shifts)]  # fmt: skip
+        assert len(sds) == count, (len(sds), count, nt, ns, starts)
+        return np.asarray(1 / np.array(sds) ** 2)
+
+    def _of_starts(self, whitener: Whitener) -> list[float]:
+        channel = [self.bench.channels.index(self.bench.model.states[k].name) for k in self.bench.loose]
+        return [float(whitener.stationary_sd[c]) for _ in self.bench.runs for c in channel]
+
+    def _seen(
+        self, state: State, starts: Sequence[tuple[int, int, int]], columns: Array, mains: Array, known: Array,
+        own: Array, r: Array, precision: Array,
+    ) -> State:  # fmt: skip
+        """The state with every cause that is not there looked at from where it explains most beside all else."""
+        looked = self._looking
+        there = np.flatnonzero(np.any(mains != 0, axis=0))
+        B = np.concatenate([known, mains[:, there]], axis=1)
+        H = B.T @ B + np.diag(np.concatenate([own, precision[there]]))
+        scale = 1 / np.sqrt(np.diag(H))
+        solve = np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale)
+        cross = B.T @ columns
+        left = columns.T @ r - cross.T @ (solve @ (B.T @ r))
+        curve = np.maximum(np.sum(columns**2, axis=0) - np.sum(cross * (solve @ cross), axis=0), 1e-12)
+        best = dict[int, float]()
+        for (k, f, s), g, h in zip(starts, left, curve, strict=True):
+            size = self.causes[k].forms[f].starts[s][0] - self.causes[k].main.null
+            slab = 1 / self.usual[k] ** 2
+            at = -g / (h + slab)
+            signed = self.causes[k].gradual and not any(o.unit == "rad" for o in self.causes[k].forms[f].seconds)
+            reach = CAL.beyond_start * abs(size)
+            c = float(np.clip(at, -reach if signed else 0.0, reach)) if size > 0 else float(np.clip(at, -reach, 0.0))
+            gain = -g * c - 0.5 * (h + slab) * c * c
+            if k not in best or gain > best[k]:
+                best[k] = gain
+                looked[k] = (f, s)
+        return self._as_looked_at(state)
+
+    def _as_looked_at(self, state: State) -> State:
+        """The state with causes that are not there in the form in which they are looked at."""
+        seconds, forms = list(state.seconds), list(state.form)
+        for k, (f, s) in self._looking.items():
+            if not state.on[k]:
+                forms[k], seconds[k] = f, _at_start(self.causes[k].forms[f], s)
+        return replace(state, seconds=tuple(seconds), form=tuple(forms))
+
+    def _linear(
+        self, state: State, r: Array, T: Array, mains: Array, X: Array, first: Array,
+        seconds: Sequence[tuple[int, int, Axis]], whitener: Whitener, starts: int, jumps: int,
+    ) -> Linear:  # fmt: skip
+        E, shifts = len(self.causes), len(self.shifts)
+        reach = CAL.reach_sd * self.theta_sd
+        t_low = np.maximum([axis.low for axis in self.tolerances], self.theta_mean - reach)
+        t_high = np.minimum([axis.high for axis in self.tolerances], self.theta_mean + reach)
+        low, high = self.low.copy(), self.high.copy()
+        for k in range(E):
+            if not self.smooth[k] and not state.on[k]:
+                form = self._form(state, k)
+                size = abs(form.starts[self._looking.get(k, (0, 0))[1]][0] - self.null[k]) if form.starts else np.inf
+                low[k] = max(low[k], self.null[k] - CAL.beyond_start * size)
+                high[k] = min(high[k], self.null[k] + CAL.beyond_start * size)
+        nx, nf = len(seconds), starts + jumps + shifts
+        at_seconds = [state.seconds[k][j] for k, j, _ in seconds]
+        of_seconds = [axis for _, _, axis in seconds]
+        ones, inf, none = np.ones(jumps), np.full(starts, np.inf), np.zeros(starts + jumps)
+        return Linear(
+            r=r, A=np.concatenate([T, mains, X, first], axis=1),
+            at=np.concatenate([state.theta, state.m, at_seconds, none, [a.mean for a in self.shifts]]),
+            mean=np.concatenate([self.theta_mean, self.mean, [a.mean for a in of_seconds], none,
+                                 [a.mean for a in self.shifts]]),
+            low=np.concatenate([t_low, low, [a.low for a in of_seconds], -inf, 0 * ones, [a.low for a in self.shifts]]),
+            high=np.concatenate([t_high, high, [a.high for a in of_seconds], inf, ones, [a.high for a in self.shifts]]),
+            sd=np.concatenate([self.theta_sd, self.zone, [a.sd for a in of_seconds], self._of_starts(whitener),
+                               CAL.jumps_sd * ones, [a.sd for a in self.shifts]]),
+            cause=np.array([*[-1] * T.shape[1], *range(E), *(k for k, _, _ in seconds), *[-1] * nf], dtype=int),
+            main=np.concatenate([np.zeros(len(T.T)), np.ones(E), np.zeros(nx + nf)]).astype(bool),
+            moved=np.concatenate([np.ones(len(T.T)), self.smooth | state.on, np.ones(nx), np.zeros(nf)]).astype(bool),
+        )  # fmt: skip
+
+    def forget(self) -> None:
+        """Forget what causes that are not there would do: it was taken elsewhere."""
+        self._slopes.clear()
+
+    def moved(self, state: State, x: Array, share: float, on: Mask) -> State:
+        """A share of the way from a state to coordinates of `Linear`; causes that are switched on begin there."""
+        nt, E = len(self.tolerances), len(self.causes)
+        theta = state.theta + share * (x[:nt] - state.theta)
+        goes = self.smooth | on
+        m = np.where(goes, state.m + share * (x[nt : nt + E] - state.m), self.null)
+        m = np.clip(m, self.low, self.high)
+        seconds, place = [list(own) for own in state.seconds], nt + E
+        for k in range(E):
+            if state.on[k] and not self.smooth[k]:
+                for j, axis in enumerate(self._form(state, k).candidate.axes[1:]):
+                    if axis.low < axis.high:
+                        seconds[k][j] += share * (x[place] - seconds[k][j])
+                        place += 1
+        return State(theta, m, tuple(tuple(own) for own in seconds), state.form, on.copy())
+
+    def widen(self, state: State) -> bool:
+        """Widen bounds that magnitudes have reached, twice at most; whether any was."""
+        found = False
+        for k in range(len(self.causes)):
+            if self.widened[k] >= 2:
+                continue
+            size, null = CAL.at_bound * self.usual[k], self.null[k]
+            if self.high[k] > null and state.m[k] > self.high[k] - size and np.isfinite(self.high[k]):
+                self.high[k] = null + 2 * (self.high[k] - null)
+            elif (
+                self.low[k] < null and state.m[k] < self.low[k] + size and self.low[k] < 0 and np.isfinite(self.low[k])
+            ):
+                self.low[k] = null + 2 * (self.low[k] - null)
+            else:
+                continue
+            self.widened[k] += 1
+            found = True
+        return found
+
+
+def _by(p: Array, axes: Sequence[Axis]) -> Array:
+    """(axes,) derivative of parameters by their coordinates."""
+    return np.array([p[axis.index] if axis.relative else 1.0 for axis in axes])
+
+
+def _at_start(form: Form, s: int) -> tuple[float, ...]:
+    """Second parameters at one of a form's starts; those of its candidate where it has none."""
+    if form.starts:
+        return form.starts[s][1:]
+    return tuple(axis.mean if axis.low < axis.high else axis.low for axis in form.candidate.axes[1:])
+
+
+Whitening = Callable[[State, Array, float], Whitener]
+"""State, residuals, roughness -> how residuals are whitened."""

@@ -1,0 +1,228 @@
+"""Which of many causes are there, in a linear and Gaussian problem: evidence maximisation, and a sampler of sets.
+
+A cause that is there has a magnitude of its usual size (slab); one that is not lies in its zone (spike). In between,
+while a search is on its way, each has a standard deviation of its own that the recording maximises: what it does not
+want falls to its zone by itself. Sources: MacKay, Neural Computation 4, 1992; Tipping, J. Mach. Learn. Res. 1, 2001;
+George & McCulloch, J. Am. Stat. Assoc. 88, 1993, for the spike and slab.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.linalg import lapack
+
+from ...base.shorthands import Array, Mask
+from ...engine.solvers.box import least_within
+from .calibration import CAL
+from .problem import Linear
+
+NEVER = -np.inf
+
+
+@dataclass(frozen=True)
+class Quadratic:
+    """A problem's squares, formed once.
+
+    Attributes
+    ----------
+    about : the problem.
+    G, g : (K, K), (K,) products of columns, and of columns with residuals.
+    rr : sum of squared residuals.
+    """
+
+    about: Linear
+    G: Array
+    g: Array
+    rr: float
+
+    @staticmethod
+    def of(about: Linear) -> Quadratic:
+        """Form them."""
+        return Quadratic(about, about.A.T @ about.A, about.A.T @ about.r, float(about.r @ about.r))
+
+    def precision(self, variance: Array) -> Array:
+        """(K,) of all coordinates, magnitudes with these variances; second parameters as they are believed."""
+        sd = self.about.sd.copy()
+        sd[self.about.main] = np.sqrt(variance)
+        return np.asarray(1 / np.maximum(sd, 1e-150) ** 2)
+
+    def best(self, variance: Array) -> tuple[Array, Array]:
+        """(K,) the best coordinates within bounds, and their marginal variances."""
+        own, prec = self.about, self.precision(variance)
+        H = self.G + np.diag(prec)
+        slope = self.g + prec * (own.at - own.mean)
+        step = least_within(H, slope, own.low - own.at, own.high - own.at, np.ones(len(H), dtype=bool))
+        scale = 1 / np.sqrt(np.diag(H))
+        inverse = np.linalg.inv(H * np.outer(scale, scale))
+        return own.at + step, np.diag(inverse) * scale**2
+
+    def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
+        """(causes,) variances that maximise the evidence, within the zone and three times the usual size."""
+        least = zone**2
+        own = self.about
+        for _ in range(rounds):
+            x, v = self.best(variance)
+            off, told = (x - own.mean)[own.main], 1 - v[own.main] / variance
+            new = np.clip(off**2 / np.maximum(told, 1e-3), least, (3 * usual) ** 2)
+            done = np.max(np.abs(np.log(new / variance)), initial=0.0) < CAL.evidence_settled
+            variance = new
+            if done:
+                break
+        return variance
+
+
+class Sets:
+    """Scores of sets of causes: their evidence, all else integrated out, and the odds against each.
+
+    Parameters
+    ----------
+    squares : the problem.
+    zone, usual : (causes,).
+    odds : (causes,) log-odds against each.
+    never : pairs of causes that are forms of one another.
+    """
+
+    def __init__(
+        self, squares: Quadratic, zone: Array, usual: Array, odds: Array, never: Sequence[tuple[int, int]]
+    ) -> None:
+        own = squares.about
+        ours = own.cause >= 0
+        rest = ~ours
+        H = squares.G[np.ix_(rest, rest)] + np.diag(1 / own.sd[rest] ** 2)
+        g = squares.g + squares.G @ (own.mean - own.at)  # at the means of everything
+        scale = 1 / np.sqrt(np.diag(H))
+        factor = np.linalg.cholesky(H * np.outer(scale, scale))
+        cross = scale[:, None] * squares.G[np.ix_(rest, ours)]
+        both = np.linalg.solve(factor, np.column_stack([cross, scale * g[rest]]))
+        C, d = both[:, :-1], both[:, -1]
+        self.S = squares.G[np.ix_(ours, ours)] - C.T @ C
+        self.b = g[ours] - C.T @ d
+        self.raw = np.diag(squares.G)[ours]
+        self.cause, self.main, self.sd = own.cause[ours], own.main[ours], own.sd[ours]
+        self.low, self.high, self.mean = own.low[ours], own.high[ours], own.mean[ours]
+        self.left = 0.5 * self._at_means(squares) - 0.5 * float(d @ d)
+        self.base = -self.left
+        self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / own.sd[rest])))
+        self.spike = zone**2
+        self.slab = np.maximum(usual**2, 9 * self.spike)
+        self.odds, self.never = odds, tuple(never)
+        self._known = dict[bytes, tuple[float, float]]()
+
+    @staticmethod
+    def _at_means(squares: Quadratic) -> float:
+        off = squares.about.mean - squares.about.at
+        return squares.rr + 2 * float(squares.g @ off) + float(off @ squares.G @ off)
+
+    def _precision(self, on: Mask) -> Array:
+        prec = np.where(on[self.cause], 1 / self.sd**2, 1e12 / self.sd.clip(1e-12) ** 2)
+        prec[self.main] = 1 / np.where(on, self.slab, self.spike)
+        return np.asarray(prec)
+
+    def score(self, on: Mask) -> float:
+        """Logarithm of evidence and odds of a set, (causes,)."""
+        return self._both(on)[0]
+
+    def cost(self, on: Mask) -> float:
+        """Half of the squares that a set leaves with beliefs, everything else where it is best."""
+        return self.left - self._both(on)[1]
+
+    def _both(self, on: Mask) -> tuple[float, float]:
+        key = on.tobytes()
+        if key not in self._known:
+            self._known[key] = self._scored(on)
+        return self._known[key]
+
+    def _scored(self, on: Mask) -> tuple[float, float]:
+        if any(on[a] and on[b] for a, b in self.never):
+            return NEVER, NEVER
+        prec = self._precision(on)
+        by = 1 / np.sqrt(prec)
+        L, failed = lapack.dpotrf(self.S * np.outer(by, by) + np.eye(len(by)), lower=1, overwrite_a=1)
+        if failed:
+            return NEVER, NEVER
+        y, _ = lapack.dtrtrs(L, by * self.b, lower=1)
+        x, _ = lapack.dtrtrs(L, y, lower=1, trans=1)
+        there = self.mean - by * x
+        own = self.main & on[self.cause]
+        size = 1e-6 * np.sqrt(self.slab[self.cause[own]])
+        if np.any(there[own] < self.low[own] - size) or np.any(there[own] > self.high[own] + size):
+            return NEVER, NEVER
+        fit = 0.5 * float(y @ y)
+        return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
+
+    def sizes(self, on: Mask) -> tuple[Array, Array]:
+        """(causes,) magnitudes and their standard deviations where a set is there."""
+        H = self.S + np.diag(self._precision(on))
+        inverse = np.linalg.inv(H)
+        return (self.mean - inverse @ self.b)[self.main], np.sqrt(np.diag(inverse))[self.main]
+
+    def climbed(self, on: Mask) -> Mask:
+        """The best set that single additions, deletions and exchanges lead to."""
+        best, score = on.copy(), self.score(on)
+        if not np.isfinite(score):
+            best = np.zeros_like(on)
+            score = self.score(best)
+        while True:
+            tried = list[Mask]()
+            for k in range(len(on)):
+                other = best.copy()
+                other[k] = not best[k]
+                tried.append(other)
+                if not best[k]:
+                    for j in np.flatnonzero(best):
+                        swap = other.copy()
+                        swap[j] = False
+                        tried.append(swap)
+            scores = [self.score(own) for own in tried]
+            k = int(np.argmax(scores))
+            if not scores[k] > score + 1e-6:  # nor where nothing is a number
+                return best
+            best, score = tried[k], scores[k]
+
+    def sampled(self, on: Mask, sweeps: int = CAL.sweeps, seed: int = 0) -> Sampled:
+        """Sets by their probability: Metropolis over flips and exchanges, with a seed of its own."""
+        rng = np.random.default_rng(seed)
+        now, score = on.copy(), self.score(on)
+        counts = dict[bytes, int]()
+        for sweep in range(sweeps):
+            new = now.copy()
+            k = int(rng.integers(len(on)))
+            if rng.random() < 0.5 or not np.any(now):
+                new[k] = not new[k]
+            else:
+                there, free = np.flatnonzero(now), np.flatnonzero(~now)
+                new[int(rng.choice(there))], new[int(rng.choice(free))] = False, True
+            other = self.score(new)
+            if np.log(rng.random()) < other - score:
+                now, score = new, other
+            if sweep >= sweeps // 4:
+                key = now.tobytes()
+                counts[key] = counts.get(key, 0) + 1
+        total = sum(counts.values())
+        sets = [np.frombuffer(key, dtype=bool) for key in counts]
+        return Sampled(tuple(sets), np.array([own / total for own in counts.values()]))
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """Sets of causes with their probabilities.
+
+    Attributes
+    ----------
+    sets : (causes,) each.
+    weights : of each; they add up to one.
+    """
+
+    sets: tuple[Mask, ...]
+    weights: Array
+
+    def any_of(self, members: Sequence[int]) -> float:
+        """The probability that one of several is there at least."""
+        return float(sum(w for w, own in zip(self.weights, self.sets, strict=True) if np.any(own[list(members)])))
+
+    def each(self) -> Array:
+        """(causes,) probabilities."""
+        return np.asarray(self.weights @ np.array(self.sets, dtype=float))

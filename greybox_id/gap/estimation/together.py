@@ -1,0 +1,373 @@
+"""Every cause at once: all coordinates of a problem are refitted together, while model error is annealed.
+
+Model error begins several times as large as is usual, so that at first only what is large and alike everywhere moves;
+details come last. Each stage is a hypothesis of its own: how rough the equations are, and which causes are there then;
+they are compared by their marginal likelihoods, so that equations that are rough by several per cent, and no name, may
+win. What a recording does not want falls to its zone by itself (`sparse`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...base.shorthands import Array, Mask
+from .bench import Bench
+from .calibration import CAL
+from .constancy import steadily
+from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
+from .noise import Whitener, colour, white_noise
+from .problem import Linear, Problem, State
+from .sparse import Quadratic, Sets
+
+
+@dataclass(frozen=True)
+class Stage:
+    """What explains the recordings if equations are so rough.
+
+    Attributes
+    ----------
+    rough : times as rough as usual.
+    state : where everything is.
+    there : (causes,) the set of causes.
+    whitener : of its model error.
+    squares : the problem about the state.
+    sets : scores of sets there.
+    evidence : logarithm of the marginal likelihood, with the odds of what it believes.
+    """
+
+    rough: float
+    state: State
+    there: Mask
+    whitener: Whitener
+    squares: Quadratic
+    sets: Sets
+    evidence: float
+
+
+class Whitening:
+    """How residuals are whitened, by how rough equations are taken to be.
+
+    Parameters
+    ----------
+    problem, sd, prior : bench, noise, belief about model error.
+    forces : whether the model has unknown forces; else by the colour of what is left.
+    trust : as how many readings one counts.
+    """
+
+    def __init__(self, problem: Problem, sd: Array, prior: Believed, forces: bool, trust: float) -> None:
+        self.problem, self.sd, self.prior, self.trust = problem, sd, prior, trust
+        self._bench = problem.bench if forces and isinstance(problem.bench, Bench) else None
+        self._sizes = ForceSizes(self._bench) if self._bench is not None else None
+
+    def about(self, p: Array) -> Linearised | None:
+        """Errors about a simulation with these parameters."""
+        if self._bench is None or self._sizes is None:
+            return None
+        return linearised(self._bench, p, self.sd, self._sizes)
+
+    def usual(self, about: Linearised | None, rough: float) -> Whitener:
+        """Of equations that are so many times as rough as usual."""
+        if about is None:
+            return white_noise(self.sd * rough / np.sqrt(self.trust), self.problem.good, self.problem.bench.rows)
+        return model_error(about, scaled(self.prior.median, rough), self.problem.good)
+
+    def left(self, about: Linearised | None, e: Array) -> Whitener:
+        """Of what is left, but no smaller than usual: small extras would live on that."""
+        if not np.all(np.isfinite(e)):  # simulations that spin leave nothing to tell it by
+            return self.usual(about, 1.0)
+        if about is None:
+            return colour(e, self.problem.good, self.problem.bench.rows)
+        found = estimated(about, e, self.problem.good, self.prior)
+        return model_error(about, at_least(found, self.prior.median), self.problem.good)
+
+
+def scaled(own: Amplitudes, by: float) -> Amplitudes:
+    """Model error so many times as large."""
+    return replace(own, share_y=own.share_y * by, share_x=own.share_x * by, floor_y=own.floor_y * by,
+                   floor_x=own.floor_x * by)  # fmt: skip
+
+
+def at_least(own: Amplitudes, least: Amplitudes) -> Amplitudes:
+    """Model error no smaller than that, sensors as they are."""
+    names = ("share_y", "share_x", "floor_y", "floor_x", "memory_y", "memory_x")
+    return replace(own, **{name: max(getattr(own, name), getattr(least, name)) for name in names})
+
+
+class Together:
+    """The search.
+
+    Parameters
+    ----------
+    problem, whitening : what is explained, and how it counts.
+    tell : of progress.
+    """
+
+    def __init__(self, problem: Problem, whitening: Whitening, tell: Callable[..., None]) -> None:
+        self.problem, self.whitening, self.tell = problem, whitening, tell
+        names = [own.name for own in problem.causes]
+        self.never = [
+            (a, b) for a, own in enumerate(problem.causes) for b, other in enumerate(names)
+            if other in own.forms[0].candidate.never_beside
+        ]  # fmt: skip
+        self.odds = np.full(len(names), CAL.against)
+        for k, own in enumerate(problem.causes):
+            self.odds[k] += CAL.second_odds * len(own.forms[0].seconds)
+
+    def annealed(self) -> list[Stage]:
+        """Every stage, roughest first."""
+        problem, found = self.problem, list[Stage]()
+        state, variance = problem.begin(), (0.3 * problem.usual) ** 2
+        for rough, steps in zip(CAL.stages, CAL.steps_of_stage, strict=True):
+            moved = problem.roughly(rough, state)
+            assert moved is not None
+            state = moved
+            whitener = self.whitening.usual(self.whitening.about(problem.vector(state)), rough)
+            variance = np.maximum(variance, (0.3 * problem.usual) ** 2)  # what was switched off before may come back
+            for step in range(steps):
+                state, squares = self._linear(state, whitener, step == 0, variance)
+                variance = squares.switched(variance, problem.zone, problem.usual)
+                state, went = self._stepped(state, squares, variance, whitener)
+                if step == steps - 1 and problem.widen(state):
+                    state, squares = self._linear(state, whitener, False, variance)
+                    state, went = self._stepped(state, squares, variance, whitener)
+                if went < CAL.still and step > 0:
+                    break
+            found.append(self.settled(state, rough, variance, whitener))
+        return found
+
+    def explained(self) -> Stage:
+        """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
+
+        What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
+        beside these. Where equations are much rougher than usual, no name at all is tried, too, from where all is
+        believed to be.
+        """
+        best = max(self.annealed(), key=lambda own: own.evidence)
+        for _ in range(CAL.as_rough_again):
+            rough = self._as_rough(best)
+            if max(rough / best.rough, best.rough / rough) < CAL.as_rough:
+                break
+            self.problem.roughly(best.rough)
+            found = [self._settled_as(best.state, best.there, rough)]
+            if rough > CAL.much_rougher:
+                self.problem.roughly(1.0)
+                found.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
+            best = max(found, key=lambda own: own.evidence)
+        self.problem.roughly(best.rough)
+        return best
+
+    def _settled_as(self, state: State, there: Mask, rough: float) -> Stage:
+        """A state where equations are so rough."""
+        moved = self.problem.roughly(rough, state)
+        self.problem.forget()
+        return self.settled(moved or state, rough, self.variance(there), rounds=2)
+
+    def _as_rough(self, stage: Stage) -> float:
+        """Times as rough as usual, that forces are which no equation has; no smoother than usual."""
+        if not isinstance(stage.whitener, ModelError):
+            return 1.0
+        own, usual = stage.whitener.amplitudes, self.whitening.prior.median
+        return max(1.0, own.share_y / usual.share_y, own.share_x / usual.share_x)
+
+    def pruned(self, stage: Stage, prices: Array, unsteady: Array) -> tuple[Stage, Array]:
+        """A stage without the causes that gain less than their prices, with others that do beside the rest.
+
+        What is taken away is taken away from all of it: everything else is refitted, and linearised again where that
+        may decide.
+
+        Parameters
+        ----------
+        prices : (causes,) log-likelihood that each must gain.
+        unsteady : (causes,) how magnitudes differ between parts of the drive, see `constancy.unsteadiness`.
+
+        Returns
+        -------
+        stage, gains : and what each of its causes gains, (causes,) zero where none is.
+        """
+        looked = np.zeros(len(stage.there), dtype=bool)
+        while True:
+            gains = np.zeros(len(stage.there))
+            for k in np.flatnonzero(stage.there):
+                gains[k] = self._gained(stage, int(k), prices[k])
+            steady = steadily(gains, unsteady)
+            weak = [k for k in np.flatnonzero(stage.there) if steady[k] < prices[k]]
+            if not weak:
+                new = self._worth_adding(stage, prices, looked)
+                if new is None:
+                    return stage, gains
+                looked[new] = True
+                there = stage.there.copy()
+                there[new] = True
+                stage = self.refitted(stage, there)
+                continue
+            looked[weak] = True
+            weak.sort(key=lambda k: steady[k] - prices[k])
+            there = stage.there.copy()
+            there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
+            stage = self.refitted(stage, there)
+
+    def _worth_adding(self, stage: Stage, prices: Array, looked: Mask) -> int | None:
+        """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at."""
+        here, best, most = stage.sets.cost(stage.there), None, 0.0
+        for k in np.flatnonzero(~stage.there & ~looked):
+            there = stage.there.copy()
+            there[k] = True
+            worth = here - stage.sets.cost(there) - prices[k]
+            if worth > most and stage.sets.score(there) > stage.sets.score(stage.there):
+                best, most = int(k), worth
+        return best
+
+    def _gained(self, stage: Stage, k: int, price: float) -> float:
+        """What a cause gains beside the others of a stage."""
+        problem, there = self.problem, stage.there.copy()
+        at_null = abs(stage.state.m[k] - problem.null[k]) < CAL.next_to_nothing * problem.usual[k]
+        if at_null and not problem.smooth[k]:
+            return 0.0  # it is simulated, and does nothing
+        there[k] = False
+        gain = stage.sets.cost(there) - stage.sets.cost(stage.there)
+        far = CAL.doubted * price if problem.causes[k].gradual else np.inf  # of these first order tells little
+        if not price <= gain < far:
+            return gain
+        without = self.refitted(stage, there)
+        return min(gain, without.sets.cost(there) - stage.sets.cost(stage.there))
+
+    def refitted(self, stage: Stage, there: Mask, steps: int = CAL.refits) -> Stage:
+        """A stage with another set of causes, everything refitted in the same model error."""
+        state, squares, variance = stage.state, stage.squares, self.variance(there)
+        self.problem.forget()
+        for _ in range(steps):
+            state, _ = self._stepped(state, squares, variance, stage.whitener, there)
+            state, squares = self._linear(state, stage.whitener, False, variance)
+        sets = self._sets(squares)
+        return replace(
+            stage, state=state, there=there, squares=squares, sets=sets, evidence=sets.base + sets.score(there)
+        )
+
+    def settled(
+        self, state: State, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
+    ) -> Stage:
+        """A stage with its best set of causes, all refitted with it, in the model error that is left.
+
+        Parameters
+        ----------
+        state, rough, variance : where everything is, and what is believed.
+        whitener : of the first round; None: of what is left there.
+        rounds : of refits.
+        """
+        there = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
+        for _ in range(rounds):
+            by = whitener or self._of_what_is_left(state)
+            state, squares = self._linear(state, by, False, self.variance(there))
+            there = self._sets(squares).climbed(there)
+            state, _ = self._stepped(state, squares, self.variance(there), by, there)
+        by = self._of_what_is_left(state)
+        state, squares = self._linear(state, by, False, self.variance(there))
+        sets = self._sets(squares)
+        there = sets.climbed(there)
+        evidence = sets.base + sets.score(there) + self._of_whitener(by, rough)
+        return Stage(rough, state, there, by, squares, sets, evidence)
+
+    def _of_what_is_left(self, state: State) -> Whitener:
+        p = self.problem.vector(state)
+        (e,) = self.problem.residuals([p])
+        return self.whitening.left(self.whitening.about(p), e)
+
+    def _of_whitener(self, whitener: Whitener, rough: float) -> float:
+        form = -0.5 * float(np.log(rough) / CAL.rough_sd) ** 2
+        if not isinstance(whitener, ModelError):
+            return form
+        prior = float(self.whitening.prior.cost(whitener.amplitudes.logarithms))
+        return form - prior - float(np.sum(np.log(whitener.size)))
+
+    def variance(self, there: Mask) -> Array:
+        """(causes,) of beliefs about magnitudes where these causes are there."""
+        spike = self.problem.zone**2
+        return np.where(there, np.maximum(self.problem.usual**2, 9 * spike), spike)
+
+    def _sets(self, squares: Quadratic) -> Sets:
+        return Sets(squares, self.problem.zone, self.problem.usual, self.odds, self.never)
+
+    def _linear(self, state: State, whitener: Whitener, look: bool, variance: Array) -> tuple[State, Quadratic]:
+        state, linear = self.problem.linearise(state, whitener, look, 1 / variance)
+        return state, Quadratic.of(linear)
+
+    def _stepped(
+        self, state: State, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
+    ) -> tuple[State, float]:
+        """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
+        problem, own = self.problem, squares.about
+        x, _ = squares.best(variance)
+        off = np.abs(x - own.mean)[own.main]
+        if there is None:
+            there = (off > np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)) & (
+                variance > 4 * problem.zone**2
+            )
+        on = there & ~problem.smooth
+        switched = on & ~state.on
+        linear = ~own.moved & ~np.isin(own.cause, np.flatnonzero(switched))
+        prec = squares.precision(variance)
+        profile = _Profile(own.A[:, linear], prec[linear], (own.mean - own.at)[linear])
+        back = state
+        if np.any(state.on & ~on & ~problem.smooth):  # switched off
+            back = replace(state, on=state.on & on)
+        here = self._objective(back, profile, whitener, prec, own, back.m)
+        share = 1.0
+        for _ in range(6):
+            new = problem.moved(state, x, share, on)
+            there_now = self._objective(new, profile, whitener, prec, own, new.m)
+            if there_now < here + 1e-6:
+                break
+            share *= 0.4
+        else:
+            return back, 0.0
+        scales = np.concatenate([problem.theta_sd, problem.usual])
+        went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
+        far = float(np.max(np.abs(went), initial=0.0))
+        if far > CAL.moved_on:
+            problem.forget()
+        return new, far
+
+    def _objective(
+        self, state: State, profile: _Profile, whitener: Whitener, prec: Array, own: Linear, m: Array
+    ) -> float:
+        problem = self.problem
+        (e,) = problem.residuals([problem.vector(state)])
+        if not np.all(np.isfinite(e)):
+            return np.inf
+        with np.errstate(over="ignore", invalid="ignore"):
+            r = whitener.white(e[:, :, None]).ravel()
+            squares = profile.left(r)
+        theta = (state.theta - problem.theta_mean) / problem.theta_sd
+        goes = problem.smooth | state.on
+        mains = np.sqrt(prec[own.main]) * np.where(goes, m - problem.mean, 0.0)
+        extra = 0.0
+        for k in np.flatnonzero(state.on & ~problem.smooth):
+            for axis, at in zip(
+                problem.causes[k].forms[state.form[k]].candidate.axes[1:], state.seconds[k], strict=True
+            ):
+                if axis.low < axis.high:
+                    extra += ((at - axis.mean) / axis.sd) ** 2
+        total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
+        return total if np.isfinite(total) else np.inf
+
+
+class _Profile:
+    """Sums of squares with first-order coordinates at their best."""
+
+    def __init__(self, A: Array, prec: Array, off: Array) -> None:
+        self.A, self.prec, self.off = A, prec, off
+        H = A.T @ A + np.diag(prec)
+        self.scale = 1 / np.sqrt(np.diag(H))
+        self.factor = np.linalg.cholesky(H * np.outer(self.scale, self.scale)) if len(H) else H
+
+    def left(self, r: Array) -> float:
+        """What is left of residuals, with the charge."""
+        total = float(r @ r)
+        if not len(self.prec):
+            return total
+        r0 = r + self.A @ self.off  # at the means
+        y = np.linalg.solve(self.factor, self.scale * (self.A.T @ r0))
+        return float(r0 @ r0) - float(y @ y)

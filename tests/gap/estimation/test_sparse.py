@@ -1,0 +1,112 @@
+"""Sets of causes by their evidence, against the Gaussian density that it is; what is not wanted falls to its zone."""
+
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from greybox_id.gap.estimation.problem import Linear
+from greybox_id.gap.estimation.sparse import Quadratic, Sets
+
+ODDS, ZONE, USUAL = 4.0, 0.01, 1.0
+
+
+def linear(A, r, causes, belief=0.5, low=-np.inf):
+    """A problem of residuals r with columns A: tolerances first, then so many causes; nothing has moved yet."""
+    count = A.shape[1]
+    main = np.arange(count) >= count - causes
+    return Linear(
+        r=r, A=A, at=np.zeros(count), mean=np.zeros(count), low=np.where(main, low, -np.inf),
+        high=np.full(count, np.inf),
+        sd=np.where(main, ZONE, belief), cause=np.where(main, np.arange(count) - (count - causes), -1), main=main,
+        moved=np.ones(count, dtype=bool),
+    )  # fmt: skip
+
+
+def drawn(truth, tolerances=2, rows=300, seed=0):
+    rng = np.random.default_rng(seed)
+    A = rng.standard_normal((rows, tolerances + len(truth)))
+    u = np.concatenate([0.3 * rng.standard_normal(tolerances), truth])
+    return A, A @ -u + rng.standard_normal(rows)  # residuals fall to noise where coordinates are u
+
+
+def sets_of(own, causes, never=()):
+    return Sets(Quadratic.of(own), np.full(causes, ZONE), np.full(causes, USUAL), np.full(causes, ODDS), never)
+
+
+def switched(*there, of):
+    found = np.zeros(of, dtype=bool)
+    found[list(there)] = True
+    return found
+
+
+@pytest.mark.parametrize("there", [(), (0,), (1, 2)])
+def test_a_set_scores_as_the_density_of_its_residuals(there):
+    A, r = drawn([0.0, 0.8, -0.5], rows=40)
+    own = sets_of(linear(A, r, 3), 3)
+    on = switched(*there, of=3)
+    sd = np.concatenate([[0.5, 0.5], np.where(on, USUAL, ZONE)])
+    density = multivariate_normal(np.zeros(40), np.eye(40) + (A * sd**2) @ A.T).logpdf(r)
+    assert own.base + own.score(on) == pytest.approx(density + 20 * np.log(2 * np.pi) - ODDS * len(there), abs=1e-6)
+
+
+def test_sizes_are_those_of_the_posterior():
+    A, r = drawn([0.0, 0.8, -0.5])
+    own = sets_of(linear(A, r, 3), 3)
+    size, sd = own.sizes(switched(1, 2, of=3))
+    prior = np.diag(1 / np.array([0.5, 0.5, ZONE, USUAL, USUAL]) ** 2)
+    covariance = np.linalg.inv(A.T @ A + prior)
+    np.testing.assert_allclose(size, (-covariance @ A.T @ r)[2:], atol=1e-9)
+    np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance))[2:], rtol=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_many_causes_at_once_and_nothing_else(seed):
+    truth = np.zeros(30)
+    truth[[2, 7, 11, 20, 29]] = [0.6, -0.5, 0.9, 0.4, -0.7]
+    A, r = drawn(truth, seed=seed)
+    own = sets_of(linear(A, r, 30), 30)
+    assert set(np.flatnonzero(own.climbed(switched(of=30)))) == {2, 7, 11, 20, 29}
+    assert set(np.flatnonzero(own.climbed(switched(0, 1, 3, of=30)))) == {2, 7, 11, 20, 29}
+
+
+def test_where_nothing_acts_no_set_is_better_than_none():
+    A, r = drawn(np.zeros(30), seed=3)
+    own = sets_of(linear(A, r, 30), 30)
+    assert not np.any(own.climbed(switched(of=30)))
+    assert own.sampled(switched(of=30), 2000).any_of(range(30)) < 0.3
+
+
+def test_a_class_of_two_that_act_alike_is_surely_there_and_neither_of_them_is():
+    A, r = drawn([0.7, 0.0, 0.0])
+    A[:, 3] = A[:, 2]  # the second does what the first does
+    own = sets_of(linear(A, r, 3), 3)
+    found = own.sampled(switched(0, of=3), 4000)
+    assert found.any_of([0, 1]) > 0.999
+    assert found.each()[:2] == pytest.approx([0.5, 0.5], abs=0.12)
+    assert found.any_of([2]) < 0.1
+
+
+def test_forms_of_one_another_are_never_there_together():
+    A, r = drawn([0.7, 0.6])
+    own = sets_of(linear(A, r, 2), 2, never=[(0, 1)])
+    assert own.score(switched(0, 1, of=2)) == -np.inf
+    assert np.sum(own.climbed(switched(of=2))) == 1
+
+
+def test_a_magnitude_beyond_its_bound_explains_nothing():
+    A, r = drawn([-0.7])
+    assert not np.any(sets_of(linear(A, r, 1, low=0.0), 1).climbed(switched(of=1)))
+    assert np.all(sets_of(linear(A, r, 1), 1).climbed(switched(of=1)))
+
+
+def test_evidence_switches_off_what_a_recording_does_not_want():
+    truth = np.zeros(12)
+    truth[[3, 8]] = [0.8, -0.6]
+    A, r = drawn(truth)
+    squares = Quadratic.of(linear(A, r, 12))
+    variance = squares.switched(np.full(12, 0.1), np.full(12, ZONE), np.full(12, USUAL), 60)
+    there = np.sqrt(variance) > 0.2
+    assert set(np.flatnonzero(there)) == {3, 8}
+    best, _ = squares.best(variance)
+    np.testing.assert_allclose(best[2:][there], [0.8, -0.6], atol=0.2)
+    assert np.all(np.abs(best[2:][~there]) < 0.15)

@@ -1,0 +1,76 @@
+"""Everything at once, on benches whose simulations are known in closed form."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
+
+from greybox_id.gap.estimation.causes import Cause, Form
+from greybox_id.gap.estimation.model_error import believed
+from greybox_id.gap.estimation.problem import Problem
+from greybox_id.gap.estimation.together import Together, Whitening
+
+SD = np.array([0.1, 0.1])
+
+
+def cause(index, gradual=True, **more):
+    """An effect of one parameter; abrupt ones are looked at from three sizes."""
+    own = replace(candidate(index, **more), gradual=gradual)
+    starts = () if gradual else tuple((size,) for size in (0.2, 0.5, 1.2))
+    return Cause(own.effect, own.axes[0], (Form(own, (), starts),), 1.0, 0.01, gradual)
+
+
+def together(bench, causes, tolerances=()):
+    problem = Problem(bench, tolerances, causes, bench.counted)
+    prior = believed(SD, True, True, {})
+    return Together(problem, Whitening(problem, SD, prior, False, 1.0), lambda *_, **__: None)
+
+
+def named(search):
+    stage = search.explained()
+    sizes = stage.sets.sizes(stage.there)[0]
+    return {search.problem.causes[k].name: sizes[k] for k in np.flatnonzero(stage.there)}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_many_that_act_are_found_and_nothing_else(seed):
+    truth = np.zeros(14)
+    truth[[1, 4, 6, 9, 13]] = [1.0, -0.6, 0.4, 0.8, -0.5]
+    bench = linear_bench(smooth_columns(14, seed=seed), truth, SD, seed)
+    found = named(together(bench, [cause(k) for k in range(14)]))
+    assert set(found) == {"effect_1", "effect_4", "effect_6", "effect_9", "effect_13"}
+    assert list(found.values()) == pytest.approx([1.0, -0.6, 0.4, 0.8, -0.5], abs=0.05)
+
+
+def test_where_nothing_acts_nothing_is_named():
+    bench = linear_bench(smooth_columns(14), np.zeros(14), SD)
+    assert named(together(bench, [cause(k) for k in range(14)])) == {}
+
+
+def test_what_a_tolerance_explains_has_no_name():
+    X = smooth_columns(4)
+    bench = linear_bench(X, [0.15, 0.0, 0.0, 0.0], SD)
+    own = (axis(0, sd=0.1),)
+    assert named(together(bench, [cause(k) for k in range(1, 4)], own)) == {}
+
+
+def test_an_abrupt_effect_whose_derivative_vanishes_is_found_at_its_size():
+    X = smooth_columns(3)
+
+    def respond(p):  # the second acts with its square
+        return X[:, :, 0] * p[0] + X[:, :, 1] * p[1] ** 2 + X[:, :, 2] * p[2]
+
+    noise = SD * np.random.default_rng(1).standard_normal((400, 2))
+    bench = GivenBench(respond, respond(np.array([0.7, 0.8, 0.0])) + noise, 3)
+    found = named(together(bench, [cause(0), cause(1, gradual=False, low=0.0), cause(2)]))
+    assert set(found) == {"effect_0", "effect_1"}
+    assert found["effect_1"] == pytest.approx(0.8, abs=0.05)
+
+
+def test_a_bound_that_is_reached_is_widened():
+    X = smooth_columns(2)
+    bench = linear_bench(X, [1.5, 0.0], SD)
+    search = together(bench, [cause(0, low=-1.0, high=1.0), cause(1)])
+    assert named(search)["effect_0"] == pytest.approx(1.5, abs=0.05)
+    assert search.problem.widened[0] == 1

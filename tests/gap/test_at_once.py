@@ -1,0 +1,95 @@
+"""From everything at once to hypotheses: each cause is taken away again, and what acts alike is tried in its place."""
+
+import numpy as np
+import pytest
+from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
+
+from greybox_id.gap.at_once import select_at_once
+from greybox_id.gap.estimation.causes import Cause, Form
+from greybox_id.gap.estimation.model_error import believed
+from greybox_id.gap.estimation.problem import Problem
+from greybox_id.gap.estimation.together import Together, Whitening
+
+SD, WORTH = np.array([0.1, 0.1]), 7.0
+
+
+def cause(index):
+    own = candidate(index)
+    return Cause(own.effect, own.axes[0], (Form(own, (), ()),), 1.0, 0.0, True)
+
+
+def selected(
+    bench, count, nuisances=(), costs=lambda name: WORTH, stretches=lambda search, own: [1.0] * len(own.names)
+):
+    problem = Problem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
+    search = Together(problem, Whitening(problem, SD, believed(SD, True, True, {}), False, 1.0), lambda *_, **__: None)
+    return select_at_once(search, nuisances, costs, stretches, 1.0)
+
+
+def of_effects(*numbers):
+    return {f"effect_{k}" for k in numbers}
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_best_of_all_holds_every_cause_and_nothing_else(seed):
+    truth = np.array([0, 1.0, 0, 0.4, -0.6, 0, 0.5, 0])
+    found = selected(linear_bench(smooth_columns(8, seed=seed), truth, SD, seed), 8)
+    best = found.tried[0]
+    assert set(best.names) == of_effects(1, 3, 4, 6)
+    without = [own for own in found.tried if len(own.names) == 3]
+    assert {frozenset(own.names) for own in without} >= {frozenset(set(best.names) - {name}) for name in best.names}
+    assert all(own.cost > best.cost + WORTH for own in without)
+
+
+def test_what_gains_less_than_its_price_goes_and_the_rest_is_refitted():
+    X = smooth_columns(5)
+    bench = linear_bench(X, [0, 1.0, 0, 0.3, 0], SD)
+    plainly = selected(bench, 5)
+    weakest = min(own.cost for own in plainly.tried[1:] if len(own.names) == 1) - plainly.tried[0].cost
+
+    def dear(name):
+        return 2 * weakest if name == "effect_3" else WORTH
+
+    def differs(search, own):
+        return [2 * weakest / WORTH if name == "effect_3" else 1.0 for name in own.names]
+
+    assert set(plainly.tried[0].names) == of_effects(1, 3)
+    assert selected(bench, 5, costs=dear).tried[0].names == ("effect_1",)
+    assert selected(bench, 5, stretches=differs).tried[0].names == ("effect_1",)
+
+
+def test_what_acts_alike_is_among_what_was_tried_and_costs_the_same():
+    X = smooth_columns(4)
+    X[:, :, 2] = X[:, :, 0]
+    found = selected(linear_bench(X, [0.8, 0.5, 0.0, 0.0], SD), 4)
+    costs = {frozenset(own.names): own.cost for own in found.tried}
+    assert costs[frozenset(of_effects(0, 1))] == pytest.approx(costs[frozenset(of_effects(2, 1))], abs=1e-3)
+
+
+def test_where_nothing_acts_the_base_is_all_there_is():
+    found = selected(linear_bench(smooth_columns(6), np.zeros(6), SD), 6)
+    assert all(own.cost > found.base.cost - WORTH for own in found.tried)
+
+
+def test_a_tolerance_is_no_cause():
+    found = selected(linear_bench(smooth_columns(3), [0.0, 0.0, 0.15], SD), 2, (axis(2, sd=0.1),))
+    assert all(own.cost > found.base.cost - WORTH for own in found.tried)
+    assert found.base.theta == pytest.approx([0.15], abs=0.05)
+
+
+def test_of_every_effect_is_said_what_it_would_gain_and_how_well_it_would_show():
+    X = smooth_columns(3)
+    X[:, :, 2] = 0.0  # what is not excited
+    found = selected(linear_bench(X, [0.8, 0.0, 0.0], SD), 3)
+    promised = {own.candidate.effect: own for own in found.promised}
+    assert promised["effect_0"].gain > 10 * promised["effect_1"].gain
+    assert promised["effect_1"].sd < 0.05
+    assert promised["effect_2"].sd == pytest.approx(1.0)  # its usual size: nothing was read of it
+
+
+def test_a_bench_that_leaves_the_range_of_numbers_is_said():
+    from greybox_id.base.errors import BadInput
+
+    bench = GivenBench(lambda p: np.full((60, 2), np.nan), np.zeros((60, 2)), 2)
+    with pytest.raises(BadInput, match="range of numbers"):
+        selected(bench, 2)
