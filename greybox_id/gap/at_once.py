@@ -80,7 +80,8 @@ def select_at_once(
     if len({name for own in tried for name in own.names}) < CAL.listed:
         first = offered[: CAL.listed]
         starts = [Start((_as_refitted(own.candidate),), np.array(own.start), base.theta, base.linear) for own in first]
-        tried += refit(search, starts)
+        listed = refit(search, starts)  # beside what was decided together: none of them is worth its price
+        tried += [replace(own, cost=max(own.cost, base.cost - costs(own.names[0]))) for own in listed]
     alone = {frozenset(own.names): own for own in reversed(tried) if own.names}
     found = sorted(alone.values(), key=by_cost)
     if found:

@@ -9,6 +9,7 @@ from greybox_id.gap.estimation.causes import Cause, Form
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.estimation.problem import Problem
 from greybox_id.gap.estimation.together import Together, Whitening
+from greybox_id.gap.evidence import evidence, heaviest
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
 
@@ -19,11 +20,11 @@ def cause(index):
 
 
 def selected(
-    bench, count, nuisances=(), costs=lambda name: WORTH, stretches=lambda search, own: [1.0] * len(own.names)
+    bench, count, nuisances=(), costs=lambda name: WORTH, unsteady=lambda search, each: [0.0] * len(each.names)
 ):
     problem = Problem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
     search = Together(problem, Whitening(problem, SD, believed(SD, True, True, {}), False, 1.0), lambda *_, **__: None)
-    return select_at_once(search, nuisances, costs, stretches, 1.0)
+    return select_at_once(search, nuisances, costs, unsteady, 1.0)
 
 
 def of_effects(*numbers):
@@ -51,11 +52,14 @@ def test_what_gains_less_than_its_price_goes_and_the_rest_is_refitted():
         return 2 * weakest if name == "effect_3" else WORTH
 
     def differs(search, own):
-        return [2 * weakest / WORTH if name == "effect_3" else 1.0 for name in own.names]
+        return [1 / WORTH if name == "effect_3" else 0.0 for name in own.names]
 
     assert set(plainly.tried[0].names) == of_effects(1, 3)
-    assert selected(bench, 5, costs=dear).tried[0].names == ("effect_1",)
-    assert selected(bench, 5, stretches=differs).tried[0].names == ("effect_1",)
+    of_dear = selected(bench, 5, costs=dear)
+    assert "effect_3" not in heaviest(of_dear, evidence(of_dear, False, dear)).names
+    differing = selected(bench, 5, unsteady=differs)
+    weighed = evidence(differing, False, lambda name: WORTH, unsteady=lambda each: differs(None, each))
+    assert "effect_3" not in heaviest(differing, weighed).names
 
 
 def test_what_acts_alike_is_among_what_was_tried_and_costs_the_same():

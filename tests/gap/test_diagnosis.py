@@ -440,11 +440,11 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     own = candidate(0)
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
-    selection = SimpleNamespace(tried=[], base=nothing, search=None)
+    selection = SimpleNamespace(tried=[], base=nothing, search=None, at_once=False)
     found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={})
     monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.9)
     monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
     assert diagnosis._causes(found, None) == (best, {})
-    spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0, 1.0)  # one half, and 0.9 of that
+    spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
     assert diagnosis._causes(found, None) == (nothing, {own.effect: "its probability is 0.45, no more than one half"})

@@ -155,44 +155,45 @@ def test_an_effect_costs_what_the_best_of_all_rarely_gains_by_chance():
 
 
 def test_an_effect_whose_magnitude_differs_costs_more_where_it_would_be_there():
-    asked = []
-
-    def stretches(own):
-        asked.append(own.names)
-        return [3.0 if name == "varies" else 1.0 for name in own.names]
-
+    looked_at = []
     usual = costs(forces=False)
     gain = 2.5 * CAL.cost_without_forces
-    own = [hypothesis(1000.0 - gain, "varies"), hypothesis(1001.0 - gain, "constant"), hypothesis(999.0, "hardly")]
-    found = evidence(selected(1000.0, own), False, usual, stretches=stretches)
-    assert sorted(asked) == [("constant",), ("varies",)]  # what is not worth the least it may cost is not asked about
-    assert found.scores[0] == pytest.approx(gain - 3.0 * CAL.cost_without_forces)
-    assert found.scores[1] == pytest.approx(gain - 1.0 - CAL.cost_without_forces)
-    assert heaviest(selected(1000.0, own), found).names == ("constant",)
-    assert found.outdone == {"varies": 3.0}
-    assert found.even == evidence(selected(1000.0, own), False, usual).weights  # which name is nearest if it is none
+
+    def unsteady(each):  # so that its cost grows threefold
+        looked_at.append(each.names)
+        return [1.0 / gain if name == "varies" else 0.0 for name in each.names]
+
+    tried = [hypothesis(1000.0 - gain, "varies"), hypothesis(1001.0 - gain, "constant"), hypothesis(999.0, "hardly")]
+    weighed = evidence(selected(1000.0, tried), False, usual, unsteady=unsteady)
+    assert sorted(looked_at) == [("constant",), ("varies",)]  # of what is not worth its least cost nothing is asked
+    assert weighed.scores[0] == pytest.approx(gain - 3.0 * CAL.cost_without_forces)
+    assert weighed.scores[1] == pytest.approx(gain - 1.0 - CAL.cost_without_forces)
+    assert heaviest(selected(1000.0, tried), weighed).names == ("constant",)
+    assert weighed.outdone == {"varies": pytest.approx(3.0)}
+    assert weighed.even == evidence(selected(1000.0, tried), False, usual).weights  # nearest if it is none
     assert price(hypothesis(0.0, "a", "b"), usual, {"a": 2.0}) == 3 * CAL.cost_without_forces
 
 
 def test_a_partner_gains_nothing_by_making_another_effect_more_constant():
     gain = 25.0 * CAL.cost_without_forces
-    own = [hypothesis(1000.0 - gain, "large", "partner"), hypothesis(1004.0 - gain, "large")]
+    tried = [hypothesis(1000.0 - gain, "large", "partner"), hypothesis(1004.0 - gain, "large")]
 
-    def stretches(each):
-        return [30.0 - 10.0 * len(each.names), 1.0][: len(each.names)]
+    def unsteady(each):
+        return [0.03 / len(each.names), 0.0][: len(each.names)]
 
-    found = evidence(selected(1000.0, own), False, costs(forces=False), stretches=stretches)
-    assert heaviest(selected(1000.0, own), found).names == ("large",)
-    assert found.scores[1] - found.scores[0] == pytest.approx(CAL.cost_without_forces - 4.0)
+    weighed = evidence(selected(1000.0, tried), False, costs(forces=False), unsteady=unsteady)
+    assert heaviest(selected(1000.0, tried), weighed).names == ("large",)
+    assert weighed.scores[1] - weighed.scores[0] == pytest.approx(CAL.cost_without_forces - 4.0)
 
 
 def test_what_is_surely_there_is_told_from_its_rivals_by_what_it_gains():
-    own = [hypothesis(0.0, "true"), hypothesis(5.0, "rival")]
-    found = evidence(
-        selected(1000.0, own), False, costs(forces=False), stretches=lambda each: [3.0 if "true" in each.names else 1.0]
-    )
-    assert found.scores[0] - found.scores[1] == pytest.approx(5.0)
-    assert found.outdone == {}
+    tried = [hypothesis(0.0, "true"), hypothesis(5.0, "rival")]
+    weighed = evidence(
+        selected(1000.0, tried), False, costs(forces=False),
+        unsteady=lambda each: [1e-3 if "true" in each.names else 0.0],
+    )  # fmt: skip
+    assert weighed.scores[0] - weighed.scores[1] == pytest.approx(5.0)
+    assert weighed.outdone == {}
 
 
 def test_two_names_of_one_cause_cost_the_same():

@@ -130,11 +130,11 @@ class Together:
                 state, squares = self._linear(state, whitener, step == 0, variance)
                 variance = squares.switched(variance, problem.zone, problem.usual)
                 state, went = self._stepped(state, squares, variance, whitener)
-                if step == steps - 1 and problem.widen(state):
-                    state, squares = self._linear(state, whitener, False, variance)
-                    state, went = self._stepped(state, squares, variance, whitener)
                 if went < CAL.still and step > 0:
                     break
+            if problem.widen(state):
+                state, squares = self._linear(state, whitener, False, variance)
+                state, _ = self._stepped(state, squares, variance, whitener)
             found.append(self.settled(state, rough, variance, whitener))
         return found
 
