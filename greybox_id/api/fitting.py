@@ -11,7 +11,7 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording, join
 from ..fitting.choices.parameters import with_choices
-from ..fitting.choices.wanted import Wanted, doubts, must_be_recorded
+from ..fitting.choices.requested_model import RequestedModel, doubts, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
@@ -25,6 +25,7 @@ from ..models.kinds import by_kind
 from ..models.model import Model
 from ..models.own import own_effect, own_model
 from ..models.registry import build, install, known
+from ..models.vehicle import Vehicle
 from . import given
 from .fit_result import FitResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
@@ -35,7 +36,7 @@ Progress = Callable[..., None]
 
 @understood
 def fit(
-    model: ModelLike,
+    model: ModelLike | Vehicle | None,
     recordings: Recordings,
     *,
     validation: Recording | str | Path | None = None,
@@ -59,7 +60,8 @@ def fit(
 
     Parameters
     ----------
-    model : a model (`gb.models`, or one's own), its name, or "my_car.py:my_model". Its nominal values are the start.
+    model : a model (`gb.models`, or one's own), its name, or "my_car.py:my_model"; None, or a vehicle, takes the
+        vehicle's model. Its nominal values are the start.
     recordings : training data: one recording or a list, read or named by files; a name may be a pattern.
     validation : a recording that is only scored, except under early stopping, where it chooses when to stop.
     vehicle : whose numbers a model that is named starts from: a `Vehicle`, a shipped name or a file.
@@ -103,16 +105,20 @@ def fit(
     if not isinstance(how, FitOptions):
         raise BadInput(f"options: gb.FitOptions(...) is needed, not {options!r:.60}.")
     chosen = given.choices(fix, free, prior, start, per_run)
+    if isinstance(model, Vehicle):
+        model, vehicle = None, model
     stated = given.vehicle(vehicle)
-    if isinstance(model, str):  # what is wrong with it is better said before recordings are read than after
-        requested: Wanted | Model = given.wanted(model, stated, settings, effects, chosen)
+    if model is None or isinstance(model, str):  # what is wrong with it is better said before recordings are read
+        requested: RequestedModel | Model = given.requested(model, stated, settings, effects, chosen)
+    elif isinstance(model, RequestedModel):
+        requested, stated = model, model.vehicle
     elif isinstance(model, Model):
         if vehicle is not None or settings:
             raise BadInput("vehicle, settings: a model is made of them; hand them over where it is made (gb.models).")
         requested = with_choices(given.model(model, None, effects), chosen)
     else:
         raise BadInput(f"model: a Model or its name is needed, not {model!r:.60}.")
-    nominal = requested.model() if isinstance(requested, Wanted) else requested
+    nominal = requested.model() if isinstance(requested, RequestedModel) else requested
     how.must_suit(nominal)
     training = given.recordings(recordings, columns)
     validate = None if validation is None else given.recording(validation, columns, "validation")
@@ -144,8 +150,8 @@ class PlannedFit:
     warnings: Sequence[str] = ()
     pretraining: Pretraining | TrainedBefore | None = None
 
-    def run(self, say: Say, command: str = "") -> FitResult:
-        """Fit; `command` is kept in the result."""
+    def run(self, say: Say) -> FitResult:
+        """Fit."""
         for warning in self.warnings:
             say(f"warning: {warning}")
         result = fit_model(
@@ -154,15 +160,14 @@ class PlannedFit:
             validate=self.validation,
             how=self.options,
             say=say,
-            command=command,
             pretraining=self.pretraining,
         )
         seen = (*self.training, *([self.validation] if self.validation is not None else []))
-        return FitResult.of(result, seen, vehicle=self.vehicle)
+        return FitResult.of(result, seen, vehicle=self.vehicle, warnings=tuple(self.warnings))
 
 
 def planned(
-    requested: Wanted | Model,
+    requested: RequestedModel | Model,
     nominal: Model,
     training: Sequence[Recording],
     validation: Recording | None,
@@ -184,11 +189,11 @@ def planned(
     BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon.
     """
     must_be_recorded(nominal, [*training, *([validation] if validation is not None else [])])
-    models = requested.models(join(training, "training data")) if isinstance(requested, Wanted) else [requested]
+    models = requested.models(join(training, "training data")) if isinstance(requested, RequestedModel) else [requested]
     if options.horizon is not None:
         must_suit(options.horizon, training)
-    stated = requested.vehicle if isinstance(requested, Wanted) else None
-    warnings = doubts(models[0], stated, training) if isinstance(requested, Wanted) else []
+    stated = requested.vehicle if isinstance(requested, RequestedModel) else None
+    warnings = doubts(models[0], stated, training) if isinstance(requested, RequestedModel) else []
     return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
 
 

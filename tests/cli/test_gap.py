@@ -44,7 +44,7 @@ def asked(monkeypatch):
         Asked.held_out, Asked.options = held_out, options
         return Asked.said
 
-    monkeypatch.setattr("greybox_id.cli.gap.diagnose", diagnose)
+    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose_gap", diagnose)
     return Asked
 
 
@@ -80,7 +80,7 @@ def test_json_is_one_object_with_what_was_found(laps, asked):
     assert asked.model.name == "single_track"
     assert [own.name for own in asked.recordings] == ["lap7"]
     assert [own.name for own in asked.held_out] == ["lap8"]
-    assert asked.effects is EFFECTS
+    assert asked.effects == EFFECTS
 
 
 def test_json_is_finite_whatever_the_diagnosis_holds(laps, asked):

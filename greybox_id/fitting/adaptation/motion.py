@@ -24,7 +24,7 @@ from ...engine.simulation import Prediction
 from ...models.hybrid_model import HybridModel
 from ...models.motion_model import MotionModel
 from ...models.parameter import Parameter, Prior
-from ..choices.wanted import must_be_recorded
+from ..choices.requested_model import must_be_recorded
 from ..fit import Fit
 from ..how import How, quiet
 from ..scores.metrics import Error, prediction_errors

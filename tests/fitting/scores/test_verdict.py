@@ -7,7 +7,7 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.wanted import must_be_recorded
+from greybox_id.fitting.choices.requested_model import must_be_recorded
 from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import How
 from greybox_id.fitting.judging import carried
