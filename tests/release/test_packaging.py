@@ -32,7 +32,10 @@ def built(tmp_path_factory):
         pytest.skip("build is not installed; make test installs it")
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
     subprocess.run(
-        f"git ls-files -z | xargs -0 cp -P --parents -t '{source}' 2>/dev/null || true", shell=True, cwd=ROOT, check=True
+        f"git ls-files -z | xargs -0 cp -P --parents -t '{source}' 2>/dev/null || true",
+        shell=True,
+        cwd=ROOT,
+        check=True,
     )
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(source)]
     made = subprocess.run(command, capture_output=True, text=True)
