@@ -21,7 +21,7 @@ def deprecated(*, since: str, remove: str, use: str = "") -> Callable[[Callable[
 
     Returns
     -------
-    A decorator. The function works as before, warns with `DeprecationWarning` at the caller's line, and its docstring says it.
+    A decorator: the function works as before, warns with `DeprecationWarning`, and its docstring says it.
 
     Examples
     --------

@@ -33,7 +33,7 @@ def test_a_parameter_that_is_gone_and_a_name_that_is_gone_are_reported(report, t
     said = report.breaks(TABLE, TABLE.replace(", 'read': 'api.reading:read'", ""), old, new)
     assert said[0] == "gb.read is gone"
     assert len(said) == 2
-    assert said[1].startswith("gb.fit(jobs): parameter was removed")
+    assert said[1].startswith("gb.fit: parameter was removed, [positional or keyword] jobs")
 
 
 def test_the_same_is_no_break(report, tmp_path):

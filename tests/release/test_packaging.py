@@ -1,6 +1,7 @@
-"""What is handed out: the wheel holds the package and nothing else, the source distribution what builds and tests it."""
+"""The wheel holds the package and nothing else, the source distribution what builds and tests it."""
 
 import importlib.util
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -31,12 +32,9 @@ def built(tmp_path_factory):
     if importlib.util.find_spec("build") is None:
         pytest.skip("build is not installed; make test installs it")
     source, out = tmp_path_factory.mktemp("source"), tmp_path_factory.mktemp("dist")
-    subprocess.run(
-        f"git ls-files -z | xargs -0 cp -P --parents -t '{source}' 2>/dev/null || true",
-        shell=True,
-        cwd=ROOT,
-        check=True,
-    )
+    for name in _tracked():
+        (source / name).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy2(ROOT / name, source / name, follow_symlinks=False)
     command = [sys.executable, "-m", "build", "--no-isolation", "--outdir", str(out), str(source)]
     made = subprocess.run(command, capture_output=True, text=True)
     assert made.returncode == 0, made.stdout[-3000:] + made.stderr[-3000:]
