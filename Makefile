@@ -13,7 +13,7 @@ SHIPPED := greybox_id/datasets/shipped
 $(VENV)/done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all,docs,exam]' --group dev
 	touch $@
 
 demo: $(VENV)/done

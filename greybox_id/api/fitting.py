@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -125,76 +124,48 @@ def fit(
     learnt = (
         None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
     )
-    return planned(requested, nominal, training, validate, how, learnt).run(progress or quiet)
+    return _fitted(requested, nominal, training, validate, how, learnt, progress or quiet)
 
 
-@dataclass(frozen=True)
-class PlannedFit:
-    """A fit that can be made: what was handed over is read, and was found to suit.
-
-    Attributes
-    ----------
-    models : what is fitted; of several, cross-validation chooses.
-    training, validation : recordings.
-    options : how.
-    vehicle : name of the vehicle whose numbers it starts from; "" where there is none.
-    warnings : sentences on what may not be meant.
-    pretraining : what a network learns from first, or whose training is carried on.
-    """
-
-    models: Sequence[Model]
-    training: Sequence[Recording]
-    validation: Recording | None
-    options: FitOptions
-    vehicle: str = ""
-    warnings: Sequence[str] = ()
-    pretraining: Pretraining | TrainedBefore | None = None
-
-    def run(self, say: Say) -> FitResult:
-        """Fit."""
-        for warning in self.warnings:
-            say(f"warning: {warning}")
-        result = fit_model(
-            self.models,
-            self.training,
-            validate=self.validation,
-            how=self.options,
-            say=say,
-            pretraining=self.pretraining,
-        )
-        seen = (*self.training, *([self.validation] if self.validation is not None else []))
-        return FitResult.of(result, seen, vehicle=self.vehicle, warnings=tuple(self.warnings))
-
-
-def planned(
+def _fitted(
     requested: RequestedModel | Model,
     nominal: Model,
     training: Sequence[Recording],
     validation: Recording | None,
     options: FitOptions,
-    known: Pretraining | TrainedBefore | None = None,
-) -> PlannedFit:
-    """What is going to be fitted.
+    known: Pretraining | TrainedBefore | None,
+    say: Say,
+) -> FitResult:
+    """The fit of a model to recordings that were read.
 
     Parameters
     ----------
-    requested : the model with its choices as asked for, or the model itself.
+    requested : the model with what belongs to it as asked for, or the model itself.
     nominal : the model it asks for.
-    training, validation : recordings that were read.
+    training, validation : recordings.
     options : how to fit.
-    known : what a network learns from first.
+    known : what a network learns from first, or whose training is carried on.
+    say : where progress goes.
 
     Raises
     ------
     BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon.
     """
-    must_be_recorded(nominal, [*training, *([validation] if validation is not None else [])])
-    models = requested.models(join(training, "training data")) if isinstance(requested, RequestedModel) else [requested]
+    seen = (*training, *([validation] if validation is not None else []))
+    must_be_recorded(nominal, seen)
+    models, vehicle, warnings = [requested] if isinstance(requested, Model) else [], None, list[str]()
+    if isinstance(requested, RequestedModel):
+        models, vehicle = requested.models(join(training, "training data")), requested.vehicle
+        warnings = doubts(models[0], vehicle, training)
     if options.horizon is not None:
         must_suit(options.horizon, training)
-    stated = requested.vehicle if isinstance(requested, RequestedModel) else None
-    warnings = doubts(models[0], stated, training) if isinstance(requested, RequestedModel) else []
-    return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
+    for warning in warnings:
+        say(f"warning: {warning}")
+    result = fit_model(
+        models, training, validate=validation, how=options, say=say, pretraining=known,
+        sensors={} if vehicle is None else vehicle.noise,
+    )  # fmt: skip
+    return FitResult.of(result, seen, vehicle="" if vehicle is None else vehicle.name, warnings=tuple(warnings))
 
 
 @by_kind
