@@ -143,7 +143,3 @@ def _sd(name: str, value: Quantity) -> float:
 def above_zero(value: object) -> bool:
     """Whether a value is a finite number above zero."""
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < float("inf")
-
-
-How = FitOptions
-"""The same by the name that the floors below the top level use."""

@@ -12,7 +12,7 @@ from made_gaps import CASES, clear, none, unknown
 from rich.console import Console
 
 from greybox_id.cli.gap import show
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
@@ -56,7 +56,7 @@ def fitted(tmp_path_factory):
         drive = driven("lateral", runs=1, seconds=4.0)
         model = build("lateral", None, {"yaw_rate_bias": 0.01}, read_vehicle("full_size_car"))
         held = [replace(p, fixed=True) for p in model.parameters if p.name not in ("I_z", "yaw_rate_bias")]
-        found = fit([model.with_parameters(*held)], [drive], how=How(horizon=1.0, solver="gauss-newton"))
+        found = fit([model.with_parameters(*held)], [drive], how=FitOptions(horizon=1.0, solver="gauss-newton"))
         return found.save(folder / "fit.json")
 
 

@@ -7,7 +7,7 @@ import pytest
 from filter_cases import needs_compiler
 
 from greybox_id.datasets.read import read
-from greybox_id.filters.how import How
+from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.verb import track
 from greybox_id.fitting.choices.parameters import named_vehicle
 from greybox_id.fitting.choices.requested_model import RequestedModel
@@ -26,7 +26,7 @@ def halves(real_data):
 def tracked(recording, kind="ekf", smooth=False):
     vehicle = named_vehicle("ferrari_250lm")
     plan = vehicle.tracking
-    how = How(kind, smooth, known=plan.noise)
+    how = TrackOptions(kind, smooth, known=plan.noise)
     model = RequestedModel(None, vehicle).model()
     return track(model, recording, plan.parameters, disturbances=plan.disturbances, effects=EFFECTS, how=how)
 
