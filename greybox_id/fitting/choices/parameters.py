@@ -71,8 +71,8 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
         known = belief(given, parameter.unit, f"‹prior› {name}")
         if known.sd is None:
             raise BadInput(
-                f"‹prior› {name}={given}: how well is it known? Write NAME=MEAN±SD (or +-; (mean, sd) in Python), or ‹fix› "
-                f"{name}={given}."
+                f"‹prior› {name}={given}: how well is it known? Write NAME=MEAN±SD (or +-; (mean, sd) in Python), or "
+                f"‹fix› {name}={given}."
             )
         moved = _at(parameter, known.value, "‹prior›")
         changed[name] = replace(moved, prior=Prior(known.sd, mean=known.value), fixed=False)
