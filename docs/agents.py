@@ -18,24 +18,49 @@ from greybox_id.cli import greybox
 
 DOCS = Path(__file__).parent
 ROOT = DOCS.parent
-GUIDE = (
-    "tutorial recordings models own_model own_effect verdicts gap design tracking posterior adapt export reports fleets loop racing"
-    " import json glossary mathematics architecture results"
-).split()
+GUIDE = [
+    "tutorial",
+    "recordings",
+    "models",
+    "own_model",
+    "own_effect",
+    "verdicts",
+    "gap",
+    "design",
+    "tracking",
+    "posterior",
+    "adapt",
+    "export",
+    "reports",
+    "fleets",
+    "loop",
+    "racing",
+    "import",
+    "json",
+    "glossary",
+    "mathematics",
+    "architecture",
+    "results",
+]
 HEAD = """---
 name: greybox-id
-description: Identify vehicle models from recordings with the greybox command, say whether a recording can be trusted, which unmodelled
-  effect makes a simulation deviate from a vehicle, and export the model to a controller.
+description: Identify vehicle models from recordings with the greybox command, say whether a recording can be trusted,
+  which unmodelled effect makes a simulation deviate from a vehicle, and export the model to a controller.
 ---
 
 # greybox-id {version}
 
-Call `greybox COMMAND ... --json`: one object on standard output, progress on standard error. Exit codes: 0 done; 1 a check says no
-(`data check`, `gap --check`); 2 bad input, with a sentence on standard error that says what to do; 3 written, but the fit is not usable.
-Numbers are in SI units unless a key beside them names the unit.
+Call `greybox COMMAND ... --json`: one object on standard output, progress on standard error. Numbers are in SI units
+unless a key beside them names the unit. Exit codes:
 
-Rules: check a recording before fitting it. Read `verdict` before estimates. A gap's effect counts where `applied` is true; an
-unmodelled effect is an answer. State how far the gap closes only with `--held-out`. Never overwrite recordings: `--overwrite` replaces results alone.
+- 0: done
+- 1: a check says no (`data check`, `gap --check`)
+- 2: bad input; a sentence on standard error says what to do
+- 3: written, but the fit is not usable
+
+Check a recording before you fit it. Read `verdict` before estimates. An effect of a gap counts where `applied` lists
+it; an unmodelled effect is an answer. Say how far a gap closes only with `--held-out`. `--overwrite` replaces
+results, never recordings.
 
 ## Questions
 

@@ -69,7 +69,7 @@ OTHERS = {
         "matplotlib.figure.Figure py:class 1 api/_as_gen/matplotlib.figure.Figure.html -",
     }),
 }  # fmt: skip
-"""What pages refer to elsewhere; CasADi has no inventory. With GREYBOX_DOCS_ONLINE=1 those of the others are fetched."""
+"""What pages refer to elsewhere; CasADi has no inventory. GREYBOX_DOCS_ONLINE=1 fetches those of the others."""
 
 
 def inventory(name: str, entries: set[str]) -> str:

@@ -1,4 +1,4 @@
-"""What docstrings of the names in `greybox_id.__all__` do not say: `python docs/api/build.py` exits with 1 where one lacks.
+"""What docstrings of `greybox_id.__all__` do not say: `python docs/api/build.py`, exit code 1 where one lacks.
 
 The pages themselves are made by `make docs` (docs/reference.md).
 """

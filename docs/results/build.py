@@ -6,6 +6,7 @@ A file is either a table as its script printed it, or what `greybox bench NAME -
 
 from __future__ import annotations
 
+import argparse
 import datetime
 import json
 import subprocess
@@ -21,10 +22,10 @@ HERE = Path(__file__).parent
 PAGE = HERE.parent / "results.md"
 HEAD = """# Results
 
-Each table is drawn from a file in `docs/results/` that says what was measured, when, with which version, on how many cases, from which seed
-(`python docs/results/build.py`). `DIR` holds recordings that belong to their authors: `greybox datasets list` says where they come
-from. CPU seconds are of one core at 3.1 GHz with compiled code in its cache. A bar that is missed is marked. What was tried
-and failed is in the [decision notes](decisions/README.md).
+Each table is drawn from a file in `docs/results/`, which says what was measured, when, with which version, on how many
+cases and from which seed (`python docs/results/build.py`). `DIR` holds recordings that belong to their authors:
+`greybox datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz with compiled code in its
+cache. A bar that is missed is marked. What was tried and failed is in the [decision notes](decisions/README.md).
 """
 MOST_TASKS = 3
 """A bench with more shows the first one alone; the file has all."""
@@ -101,8 +102,11 @@ def keep(file: Path, before: dict[str, Any], result: dict[str, Any]) -> None:
     """Write a bench's file: title, command and question stay, what was measured is new."""
     measured = {
         "date": datetime.date.today().isoformat(),
-        **{"version": __version__, "casadi": version("casadi"), "numpy": version("numpy")},
-        **{"seed": before["measured"]["seed"], "n": before["measured"]["n"]},
+        "version": __version__,
+        "casadi": version("casadi"),
+        "numpy": version("numpy"),
+        "seed": before["measured"]["seed"],
+        "n": before["measured"]["n"],
     }
     kept = {**{name: before[name] for name in ("title", "commands", "about")}, "measured": measured, "result": result}
     file.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
@@ -110,9 +114,13 @@ def keep(file: Path, before: dict[str, Any], result: dict[str, Any]) -> None:
 
 def main() -> int:
     """Write, check or measure."""
-    if sys.argv[1:2] == ["--run"]:
-        run(sys.argv[2], sys.argv[3:])
-    if "--check" in sys.argv:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="exit with 1 where the page is not current")
+    parser.add_argument("--run", nargs=argparse.REMAINDER, help="a bench with its options, to be measured again")
+    words = parser.parse_args()
+    if words.run:
+        run(words.run[0], words.run[1:])
+    if words.check:
         return 0 if PAGE.read_text(encoding="utf-8") == page() else 1
     PAGE.write_text(page(), encoding="utf-8")
     return 0

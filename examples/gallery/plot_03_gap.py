@@ -10,7 +10,8 @@ import numpy as np
 import greybox_id as gb
 
 # %%
-# The car steers 60 ms late, its yaw gyro reads 3 % too much, its tyres answer over half a metre, and its steering ratio is off by 6 %.
+# The car steers 60 ms late, its yaw gyro reads 3 % too much, its tyres answer over half a metre, and its steering
+# ratio is off by 6 %.
 truth = gb.models.lateral(vehicle="full_size_car") + gb.effects.steering_delay.at(0.06)
 truth += gb.effects.yaw_rate_scale.at(1.03)
 truth += gb.effects.tyre_relaxation.at(0.5)
@@ -37,6 +38,6 @@ gap = gb.diagnose("lateral", lap, vehicle="full_size_car", held_out=other, effec
 print(gap.summary())
 
 # %%
-# At most three effects are named together. What is not distinguished from noise, or from what the vehicle file tolerates, is said to be
-# so rather than named.
+# At most three effects are named together. What is not distinguished from noise, or from what the vehicle file
+# tolerates, is said to be so rather than named.
 gap.plot()

@@ -2,7 +2,8 @@
 The next manoeuvre
 ==================
 
-A fit says which parameters it knows badly. A designed manoeuvre says what to drive to know them better, inside the arena there is.
+A fit says which parameters it knows badly. A designed manoeuvre says what to drive to know them better, inside the
+arena there is.
 """
 
 import matplotlib.pyplot as plt

@@ -11,7 +11,8 @@ lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer
 fit = gb.fit("kinematic", lap.rows(0, 400), vehicle="roboracer", effects=["steering_delay"])
 
 # %%
-# Laplace draws, weighed by the posterior itself. ``method="mcmc"`` samples it where the weights say that this is not enough.
+# Laplace draws, weighed by the posterior itself. ``method="mcmc"`` samples it where the weights say that this is not
+# enough.
 posterior = gb.sample(fit, method="laplace", draws=1000, seed=0)
 print(posterior.summary())
 

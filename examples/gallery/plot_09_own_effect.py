@@ -2,7 +2,8 @@
 An effect of your own
 =====================
 
-A steering that gives way the faster one drives: a name, a magnitude, and what it alters. Any model that has the signal can be given it.
+A steering that gives way the faster one drives: a name, a magnitude, and what it alters. Any model that has the
+signal can be given it.
 """
 
 import matplotlib.pyplot as plt

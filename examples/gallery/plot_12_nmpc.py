@@ -2,7 +2,8 @@
 A predictive controller closes the loop
 =======================================
 
-A controller that does not know of a delay steers too late. The same controller on the closed model, exported to CasADi, does not.
+A controller that does not know of a delay steers too late. The same controller on the closed model, exported to
+CasADi, does not.
 """
 
 import importlib.util
@@ -38,7 +39,8 @@ def path(time):
 
 
 # %%
-# The controller: a place to be at for every step ahead, gentle commands, and a queue of commands that are on their way.
+# The controller: a place to be at for every step ahead, gentle commands, and a queue of commands that are on their
+# way.
 def controller(on_their_way):
     """What to steer, from the state, the commands on their way and the path ahead."""
     opti = cs.Opti()

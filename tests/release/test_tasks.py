@@ -33,7 +33,7 @@ def folder(tmp_path_factory):
 
 
 def answers(data, path):
-    """What stands under a key: names and numbers are parts of it, * is each entry of a list or each key of an object."""
+    """What stands under a key; * is each entry of a list or each key of an object."""
     name, _, rest = path.partition(".")
     if name == "*":
         inner = data if isinstance(data, list) else data.values() if rest else list(data)
