@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -134,6 +134,7 @@ class PlannedFit:
     vehicle : name of the vehicle whose numbers it starts from; "" where there is none.
     warnings : sentences on what may not be meant.
     pretraining : what a network learns from first, or whose training is carried on.
+    sensors : output -> standard deviation of its sensor, as the vehicle's file states it.
     """
 
     models: Sequence[Model]
@@ -143,6 +144,7 @@ class PlannedFit:
     vehicle: str = ""
     warnings: Sequence[str] = ()
     pretraining: Pretraining | TrainedBefore | None = None
+    sensors: Mapping[str, float] = field(default_factory=dict)
 
     def run(self, say: Say, command: str = "") -> FitResult:
         """Fit; `command` is kept in the result."""
@@ -156,6 +158,7 @@ class PlannedFit:
             say=say,
             command=command,
             pretraining=self.pretraining,
+            sensors=self.sensors,
         )
         seen = (*self.training, *([self.validation] if self.validation is not None else []))
         return FitResult.of(result, seen, vehicle=self.vehicle)
@@ -189,7 +192,8 @@ def planned(
         must_suit(options.horizon, training)
     stated = requested.vehicle if isinstance(requested, Wanted) else None
     warnings = doubts(models[0], stated, training) if isinstance(requested, Wanted) else []
-    return PlannedFit(models, training, validation, options, stated.name if stated is not None else "", warnings, known)
+    vehicle, sensors = ("", {}) if stated is None else (stated.name, stated.noise)
+    return PlannedFit(models, training, validation, options, vehicle, warnings, known, sensors)
 
 
 @by_kind

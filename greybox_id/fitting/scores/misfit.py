@@ -35,17 +35,13 @@ HALVES, CLEARLY = 0.1, 10.0
 """Error over the spread that other parameters in the second half explain; log of how much likelier that has to be."""
 
 
-def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reason]:
-    """Reasons against a fit of equations of motion.
-
-    Parameters
-    ----------
-    fit : the fit.
-    stated : output -> standard deviation of its sensor, where it is known.
-    """
+def misfit(fit: Fit) -> Iterator[Reason]:
+    """Reasons against a fit of equations of motion; residuals are judged by the noise that is stated, if it is."""
     if not isinstance(fit.model, MotionModel) or "imported" in fit.how:
         return
     yield from _short(fit)
+    if stood := fit.how.get("stood"):
+        yield Reason(USABLE, f"{quantity(stood, 's', 2)} of standing under the brake were left out of the fit.")
     form: Mapping[str, Any] = fit.how.get("form", {})
     outputs: Mapping[str, Mapping[str, Any]] = form.get("outputs", {})
     if not outputs:
@@ -68,7 +64,7 @@ def misfit(fit: Fit, stated: Mapping[str, float] | None = None) -> Iterator[Reas
             "or they are of another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
-    yield from _dependence(worst, moving[worst], stated or {})
+    yield from _dependence(worst, moving[worst], fit.how.get("sensors", {}))
     size = form.get("halves", 0.0) ** 0.5 * _of_form(moving[worst])
     if size > HALVES and form.get("halves_gain", 0.0) > CLEARLY:
         yield Reason(

@@ -40,7 +40,7 @@ MANY = 100
 """More times as large than this is not told as a number."""
 MEAN = 1.0
 """Share of variance left by the mean of the readings."""
-FOREIGN_PRIOR = 10.0
+FOREIGN_PRIOR = 6.0
 """Estimates so many prior standard deviations off are not of the vehicle that was stated: within tolerances, what a
 model lacks moves them by up to six."""
 CORNER = 0.5

@@ -137,12 +137,12 @@ def test_errors_that_do_not_carry_over_are_said(good):
 def test_a_far_estimate_and_one_at_its_bound_are_said(good):
     from greybox_id.models.parameter import Prior
 
-    far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 9.0))
+    far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 4.5))
     own, held = score_beside_hold(good.model, lap(3))
     changed = replace(good, model=good.model.with_parameters(far))
     said = judged(changed, {"validate": own}, held={"validate": held})
     assert said.usability == WITH_CARE
-    assert "I_z by 9 sd" in said.reasons[0]
+    assert "I_z by 4.5 sd" in said.reasons[0]
     value = float(good.model["I_z"].array)
     bound = replace(good, model=good.model.with_parameters(replace(good.model["I_z"], bounds=(value, 2 * value))))
     assert "I_z is at a bound." in judged(bound, {"validate": own}, held={"validate": held}).reasons
