@@ -174,7 +174,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     pandas.DataFrame
         A row per output and protocol: `output`, `unit` (SI), `protocol` ("0.5 s ahead", "free run", or that of a model
         with memory), `horizon` [s] (infinite in free run, NaN one sample ahead), `rmse` and its standard error `stderr`
-        [unit], `fit_percent` = 100 (1 - |e| / |y - mean(y)|), the fraction of variance unexplained `fvu`, and
+        [unit], `fit_percent` = ``100 (1 - |e| / |y - mean(y)|)``, the fraction of variance unexplained `fvu`, and
         `samples`.
 
     Raises
