@@ -54,7 +54,7 @@ def select_at_once(
     prices = np.array([
         costs(own.name) + CAL.second_parameter * len(own.forms[0].seconds) for own in problem.causes
     ])  # fmt: skip
-    stage = together.explained()
+    stage = together.exchanged(together.explained())
     if firmly is not None:
         stage = _let_loose(together, stage, firmly)
     stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))

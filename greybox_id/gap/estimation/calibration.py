@@ -281,6 +281,9 @@ class Calibration:
     doubted: float = _known(
         4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
     )
+    acts_alike: float = _known(
+        0.5, "cosine between what two causes do, all else refitted, from which they act alike", DEFINED
+    )
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
     as_rough: float = _known(1.3, "times as rough forms are believed to be, where forces say more", DEFINED)

@@ -159,6 +159,36 @@ class Together:
         self.problem.roughly(best.rough)
         return best
 
+    def exchanged(self, stage: Stage) -> Stage:
+        """The stage with abrupt causes exchanged for others that act alike, where these explain more.
+
+        Of delays, lags, limits and plays first order tells little: each that is there was the best of them where
+        nothing was known yet. The others are refitted in its place.
+        """
+        better = stage
+        for k in np.flatnonzero(stage.there & ~self.problem.smooth):
+            if not better.there[k]:
+                continue
+            for j in self._mates(better, int(k)):
+                swap = better.there.copy()
+                swap[k], swap[j] = False, True
+                tried = self.refitted(better, swap, CAL.refits + 1)
+                if _explains(tried) > _explains(better):  # in the same model error
+                    better, k = tried, j
+        if better is stage:
+            return stage
+        self.problem.forget()
+        return self.settled(better.state, better.rough, self.variance(better.there), rounds=2)
+
+    def _mates(self, stage: Stage, k: int) -> list[int]:
+        """Abrupt causes that are not there and whose columns point as one's does, all else refitted; the nearest."""
+        sets = stage.sets
+        S = sets.S[np.ix_(sets.main, sets.main)]
+        size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+        like = np.abs(S[k] / (size * size[k]))
+        others = np.flatnonzero(~stage.there & ~self.problem.smooth & (like > CAL.acts_alike))
+        return sorted((int(j) for j in others), key=lambda j: -like[j])[: CAL.exchanged]
+
     def _settled_as(self, state: State, there: Mask, rough: float) -> Stage:
         """A state where equations are so rough."""
         moved = self.problem.roughly(rough, state)
@@ -242,9 +272,8 @@ class Together:
             state, _ = self._stepped(state, squares, variance, stage.whitener, there)
             state, squares = self._linear(state, stage.whitener, False, variance)
         sets = self._sets(squares)
-        return replace(
-            stage, state=state, there=there, squares=squares, sets=sets, evidence=sets.base + sets.score(there)
-        )
+        evidence = stage.evidence + sets.base + sets.score(there) - _explains(stage)
+        return replace(stage, state=state, there=there, squares=squares, sets=sets, evidence=evidence)
 
     def settled(
         self, state: State, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
@@ -352,6 +381,11 @@ class Together:
                     extra += ((at - axis.mean) / axis.sd) ** 2
         total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
         return total if np.isfinite(total) else np.inf
+
+
+def _explains(stage: Stage) -> float:
+    """Logarithm of the evidence of a stage's causes in its model error."""
+    return stage.sets.base + stage.sets.score(stage.there)
 
 
 class _Profile:
