@@ -23,7 +23,7 @@ from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
 from .estimation.shortlist import Promise
 from .estimation.together import Stage, Together
-from .selection import Firmly, Selection
+from .selection import Selection
 
 Unsteadiness = Callable[[Search, Hypothesis], list[float]]
 """Of each effect of a hypothesis, how its magnitude differs between parts of the drive."""
@@ -35,7 +35,6 @@ def select_at_once(
     costs: Callable[[str], float],
     unsteadiness: Unsteadiness,
     trust: float,
-    firmly: Firmly | None = None,
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -46,17 +45,12 @@ def select_at_once(
     costs : log-likelihood that effects must gain, by name.
     unsteadiness : of each effect of a hypothesis, see `constancy`.
     trust : as how many readings one counts.
-    firmly : observers that keep a simulation from spinning while no explanation is known yet; None where none spins.
     """
     problem = together.problem
-    if firmly is not None:
-        problem.nominal[firmly.index] = firmly.rate
     prices = np.array([
         costs(own.name) + CAL.second_parameter * len(own.forms[0].seconds) for own in problem.causes
     ])  # fmt: skip
     stage = together.exchanged(together.explained())
-    if firmly is not None:
-        stage = _let_loose(together, stage, firmly)
     stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
             for a in believed]  # fmt: skip
@@ -87,21 +81,6 @@ def select_at_once(
     if found:
         found = [*with_slopes(search, found[:1]), *found[1:]]
     return Selection(search, base, tuple(found), offered, True)
-
-
-def _let_loose(together: Together, firm: Stage, firmly: Firmly) -> Stage:
-    """A stage that was found beside firm observers without them, where its simulations, and nominal ones, stand."""
-    problem = together.problem
-    problem.nominal[firmly.index] = 0.0
-    problem.forget()
-    ways = [problem.vector(own) for own in (firm.state, problem.roughly(firm.rough, problem.begin()) or firm.state)]
-    if np.all(np.isfinite(problem.residuals(ways))):
-        loose = together.settled(firm.state, firm.rough, together.variance(firm.there), rounds=2)
-        if loose.sets.cost(loose.there) <= CAL.rather * firm.sets.cost(firm.there):
-            return loose
-    problem.nominal[firmly.index] = firmly.rate
-    problem.forget()
-    return firm
 
 
 def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:

@@ -151,12 +151,13 @@ def examine(
     whiten = _whitener(bench, good, prior, sd)
     cost = costs(forces, value)
     firmly = _firmly(bench, start, sd, good)
-    if rough and forces:  # model error that is annealed: where numbers are exact, or are weights, there is none
+    if rough and forces and firmly is None:
+        # model error is annealed: where numbers are exact, or are weights, there is none; and what spins has no columns
         tolerances = [axis for axis in believed if not axis.narrow]
         everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
         problem = Problem(bench, tolerances, everything, good)
         together = Together(problem, Whitening(problem, sd, prior, forces, search.trust), tell)
-        selection = select_at_once(together, believed, cost, _unsteadiness, search.trust, firmly)
+        selection = select_at_once(together, believed, cost, _unsteadiness, search.trust)
         search = selection.search
     else:
         selection = select(search, value, whiten, cost, firmly)

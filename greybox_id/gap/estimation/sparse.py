@@ -20,6 +20,8 @@ from .calibration import CAL
 from .problem import Linear
 
 NEVER = -np.inf
+RIDGE = 1e-10
+"""On the diagonal of matrices scaled to ones: what rounding leaves of a direction that nothing is known of."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +96,7 @@ class Sets:
         H = squares.G[np.ix_(rest, rest)] + np.diag(1 / own.sd[rest] ** 2)
         g = squares.g + squares.G @ (own.mean - own.at)  # at the means of everything
         scale = 1 / np.sqrt(np.diag(H))
-        factor = np.linalg.cholesky(H * np.outer(scale, scale))
+        factor = np.linalg.cholesky(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
         cross = scale[:, None] * squares.G[np.ix_(rest, ours)]
         both = np.linalg.solve(factor, np.column_stack([cross, scale * g[rest]]))
         C, d = both[:, :-1], both[:, -1]
@@ -152,6 +154,12 @@ class Sets:
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
         return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
+
+    def beyond(self, on: Mask) -> Mask:
+        """(causes,) those of a set whose best magnitudes lie beyond their bounds."""
+        there = self.sizes(on)[0]
+        size = 1e-6 * np.sqrt(self.slab)
+        return on & ((there < self.low[self.main] - size) | (there > self.high[self.main] + size))
 
     def sizes(self, on: Mask) -> tuple[Array, Array]:
         """(causes,) magnitudes and their standard deviations where a set is there."""

@@ -219,11 +219,13 @@ class Together:
         """
         looked = np.zeros(len(stage.there), dtype=bool)
         while True:
-            gains = np.zeros(len(stage.there))
-            for k in np.flatnonzero(stage.there):
-                gains[k] = self._gained(stage, int(k), prices[k])
+            gains, beyond = np.zeros(len(stage.there)), stage.sets.beyond(stage.there)
+            for k in np.flatnonzero(stage.there & ~beyond):
+                gains[k] = 0.0 if np.any(beyond) else self._gained(stage, int(k), prices[k])
             steady = steadily(gains, unsteady)
-            weak = [k for k in np.flatnonzero(stage.there) if steady[k] < prices[k]]
+            weak = list(np.flatnonzero(beyond)) or [
+                k for k in np.flatnonzero(stage.there) if not steady[k] >= prices[k]
+            ]
             if not weak:
                 new = self._worth_adding(stage, prices, looked)
                 if new is None:

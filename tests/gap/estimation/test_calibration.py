@@ -22,6 +22,7 @@ MATHEMATICS = {
     "preparing": {"OBSERVED"},
     "columns": {"APART", "BLOCKS", "LAGS", "LEAST"},  # a jackknife and its grid; each says where it comes from
     "problem": {"LEAST_ZONE"},
+    "sparse": {"NEVER", "RIDGE"},  # guards against numbers without meaning
     "usual": {"FAST"},  # a percentile that a sentence names
 }
 
