@@ -50,8 +50,7 @@ from .driven import Driven, Errors, driven, held_errors
 from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
-from .figures.predictions import horizons
-from .figures.style import NEAR
+from .figures.predictions import NEAR, horizons
 from .posterior import posterior_parts
 from .recordings import Seen, shown_first
 from .sections import Sections, sections, seen

@@ -55,6 +55,7 @@ def free_runs(model: Model, recording: Recording) -> Callable[[Model], dict[str,
     from greybox_id.engine.motion.simulator import Simulator
 
     simulator = Simulator(model)
+    simulator.kernel.prepare()
 
     def simulated(moved: Model) -> dict[str, Array]:
         run = Predictor(simulator, recording, moved.values).free_run()

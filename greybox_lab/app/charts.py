@@ -6,6 +6,7 @@ Every curve differs from the others in its dashes too, so that it is told on a g
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,10 +147,11 @@ def on_cursor(element: ui.echart, moved: Callable[[Any], None]) -> None:
     element.on("chart:rendered", js_handler=listen)
 
 
-def with_curves(element: ui.echart, points: Mapping[str, Points]) -> None:
-    """Draw other points of some curves, by id "strip/curve", and nothing else anew."""
+async def with_curves(element: ui.echart, points: Mapping[str, Points]) -> None:
+    """Draw other points of some curves, by id "strip/curve", and nothing else anew; returns once they are drawn."""
     series = [{"id": name, "data": data} for name, data in points.items()]
-    element.run_chart_method("setOption", {"series": series}, {"silent": True})
+    with suppress(TimeoutError):
+        await element.run_chart_method("setOption", {"series": series}, {"silent": True})
 
 
 def plane(across: str, up: str, points: Points, *, equal: bool = False, dots: bool = False) -> dict[str, Any]:

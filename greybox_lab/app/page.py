@@ -41,7 +41,7 @@ class Page:
         self._ticking: list[Callable[[], None]] = []
         self._trouble = self.work.trouble
 
-    async def build(self) -> None:
+    def build(self) -> None:
         """Make the page."""
         ui.colors(primary="#0072b2", negative="#a34a12", accent="#7b3f8c")
         with ui.row(align_items="center").classes("bar"):
@@ -53,8 +53,10 @@ class Page:
         with ui.column().classes("page").props("role=main"):
             self.running = ui.column().classes("w-full")
             self.body = ui.column().classes("w-full")
-        await self.draw()
-        ui.timer(TICK, self._tick)
+        with self.body:
+            ui.spinner(size="2rem")
+        ui.echart({}).style("display: none")  # the browser loads what draws while it waits
+        ui.timer(TICK, self._tick)  # which draws the step once the browser is there
 
     def _button(self, k: int, name: str) -> ui.button:
         async def go() -> None:

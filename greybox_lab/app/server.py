@@ -119,10 +119,9 @@ def set_up(work: Work) -> None:
     from .page import Page
 
     @ui.page("/", title=f"greybox app: {work.session.folder.name}", response_timeout=30)
-    async def index() -> None:
+    def index() -> None:
         ui.add_css(CSS)
-        page = Page(work)
-        await page.build()
+        Page(work).build()
 
     @app.get("/session/{name:path}")
     def file(name: str) -> FileResponse:

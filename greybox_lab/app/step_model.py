@@ -137,8 +137,8 @@ def _slider(page: Page, row: Slider, drag: Drag) -> None:
             bar.tooltip(f"prior: {number(mean)} ± {number(sd, 2)} {pretty_unit(row.unit)}")
 
     async def moved(event: Any) -> None:
-        words.set_text(shown(float(event.value), row.unit))
         await drag.to(row.name, float(event.value))
+        words.set_text(shown(float(event.value), row.unit))
 
     slider.on_value_change(moved)
 
@@ -162,7 +162,7 @@ class Drag:
             while self._again:
                 self._again = False
                 points, words = await self.page.off(self._simulated, dict(self.values))
-                charts.with_curves(self.element, points)
+                await charts.with_curves(self.element, points)  # so that no more are sent than are drawn
                 self.wrong.set_text(words)
         finally:
             self._busy = False

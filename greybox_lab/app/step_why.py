@@ -144,7 +144,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
 
     async def show(name: str) -> None:
         if name not in known:
-            charts.with_curves(element, {f"{channel}/{ALONE}": []})
+            await charts.with_curves(element, {f"{channel}/{ALONE}": []})
             words.set_text("This is what no known effect explains." if name == UNNAMED else POINT)
             return
         try:
@@ -153,7 +153,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
         except gb.GreyboxError as error:
             words.set_text(f"{name} cannot be simulated alone: {sentence(error)}")
             return
-        charts.with_curves(element, {f"{channel}/{ALONE}": over.points(kept[name])})
+        await charts.with_curves(element, {f"{channel}/{ALONE}": over.points(kept[name])})
         without, beside = (
             shown(float(np.sqrt(np.nanmean((trace - measured) ** 2))), recording.unit(channel))
             for trace in (data["trace"], kept[name])

@@ -38,7 +38,7 @@ class Work:
 
     def __init__(self, session: Session) -> None:
         self.session, self.library = session, Library()
-        self.trouble, self._watching = "", Lock()
+        self.trouble, self._watching, self._ahead = "", Lock(), ""
 
     # ---- drop
 
@@ -313,7 +313,16 @@ class Work:
             ended = True
         if ended:
             self.session.version += 1
+        self._read_ahead()
         return ended
+
+    def _read_ahead(self) -> None:
+        """Read recordings as soon as they can be, so that no step waits for it; what is wrong is said there."""
+        if self._ahead != self.session.key and not self.ready:
+            self._ahead = self.session.key
+            for file in self.session.files():
+                with suppress(gb.GreyboxError):
+                    self.recording(file)
 
 
 def _shipped(name: str) -> Path:
