@@ -17,7 +17,7 @@ import greybox_id as gb
 from . import mapping
 from .beneath import sentence, shipped_maps
 from .jobs import PageJob
-from .mapping import Entry, Repair
+from .mapping import Entry
 from .model import Request
 from .session import MAP, Session
 from .traces import Library
@@ -59,23 +59,24 @@ class Work:
         files = self.session.files()
         looking = any(job.kind == "map" for job in self.session.jobs.running())
         if files and not self.session["columns"] and not looking:
-            self._map(files[0])
+            self._map(files[:1])
 
-    def _map(self, file: str, kind: str = "map") -> None:
-        number = len(self.session.jobs.all()) + 1
-        target = f"jobs/proposed_{number}.toml"
-        self.session.jobs.start(kind, ["data", "map", file, "--out", target], target)
+    def _map(self, files: list[str]) -> None:
+        target = self._proposed()
+        self.session.jobs.start("map", ["data", "map", *files, "--out", target], target)
         self.session.version += 1
+
+    def _proposed(self) -> str:
+        """A map that a command is going to write, for the session to take."""
+        return f"jobs/proposed_{len(self.session.jobs.all()) + 1}.toml"
 
     def map_done(self, job: PageJob) -> None:
         """Take a proposal: what is decided into the map, the rest as questions."""
         answer = job.answer
-        if answer is None:
-            return
-        maps = self._maps_that_fit()
-        if self.session["joining"] or self.session["columns"]:  # decided otherwise meanwhile
-            return
+        if answer is None or self.session["columns"] or job != self.session.latest("map"):
+            return  # decided otherwise meanwhile
         base, entries = mapping.base_of(self.session.folder / job.target, answer), mapping.entries_of(answer)
+        maps = [] if self.session["joining"] else self._maps_that_fit()
         more = {"others": answer["others"], "maps": maps}
         self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
         self.write_map()
@@ -154,22 +155,10 @@ class Work:
     # ---- several files of one drive
 
     def join(self) -> None:
-        """Ask of every file what its columns may be, to join them on one clock."""
-        self.session.change(joining=self.session.files(), entries=[], map={}, others=[], columns=MAP)
-        for file in self.session.files():
-            self._map(file, "part")
-
-    def part_done(self, job: PageJob) -> None:
-        """Take a proposal for a file that is going to be joined."""
-        answer = job.answer
-        if answer is None:
-            return
-        base = {**mapping.base_of(self.session.folder / job.target, answer), **self.session["map"]}
-        prefix = f"{Path(answer['path']).name.split('.')[0]}/"
-        new = mapping.entries_of(answer, prefix)
-        others = [*self.session["others"], *(each for each in answer["others"] if each not in self.session["others"])]
-        self.session.change(map=base, entries=[*self.session["entries"], *new], others=others, looked="")
-        self.write_map()
+        """Ask `greybox data map` of all files together, to join them on one clock."""
+        files = self.session.files()
+        self.session.change(joining=files, entries=[], map={}, others=[], columns="", looked="")
+        self._map(files)
 
     def make_joined(self) -> None:
         """Join the files by the map as it is answered."""
@@ -199,14 +188,24 @@ class Work:
         """The check of the recordings as they now are."""
         return self.session.latest("check", self.session.key)
 
-    def repair(self, repair: Repair) -> None:
-        """Change the map as a finding asks, and check again."""
-        session = self.session
-        base, entries = session["map"], session["entries"]
-        if session["columns"] != MAP:  # a shipped map becomes the session's, to be changed
-            base, entries = mapping.entries_of_map(_shipped(session["columns"]))
-        base, entries = mapping.repaired(base, entries, repair)
-        session.change(map=base, entries=entries, columns=MAP, looked="", repairs=[*session["repairs"], repair.words])
+    def repair(self) -> None:
+        """Run `greybox data check --repair`: the map as findings would have it."""
+        session, target = self.session, self._proposed()
+        words = ["data", "check", *session.files(), *session.part, "--repair", target]
+        session.jobs.start("repair", words, target)
+        session.version += 1
+
+    def repair_done(self, job: PageJob) -> None:
+        """Take the map that was repaired, keep what is open, and check again."""
+        answer, session = job.answer, self.session
+        if answer is None or not answer["repair"]["written"]:
+            return
+        base, entries = mapping.entries_of_map(session.folder / job.target)
+        known = self.recording(session.files()[0])
+        entries = [entry for entry in entries if known.has(entry["signal"]) or not entry["more"].get("optional")]
+        kept = [entry for entry in session["entries"] if not entry["use"]]
+        repairs = [*session["repairs"], *answer["repair"]["changes"]]
+        session.change(map=base, entries=[*entries, *kept], columns=MAP, looked="", repairs=repairs)
         self.write_map()
         self.check()
 
@@ -284,7 +283,7 @@ class Work:
 
     # ---- what runs
 
-    DONE = {"map": map_done, "part": part_done, "join": join_done}  # noqa: RUF012
+    DONE = {"map": map_done, "join": join_done, "repair": repair_done}  # noqa: RUF012
 
     def watch(self) -> bool:
         """Look after what runs; whether something ended since the last time."""
@@ -323,10 +322,3 @@ class Work:
             for file in self.session.files():
                 with suppress(gb.GreyboxError):
                     self.recording(file)
-
-
-def _shipped(name: str) -> Path:
-    """The file of a shipped column map."""
-    import greybox_id.datasets.columns as columns
-
-    return Path(next(iter(columns.__path__))) / f"{name}.toml"
