@@ -11,10 +11,10 @@ from nicegui import events, ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import SIGNALS, counted, pretty_unit, sentence
+from .beneath import SIGNALS, companion, counted, pretty_unit, sentence
 from .mapping import TIME_UNITS, USUAL_UNITS, Entry, column_of, questions, units_for, write_map
 from .session import LARGEST, MAP, ROLES, must_be_small, must_be_takeable, safe_name
-from .traces import Shown, companion
+from .traces import Shown
 from .widgets import button, choose, heading, quiet, tell, title, verdict
 
 if TYPE_CHECKING:

@@ -137,39 +137,3 @@ class Library:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = recording
         return self._kept[key]
-
-
-def companion(recording: gb.Recording, signal: str) -> tuple[str, Array] | None:
-    """What a signal should look like by the others, where they say: in words, and (n,) values in its SI unit."""
-    has = recording.has
-    time = recording.time
-    with np.errstate(all="ignore"):
-        if signal == "yaw_rate" and has("v_x", "a_y"):
-            v = recording["v_x"]
-            return "a_y / v_x", np.where(np.abs(v) > 0.5, recording["a_y"] / v, np.nan)
-        if signal == "yaw_rate" and has("v_x", "steer"):
-            return "v_x · steer, over 1 m", recording["v_x"] * recording["steer"]
-        if signal == "a_y" and has("v_x", "yaw_rate"):
-            return "v_x · yaw_rate", recording["v_x"] * recording["yaw_rate"]
-        if signal == "a_x" and has("v_x"):
-            return "dv_x/dt", _slope(recording, recording["v_x"])
-        if signal == "v_x" and has("a_y", "yaw_rate"):
-            r = recording["yaw_rate"]
-            strong = np.abs(r) > 0.3 * np.nanmax(np.abs(r))
-            return "a_y / yaw_rate", np.where(strong, recording["a_y"] / r, np.nan)
-        if signal == "v_x" and has("x", "y"):
-            return "speed of x, y", np.hypot(_slope(recording, recording["x"]), _slope(recording, recording["y"]))
-        if signal == "steer" and has("v_x", "yaw_rate"):
-            v = recording["v_x"]
-            return "yaw_rate / v_x · 1 m", np.where(np.abs(v) > 0.5, recording["yaw_rate"] / v, np.nan)
-        if signal == "yaw" and has("yaw_rate"):
-            return "∫ yaw_rate", np.cumsum(np.nan_to_num(recording["yaw_rate"])) * float(np.median(np.diff(time)))
-    return None
-
-
-def _slope(recording: gb.Recording, values: Array) -> Array:
-    slope = np.full(len(values), np.nan)
-    for start, stop in recording.runs:
-        if stop - start > 4:
-            slope[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
-    return slope

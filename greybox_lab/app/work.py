@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -18,7 +17,6 @@ from . import mapping
 from .beneath import sentence, shipped_maps
 from .jobs import PageJob
 from .mapping import Entry
-from .model import Request
 from .session import MAP, Session
 from .traces import Library
 
@@ -211,39 +209,53 @@ class Work:
 
     # ---- model, fit, gap
 
-    def request(self) -> Request:
-        """The fit as it is asked for now."""
-        session, chosen = self.session, self.session["model"]
-        return Request(
-            name=chosen["name"], vehicle=chosen["vehicle"], settings=chosen["settings"], effects=chosen["effects"],
-            start={name: value for name, value in chosen["start"].items() if name not in chosen["fix"]},
-            fix={name: chosen["start"][name] for name in chosen["fix"] if name in chosen["start"]},
-            free=chosen["free"], train=session.files("train"), validate=session.files("validate"),
-            before=session.files("before"), columns=session["columns"] or "canonical", between=session["between"],
-            horizon=session["horizon"],
-        )  # fmt: skip
-
     def fit(self) -> PageJob:
         """Run `greybox fit`."""
         session, target = self.session, self.session.next_folder("fits")
-        request = self.request()
-        self._keep(target, request)
-        job = session.jobs.start("fit", request.fit_words(target), target)
+        self._keep(target)
+        job = session.jobs.start("fit", self.fit_words(target), target)
         session.change(fit=target)
         return job
 
     def gap(self, of_fit: bool, since: bool = False) -> PageJob:
         """Run `greybox gap`, of the fit or of the vehicle as it is stated; what changed since before."""
         session, target = self.session, self.session.next_folder("gaps")
-        request = self.request()
-        self._keep(target, request)
-        words = request.gap_words(session["fit"] if of_fit else "", target, since)
+        self._keep(target)
+        words = self.gap_words(session["fit"] if of_fit else "", target, since)
         job = session.jobs.start("since" if since else "gap", words, target)
         session.change(gap=target)
         return job
 
-    def _keep(self, target: str, request: Request) -> None:
-        self.session.change(requests=self.session["requests"] | {target: asdict(request)})
+    def _keep(self, target: str) -> None:
+        """What a fit or a gap is made of, to be shown with it later."""
+        session = self.session
+        request = {"model": session["model"], "train": session.files("train"), "validate": session.files("validate")}
+        session.change(requests=session["requests"] | {target: request})
+
+    def fit_words(self, target: str) -> list[str]:
+        """Words of `greybox fit`, as the model, its sliders and the recordings are now."""
+        session, chosen = self.session, self.session["model"]
+        fixed = {name: value for name, value in chosen["start"].items() if name in chosen["fix"]}
+        started = {name: value for name, value in chosen["start"].items() if name not in fixed}
+        words = ["fit", "--model", chosen["name"], *(["--vehicle", chosen["vehicle"]] if chosen["vehicle"] else [])]
+        for option, pairs in (("--set", chosen["settings"]), ("--start", started), ("--fix", fixed)):
+            for name, value in pairs.items():
+                words += [option, f"{name}={value if isinstance(value, str) else repr(value)}"]
+        for option, names in (("--free", chosen["free"]), ("--with", chosen["effects"])):
+            words += [word for name in names for word in (option, name)]
+        words += [*session.files("train"), *session.part]
+        words += [word for file in session.files("validate")[:1] for word in ("--validate", file)]
+        words += ["--horizon", repr(session["horizon"])] if session["horizon"] else []
+        return [*words, "--seed", "0", "--out", target]
+
+    def gap_words(self, fit: str, target: str, since: bool = False) -> list[str]:
+        """Words of `greybox gap`: of a fit, or of the vehicle as it is stated where there is none."""
+        session, chosen = self.session, self.session["model"]
+        words = ["gap", *session.files("train"), *(["--since", *session.files("before")] if since else [])]
+        words += ["--fit", f"{fit}/fit.json"] if fit else ["--model", chosen["name"]]
+        words += ["--vehicle", chosen["vehicle"]] if chosen["vehicle"] else []
+        words += [word for file in session.files("validate") for word in ("--held-out", file)]
+        return [*words, *session.part, "--seed", "0", "--out", target]
 
     def design(self, arena: str) -> PageJob:
         """Run `greybox design` on the gap."""

@@ -112,7 +112,7 @@ def test_dragging_a_slider_simulates_anew_and_is_where_the_fit_starts(work):
 
     run(scenario)
     assert work.session["model"]["start"] == {"m": 2.5}
-    assert work.request().fit_words("fits/1")[5:7] == ["--start", "m=2.5"]
+    assert work.fit_words("fits/1")[5:7] == ["--start", "m=2.5"]
 
 
 def test_two_pages_show_the_same(work):

@@ -3,7 +3,8 @@
 import numpy as np
 
 import greybox_id as gb
-from greybox_lab.app.traces import DETAIL, OVERVIEW, Shown, companion
+from greybox_lab.app.beneath import companion
+from greybox_lab.app.traces import DETAIL, OVERVIEW, Shown
 
 
 def long_drive(rows=360_000):
