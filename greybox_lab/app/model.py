@@ -19,6 +19,8 @@ MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
 TYRES = ("pacejka", "linear", "dugoff", "brush")
 MOST_ROWS = 4000
 """Rows that are simulated anew while a slider is dragged."""
+MOST_TRIED = 1200
+"""Rows on which shipped vehicles are compared."""
 WIDE = 4.0
 """A slider spans so many standard deviations of the prior, and a factor of so much where there is none."""
 
@@ -49,6 +51,23 @@ def lacking(name: str, recording: gb.Recording) -> str:
     except gb.GreyboxError as error:
         return sentence(error)
     return ""
+
+
+def nearest_vehicle(name: str, recording: gb.Recording) -> str:
+    """The shipped vehicle whose simulation is nearest to what was recorded, over outputs in units of their spread."""
+    part = recording.rows(0, min(len(recording), MOST_TRIED))
+
+    def error(vehicle: str) -> float:
+        try:
+            model = getattr(gb.models, name)(vehicle=vehicle)
+            run = gb.simulate(model, part)
+        except gb.GreyboxError:
+            return np.inf
+        known = [output for output in model.outputs if part.has(output)]
+        squares = [np.nanmean((run[output] - part[output]) ** 2) / np.nanvar(part[output]) for output in known]
+        return float(np.nan_to_num(np.mean(squares), nan=np.inf))
+
+    return min(gb.vehicles(), key=error)
 
 
 @dataclass(frozen=True)

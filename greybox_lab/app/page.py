@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -38,7 +39,7 @@ class Page:
         self.window: tuple[float, float] | None = None
         self.picked: dict[str, Any] = {}
         self._drawing = 0
-        self._ticking: list[Callable[[], None]] = []
+        self._ticking: list[Callable[[], Any]] = []
         self._trouble = self.work.trouble
 
     def build(self) -> None:
@@ -112,7 +113,7 @@ class Page:
 
         def tick() -> None:
             last = next((text for text in reversed(job.lines) if text.strip()), "starting")
-            line.set_text(f"{last[:110]} · {job.seconds:.0f} s")
+            line.set_text(f"{last.partition('; ')[0][:90]} · {job.seconds:.0f} s")
             card.set_visibility(job.seconds > SOON)
 
         tick()
@@ -120,14 +121,15 @@ class Page:
 
     async def _tick(self) -> None:
         for tick in self._ticking:
-            tick()
+            if asyncio.iscoroutine(result := tick()):
+                await result
         if self.work.trouble and self.work.trouble != self._trouble:
             tell(self.work.trouble)
         self._trouble = self.work.trouble
         if self.seen != self.session.version:
             await self.draw()
 
-    def every_tick(self, tick: Callable[[], None]) -> None:
+    def every_tick(self, tick: Callable[[], Any]) -> None:
         """Call several times a second while the step is shown as it is."""
         self._ticking.append(tick)
 

@@ -236,5 +236,5 @@ def named_session(files: Iterable[Path]) -> str:
     """A session's name, after its first file."""
     first = next(iter(files), None)
     if first is None:
-        return "racer"
+        return "drive"
     return re.sub(r"[^\w-]+", "_", safe_name(first.name).split(".")[0]).strip("_") or "session"

@@ -287,12 +287,6 @@ class Work:
         jobs = [job for job in self.session.jobs.all() if job.kind in kinds and job.target == target]
         return (jobs[-1], jobs[-1].answer) if jobs and target else (None, None)
 
-    def likely_vehicle(self) -> str:
-        """A shipped vehicle called like the shipped map, or that of the shipped recordings; else a full-size car."""
-        names, columns = gb.vehicles(), self.session["columns"]
-        shipped = Path(gb.shipped("racer_train")).name in "".join(self.session.files())
-        return columns if columns in names else "roboracer" if shipped else "full_size_car"
-
     # ---- what runs
 
     DONE = {"map": map_done, "join": join_done, "repair": repair_done}  # noqa: RUF012

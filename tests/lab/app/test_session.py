@@ -103,7 +103,7 @@ def test_another_map_has_to_be_looked_at_again(tmp_path):
 
 def test_a_session_is_named_after_its_first_file(tmp_path):
     assert named_session([tmp_path / "lap 7 (wet).csv"]) == "lap_7_wet"
-    assert named_session([]) == "racer"
+    assert named_session([]) == "drive"
 
 
 @pytest.mark.slow
