@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from threading import get_ident
 from typing import TYPE_CHECKING
@@ -84,12 +85,13 @@ def cause_words(cause: Ranked) -> str:
     return f"{magnitude_words(cause)}, probability {probability_words(cause.probability)}"
 
 
-def companion(recording: Recording, signal: str) -> tuple[str, Array] | None:
-    """What a signal should look like by the others, where they say: in words, and (n,) values in its SI unit."""
+def companion(recording: Recording, signal: str, values: Array) -> tuple[str, Array] | None:
+    """What a signal, (n,) values, should look like by the others, where they say: in words, and (n,) in its SI unit."""
     from greybox_id.datasets.checks.pairs import pairs
 
     with np.errstate(all="ignore"):
-        return next(((pair.right, pair.right_values) for pair in pairs(recording) if pair.nodes[0] == signal), None)
+        paired = pairs(replace(recording, signals={**recording.signals, signal: values}))
+        return next(((pair.right, pair.right_values) for pair in paired if pair.nodes[0] == signal), None)
 
 
 def write_atomically(path: Path, text: str) -> None:

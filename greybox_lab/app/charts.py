@@ -186,7 +186,7 @@ def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
     base, whiskers = [0.0], []
     bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}, "label": _label("100 %")}]
     for k, step in enumerate(steps, 1):
-        low, high = sorted((100 * step.start, 100 * (step.start - step.share)))
+        low, high = sorted(round(100 * end, 6) for end in (step.start, step.start - step.share))
         named = step.name != UNNAMED
         look: dict[str, Any] = {"color": BLUE if step.applied else SKY if named else GREY}
         if named and not step.applied:
