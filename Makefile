@@ -1,6 +1,7 @@
 # make demo   sets up an environment, fits the shipped recording, leaves a report in demo/
 # make test   sets up an environment and runs the tests
-# make check  format, lint, types, import floors, pages of the top level
+# make check  format, lint, types, import floors, docstrings of the top level
+# make docs   the site, into build/docs/html; executes the gallery, needs no network once the environment is there
 
 PYTHON ?= python3
 VENV := .venv
@@ -8,12 +9,12 @@ BIN := $(VENV)/bin
 export PYTHONDONTWRITEBYTECODE = # hundreds of processes are started by tests: each would compile the package again
 SHIPPED := greybox_id/datasets/shipped
 
-.PHONY: demo test check format clean
+.PHONY: demo test check docs format clean
 
 $(VENV)/done: pyproject.toml constraints.txt
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --quiet --upgrade pip
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[all,docs,exam]' --group dev
 	touch $@
 
 demo: $(VENV)/done
@@ -30,11 +31,16 @@ check: $(VENV)/done
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python docs/api/build.py --check
+	$(BIN)/python docs/api/build.py
+	$(BIN)/python docs/agents.py --check
+	$(BIN)/python docs/results/build.py --check
+
+docs: $(VENV)/done
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs/html
 
 format: $(VENV)/done
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) demo build dist *.egg-info
+	rm -rf $(VENV) demo build dist *.egg-info docs/gallery docs/reference docs/made

@@ -6,14 +6,67 @@
     print(fit.summary()); fit.conf_int(); fit.score(other); fit.plot.tyres()
     gap = gb.diagnose(fit, other); gap.plot(); gb.export(gap.closed_model, to="car/")
 
-What stands in `__all__` is loaded when it is first asked for, so that `import greybox_id` costs nothing.
+A name is loaded when it is first asked for (PEP 562), so that `import greybox_id` costs nothing.
 """
 
-import sys
-from importlib import import_module
-from types import ModuleType
+from importlib import import_module as _import_module
+from typing import TYPE_CHECKING
 
 from .base.version import __version__ as __version__
+
+if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the table below together
+    from .api import effects as effects
+    from .api import models as models
+    from .api.adapting import AdaptationResult
+    from .api.adapting import adapt as adapt
+    from .api.designing import design as design
+    from .api.diagnosing import diagnose as diagnose
+    from .api.fit_result import FitResult
+    from .api.fitting import fit as fit
+    from .api.fitting import load as load
+    from .api.gap_result import GapResult
+    from .api.gridding import GridResult
+    from .api.gridding import grid as grid
+    from .api.handing_over import export as export
+    from .api.handing_over import report as report
+    from .api.known_vehicle import KnownVehicle
+    from .api.predictions import predict as predict
+    from .api.predictions import score as score
+    from .api.predictions import simulate as simulate
+    from .api.profiles import profile as profile
+    from .api.reading import check as check
+    from .api.reading import read as read
+    from .api.reading import vehicles as vehicles
+    from .api.sampling import PosteriorResult
+    from .api.sampling import sample as sample
+    from .api.track_result import TrackResult
+    from .api.tracking import track as track
+    from .base.errors import BadInput as BadInput
+    from .base.errors import BadModel as BadModel
+    from .base.errors import GreyboxError as GreyboxError
+    from .datasets.checks.finding import Finding as Finding
+    from .datasets.checks.finding import Severity as Severity
+    from .datasets.recording import Recording as Recording
+    from .datasets.shipped import shipped as shipped
+    from .filters.how import TrackOptions as TrackOptions
+    from .fitting.how import FitOptions as FitOptions
+    from .fitting.uncertainty.profile import Profile as Profile
+    from .models.effect import Effect as Effect
+    from .models.effects.stating import alteration as alteration
+    from .models.model import Model as Model
+    from .models.motion_model import MotionModel as MotionModel
+    from .models.motion_model import State as State
+    from .models.parameter import Parameter as Parameter
+    from .models.parameter import Prior as Prior
+    from .models.vehicle import Stated as Stated
+
+    Adaptation = AdaptationResult
+    Fit = FitResult
+    Gap = GapResult
+    Grid = GridResult
+    Vehicle = KnownVehicle
+    Posterior = PosteriorResult
+    Track = TrackResult
 
 _PLACES = {
     "read": "api.reading:read",
@@ -65,6 +118,10 @@ _PLACES = {
 
 __all__ = list(_PLACES)
 
+for _room in ("export", "models"):  # once these rooms are imported, the verb and the table of these names stay
+    _import_module(f".{_room}", __name__)
+    del globals()[_room]
+
 
 def __getattr__(name: str) -> object:
     if name not in _PLACES:
@@ -72,20 +129,9 @@ def __getattr__(name: str) -> object:
 
         raise AttributeError(f"greybox_id has no {name!r}.{near(name, _PLACES)}")
     module, _, inside = _PLACES[name].partition(":")
-    result = import_module(f".{module}", __name__)
-    return vars(sys.modules[__name__]).setdefault(name, getattr(result, inside) if inside else result)
+    loaded = _import_module(f".{module}", __name__)
+    return globals().setdefault(name, getattr(loaded, inside) if inside else loaded)
 
 
 def __dir__() -> list[str]:
     return sorted((*__all__, "__version__"))
-
-
-class _TopLevel(ModuleType):
-    """This package, in which `export` and `models` stay what a person calls when the rooms so called are imported."""
-
-    def __setattr__(self, name: str, value: object) -> None:
-        if name not in _PLACES or not isinstance(value, ModuleType):
-            super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _TopLevel

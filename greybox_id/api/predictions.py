@@ -10,11 +10,13 @@ import numpy as np
 import pandas as pd
 
 from ..base.declared import understood
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput
+from ..base.quantity import Quantity
 from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
-from ..fitting.choices.wanted import must_be_recorded
+from ..fitting.choices.parameters import state_values
+from ..fitting.choices.requested_model import must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.restated import as_fitted
 from ..fitting.scores.metrics import FREE_RUN
@@ -38,7 +40,7 @@ def simulate(
     model: ModelLike | Fit,
     recording: Recording | str | Path,
     *,
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, Quantity] | None = None,
     vehicle: VehicleLike = None,
     effects: Effects = (),
     columns: Columns = "canonical",
@@ -49,7 +51,8 @@ def simulate(
     ----------
     model : a fit, a model, or a model's name.
     recording : its inputs; readings of outputs are only needed where a run starts.
-    start : state -> value at the start of every run, in its SI unit; others start from the first row's readings.
+    start : state -> value at the start of every run, a number in SI or a text with a unit; others start from the first
+        row's readings.
     vehicle, effects : what a model that is named starts from, and what is added to it.
     columns : column map, where a file is named.
 
@@ -71,13 +74,8 @@ def simulate(
       yaw_rate [rad/s], a_y [m/s²]
     """
     chosen, entry = _both(model, recording, vehicle, effects, columns)
-    states = [state.name for state in getattr(chosen, "states", ())]
-    for name, value in (start or {}).items():
-        if name not in states:
-            raise BadInput(f"start: {chosen.name} has no state {name!r}.{near_or_all(name, states) if states else ''}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-            raise BadInput(f"start: {name} needs a finite number, not {value!r:.40}.")
-    return _as_recording(chosen, entry, simulate_runs(chosen, entry, start), chosen.name)
+    states = None if start is None else state_values(start, chosen, "start")
+    return _as_recording(chosen, entry, simulate_runs(chosen, entry, states), chosen.name)
 
 
 @understood
@@ -174,7 +172,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     pandas.DataFrame
         A row per output and protocol: `output`, `unit` (SI), `protocol` ("0.5 s ahead", "free run", or that of a model
         with memory), `horizon` [s] (infinite in free run, NaN one sample ahead), `rmse` and its standard error `stderr`
-        [unit], `fit_percent` = 100 (1 - |e| / |y - mean(y)|), the fraction of variance unexplained `fvu`, and
+        [unit], `fit_percent` = ``100 (1 - |e| / |y - mean(y)|)``, the fraction of variance unexplained `fvu`, and
         `samples`.
 
     Raises

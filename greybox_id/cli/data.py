@@ -17,6 +17,7 @@ from ..base.guard import claim
 from ..base.numbers import counted
 from ..base.processes import Pace
 from ..datasets.checks import Finding, Severity, check, distrusted
+from ..datasets.clocks import at_rate
 from ..datasets.column_map import ColumnMap, column_map
 from ..datasets.formats import WRITTEN, write
 from ..datasets.joining import join_files
@@ -140,16 +141,19 @@ def map_command(
 @click.argument("file", metavar="FILE", type=click.Path())
 @columns_option
 @click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
+@click.option("--rate", type=click.FloatRange(0.1, 1e5), help="Resample to so many rows a second, evenly.")
 @json_option
-def convert_command(file: str, columns: str, out: str, as_json: bool) -> None:
+def convert_command(file: str, columns: str, out: str, rate: float | None, as_json: bool) -> None:
     """Write FILE again in SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
 
     \b
     greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv
+    greybox data convert lap7.csv --rate 50 --out lap7_50Hz.csv
     """
     target = Path(out)
     with working(f"converting {file}"):
         recording = read_part(file, columns)
+        recording = at_rate(recording, rate) if rate else recording
         write(recording, target)
     further = {name: recording.unit(name) for name in recording.extra_units}
     if as_json:

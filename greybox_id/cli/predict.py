@@ -11,12 +11,13 @@ import numpy as np
 
 from ..base.guard import claim
 from ..base.numbers import counted, pretty_unit, with_sd
+from ..base.quantity import pairs
 from ..base.signals import unit_of
 from ..datasets.recording import Recording
 from ..datasets.result_table import target_of, write_table
 from ..engine.simulation import Prediction
 from ..fitting.choices.parameters import Choices, state_values, with_choices
-from ..fitting.choices.wanted import doubts_of_drive, must_be_recorded
+from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.restated import as_fitted
 from ..fitting.scores.metrics import as_dict, prediction_errors
@@ -32,9 +33,10 @@ from .options import (
     fit_of,
     json_option,
     own_option,
+    parameter_values,
     read_part,
+    requested,
     simulated_model_options,
-    wanted,
 )
 from .output import console, print_json, working
 from .terminal import tell
@@ -155,13 +157,13 @@ def simulate(
             else "Name a FIT and a RECORDING, or a RECORDING and --model NAME."
         )
     fitted = None if asks else fit_of(paths[0])
-    model = wanted(**options, fix=fix).or_single_track().model() if fitted is None else _changed(fitted, fix)
+    model = requested(**options, fix=fix).or_single_track().model() if fitted is None else _changed(fitted, fix)
     with working(f"reading {paths[-1]}"):
         recording = read_part(paths[-1], columns)
     if fitted is not None:
         recording = as_fitted(fitted, recording)
     must_be_recorded(model, [recording])
-    start = state_values(start_state, model)
+    start = state_values(pairs(start_state, "NAME=VALUE, as in ‹start_state› v_x=10"), model)
     warnings = [*assumed(model, recording, start), *doubts_of_drive(model, [recording])]
     for warning in warnings:
         tell(f"warning: {warning}")
@@ -172,7 +174,7 @@ def simulate(
 
 
 def _changed(fit: Fit, fix: Sequence[str]) -> Model:
-    return with_choices(fit.model, Choices(fix=fix))
+    return with_choices(fit.model, Choices(**parameter_values(fix)))
 
 
 def _tell(

@@ -8,7 +8,7 @@ by straight lines, commands are held; neither reaches across a gap. What that co
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -16,7 +16,8 @@ import numpy as np
 from ..base.errors import BadInput
 from ..base.shorthands import Array
 from ..base.signals import ANGLES_AROUND, COMMANDS
-from .recording import Resampled
+from ..base.windows import moving_mean
+from .recording import Recording, Resampled
 
 REGULAR = 0.05
 """Steps that scatter by less than this share of the usual one are kept as they are."""
@@ -98,6 +99,52 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
                 signals[name], costs = (held if method == "held" else linear)(group.time, values, inside, name)
                 resampled[name] = Resampled(method, group.name, 1 / steps[group.name], *costs)
     return Joined(inside, signals, resampled, tuple(notes))
+
+
+def at_rate(recording: Recording, rate: float) -> Recording:
+    """A recording at an even rate: straight lines between measurements, commands held or run on as they are.
+
+    At a slower rate than its own, measurements are means over the new step first, which keeps what is faster from
+    turning up as something slow.
+
+    Parameters
+    ----------
+    rate : rows a second, Hz.
+
+    Raises
+    ------
+    BadInput
+        No run is as long as two of the new rows, or there would be too many.
+    """
+    by = int(1 / (rate * recording.sample_time))
+    spans = [(a, b) for a, b in recording.runs if np.all(np.diff(recording.time[a:b]) > 0)]
+    grids = [
+        recording.time[a] + np.arange(1 + int((np.ptp(recording.time[a:b]) + 1e-9) * rate)) / rate for a, b in spans
+    ]
+    kept = [(*span, grid) for span, grid in zip(spans, grids, strict=True) if len(grid) > 1]
+    if not kept or sum(map(len, grids)) > MOST_ROWS:
+        raise BadInput(f"{recording.name} cannot be resampled at {rate:g} Hz: its runs are too short, or far too long.")
+    signals, resampled = dict[str, Array](), dict(recording.resampled)
+    for name, values in recording.signals.items():
+        held_on = _method(name, recording.hold) == "held"
+        mean = not held_on and by > 1 and name not in ANGLES_AROUND
+        parts, costs = [], (0.0, 0.0)
+        for a, b, grid in kept:
+            run = moving_mean(values[a:b], 2 * (by // 2) + 1) if mean else values[a:b]
+            part, cost = (held if held_on else linear)(recording.time[a:b], run, grid, name)
+            parts.append(part)
+            costs = max(costs, cost)
+        signals[name] = np.concatenate(parts)
+        how: Literal["linear", "held"] = "held" if held_on else "linear"
+        resampled[name] = Resampled(how, "the recording", 1 / recording.sample_time, *costs)
+    edges = np.cumsum([0, *(len(grid) for *_, grid in kept)]).tolist()
+    return replace(
+        recording,
+        time=np.concatenate([grid for *_, grid in kept]),
+        signals=signals,
+        runs=tuple(zip(edges, edges[1:], strict=False)),
+        resampled=resampled,
+    )
 
 
 def _most_regular(groups: Sequence[Readings], steps: Mapping[str, float]) -> Readings:

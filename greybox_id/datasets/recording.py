@@ -310,7 +310,7 @@ class Recording:
         """
         low, high = (-np.inf if start is None else start), (np.inf if stop is None else stop)
         requested = f"{'' if start is None else f'{start:g}'}:{'' if stop is None else f'{stop:g}'}"
-        kept = self._kept((self.time >= low) & (self.time <= high), f"between {requested} s")
+        kept = self.keep((self.time >= low) & (self.time <= high), f"between {requested} s")
         return replace(kept, source=replace(kept.source, between=requested))
 
     @understood
@@ -324,10 +324,17 @@ class Recording:
         BadInput
             The condition cannot be understood, or holds nowhere.
         """
-        kept = self._kept(holds(condition, {**self.signals, "time": self.time}), f"where {condition}")
+        kept = self.keep(holds(condition, {**self.signals, "time": self.time}), f"where {condition}")
         return replace(kept, source=replace(kept.source, where=condition))
 
-    def _kept(self, rows: NDArray[np.bool_], words: str) -> Recording:
+    def keep(self, rows: NDArray[np.bool_], words: str) -> Recording:
+        """The rows of a mask (n,), called by some words: "in motion". A run ends where rows are left out.
+
+        Raises
+        ------
+        BadInput
+            No row is kept.
+        """
         if not np.any(rows):
             span = f"; time runs from {np.nanmin(self.time):g} to {np.nanmax(self.time):g} s" if len(self) else ""
             raise BadInput(f"{self.name} has no row {words}{span}. Ask for another part.")

@@ -5,12 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from math import isclose
+from typing import TYPE_CHECKING
 
 from ..base.errors import BadInput
 from ..base.numbers import exact
 from ..base.units import to_si
-from .checks.finding import Finding
-from .column_map import Column, ColumnMap
+from .column_map import Column, ColumnMap, carried_map, column_map
+from .recording import Recording
+
+if TYPE_CHECKING:
+    from .checks.finding import Finding
 
 SAME = 1e-3
 """Relative difference of two factors that mean the same unit."""
@@ -41,16 +46,29 @@ def repaired(mapping: ColumnMap, findings: Sequence[Finding]) -> Repaired | None
     findings : of its check.
     """
     for finding in findings:
-        if finding.repair and all(source in (*mapping.signals, TIME) for source, _ in finding.repair.values()):
+        if finding.repair and all(source in (*mapping.signals, TIME) for source, *_ in finding.repair.values()):
             return _with(mapping, finding.repair)
     return None
 
 
-def _with(mapping: ColumnMap, repair: Mapping[str, tuple[str, float]]) -> Repaired:
+def in_words(recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:
+    """What a repair changes in the column map that a recording was read through; empty where that is not known."""
+    source = recording.source
+    if not source.columns or not repair:
+        return ""
+    mapping = column_map(carried_map(source.columns, source.column_map))
+    if not all(name in (*mapping.signals, TIME) for item, (of, *_) in repair.items() for name in (item, of)):
+        return ""
+    return "; ".join(_with(mapping, repair).changes)
+
+
+def _with(mapping: ColumnMap, repair: Mapping[str, tuple[str, float, float]]) -> Repaired:
     signals, time, changes = dict(mapping.signals), mapping.time, []
-    for name, (source, factor) in repair.items():
+    for name, (source, factor, offset) in repair.items():
         before = mapping.time if name == TIME else mapping.signals[name]
-        after = _turned(replace(mapping.time if source == TIME else mapping.signals[source], signal=name), factor)
+        after = _turned(
+            replace(mapping.time if source == TIME else mapping.signals[source], signal=name), factor, offset
+        )
         changes.append(f"{name}: {_changed(before, after)}")
         if name == TIME:
             time = after
@@ -59,8 +77,8 @@ def _with(mapping: ColumnMap, repair: Mapping[str, tuple[str, float]]) -> Repair
     return Repaired(replace(mapping, signals=signals, time=time), tuple(changes))
 
 
-def _turned(column: Column, factor: float) -> Column:
-    """A column whose values come out `factor` times as large: by its sign, its unit, or else its scale."""
+def _turned(column: Column, factor: float, offset: float) -> Column:
+    """A column whose values come out `factor` times as large, plus an offset: by its sign, unit, or else its scale."""
     sign = -1 if factor < 0 else 1
     size = abs(factor)
     target = to_si(column.unit, column.si_unit).factor * size
@@ -68,7 +86,7 @@ def _turned(column: Column, factor: float) -> Column:
     if abs(size - 1) > SAME:
         unit = next((item for item in UNITS if _converts(item, column.si_unit, target)), column.unit)
         scale = column.scale if unit != column.unit else column.scale * size
-    return replace(column, sign=column.sign * sign, unit=unit, scale=scale, offset=column.offset * factor)
+    return replace(column, sign=column.sign * sign, unit=unit, scale=scale, offset=column.offset * factor + offset)
 
 
 def _converts(unit: str, target: str, factor: float) -> bool:
@@ -88,6 +106,8 @@ def _changed(before: Column, after: Column) -> str:
         words.append(f'unit = "{after.unit}" instead of "{before.unit}"')
     if before.scale != after.scale:
         words.append(f"scale = {exact(after.scale)} instead of {exact(before.scale)}")
+    if not isclose(before.offset, after.offset):
+        words.append(f"offset = {after.offset:.3g}" + (f" instead of {before.offset:.3g}" if before.offset else ""))
     return ", ".join(words) or "as it was"
 
 

@@ -9,6 +9,7 @@ from typing import Literal
 
 from ..base.errors import BadInput, near_or_all
 from ..base.shorthands import Array
+from ..datasets.checks.rest import standing
 from ..datasets.recording import Recording
 from ..engine.least_squares import LeastSquares
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
@@ -18,6 +19,8 @@ from .fit import Fit
 
 TOLERANCE = 1e-10
 Hold = Literal["zero", "linear"]
+IN_MOTION = "in motion or unbraked"
+"""Rows that are left of a vehicle that stands under its brake."""
 
 
 def with_hold(recording: Recording, hold: Hold) -> Recording:
@@ -26,7 +29,10 @@ def with_hold(recording: Recording, hold: Hold) -> Recording:
 
 
 def as_fitted(fit: Fit, recording: Recording) -> Recording:
-    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
+    """A recording as those that the fit has seen were taken: which rows, and what holds between them if no map says."""
+    if fit.how.get("stood"):
+        moving = ~standing(recording)
+        recording = recording if moving.all() or not moving.any() else recording.keep(moving, IN_MOTION)
     known = fit.how.get("hold")
     taken = known.get("taken") if isinstance(known, Mapping) else None
     if recording.hold_stated or taken not in ("zero", "linear"):

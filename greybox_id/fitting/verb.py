@@ -6,24 +6,29 @@ measured inputs (step 1), then everything together with its own predictions fed 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
+import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ..base.errors import BadInput
+from ..base.numbers import number
 from ..datasets.checks.finding import Finding
+from ..datasets.checks.rest import standing
 from ..datasets.recording import Recording, join
 from ..models.kinds import by_kind
 from ..models.model import Model
+from ..models.motion_model import MotionModel
 from .fit import Fit
 from .holding import Holding, in_doubt, other_than, reason, weighed
-from .how import How, Say, Solver, quiet
+from .how import FitOptions, Say, Solver, quiet
 from .judging import judgement
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
-from .restated import with_hold
-from .scores.metrics import as_dict
+from .restated import IN_MOTION, with_hold
+from .scores.metrics import Scores, as_dict, score
 from .scores.timing import (
     calibrated_errors,
     calibrated_seconds,
@@ -31,11 +36,11 @@ from .scores.timing import (
     calibration_words,
     must_have_timing,
 )
-from .scores.verdict import distrust, used_signals
+from .scores.verdict import WORSE, distrust, times_as_large, used_signals
 from .training import TrainedBefore
-from .verdict import with_reason
+from .verdict import NOT_USABLE, Reason, with_reason
 
-__all__ = ["FitTask", "How", "Say", "Solver", "estimated", "fit"]
+__all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
 
 
 @dataclass(frozen=True)
@@ -50,7 +55,7 @@ class FitTask:
 
     recordings: Sequence[Recording]
     validate: Recording | None
-    how: How
+    how: FitOptions
     say: Say
     structures: Sequence[Model]
     pretraining: Pretraining | TrainedBefore | None = None
@@ -72,10 +77,11 @@ def fit(
     recordings: Sequence[Recording],
     *,
     validate: Recording | None = None,
-    how: How | None = None,
+    how: FitOptions | None = None,
     say: Say | None = None,
     command: str = "",
     pretraining: Pretraining | TrainedBefore | None = None,
+    sensors: Mapping[str, float] | None = None,
 ) -> Fit:
     """Fit a model to recordings.
 
@@ -90,6 +96,7 @@ def fit(
     command : what reproduces the fit, for the record.
     pretraining : a known vehicle that a feed-forward network learns from first; or a trained hybrid model with a
         memory, whose training is carried on in place of the model's.
+    sensors : output -> standard deviation of its sensor, as the vehicle's file states it: residuals are judged by it.
 
     Returns
     -------
@@ -99,22 +106,47 @@ def fit(
     ------
     BadInput : the recordings lack a signal, differ in sample time, are too short, or their time does not run.
     """
-    how, say = how or How(), say or quiet
+    how, say = how or FitOptions(), say or quiet
     for recording in [*recordings, *([] if validate is None else [validate])]:
         recording.must_run()
     models = [model] if isinstance(model, Model) else list(model)
     with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
         task = FitTask(recordings, validate, how, say, models, pretraining)
+        task, stood = _moving(models[0], task)
         result, task, held = _between_rows(estimated(models[0], task), task)
         recordings, validate = task.recordings, task.validate
-        result = replace(result, data=_records(recordings, validate), command=command)
+        stated = {name: sd for name, sd in (sensors or {}).items() if name in result.model.outputs}
+        noted: dict[str, Any] = {"sensors": stated} if stated else {}
+        noted |= {"stood": stood} if stood else {}
+        result = replace(result, data=_records(recordings, validate), command=command, how={**result.how, **noted})
         whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}
         judged = judgement(result, whole, _findings(result, recordings, validate))
         metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
         requested = reason(result, held) if held else None
-        result = replace(result, metrics=metrics, verdict=with_reason(judged.verdict, requested))
+        verdict = with_reason(with_reason(judged.verdict, requested), _without_last(result, task, judged.scores))
+        result = replace(result, metrics=metrics, verdict=verdict)
         seconds = calibrated_seconds(how.calibrate)
         return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
+
+
+def _moving(model: Model, task: FitTask) -> tuple[FitTask, float]:
+    """The task without rows at which a vehicle stands under its brake, and how long it stood, s.
+
+    No force of the drive shows there: the brake holds as much as it has to.
+    """
+    if not isinstance(model, MotionModel) or "drive" not in model.inputs or "v_x" not in model.outputs:
+        return task, 0.0
+    result, stood = [], 0.0
+    for recording in task.recordings:
+        moving = ~standing(recording)
+        if not moving.all() and moving.any():
+            stood += float(np.count_nonzero(~moving)) * recording.sample_time
+            recording = recording.keep(moving, IN_MOTION)
+        result.append(recording)
+    if not stood:
+        return task, 0.0
+    task.say(f"{model.name}: {number(stood, 3)} s of standing under the brake are left out: no force shows there")
+    return replace(task, recordings=result), stood
 
 
 def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None]:
@@ -134,6 +166,26 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
         fit = replace(fit, how={**fit.how, "unfitted": first.how.get("unfitted", {})})
         held = weighed(fit, task.recordings, task.how) or held
     return in_doubt(fit, held, step), task, held
+
+
+def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reason | None:
+    """A reason against a fit whose last effect makes it predict worse what was held out than the same without it."""
+    free = [name for name in fit.model.effects if name in fit.model and not fit.model[name].fixed]
+    if task.validate is None or not isinstance(fit.model, MotionModel) or not fit.confirmed or not free:
+        return None
+    last = fit.model[free[-1]]
+    if last.null is None:
+        return None
+    without = fit.model.with_parameters(replace(last.with_value(last.null), fixed=True, prior=None))
+    task.say(f"{fit.model.name}: the same without {last.name}, for comparison")
+    once = replace(task, how=replace(task.how, starts=1, solver="gauss-newton"), say=quiet)
+    times = times_as_large(scores["validate"], score(estimated(without, once).model, task.validate))
+    if not times > WORSE:
+        return None
+    return Reason(
+        NOT_USABLE,
+        f"Held out, errors are {number(times, 2)} times those of the same fit without {last.name}: leave it out.",
+    )
 
 
 def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:

@@ -97,7 +97,7 @@ def by_casadi(time: Array, force: Array, position: Array, start: Array) -> Array
     sigma = cs.MX.sym("sigma")
     hessian = cs.Function("H", {"x": unknown, "lam_f": sigma, "hess_gamma_x_x": sigma * cs.triu(cs.mtimes(J.T, J))},
                           ["x", "p", "lam_f", "lam_g"], ["hess_gamma_x_x"], {"allow_free": False})  # fmt: skip
-    quiet = {"ipopt.print_level": 0, "print_time": False, "hess_lag": hessian}
+    quiet = {"ipopt.print_level": 0, "ipopt.sb": "yes", "print_time": False, "hess_lag": hessian}
     solver = cs.nlpsol("solver", "ipopt", {"x": unknown, "f": 0.5 * cs.dot(off, off), "g": cs.vec(gaps)}, quiet)
     guess = np.stack([position, np.gradient(position, step)])
     result = solver(x0=cs.veccat(start / size, guess), lbg=0, ubg=0)["x"]

@@ -15,7 +15,6 @@ import pytest
 import greybox_id as gb
 
 NAMES = tuple(gb.__all__)
-STUB = Path(gb.__file__).with_suffix(".pyi")
 
 
 @pytest.fixture(autouse=True)
@@ -29,17 +28,19 @@ def test_the_top_level_is_a_table_of_contents():
 
 
 def test_editors_see_what_is_loaded_on_demand():
-    found = {}
-    for node in ast.parse(STUB.read_text(encoding="utf-8")).body:
+    body = ast.parse(Path(gb.__file__).read_text(encoding="utf-8")).body
+    shown = next(node for node in body if isinstance(node, ast.If)).body
+    seen = {}
+    for node in shown:
         if isinstance(node, ast.ImportFrom):
-            for name in node.names:
-                found[name.asname or name.name] = (node.module, name.name)
-        elif isinstance(node, ast.Assign):
-            found[node.targets[0].id] = found.pop(node.value.id)
-    assert set(found) == set(gb._PLACES)
-    for name, place in gb._PLACES.items():
-        module, _, inside = place.partition(":")
-        assert found[name] == ((module, inside) if inside else tuple(module.rsplit(".", 1)))
+            seen |= {name.asname or name.name: (node.module, name.name) for name in node.names}
+        else:
+            seen[node.targets[0].id] = seen.pop(node.value.id)
+    places = {name: place.partition(":") for name, place in gb._PLACES.items()}
+    assert seen == {
+        name: (module, inside) if inside else tuple(module.rsplit(".", 1))
+        for name, (module, _, inside) in places.items()
+    }
 
 
 @pytest.mark.parametrize(
@@ -78,6 +79,16 @@ def test_reading_and_checking_a_file_in_common_units_load_neither_units_nor_solv
     code = (
         "import sys, greybox_id as gb; gb.check(gb.read(gb.shipped('racer_train'), columns='roboracer'));"
         "print(sorted({'casadi', 'numba', 'pint', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
+def test_a_plain_fit_compiles_nothing_in_python_and_draws_nothing():
+    code = (
+        "import sys, greybox_id as gb; lap = gb.read(gb.shipped('racer_train'), columns='roboracer').rows(0, 200);"
+        "gb.fit('kinematic', lap, vehicle='roboracer', options=gb.FitOptions(solver='gauss-newton')).summary();"
+        "print(sorted({'numba', 'matplotlib', 'control'} & {name.split('.')[0] for name in sys.modules}))"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert found.stdout.strip() == "[]"

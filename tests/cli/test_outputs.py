@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 import click
+import numpy as np
 import pandas as pd
 import pytest
 from calling import greybox, refused
@@ -43,7 +44,7 @@ CALLS = {
     "export": ("export {fit} --target f1tenth", {"--out": ""}),
     "import": ("import {net}", {"--out": ".json"}),
     "data map": ("data map {lap}", {"--out": ".toml"}),
-    "data check": ("data check {lap} --columns {map}", {"--repair": ".toml"}),
+    "data check": ("data check {degrees} --columns {map}", {"--repair": ".toml"}),
     "data convert": ("data convert {lap} --columns {map}", {"--out": ".csv"}),
     "data join": ("data join {lap} {other} --columns {map}", {"--out": ".csv"}),
     "datasets make": ("datasets make virtual_lap", {"--out": ""}),
@@ -93,10 +94,14 @@ def files(tmp_path_factory):
     found = {
         "lap": written(driven("lateral", runs=1, seconds=4.0, seed=1), folder / "lap.csv"),
         "other": written(driven("lateral", runs=1, seconds=4.0, seed=2), folder / "other.csv"),
+        "degrees": folder / "degrees.csv",
         "car": folder / "car.toml",
         "map": folder / "map.toml",
         "net": folder / "net.json",
     }
+    written(driven("lateral", runs=1, seconds=20.0, seed=1), found["degrees"])
+    table = pd.read_csv(found["degrees"])
+    table.assign(yaw_rate=np.degrees(table.yaw_rate)).to_csv(found["degrees"], index=False)
     found["car"].write_bytes(Path("greybox_id/datasets/vehicles/full_size_car.toml").read_bytes())
     found["map"].write_bytes(Path("greybox_id/datasets/columns/canonical.toml").read_bytes())
     found["net"].write_bytes((NETWORKS / "lat_small.json").read_bytes())
@@ -251,14 +256,17 @@ def test_what_is_of_another_kind_is_replaced_only_when_told_to(name, files, tmp_
         kept = folder / fixed[name] if name in fixed else out
         kept.write_text(OTHERS[fixed.get(name, suffix)])
         before = kept.read_bytes()
-        beside = [] if option == "--out" else ["--out", folder / f"table{CALLS[name][1]['--out']}"]
+        suffix_beside = None if option == "--out" else CALLS[name][1].get("--out")
+        beside = ["--out", folder / f"table{suffix_beside}"] if suffix_beside else []
         call = [*words(name, files), option, out, *beside]
         assert "is there already" in refused(*call)
         assert kept.read_bytes() == before
         called = greybox(*call, "--overwrite")
         assert called.code == 0, called.err
         assert kept.read_bytes() != before
-        assert greybox(*call, *(["--overwrite"] if name == "data map" else [])).code == 0  # its own kind
+        assert (
+            greybox(*call, *(["--overwrite"] if name in ("data map", "data check") else [])).code == 0
+        )  # its own kind
 
 
 @pytest.mark.parametrize("kept", ["gap.json", "closed.toml", "gap.png", "gap.pdf"])

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.datasets.clocks import Readings, on_one_clock
+from greybox_id.datasets.clocks import Readings, at_rate, on_one_clock
+from greybox_id.datasets.recording import Recording
 
 
 def joined(*groups, named=None, hold="zero"):
@@ -78,3 +79,21 @@ def test_groups_that_never_meet_are_refused():
         joined(("a", [0, 1, 2.0], {"v_x": np.zeros(3)}), ("b", [5, 6, 7.0], {"yaw_rate": np.zeros(3)}))
     with pytest.raises(BadInput, match="fewer than two"):
         joined(("a", [0, 1, 2.0], {"v_x": np.zeros(3)}), ("b", [1.0], {"yaw_rate": np.zeros(1)}))
+
+
+@pytest.mark.parametrize("rate", [20.0, 50.0, 200.0])
+def test_a_recording_is_resampled_evenly_without_delay(rate):
+    t = np.concatenate([np.arange(0.0, 10.0, 0.01), np.arange(12.0, 20.0, 0.01)])
+    wave = Recording("wave", t, {"yaw_rate": np.sin(t), "steer": np.floor(t + 1e-9)})
+    again = at_rate(wave, rate)
+    assert again.sample_time == pytest.approx(1 / rate)
+    assert len(again.runs) == 2
+    inner = np.concatenate([np.arange(a + 2, b - 2) for a, b in again.runs])
+    assert np.allclose(again["yaw_rate"][inner], np.sin(again.time)[inner], atol=2e-3)
+    assert np.array_equal(again["steer"], np.floor(again.time + 1e-6))
+
+
+def test_what_is_faster_than_a_slower_rate_is_averaged():
+    t = np.arange(0.0, 10.0, 0.01)
+    hum = Recording("hum", t, {"a_y": np.sin(2 * np.pi * 19.0 * t)})
+    assert np.std(at_rate(hum, 10.0)["a_y"]) < 0.2 * np.std(hum["a_y"])

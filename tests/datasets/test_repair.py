@@ -76,3 +76,29 @@ def test_a_map_as_text_is_read_again_as_it_is(name):
     mapping = column_map(name)
     again = parse_column_map(map_text(mapping), "again.toml")
     assert again == replace(mapping, where=again.where, text=again.text)
+
+
+def test_a_drive_that_only_reverses_has_the_wrong_sign_and_a_servo_its_offset(lap):
+    file, mapping, drive = lap(lambda d: d.assign(v=-d.v, delta=0.5 - d.delta))
+    (first, *_) = check(read(file, mapping))
+    assert first.where.channel == "v_x"
+    mended = mapping.with_name("mended.toml")
+    done = greybox("data", "check", file, "--columns", mapping, "--repair", mended)
+    assert done.code == 0, done.out
+    assert np.allclose(read(file, mended)["steer"], drive["steer"], atol=5e-3)
+
+
+def test_a_unit_that_the_map_states_is_not_advised_again(lap):
+    file, mapping, _ = lap(lambda d: d.assign(gz=np.degrees(d.gz)))
+    mapping.write_text(MAP.replace('"gz", unit = "rad/s" }', '"gz", unit = "deg/s", scale = 57.29578 }'))
+    (first, *_) = check(read(file, mapping))
+    assert "scale = 1" in first.sentence
+    assert 'Set unit = "deg/s"' not in first.sentence
+
+
+def test_a_question_that_the_map_leaves_open_is_a_warning(lap):
+    file, mapping, _ = lap(lambda table: table)
+    mapping.write_text(MAP.replace("yaw_rate =", "#? yaw_rate ="))
+    (question,) = [item for item in check(read(file, mapping)) if item.kind == "question"]
+    assert "leaves yaw_rate open" in question.sentence
+    assert question.severity.value == "warning"

@@ -70,7 +70,7 @@ def test_the_gyms_derivatives_are_ours_at_small_angles(tyre):
 
 
 def test_our_wording_of_the_gyms_equations_is_commonroads():
-    pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed; pip install -e '.[dev]'")
+    pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed; make test installs it")
     from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
     from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
 

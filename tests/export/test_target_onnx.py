@@ -12,8 +12,8 @@ from greybox_id.base.errors import BadInput
 from greybox_id.export.memory_equations import equations_of
 from greybox_id.export.target_onnx import files
 
-onnx = pytest.importorskip("onnx", reason="onnx is not installed; pip install -e '.[dev]'")
-onnxruntime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed; pip install -e '.[dev]'")
+onnx = pytest.importorskip("onnx", reason="onnx is not installed; make test installs it")
+onnxruntime = pytest.importorskip("onnxruntime", reason="onnxruntime is not installed; make test installs it")
 from greybox_id.export.onnx_graph import graph_of  # noqa: E402
 
 POINTS = 10_000

@@ -20,7 +20,7 @@ from greybox_id.models.registry import build
 from greybox_id.models.single_track import single_track
 from greybox_id.models.tyres import TYRES
 
-pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed; pip install -e '.[dev]'")
+pytest.importorskip("vehiclemodels", reason="commonroad-vehicle-models is not installed; make test installs it")
 from vehiclemodels.vehicle_dynamics_st import vehicle_dynamics_st
 from vehiclemodels.vehicle_parameters import setup_vehicle_parameters
 

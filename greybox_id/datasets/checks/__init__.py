@@ -51,10 +51,25 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     recording = replace(recording, signals=measured)
     findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]
     if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
-        findings += check_mapping(recording)
+        faults = check_mapping(recording)
         result = pairs(recording)
-        findings += [*check_duplicates(recording), *check_rest(recording)]
-        findings += [*check_consistency(recording, result, wheelbase), *check_delays(recording, result)]
+        findings += [*faults, *check_duplicates(recording), *check_rest(recording)]
+        against = check_consistency(recording, result, wheelbase)
+        findings += [*_left(recording, faults, against, wheelbase), *check_delays(recording, result)]
         findings = with_sizes(recording, findings)
     gravest = list(Severity)[::-1]
     return sorted(findings, key=lambda finding: gravest.index(finding.severity))
+
+
+def _left(
+    recording: Recording, faults: list[Finding], findings: list[Finding], wheelbase: float | None
+) -> list[Finding]:
+    """Findings that are left with the map's fault undone, where that is the sign of v_x, which others take as given."""
+    repair = next((fault.repair for fault in faults if fault.repair.get("v_x", ("", 1.0, 0.0))[1] < 0), None)
+    if not repair or not findings:
+        return findings
+    undone = recording.with_signals(
+        **{name: factor * recording[source] for name, (source, factor, _) in repair.items()}
+    )
+    left = {(item.kind, item.where) for item in check_consistency(undone, pairs(undone), wheelbase)}
+    return [item for item in findings if (item.kind, item.where) in left]

@@ -70,11 +70,12 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
         ground = [side for side in (left, right) if any(node.startswith("course") for node in side)]
         if len(ground) == 1:
             wrong = right if ground[0] is left else left
-            sentence += f"A course has no sign convention, so {listed(wrong)} must be clockwise-positive: set sign = -1"
-            sentence += f" for {'it' if len(wrong) == 1 else 'them'} in the column map."
+            sentence += f"A course has no sign convention, so {listed(wrong)} must be clockwise-positive: turn the"
+            sentence += " sign in the column map (sign = -1, or take sign = -1 away)."
         else:
             sentence += (
-                f"On one side stand {listed(left)}, on the other {listed(right)}; set sign = -1 for the wrong side."
+                f"On one side stand {listed(left)}, on the other {listed(right)}; turn the sign of the "
+                "wrong side (sign = -1, or take sign = -1 away)."
             )
         findings.append(
             Finding("sign", Severity.DISTRUST, FoundAt(pair.nodes[0]), sentence, agreed.correlation,

@@ -20,6 +20,7 @@ import numpy as np
 from ...base.numbers import number, percent, quantity, signed
 from ...base.shorthands import Array
 from ..recording import Recording
+from ..repair import in_words
 from .finding import Finding, FoundAt, Severity, listed
 from .lag import estimate_lag
 from .pairs import course_and_speed, grounds, rate, smooth
@@ -53,6 +54,8 @@ HALF = 0.2
 """Relative change of v_x steer / yaw_rate between halves that no load or tyre makes within a drive."""
 RUNS_FAST, FASTEST, LONGEST = 0.004, 0.04, 2.0
 """Least and largest relative error of a clock that is looked for, and the largest delay beside it, s."""
+MOST_TRIES, NEAR_TRIES = 100, 4
+"""Rates that are tried each way at first, and next to what fewer rows tell."""
 RESPONSE, PER_ROOT = 0.12, 0.12
 """s, and s per root of a metre: the longest that yaw_rate follows steer by, over the wheelbase; yaw takes as long as
 tyres take to turn an inertia that grows with length."""
@@ -75,6 +78,8 @@ class Explanation:
     value, error, unit : its size.
     gain : how much of the conflict it explains, in squared standard errors.
     witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
+    sign, offset : what the channel is to be multiplied by, and what is then to be added, in its SI unit; an offset of
+        None says that the map has no remedy.
     """
 
     sentence: str
@@ -84,6 +89,8 @@ class Explanation:
     unit: str
     gain: float
     witnessed: bool = True
+    offset: float | None = None
+    sign: int = 1
 
 
 def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Finding]:
@@ -98,7 +105,7 @@ def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Findin
     if strange and len(strange) == len(wrong) and recording.has("v_x"):
         clocks = [clock for clock in _clocks(recording) if clock.channel == strange[0].where.channel]
         return [
-            *(_finding(clock) for clock in clocks[:1]),
+            *(_finding(recording, clock) for clock in clocks[:1]),
             *(finding for finding in findings if not clocks or finding not in wrong),
         ]
     turned = [item for item in wrong if item.kind == "mapping" and "turned by 90°" in item.sentence]
@@ -108,13 +115,20 @@ def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Findin
     sized = [item for item in _turned(short, None) if abs(abs(item.value) - 90.0) > NEAR_RIGHT]
     if not sized:
         return list(findings)
-    return [_finding(sized[0]), *(finding for finding in findings if finding not in wrong)]
+    return [_finding(recording, sized[0]), *(finding for finding in findings if finding not in wrong)]
 
 
-def _finding(one: Explanation, also: str = "") -> Finding:
-    place, sentence = FoundAt(one.channel), one.sentence + also
+def _finding(recording: Recording, one: Explanation, also: str = "") -> Finding:
+    repair = {} if one.offset is None else {one.channel: (one.channel, float(one.sign), float(f"{one.offset:.3g}"))}
+    changed = in_words(recording, repair)
+    if one.offset is not None:
+        unit = recording.unit(one.channel)
+        turned = "turned, and then " if one.sign < 0 else ""
+        remedy = changed or f"{one.channel}: {turned}offset = {number(one.offset, 3)} {unit} more"
+        also = f" In the column map, {remedy}.{also}"
     severity = Severity.DISTRUST if one.witnessed else Severity.WARNING
-    return Finding("explained", severity, place, sentence, one.value, one.error, one.unit)
+    place, sentence = FoundAt(one.channel), one.sentence + also
+    return Finding("explained", severity, place, sentence, one.value, one.error, one.unit, repair)
 
 
 def check_explanations(recording: Recording) -> list[Finding]:
@@ -131,7 +145,10 @@ def check_explanations(recording: Recording) -> list[Finding]:
     if explained:
         first, *others = explained
         near = [other.sentence.split(":")[0].split(" (")[0] for other in others if other.gain > ALSO * first.gain]
-        findings.append(_finding(first, f" Nearly as likely: {listed(near, 3)}." if near else ""))
+        findings.append(_finding(recording, first, f" Nearly as likely: {listed(near, 3)}." if near else ""))
+        surer = [other for other in others if other.witnessed and other.channel != first.channel]
+        if not first.witnessed and surer:
+            findings.append(_finding(recording, surer[0]))
     return findings
 
 
@@ -203,9 +220,8 @@ def _sideways(r: Recording) -> list[Explanation]:
         size, error = -float(both.values[bias]) / scale, float(both.errors[bias])
         result.append(
             Explanation(
-                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x. Set "
-                f"offset = {number(-size, 3)} rad/s for it in the column map.",
-                "yaw_rate", size, error, "rad/s", strength(bias),
+                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x.",
+                "yaw_rate", size, error, "rad/s", strength(bias), offset=-size,
             )
         )  # fmt: skip
     if both.sure(constant, ACCELERATION) and net > HALF_LEFT * abs(by_constant):
@@ -297,13 +313,24 @@ def _steered(r: Recording) -> list[Explanation]:
     left_turns = float(np.mean(turn[gentle & np.isfinite(turn)] > 0.0)) if np.any(gentle) else 0.0
     both_ways = ONE_WAY < left_turns < 1.0 - ONE_WAY  # round one way, tyres that give way look like an offset
     explained = whole is not None and whole.explained > HELD_TOGETHER and whole.values[0] > 0
+    against = whole is not None and whole.explained > FITS and whole.values[0] < 0 and whole.sure(0, 0.0)
+    if whole is not None and against and both_ways:
+        size, strength = float(whole.values[2]), float((whole.values[0] / whole.errors[0]) ** 2)
+        result.append(
+            Explanation(
+                f"steer has the wrong sign, and an offset of {signed(size, 2)} rad hides it: v_x · steer less "
+                f"{signed(size, 2)} v_x falls as yaw_rate grows.",
+                "steer", size, float(whole.errors[2]), "rad", strength, offset=size, sign=-1,
+            )
+        )  # fmt: skip
     if whole is not None and explained and both_ways and whole.sure(2, STEERING):
         size = float(whole.values[2])
         result.append(
             Explanation(
                 f"steer has an offset of {signed(1000 * size, 2)} mrad: v_x · steer is {signed(size, 2)} v_x where "
-                f"yaw_rate is none. Set offset = {number(-size, 3)} rad for it, or fit with steering_offset.",
+                f"yaw_rate is none. Fit with steering_offset, or correct it.",
                 "steer", size, float(whole.errors[2]), "rad", float((whole.values[2] / whole.errors[2]) ** 2),
+                offset=-size,
             )
         )  # fmt: skip
     second = np.arange(len(v)) >= len(v) // 2
@@ -361,26 +388,22 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
     """A channel whose clock runs at another rate: stretched, it goes with what it should go with, and not before."""
     dt, count = r.sample_time, rows.stop - rows.start
     u, v = (np.nan_to_num(smooth(r, item, SMOOTHING)[rows]) for item in (left, right))
-    grid = np.arange(count, dtype=float)
-    size = 1 << (2 * count).bit_length()
-    reach = min(int(LONGEST / dt), count // 4)
-    power = np.conj(np.fft.rfft(v - v.mean(), size))
 
-    def best(stretch: float) -> tuple[float, float]:
-        """Largest correlation over delays, and its delay in s."""
-        moved = np.interp(grid * (1.0 + stretch), grid, u)
-        moved = moved - moved.mean()
-        products = np.fft.irfft(np.fft.rfft(moved, size) * power, size)
-        near = np.concatenate([products[-reach:], products[: reach + 1]])
-        k = int(np.argmax(near))
-        scale = float(np.sqrt(np.sum(moved**2) * np.sum((v - v.mean()) ** 2)))
-        return float(near[k]) / max(scale, 1e-300), (k - reach) * dt
+    def step_of(rows: int) -> float:
+        """Over so many rows, a quarter of what is smoothed."""
+        return SMOOTHING / max(rows * dt, 1e-9) / 4.0
 
-    step = SMOOTHING / max(count * dt, 1e-9) / 4.0  # over the drive, a quarter of what is smoothed
-    tries = step * np.arange(-int(FASTEST / step), int(FASTEST / step) + 1)
-    result = [best(float(stretch))[0] for stretch in tries]
-    k = int(np.argmax(result))
-    plain, stretch = best(0.0)[0], float(tries[k])
+    first = min(count, int(SMOOTHING * MOST_TRIES / (4.0 * FASTEST * dt)))
+    stretch, length, reach = 0.0, first, int(FASTEST / step_of(first))
+    while True:  # twice as many rows tell a rate twice as finely, and only near the one that is known
+        tries = stretch + step_of(length) * np.arange(-reach, reach + 1)
+        result = [_follows(u[:length], v[:length], float(item), dt) for item in tries]
+        k = int(np.argmax(result))
+        stretch = float(tries[k])
+        if length == count or result[k] < FITS:
+            break
+        length, reach = min(2 * length, count), NEAR_TRIES
+    plain, step = _follows(u[:length], v[:length], 0.0, dt), step_of(length)
     if (
         abs(stretch) < RUNS_FAST
         or result[k] < FITS
@@ -397,6 +420,17 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
             name, stretch, step, "1", independent * (1.0 - plain) / max(1.0 - result[k], 1e-3),
         )
     ]  # fmt: skip
+
+
+def _follows(u: Array, v: Array, stretch: float, dt: float) -> float:
+    """Largest correlation of a series, stretched, with another over delays of up to `LONGEST`."""
+    count = len(u)
+    grid, size, reach = np.arange(count, dtype=float), 1 << (2 * count).bit_length(), min(int(LONGEST / dt), count // 4)
+    moved, other = np.interp(grid * (1.0 + stretch), grid, u), v - v.mean()
+    moved = moved - moved.mean()
+    products = np.fft.irfft(np.fft.rfft(moved, size) * np.conj(np.fft.rfft(other, size)), size)
+    scale = float(np.sqrt(np.sum(moved**2) * np.sum(other**2)))
+    return float(np.max(np.concatenate([products[-reach:], products[: reach + 1]]))) / max(scale, 1e-300)
 
 
 def _frozen(r: Recording) -> list[Finding]:

@@ -55,8 +55,8 @@ class Finding:
     sentence : for people, with numbers and units.
     value, uncertainty, unit : the number the finding rests on, its standard uncertainty (None if it has none, as for
         a count) and unit.
-    repair : signal (or time) -> the signal whose column holds it, and the factor that puts that right; empty where the
-        column map cannot mend what was found.
+    repair : signal (or time) -> the signal whose column holds it, and the factor and the offset (in SI units, added
+        afterwards) that put that right; empty where the column map cannot mend what was found.
 
     Examples
     --------
@@ -73,7 +73,7 @@ class Finding:
     value: float | None = None
     uncertainty: float | None = None
     unit: str = "1"
-    repair: Mapping[str, tuple[str, float]] = field(default_factory=dict)
+    repair: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
 
 
 def distrusted(findings: Iterable[Finding]) -> bool:

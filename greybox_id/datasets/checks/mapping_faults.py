@@ -7,7 +7,7 @@ that did. Where nothing in the recording moves, nothing holds either way, and no
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
@@ -16,6 +16,7 @@ import numpy as np
 from ...base.numbers import exact, number, percent, quantity, raised, signed
 from ...base.signals import ANGLES_AROUND
 from ..recording import Recording
+from ..repair import in_words
 from .agreement import CERTAIN, ENOUGH
 from .finding import Finding, FoundAt, Severity, listed
 from .relations import DRIVES, WHEELS, Relation, relations, thinned
@@ -89,7 +90,7 @@ def check_mapping(recording: Recording) -> list[Finding]:
         return []
     result = relations(short)
     named = _explained(short, result)
-    findings = [_as_finding(named)] if named else []
+    findings = [_as_finding(named, recording)] if named else []
     plain = [*_upright(short), *_sideways(short), *_wheels(result), *_commanded(result), *_strange(result)]
     known = {name for item in named for name in item.fault.channels}
     findings += [finding for finding in plain if finding.where.channel not in known]
@@ -106,6 +107,8 @@ def _explained(short: Recording, result: Sequence[Relation]) -> list[Explained]:
             explained += [one] if one else []
     if not explained:
         return []
+    ahead = [item for item in explained if _reverses(short) and not _reverses(item.fault.undo(short))]
+    explained = ahead or explained
     top = max(item.evidence for item in explained)
     close = [item for item in explained if item.evidence >= NEAR * top]
     most = max(item.more for item in close)
@@ -143,28 +146,33 @@ def _certain(relation: Relation) -> bool:
     return n >= ENOUGH and bool(np.arctanh(c) * np.sqrt(n - 3) > CERTAIN)
 
 
-def _as_finding(named: Sequence[Explained]) -> Finding:
-    first = named[0]
+def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
+    first, others = named[0], [item.fault.what for item in named[1:]]
     old, new = first.before, first.after
+    repair = _repair(first.fault) if not others else {}
     more = f"; {first.more} more relation{'s' if first.more > 1 else ''} then hold{'' if first.more > 1 else 's'}"
     sentence = (
         f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; put right, {_numbers(new)}"
-        f"{more if first.more else ''}. {first.fault.remedy}"
+        f"{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
-    others = [item.fault.what for item in named[1:]]
     if others:
         sentence += f" As likely: {listed(others, 3)}."
     error = 1 / np.sqrt(max(old.independent - 3, 1.0))
     channel = first.fault.channels[0] if first.fault.channels else "time"
-    repair = _repair(first.fault) if not others else {}
     return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair)
+
+
+def _remedy(fault: Fault, recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:
+    """What to do about a fault: of a unit that the map states already, the scale that is left."""
+    changed = in_words(recording, repair) if fault.scales else ""
+    return fault.remedy if not changed or "unit =" in changed else f"In the column map, {changed}."
 
 
 IMU = ("a_x", "a_y", "yaw_rate")
 """What undoing a turn of the IMU reads, whichever of them it changes."""
 
 
-def _repair(fault: Fault) -> dict[str, tuple[str, float]]:
+def _repair(fault: Fault) -> dict[str, tuple[str, float, float]]:
     """What undoing a fault makes of each signal: another one's column, a factor; empty where it mixes columns.
 
     Undoing is linear: what it makes of one signal alone is asked of unit signals, one after the other.
@@ -180,8 +188,8 @@ def _repair(fault: Fault) -> dict[str, tuple[str, float]]:
             if factor:
                 repair[name] = (source, factor)
     slowed = float(fault.undo(Recording("unit", np.arange(3.0), {})).time[1]) if not names else 1.0
-    moved = {name: (source, factor) for name, (source, factor) in repair.items() if (source, factor) != (name, 1.0)}
-    return moved | ({"time": ("time", slowed)} if slowed != 1.0 else {})
+    moved = {name: (*changed, 0.0) for name, changed in repair.items() if changed != (name, 1.0)}
+    return moved | ({"time": ("time", slowed, 0.0)} if slowed != 1.0 else {})
 
 
 def _numbers(relation: Relation) -> str:
@@ -256,9 +264,13 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
 
 
 def _velocities(r: Recording) -> Iterator[Fault]:
-    backwards = r.has("v_x") and float(np.nanmean(r["v_x"] < 0.0)) > REVERSING  # nobody reverses for a whole drive
+    backwards = _reverses(r)
     if backwards:
-        yield Fault("v_x has the wrong sign", _turn(("v_x",)), ("v_x",), _scaled(-1.0, "v_x"))
+        for names in (("v_x",), ("v_x", "steer")):
+            if r.has(*names):
+                yield Fault(
+                    f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names)
+                )
     if not r.has("v_x", "v_y"):
         return
     yield Fault("v_y has the wrong sign", _turn(("v_y",)), ("v_y",), _scaled(-1.0, "v_y"))
@@ -269,6 +281,11 @@ def _velocities(r: Recording) -> Iterator[Fault]:
         wrong = [name for name, sign in (("v_x", along), ("v_y", across)) if sign < 0]
         remedy = f"Map each to the other's column{f', and then turn the sign of {listed(wrong)}' if wrong else ''}."
         yield Fault("the columns of v_x and v_y are exchanged", remedy, both, _exchanged(along, across))
+
+
+def _reverses(r: Recording) -> bool:
+    """Whether v_x is below zero for most of the time: nobody reverses for a whole drive."""
+    return r.has("v_x") and float(np.nanmean(r["v_x"] < 0.0)) > REVERSING
 
 
 def _exchanged(along: int, across: int) -> Callable[[Recording], Recording]:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numbers import short_with_sd, with_unit
+from ...base.windows import moving_mean
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity
 
@@ -13,6 +14,10 @@ REST_SHARE = 0.003
 """At rest means slower than 0.3 % of the top speed ..."""
 REST_SECONDS = 1.0
 """... for at least a second, a quarter of it cut off at each end where the vehicle settles."""
+STANDS, STANDING_MEAN = 0.01, 0.5
+"""Under the brake it stands where its mean speed over half a second is 1 % of the top speed."""
+DRIVES = ("drive_force", "ax_cmd", "motor_current", "throttle")
+"""What is negative while it brakes."""
 CHANNELS = {"yaw_rate": 0.002, "a_x": 0.02, "a_y": 0.02}
 """Channels that read zero at rest on flat ground, and the offset below which nobody minds (rad/s, m/s^2)."""
 
@@ -41,6 +46,29 @@ def check_rest(recording: Recording) -> list[Finding]:
         )
         findings.append(Finding("offset", Severity.WARNING, FoundAt(name), sentence, offset, error, unit))
     return findings
+
+
+def standing(recording: Recording) -> NDArray[np.bool_]:
+    """(n,) whether the vehicle stands under its brake, for a second at least; False where that cannot be told."""
+    result = np.zeros(len(recording), dtype=bool)
+    braked = np.zeros(len(recording), dtype=bool)
+    for name in DRIVES:
+        braked |= recording[name] < 0 if recording.has(name) else False
+    braked |= recording["brake"] > 0 if recording.has("brake") else False
+    if not recording.has("v_x") or not braked.any():
+        return result
+    least = STANDS * float(np.nanquantile(np.abs(recording["v_x"]), 0.99))
+    width = 2 * int(round(0.5 * STANDING_MEAN / recording.sample_time)) + 1
+    shortest = int(round(REST_SECONDS / recording.sample_time))
+    for start, stop in recording.runs:
+        if stop - start <= max(width, shortest):
+            continue
+        pace = np.abs(moving_mean(recording["v_x"][start:stop], width))
+        still = (pace <= least) & braked[start:stop]
+        edges = np.flatnonzero(np.diff(still.astype(int), prepend=0, append=0)) + start
+        for a, b in zip(edges[::2], edges[1::2], strict=True):
+            result[a:b] = b - a >= shortest
+    return result
 
 
 def _rests(recording: Recording) -> list[tuple[int, int]]:

@@ -7,9 +7,9 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.wanted import must_be_recorded
+from greybox_id.fitting.choices.requested_model import must_be_recorded
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.judging import carried
 from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.fitting.scores.verdict import judged
@@ -18,7 +18,7 @@ from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, we
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 
-QUICK = How(horizon=1.0, start_from="measured")
+QUICK = FitOptions(horizon=1.0, start_from="measured")
 
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -137,12 +137,12 @@ def test_errors_that_do_not_carry_over_are_said(good):
 def test_a_far_estimate_and_one_at_its_bound_are_said(good):
     from greybox_id.models.parameter import Prior
 
-    far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 9.0))
+    far = replace(good.model["I_z"], prior=Prior(1.0, mean=float(good.model["I_z"].array) - 4.5))
     own, held = score_beside_hold(good.model, lap(3))
     changed = replace(good, model=good.model.with_parameters(far))
     said = judged(changed, {"validate": own}, held={"validate": held})
     assert said.usability == WITH_CARE
-    assert "I_z by 9 sd" in said.reasons[0]
+    assert "I_z by 4.5 sd" in said.reasons[0]
     value = float(good.model["I_z"].array)
     bound = replace(good, model=good.model.with_parameters(replace(good.model["I_z"], bounds=(value, 2 * value))))
     assert "I_z is at a bound." in judged(bound, {"validate": own}, held={"validate": held}).reasons

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 from driven import driven
 
-from greybox_id.fitting.how import How
+from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.fitting.verdict import NOT_USABLE
+from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 
-QUICK = How(solver="gauss-newton", horizon=1.0, start_from="measured")
+QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 
@@ -84,3 +87,53 @@ def test_poor_data_are_refused_with_their_reason_though_a_good_lap_was_held_out(
     found = fit(model("B_f", "I_z"), [recording()], validate=driven(**LONG, seed=7), how=QUICK)
     assert found.verdict.usability == NOT_USABLE
     assert any(why in own for own in found.verdict.reasons)
+
+
+def test_standing_under_the_brake_is_named_and_left_out():
+    rng, m = np.random.default_rng(3), 35e3
+    force = np.tile(np.repeat([3e4, 0.0, -4e4], [150, 100, 400]), 3)
+    speed = np.zeros(len(force))
+    for k, pull in enumerate(force[:-1]):
+        speed[k + 1] = max(0.0, speed[k] + 0.1 * (pull - 1500.0 * (speed[k] > 0)) / m)
+    noisy = speed + 0.03 * rng.standard_normal(len(speed))
+    tram = Recording("tram", 0.1 * np.arange(len(force)), {"v_x": noisy, "drive_force": force})
+    free = ("m", "c_0")
+    nominal = build("longitudinal")
+    start = {"force_per_unit": 1.0, "m": 30e3, "c_0": 1000.0, "I_w": 0.0, "c_2": 0.0, "drive_lag": 0.0}
+    nominal = nominal.with_parameters(*(nominal[name].with_value(value) for name, value in start.items()))
+    nominal = nominal.with_parameters(*(replace(p, fixed=p.name not in free, prior=None) for p in nominal.parameters))
+    lines = []
+    found = fit(
+        nominal, [tram], how=FitOptions(solver="gauss-newton"), say=lambda line, passing=False: lines.append(line)
+    )
+    assert any("standing under the brake are left out" in line for line in lines)
+    assert found.how["stood"] > 60.0
+    low, high = found.interval("m")
+    assert low < m < high
+    assert float(found.sd["m"]) < 0.01 * m
+
+
+def test_a_stated_number_that_is_wrong_widens_intervals_or_refuses():
+    nominal = model("m", "I_z")  # lateral motion tells their ratio alone
+    off = {"m": 0.91 * truth("m"), "I_z": truth("I_z")}
+    stated = [replace(nominal[n].with_value(v), prior=Prior(mean=v, sd=0.01 * v)) for n, v in off.items()]
+    found = fit(nominal.with_parameters(*stated), [driven(runs=1, seconds=20.0)], how=QUICK)
+    inside = [low < truth(name) < high for name in off for low, high in [found.interval(name)]]
+    assert found.verdict.usability == NOT_USABLE or all(inside)
+    assert any("conflict with their priors" in reason for reason in found.verdict.reasons)
+
+
+def test_residuals_are_judged_by_the_noise_that_the_vehicle_states():
+    turned = changed(driven(runs=1, seconds=20.0), steer=lambda v: v + 0.03)
+    found = fit(model("B_f", "I_z"), [turned], how=QUICK, sensors={"yaw_rate": 1e-4, "a_y": 1e-3, "v_y": 1e-4})
+    assert any("times its stated noise" in reason for reason in found.verdict.reasons)
+
+
+def test_an_effect_that_makes_what_was_held_out_worse_is_refused():
+    nominal = model("B_f", "I_z") + EFFECTS["steering_offset"].free(0.01)
+    turned = changed(driven(runs=1, seconds=20.0), steer=lambda v: v + 0.02)
+    found = fit(nominal, [turned], validate=driven(**LONG, seed=7), how=QUICK)
+    assert found.verdict.usability == NOT_USABLE
+    assert any("of the same fit without steering_offset" in reason for reason in found.verdict.reasons)
+    right = fit(nominal, [turned], validate=changed(driven(**LONG, seed=7), steer=lambda v: v + 0.02), how=QUICK)
+    assert not any("without steering_offset" in reason for reason in right.verdict.reasons)

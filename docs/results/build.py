@@ -1,0 +1,130 @@
+"""docs/results.md from the JSON beside this file; `--run NAME OPTIONS...` measures a bench again and keeps its JSON.
+
+`python docs/results/build.py` writes the page, `--check` exits with 1 where it is not current.
+A file is either a table as its script printed it, or what `greybox bench NAME --json` printed, with when and with what.
+"""
+
+from __future__ import annotations
+
+import argparse
+import datetime
+import json
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from greybox_id.base.numbers import number
+from greybox_id.base.version import __version__
+
+HERE = Path(__file__).parent
+PAGE = HERE.parent / "results.md"
+HEAD = """# Results
+
+Each table is drawn from a file in `docs/results/`, which says what was measured, when, with which version, on how many
+cases and from which seed (`python docs/results/build.py`). `DIR` holds recordings that belong to their authors:
+`greybox datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz with compiled code in its
+cache. A bar that is missed is marked. What was tried and failed is in the [decision notes](decisions/README.md).
+"""
+MOST_TASKS = 2
+"""A bench with more shows the first one alone; the file has all."""
+
+
+def page() -> str:
+    """The text of the page."""
+    parts = [HEAD]
+    for file in sorted(HERE.glob("*.json")):
+        kept = json.loads(file.read_text(encoding="utf-8"))
+        parts.append(section(of_bench(kept) if "result" in kept else kept))
+    return "\n".join(parts)
+
+
+def section(kept: dict[str, Any]) -> str:
+    """One section: what was done, commands, table."""
+    measured = kept["measured"]
+    said = (
+        f"Measured {measured['date']} with version {measured['version']}; seed {measured['seed']}; n: {measured['n']}."
+    )
+    lines = [f"## {kept['title']}", "", kept["about"], "", *(f"    {command}" for command in kept["commands"]), ""]
+    lines += [row(kept["columns"]), row(["---"] * len(kept["columns"])), *map(row, kept["rows"]), "", said]
+    return "\n".join([*lines, *(["", kept["after"]] if kept.get("after") else []), ""])
+
+
+def row(cells: list[str]) -> str:
+    """One line of a table."""
+    return f"| {' | '.join(str(cell) for cell in cells)} |"
+
+
+def of_bench(kept: dict[str, Any]) -> dict[str, Any]:
+    """What a bench printed, as a section: a row for each model, a column for each task."""
+    rows = kept["result"]["rows"]
+    tasks = list(dict.fromkeys(one["task"] for one in rows))
+    shown = tasks if len(tasks) <= MOST_TASKS else tasks[:1]
+    models = dict.fromkeys((one["model"], one["published"], one["parameters"]) for one in rows if one["task"] in shown)
+    columns, cells = ["model", *(f"{task} [{_of(rows, task)[0]['unit']}]" for task in shown), "CPU s"], []
+    for model, published, parameters in models:
+        same = [
+            one for one in rows if (one["model"], one["published"], one["parameters"]) == (model, published, parameters)
+        ]
+        spent = next((one["cpu_seconds"] for one in same if one["cpu_seconds"] is not None), None)
+        values = [_value(_of(same, task)) for task in shown]
+        cells.append(
+            [f"{model} (published)" if published else model, *values, "–" if spent is None else number(spent, 2)]
+        )
+    return {**kept, "columns": columns, "rows": cells, "after": " ".join(kept["result"]["answers"][:1])}
+
+
+def _of(rows: list[dict[str, Any]], task: str) -> list[dict[str, Any]]:
+    return [one for one in rows if one["task"] == task]
+
+
+def _value(rows: list[dict[str, Any]]) -> str:
+    if not rows:
+        return "–"
+    spread = rows[0]["spread"]
+    return number(rows[0]["value"], 3) + ("" if spread is None else f" ± {number(spread, 2)}")
+
+
+def run(name: str, options: list[str]) -> None:
+    """Measure a bench again, and keep what it prints beside its title."""
+    file = next(HERE.glob(f"*_{name}.json"))
+    before = json.loads(file.read_text(encoding="utf-8"))
+    command = ["greybox", "bench", name, *options]
+    done = subprocess.run(
+        [sys.executable, "-c", "from greybox_id.cli import main; main()", *command[1:], "--json"],
+        check=True, capture_output=True, text=True,
+    )  # fmt: skip
+    keep(file, before, json.loads(done.stdout))
+
+
+def keep(file: Path, before: dict[str, Any], result: dict[str, Any]) -> None:
+    """Write a bench's file: title, command and question stay, what was measured is new."""
+    measured = {
+        "date": datetime.date.today().isoformat(),
+        "version": __version__,
+        "casadi": version("casadi"),
+        "numpy": version("numpy"),
+        "seed": before["measured"]["seed"],
+        "n": before["measured"]["n"],
+    }
+    kept = {**{name: before[name] for name in ("title", "commands", "about")}, "measured": measured, "result": result}
+    file.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
+
+
+def main() -> int:
+    """Write, check or measure."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--check", action="store_true", help="exit with 1 where the page is not current")
+    parser.add_argument("--run", nargs=argparse.REMAINDER, help="a bench with its options, to be measured again")
+    words = parser.parse_args()
+    if words.run:
+        run(words.run[0], words.run[1:])
+    if words.check:
+        return 0 if PAGE.read_text(encoding="utf-8") == page() else 1
+    PAGE.write_text(page(), encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""
+Your own CSV to C code
+======================
+
+A logger names columns as it likes. A column map says what they are; the rest is three calls.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import greybox_id as gb
+
+# %%
+# Somebody else's file: km/h, degrees, a gyro mounted upside down.
+lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 800)
+table = pd.DataFrame(
+    {
+        "Time": lap.time,
+        "Speed_kmh": 3.6 * lap["v_x"],
+        "GyroZ": -np.degrees(lap["yaw_rate"]),
+        "AccY": lap["a_y"] / 9.80665,
+        "servo": np.degrees(lap["steer"]),
+    }
+)
+table.round(4).to_csv("lap.csv", index=False)
+table.head(3)
+
+# %%
+# The map. ``greybox data map lap.csv --out my_car.toml`` proposes one.
+Path("my_car.toml").write_text(
+    """name = "my_car"
+[time]
+column = "Time"
+unit = "s"
+[signals]
+v_x = { column = "Speed_kmh", unit = "km/h" }
+yaw_rate = { column = "GyroZ", unit = "deg/s", sign = -1 }
+a_y = { column = "AccY", unit = "g" }
+steer = { column = "servo", unit = "deg" }
+""",
+    encoding="utf-8",
+)
+for finding in gb.check("lap.csv", columns="my_car.toml"):
+    print(finding)
+
+# %%
+fit = gb.fit("kinematic", "lap.csv", vehicle="roboracer", columns="my_car.toml", effects=["steering_delay"])
+print(fit)
+
+# %%
+# C99 without allocation: a step, its derivatives, and a test that checks the code where it is compiled.
+for file in gb.export(fit, to="car", target="c"):
+    print(file.name, file.stat().st_size, "bytes")
+print("\n".join(Path("car/car.h").read_text(encoding="utf-8").splitlines()[:40]))

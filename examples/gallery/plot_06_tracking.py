@@ -1,0 +1,22 @@
+"""
+Track cornering stiffness with an EKF
+=====================================
+
+A fit has one number for a recording. A filter says how a parameter moves along it, with a band.
+"""
+
+import greybox_id as gb
+
+lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
+fit = gb.fit("lateral", lap.rows(0, 600), vehicle="roboracer", effects=["steering_lag"])
+
+# %%
+# Stiffnesses of both axles walk at random; the rest of the fit stays.
+track = gb.track(fit, other.rows(0, 400), ["C_alpha_f", "C_alpha_r"])
+print(track.summary())
+
+# %%
+track.to_pandas()[["time", "C_alpha_f", "C_alpha_f_sd", "C_alpha_r", "C_alpha_r_sd"]].iloc[::80]
+
+# %%
+track.plot()

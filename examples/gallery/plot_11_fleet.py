@@ -1,0 +1,56 @@
+"""
+A fleet
+=======
+
+Two vehicles, three recordings each. What does each vehicle's parameter look like, and what do they have in common?
+"""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+import greybox_id as gb
+from greybox_lab import fleet
+
+# %%
+# Recordings in a folder for each vehicle. The second car's yaw inertia is larger by a fifth.
+for vehicle, inertia in {"V0": 2274.0, "V1": 2729.0}.items():
+    model = gb.models.lateral(tyre="linear", vehicle="full_size_car")
+    model = model.with_parameters(replace(model["I_z"], value=inertia))
+    for drive in range(3):
+        time = np.arange(0.0, 8.0, 0.02)
+        steer = 0.03 * np.sin((1.5 + 0.5 * drive) * time) + 0.01 * np.sign(np.sin(4.0 * time))
+        lap = gb.Recording("lap", time, {"steer": steer, "v_x": np.full(len(time), 18.0)})
+        table = lap.with_signals(**gb.simulate(model, lap).signals).to_pandas()
+        noise = np.random.default_rng(drive).normal(0, [0.05, 0.01, 0.15], (len(time), 3))
+        table[["v_y", "yaw_rate", "a_y"]] += noise
+        file = Path("data") / vehicle / f"drive{drive}.csv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        table.to_csv(file, index=False)
+
+# %%
+# What is done with each of them is a file; ``greybox fleet run fleet.toml --out results`` does the same.
+Path("fleet.toml").write_text(
+    """recordings = "data/{vehicle}/*.csv"
+vehicle = "full_size_car"
+steps = ["fit"]
+[fit]
+model = "lateral"
+set = { tyre = "linear" }
+solver = "gauss-newton"
+horizon = 1.0
+""",
+    encoding="utf-8",
+)
+fleet.run("fleet.toml", "results")
+estimates = pd.read_parquet("results/parameters")
+estimates.query("name == 'I_z'")[["vehicle", "value", "sd", "low", "high"]]
+
+# %%
+# Vehicles together: what is common to all, and how far each lies from it.
+fleet.estimate("results")
+pd.read_parquet("results/vehicles").query("name == 'I_z'")[
+    ["vehicle", "recordings", "value", "low", "high", "sentence"]
+]

@@ -1,0 +1,83 @@
+"""
+A predictive controller closes the loop
+=======================================
+
+A controller that does not know of a delay steers too late. The same controller on the closed model, exported to
+CasADi, does not.
+"""
+
+import importlib.util
+
+import casadi as cs
+import matplotlib.pyplot as plt
+import numpy as np
+
+import greybox_id as gb
+
+STEP, AHEAD, SPEED = 0.05, 24, 20.0
+"""s between commands, steps looked ahead, m/s."""
+LATE = 0.15
+"""s: the delay of the car's steering, as a diagnosis names it; see the page on a gap."""
+
+# %%
+# The model of the vehicle file, as CasADi functions that need nothing but CasADi.
+gb.export(gb.models.lateral(vehicle="full_size_car"), to="car", target="casadi")
+spec = importlib.util.spec_from_file_location("car", "car/car.py")
+car = importlib.util.module_from_spec(spec)
+spec.loader.exec_module(car)
+
+
+def moved(x, steer):
+    """Lateral velocity, yaw rate, heading and lateral place a step later."""
+    motion = car.step(x[:2], cs.vertcat(steer, SPEED), car.P, STEP)
+    return cs.vertcat(motion, x[2] + STEP * motion[1], x[3] + STEP * (SPEED * cs.sin(x[2]) + motion[0] * cs.cos(x[2])))
+
+
+def path(time):
+    """A double lane change: lateral place, in m."""
+    return 1.75 * (np.tanh(2.5 * (time - 2.0)) - np.tanh(2.5 * (time - 5.0)))
+
+
+# %%
+# The controller: a place to be at for every step ahead, gentle commands, and a queue of commands that are on their
+# way.
+def controller(on_their_way):
+    """What to steer, from the state, the commands on their way and the path ahead."""
+    opti = cs.Opti()
+    start, queue, goal = opti.parameter(4), opti.parameter(on_their_way + 1), opti.parameter(AHEAD)
+    steer = opti.variable(AHEAD)
+    acting = cs.vertcat(queue[1:], steer) if on_their_way else steer
+    x, cost = start, 0
+    for k in range(AHEAD):
+        x = moved(x, acting[k])
+        cost += (x[3] - goal[k]) ** 2 + 2.0 * (steer[k] - (steer[k - 1] if k else queue[-1])) ** 2
+    opti.minimize(cost)
+    opti.subject_to(opti.bounded(-0.3, steer, 0.3))
+    opti.solver("ipopt", {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.max_iter": 30})
+    return opti.to_function("steer", [start, queue, goal, steer], [steer])
+
+
+def driven(known):
+    """The car, whose steering acts three steps late, under a controller that knows of `known` of them."""
+    late = round(LATE / STEP)
+    decide, x, sent, guess, places = controller(known), np.zeros(4), [0.0] * (late + 1), np.zeros(AHEAD), []
+    for k in range(140):
+        goal = path(STEP * (k + 1 + np.arange(AHEAD)))
+        guess = np.asarray(decide(x, sent[len(sent) - known - 1 :], goal, guess)).ravel()
+        sent.append(float(guess[0]))
+        x = np.asarray(moved(x, sent[-1 - late])).ravel()
+        places.append(x[3])
+        guess = np.append(guess[1:], guess[-1])
+    return np.array(places)
+
+
+# %%
+time = STEP * np.arange(1, 141)
+figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
+axis.plot(time, path(time), "k--", label="path")
+for label, known in {"vehicle file": 0, "closed model": round(LATE / STEP)}.items():
+    places = driven(known)
+    error = np.sqrt(np.mean((places - path(time)) ** 2))
+    axis.plot(time, places, label=f"{label}: RMS error {100 * error:.0f} cm")
+axis.set(xlabel="time [s]", ylabel="lateral place [m]")
+axis.legend()
