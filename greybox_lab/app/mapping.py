@@ -166,10 +166,10 @@ def repairs_of(sentence: str, channel: str) -> list[Repair]:
     if not rest:
         return []
     named = tuple(_signals(head)) or ((channel,) if channel in SIGNALS else ())
-    turned = re.search(r"Turn the sign of (.+?) in the column map", rest)
+    turned = re.search(r"Negate (.+?) in the column map", rest)
     if turned:
         signals = tuple(_signals(turned[1]))
-        return [Repair(f"Turn the sign of {' and '.join(signals)}", "sign", signals)]
+        return [Repair(f"Negate {' and '.join(signals)}", "sign", signals)]
     unit = re.search(r'Set unit = "([^"]+)"', rest)
     if unit and named:
         return [Repair(f"Read {' and '.join(named)} in {unit[1]}", "unit", named, unit[1])]
