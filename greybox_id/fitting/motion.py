@@ -42,7 +42,7 @@ from .attempt import (
 from .carrying import carries_over
 from .certificate import certified
 from .fit import SURPRISING, Fit
-from .how import FOR_MOTION, How, Say, quiet, refused
+from .how import FOR_MOTION, FitOptions, Say, quiet, refused
 from .judging import carried
 from .provenance import Certificate, Stage
 from .restated import stated_again
@@ -104,7 +104,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
 
 
 def fit_motion(
-    model: MotionModel, recordings: Sequence[Recording], how: How, say: Say
+    model: MotionModel, recordings: Sequence[Recording], how: FitOptions, say: Say
 ) -> tuple[MotionProblem, Solution, Stage]:
     """Fit a motion model.
 
@@ -205,7 +205,7 @@ def _of(attempt: Attempt) -> tuple[MotionProblem, Array, Solution]:
     return attempt.problem, attempt.about, attempt.solution
 
 
-def _confirmed(reached: _Reached, how: How, say: Say) -> _Reached:
+def _confirmed(reached: _Reached, how: FitOptions, say: Say) -> _Reached:
     """The same with Ipopt's word on it, where it is asked."""
     if how.solver != "auto":
         return reached
@@ -259,7 +259,7 @@ def _fallbacks(
     points: Sequence[Array],
     reached: _Reached | None,
     why: str,
-    how: How,
+    how: FitOptions,
     say: Say,
 ) -> Iterator[_Reached]:
     """Other ways to the optimum, one after the other until one leads to an optimum: the best so far after each."""

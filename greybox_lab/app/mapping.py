@@ -1,4 +1,4 @@
-"""The column map as the page shows it: entries that are decided, questions, answers, repairs; written as TOML.
+"""The column map as the page shows it: entries that are decided, questions, answers; written as TOML.
 
 What a column may be is what `greybox data map` says; nothing is guessed here. An entry is what that command prints of a
 signal, and `use`: True where it is in the map, False where it is not, None while it is a question.
@@ -6,13 +6,12 @@ signal, and `use`: True where it is in the map, False where it is not, None whil
 
 from __future__ import annotations
 
-import json
-import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from .beneath import SIGNALS, write_atomically
 
@@ -29,15 +28,9 @@ USUAL_UNITS = {
 TIME_UNITS = ("s", "ms", "us", "ns")
 
 
-def entries_of(answer: Mapping[str, Any], prefix: str = "") -> list[Entry]:
-    """What `greybox data map --json` says of a file as entries; `prefix` stands before its columns, for joining."""
-    entries = []
-    for each in answer["signals"]:
-        entry = dict(each)
-        entry["column"] = prefix + entry["column"]
-        entry["use"] = True if entry["decided"] else None
-        entries.append(entry)
-    return entries
+def entries_of(answer: Mapping[str, Any]) -> list[Entry]:
+    """What `greybox data map --json` says of columns, as entries."""
+    return [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
 
 
 def base_of(proposed: Path, answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -104,26 +97,11 @@ def column_of(entry: Entry, unit: str = "") -> dict[str, Any]:
     return column
 
 
-def as_toml(table: Mapping[str, Any]) -> str:
-    """Plain data as TOML: values, then tables; JSON's strings are TOML's."""
-    plain = [f"{key} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)]
-    lines = ["# Made by greybox app; every command reads it: --columns map.toml", *plain]
-    for key, inner in table.items():
-        if not isinstance(inner, Mapping):
-            continue
-        nested = all(isinstance(value, Mapping) for value in inner.values()) and inner
-        if not nested:
-            lines += ["", f"[{key}]", *(f"{name} = {_value(value)}" for name, value in inner.items())]
-            continue
-        for name, column in inner.items():
-            lines += ["", f"[{key}.{name}]", *(f"{word} = {_value(value)}" for word, value in column.items())]
-    return "\n".join(lines) + "\n"
-
-
 def write_map(
     path: Path, base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]] | None = None
 ) -> None:
     """Write the column map, atomically."""
+<<<<<<< HEAD
     write_atomically(path, as_toml(table_of(base, entries, extra or {})))
 
 
@@ -213,6 +191,10 @@ def repaired(base: Mapping[str, Any], entries: Sequence[Entry], repair: Repair) 
 
 def _signals(text: str) -> Iterable[str]:
     return [word for word in re.findall(r"[a-z]\w*", text) if word in SIGNALS]
+=======
+    words = "# Made by greybox app; every command reads it: --columns map.toml\n"
+    write_atomically(path, words + tomli_w.dumps(table_of(base, entries, extra or {})))
+>>>>>>> main
 
 
 def entries_of_map(path: Path) -> tuple[dict[str, Any], list[Entry]]:

@@ -54,6 +54,8 @@ HALF = 0.2
 """Relative change of v_x steer / yaw_rate between halves that no load or tyre makes within a drive."""
 RUNS_FAST, FASTEST, LONGEST = 0.004, 0.04, 2.0
 """Least and largest relative error of a clock that is looked for, and the largest delay beside it, s."""
+MOST_TRIES, NEAR_TRIES = 100, 4
+"""Rates that are tried each way at first, and next to what fewer rows tell."""
 RESPONSE, PER_ROOT = 0.12, 0.12
 """s, and s per root of a metre: the longest that yaw_rate follows steer by, over the wheelbase; yaw takes as long as
 tyres take to turn an inertia that grows with length."""
@@ -386,26 +388,22 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
     """A channel whose clock runs at another rate: stretched, it goes with what it should go with, and not before."""
     dt, count = r.sample_time, rows.stop - rows.start
     u, v = (np.nan_to_num(smooth(r, item, SMOOTHING)[rows]) for item in (left, right))
-    grid = np.arange(count, dtype=float)
-    size = 1 << (2 * count).bit_length()
-    reach = min(int(LONGEST / dt), count // 4)
-    power = np.conj(np.fft.rfft(v - v.mean(), size))
 
-    def best(stretch: float) -> tuple[float, float]:
-        """Largest correlation over delays, and its delay in s."""
-        moved = np.interp(grid * (1.0 + stretch), grid, u)
-        moved = moved - moved.mean()
-        products = np.fft.irfft(np.fft.rfft(moved, size) * power, size)
-        near = np.concatenate([products[-reach:], products[: reach + 1]])
-        k = int(np.argmax(near))
-        scale = float(np.sqrt(np.sum(moved**2) * np.sum((v - v.mean()) ** 2)))
-        return float(near[k]) / max(scale, 1e-300), (k - reach) * dt
+    def step_of(rows: int) -> float:
+        """Over so many rows, a quarter of what is smoothed."""
+        return SMOOTHING / max(rows * dt, 1e-9) / 4.0
 
-    step = SMOOTHING / max(count * dt, 1e-9) / 4.0  # over the drive, a quarter of what is smoothed
-    tries = step * np.arange(-int(FASTEST / step), int(FASTEST / step) + 1)
-    result = [best(float(stretch))[0] for stretch in tries]
-    k = int(np.argmax(result))
-    plain, stretch = best(0.0)[0], float(tries[k])
+    first = min(count, int(SMOOTHING * MOST_TRIES / (4.0 * FASTEST * dt)))
+    stretch, length, reach = 0.0, first, int(FASTEST / step_of(first))
+    while True:  # twice as many rows tell a rate twice as finely, and only near the one that is known
+        tries = stretch + step_of(length) * np.arange(-reach, reach + 1)
+        result = [_follows(u[:length], v[:length], float(item), dt) for item in tries]
+        k = int(np.argmax(result))
+        stretch = float(tries[k])
+        if length == count or result[k] < FITS:
+            break
+        length, reach = min(2 * length, count), NEAR_TRIES
+    plain, step = _follows(u[:length], v[:length], 0.0, dt), step_of(length)
     if (
         abs(stretch) < RUNS_FAST
         or result[k] < FITS
@@ -422,6 +420,17 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
             name, stretch, step, "1", independent * (1.0 - plain) / max(1.0 - result[k], 1e-3),
         )
     ]  # fmt: skip
+
+
+def _follows(u: Array, v: Array, stretch: float, dt: float) -> float:
+    """Largest correlation of a series, stretched, with another over delays of up to `LONGEST`."""
+    count = len(u)
+    grid, size, reach = np.arange(count, dtype=float), 1 << (2 * count).bit_length(), min(int(LONGEST / dt), count // 4)
+    moved, other = np.interp(grid * (1.0 + stretch), grid, u), v - v.mean()
+    moved = moved - moved.mean()
+    products = np.fft.irfft(np.fft.rfft(moved, size) * np.conj(np.fft.rfft(other, size)), size)
+    scale = float(np.sqrt(np.sum(moved**2) * np.sum(other**2)))
+    return float(np.max(np.concatenate([products[-reach:], products[: reach + 1]]))) / max(scale, 1e-300)
 
 
 def _frozen(r: Recording) -> list[Finding]:

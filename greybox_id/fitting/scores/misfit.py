@@ -24,15 +24,16 @@ MOVES = 1.5
 the ratio is one."""
 UNEXPLAINED = 0.5
 """Share of an output's variance beyond its noise that may be left unexplained in half of the outputs."""
-OF_FORM, FOREIGN_FORM = 0.1, 0.2
-"""Error of form over an output's spread that has to be known, and that leaves no vehicle: good fits of vehicles within
-tolerances, of other forms of tyres and with delays of milliseconds, have up to 0.12 (median 0.06)."""
+OF_FORM, DOUBTFUL, FOREIGN_FORM = 0.1, 0.13, 0.2
+"""Error of form over an output's spread that has to be known, that another vehicle may have, and that leaves none: good
+fits of vehicles within tolerances, of other tyres and with delays of milliseconds, have up to 0.13 (median 0.08)."""
 TIMES_NOISE = 5.0
 """Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
 ALSO = 0.25
 """Of what explains most of the residuals, the part that is named beside it."""
-HALVES, CLEARLY = 0.1, 10.0
-"""Error over the spread that other parameters in the second half explain; log of how much likelier that has to be."""
+HALVES, SMALL_HALVES, CLEARLY = 0.1, 0.01, 10.0
+"""Error over the spread that other parameters in the second half explain: of a fit that is refused, and the least that
+is told; log of how much likelier that has to be."""
 
 
 def misfit(fit: Fit) -> Iterator[Reason]:
@@ -64,13 +65,24 @@ def misfit(fit: Fit) -> Iterator[Reason]:
             "or they are of another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
+    yield from _of_halves(form, _of_form(moving[worst]))
     yield from _dependence(worst, moving[worst], fit.how.get("sensors", {}))
-    size = form.get("halves", 0.0) ** 0.5 * _of_form(moving[worst])
-    if size > HALVES and form.get("halves_gain", 0.0) > CLEARLY:
+
+
+def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
+    """Whether the second half of the data is of another vehicle than the first."""
+    size, gain = form.get("halves", 0.0) ** 0.5 * error, form.get("halves_gain", 0.0)
+    if gain > CLEARLY and size > HALVES:
         yield Reason(
             NOT_USABLE,
             "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
             "or of another. Fit each half, and ask greybox gap what changed.",
+        )
+    elif gain > CLEARLY and size > SMALL_HALVES:
+        yield Reason(
+            WITH_CARE,
+            f"The second half of the data prefers other parameters than the first (odds e^{gain:.0f}): it may be of "
+            "another vehicle, or one that has changed. Fit each half.",
         )
 
 
@@ -96,8 +108,8 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
         depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"That goes with {_listed(on)}"
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
-            f"{name} is missed by {left}{against}. {depends}: the model lacks an effect. Intervals count it; "
-            "greybox gap looks for it.",
+            f"{name} is missed by {left}{against}. {depends}: the model lacks an effect"
+            f"{' or is of another vehicle' if error > DOUBTFUL else ''}. Intervals count it; greybox gap looks for it.",
         )
     else:
         yield Reason(

@@ -40,7 +40,7 @@ MANY = 100
 """More times as large than this is not told as a number."""
 MEAN = 1.0
 """Share of variance left by the mean of the readings."""
-FOREIGN_PRIOR = 6.0
+FOREIGN_PRIOR = 8.0
 """Estimates so many prior standard deviations off are not of the vehicle that was stated: within tolerances, what a
 model lacks moves them by up to six."""
 CORNER = 0.5
@@ -186,9 +186,8 @@ def _found(fit: Fit) -> Iterator[Reason]:
         worst = max(away for away, _ in far)
         yield Reason(
             NOT_USABLE if worst > FOREIGN_PRIOR else WITH_CARE,
-            f"Estimates conflict with their priors: {text}. Suspect "
-            + ("that the data are of another vehicle, or the model structure." if worst > FOREIGN_PRIOR
-               else "the model structure."),
+            f"Estimates conflict with their priors: {text}. Suspect that the data are of another vehicle than stated, "
+            "or the model structure.",
         )  # fmt: skip
 
 
