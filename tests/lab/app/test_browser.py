@@ -90,13 +90,7 @@ def test_a_wrong_sign_is_a_red_light_and_a_button_mends_it(server, reader, tmp_p
     reader.click("Check it")
     reader.see("Not to be trusted as it is")
     reader.fits("3_red")
-<<<<<<< HEAD
-    reader.click("Negate yaw_rate")
-    reader.see("Can be used")
-    reader.see("✓ Negate yaw_rate")
-=======
     reader.click("Repair the map")
     reader.see("Can be used")
     reader.see("✓ yaw_rate: sign = 1")
->>>>>>> main
     reader.fits("3_mended")
