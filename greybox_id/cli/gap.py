@@ -33,6 +33,7 @@ from ..engine.simulation import Diagnosed
 from ..fitting.choices.parameters import wanted_vehicle
 from ..fitting.choices.wanted import must_be_recorded
 from ..fitting.how import Say
+from ..fitting.restated import as_fitted
 from ..gap.changes.sensitivity import Visible
 from ..gap.changes.verb import Changed, diagnose_change, visible_changes
 from ..gap.design.arena import arena as arena_of
@@ -190,7 +191,7 @@ def what_would_show(
     if recordings or not since:
         raise BadInput("--sensitivity is asked before a run: name recordings from before with --since, and no other.")
     nominal, stated = _nominal(vehicle, fit_file, model)
-    before = [read_part(file, columns or "canonical") for file in since]
+    before = _read(since, columns, fit_file)
     must_be_diagnosable(nominal, before)
     with progress() as say:
         result = visible_changes(nominal, before, EFFECTS, vehicle=stated, say=say)
@@ -321,7 +322,7 @@ def gap(
         arena_of(arena)  # what is wrong with it is better said before the work than after
     with progress() as say:
         if since:
-            changed = _changed(requested, [read_part(file, columns or "canonical") for file in since], say)
+            changed = _changed(requested, _read(since, columns, fit_file), say)
             gap, requested = changed.gap, replace(requested, vehicle=changed.vehicle)
         else:
             gap = _found(requested, seed, say, horizons=bool(targets) or not as_json)
@@ -373,10 +374,17 @@ def _asked(
     nominal, stated = _nominal(vehicle, fit, model)
     if not recordings:
         raise BadInput("There is no recording to diagnose; name at least one file.")
-    value, others = ([read_part(file, columns or "canonical") for file in files] for files in (recordings, held_out))
+    value, others = (_read(files, columns, fit) for files in (recordings, held_out))
     must_be_diagnosable(nominal, [*value, *others])
     must_differ(value, others)
     return _Asked(nominal, stated, value, others)
+
+
+def _read(files: Sequence[str | Path], columns: str | Path | None, fit: str | Path | None) -> list[Recording]:
+    """Recordings, taken as those that the fit has seen were taken."""
+    recordings = [read_part(file, columns or "canonical") for file in files]
+    taken = fit_of(fit) if fit is not None and recordings else None
+    return recordings if taken is None else [as_fitted(taken, recording) for recording in recordings]
 
 
 def _nominal(

@@ -23,6 +23,7 @@ from ..filters.verb import track as track_recording
 from ..filters.verdict import verdict
 from ..fitting.choices.parameters import named, number
 from ..fitting.choices.wanted import Wanted
+from ..fitting.restated import as_fitted
 from ..models.effects import EFFECTS
 from ..models.vehicle_file import write_vehicle
 from ..reports.text.track import as_dict, parts
@@ -127,6 +128,7 @@ def track(
     target = claim(target_of(out), becomes="a table of estimates")
     kept = claim(target.with_suffix(".json"), "‹out›", "a track")
     recording = read_part(file, columns)
+    recording = recording if fit_file is None else as_fitted(fit_of(fit_file), recording)
     with progress() as say:
         entry = track_recording(
             model, recording, value, disturbances=others, effects=EFFECTS, how=how, uncertain=uncertain, say=say
