@@ -32,7 +32,7 @@ from greybox_id.datasets.shipped import shipped
 from greybox_id.fitting.adaptation.outcome import parted
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.fit import Fit
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.memory import errors, predictions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
@@ -90,7 +90,7 @@ def driven_long(seed: int) -> Recording:
 
 def fitted(train: Recording) -> Fit:
     """`msnn_full_plus` as it is, priors as stated."""
-    return fit(prepared("msnn_full_plus", train), [train], how=How(strengths=1.0, solver="gauss-newton"))
+    return fit(prepared("msnn_full_plus", train), [train], how=FitOptions(strengths=1.0, solver="gauss-newton"))
 
 
 def measured(first: int, seeds: int, reference: bool) -> list[dict[str, Any]]:

@@ -23,7 +23,7 @@ from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 
@@ -65,7 +65,7 @@ def covered(recordings: int, seconds: float, rho: float) -> list[dict[str, Any]]
         recording = Recording(
             "run", commands["time"], {"steer": commands["steer"], "drive_force": commands["drive"], **readings}
         )
-        result = fit(start, [recording], how=How(solver="gauss-newton"))
+        result = fit(start, [recording], how=FitOptions(solver="gauss-newton"))
         for name in FREE:
             low, high = result.interval(name)
             inside[name] += bool(low <= FULL_SIZE_CAR[name] <= high)

@@ -1,32 +1,20 @@
-"""What the engine's method is worth: CPU time beside Ipopt alone and scipy, same problem, same optimum, one run.
+"""One problem and who solves it: the engine, Ipopt alone, scipy. `speed.py` and `starts.py` take it from here.
 
-    python benchmarks/engine.py [--json] [--samples 2400 17200] [--repeats 3]
-
-The problem: a single-track vehicle at a measured speed (Pacejka, four Runge-Kutta stages per sample) free-runs
-through a simulated drive at 50 Hz; nine unknowns (B, C, D of both axles, yaw inertia, two initial states) are fitted to
-noisy v_y, yaw rate and a_y. Everyone starts from the same wrong parameters.
-
-Times are CPU seconds of the solve; stating the problem is listed apart (for the engine it includes laying out
-segments, for CasADi building and differentiating the program). Compiled code comes from the cache. Ratios are medians
-over repeats taken in turn.
+A single-track vehicle at a measured speed (Pacejka, four Runge-Kutta stages per sample) free-runs through a simulated
+drive at 50 Hz; nine unknowns (B, C, D of both axles, yaw inertia, two initial states) are fitted to noisy v_y, yaw rate
+and a_y. Everyone starts from the same wrong parameters. Times are CPU seconds of the solve; stating the problem is
+listed apart.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 import time
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as cs
 import numpy as np
-from rich.console import Console
-from rich.table import Table
 from scipy.optimize import least_squares
-from threadpoolctl import threadpool_limits
 
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
@@ -54,82 +42,6 @@ class Solved:
     solve_seconds: float
     state_seconds: float
     iterations: int
-
-
-def main() -> int:
-    """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--samples", type=int, nargs="+", default=[2400, 17200])
-    arguments.add_argument("--repeats", type=int, default=3)
-    arguments.add_argument("--quick", action="store_true", help="leave out Ipopt with the exact Hessian")
-    given = arguments.parse_args()
-    with threadpool_limits(1):
-        rows = [row for samples in given.samples for row in compare(samples, given.repeats, given.quick)]
-    if given.json:
-        sys.stdout.write(json.dumps({"rows": rows, "not_installed": missing()}, indent=1) + "\n")
-        return 0
-    table = Table(title="CPU time of one fit", box=None)
-    for head in ("samples", "method", "solve [s]", "state [s]", "iterations", "ratio", "parameters differ by"):
-        table.add_column(head, justify="left" if head == "method" else "right")
-    for row in rows:
-        table.add_row(
-            str(row["samples"]), row["method"], f"{row['solve_seconds']:.4f}", f"{row['state_seconds']:.3f}",
-            str(row["iterations"]), f"{row['ratio']:.1f}", f"{row['difference']:.1e}",
-        )  # fmt: skip
-    Console().print(table)
-    for name in missing():
-        Console().print(f"{name} is not installed here and is left out.")
-    return 0
-
-
-def missing() -> list[str]:
-    """Competitors that are not installed."""
-    absent = []
-    for module in ("do_mpc", "jax_sysid"):
-        try:
-            __import__(module)
-        except ImportError:
-            absent.append(module)
-    return absent
-
-
-def compare(samples: int, repeats: int, quick: bool) -> list[dict[str, Any]]:
-    """All methods on one problem, in turn, so often."""
-    model, recording = problem(samples)
-    methods: dict[str, Callable[[MotionModel, Recording], Solved]] = {
-        "condensed Gauss-Newton (greybox-id)": condensed,
-        "scipy least_squares, same Jacobian (CasADi VM)": scipy_in_casadi,
-        "scipy least_squares, same Jacobian (compiled kernel)": scipy_compiled,
-        "Ipopt alone, Gauss-Newton Hessian, 1 step per interval": lambda m, r: ipopt_alone(m, r, 1),
-        "Ipopt alone, Gauss-Newton Hessian, 20 steps per interval": lambda m, r: ipopt_alone(m, r, 20),
-        "Ipopt alone, Gauss-Newton Hessian, 200 steps per interval": lambda m, r: ipopt_alone(m, r, 200),
-    }
-    if not quick:
-        methods["Ipopt alone, exact Hessian, 20 steps per interval"] = lambda m, r: ipopt_alone(m, r, 20, exact=True)
-    found: dict[str, list[Solved]] = {name: [] for name in methods}
-    condensed(model, recording)  # warms caches
-    for _ in range(repeats):
-        for name, method in methods.items():
-            found[name].append(method(model, recording))
-    ours = found["condensed Gauss-Newton (greybox-id)"]
-    rows = []
-    for name, solved in found.items():
-        ratios = [other.solve_seconds / own.solve_seconds for other, own in zip(solved, ours, strict=True)]
-        best = solved[0]
-        rows.append(
-            {
-                "samples": samples,
-                "method": name,
-                "solve_seconds": float(np.median([s.solve_seconds for s in solved])),
-                "state_seconds": float(np.median([s.state_seconds for s in solved])),
-                "iterations": best.iterations,
-                "ratio": float(np.median(ratios)),
-                "objective": best.objective,
-                "difference": float(np.max(np.abs(best.parameters / ours[0].parameters - 1))),
-            }
-        )
-    return rows
 
 
 def problem(samples: int) -> tuple[MotionModel, Recording]:
@@ -266,52 +178,7 @@ class _Bicycle:
         self.bounds = (low / self.scale, high / self.scale)
 
 
-def scipy_in_casadi(model: MotionModel, recording: Recording) -> Solved:
-    """Trust-region reflective, forward sensitivities in CasADi's virtual machine, single shooting."""
-    clock = time.process_time()
-    bicycle = _Bicycle(model, recording)
-    n = bicycle.inputs.shape[1]
-    v = cs.SX.sym("v", len(FREE) + 2)
-    x, Z, u = cs.SX.sym("x", 2), cs.SX.sym("Z", 2, len(FREE) + 2), cs.SX.sym("u", 3)
-    q = v[: len(FREE)] * bicycle.scale
-    after, read = bicycle.step(x, u, q), bicycle.read(x, u, q)
-
-    def total(expression: Any) -> Any:
-        return cs.jacobian(expression, x) @ Z + cs.jacobian(expression, v)
-
-    advance = cs.Function("advance", [cs.vertcat(x, cs.vec(Z)), u, v], [cs.vertcat(after, cs.vec(total(after)))])
-    observe = cs.Function("observe", [cs.vertcat(x, cs.vec(Z)), u, v], [read, total(read)])
-    values = cs.Function("values", [x, u, v], [after])
-    seen = cs.Function("seen", [x, u, v], [read])
-    run, run_values = advance.mapaccum("run", n - 1), values.mapaccum("run_values", n - 1)
-    observed, seen_all = observe.map(n), seen.map(n)
-    first = np.zeros((2, len(FREE) + 2))
-    first[0, -2] = first[1, -1] = 1.0
-    stated = time.process_time() - clock
-
-    def residuals(w: Array) -> Array:
-        states = np.asarray(run_values(w[-2:], bicycle.inputs[:, :-1], w))
-        y = np.asarray(seen_all(np.column_stack([w[-2:], states]), bicycle.inputs, w))
-        return ((y - bicycle.measured) / NOISE[:, None]).T.ravel()
-
-    def jacobian(w: Array) -> Array:
-        start = np.concatenate([w[-2:], first.ravel(order="F")])
-        states = np.column_stack([start, np.asarray(run(start, bicycle.inputs[:, :-1], w))])
-        J = np.asarray(observed(states, bicycle.inputs, w)[1]).reshape(3, n, len(FREE) + 2)
-        return (J / NOISE[:, None, None]).transpose(1, 0, 2).reshape(3 * n, -1)
-
-    clock = time.process_time()
-    start = np.concatenate([np.ones(len(FREE)), bicycle.measured[:2, 0]])
-    low = np.concatenate([bicycle.bounds[0], [-np.inf, -np.inf]])
-    high = np.concatenate([bicycle.bounds[1], [np.inf, np.inf]])
-    found = least_squares(
-        residuals, start, jacobian, x_scale="jac", xtol=1e-10, ftol=1e-12, gtol=1e-10, bounds=(low, high)
-    )
-    solved = found.x[: len(FREE)] * bicycle.scale
-    return Solved(solved, found.cost, time.process_time() - clock, stated, found.nfev)
-
-
-def ipopt_alone(model: MotionModel, recording: Recording, steps: int, exact: bool = False) -> Solved:
+def ipopt_alone(model: MotionModel, recording: Recording, steps: int) -> Solved:
     """Multiple shooting in CasADi, solved by Ipopt with MUMPS; nodes start at the measurements."""
     clock = time.process_time()
     bicycle = _Bicycle(model, recording)
@@ -333,10 +200,9 @@ def ipopt_alone(model: MotionModel, recording: Recording, steps: int, exact: boo
     w = cs.vertcat(v, cs.vec(X))
     g = cs.vec(ends[:, :-1] - X[:, 1:])
     options: dict[str, Any] = {"print_time": False, "ipopt.print_level": 0, "ipopt.sb": "yes", "ipopt.tol": 1e-9}
-    if not exact:
-        J = cs.jacobian(e, w)
-        gamma, lam, none = cs.MX.sym("gamma"), cs.MX.sym("lam", g.numel()), cs.MX.sym("none", 0)
-        options["hess_lag"] = cs.Function("hess_lag", [w, none, gamma, lam], [gamma * cs.triu(J.T @ J)])
+    J = cs.jacobian(e, w)
+    gamma, lam, none = cs.MX.sym("gamma"), cs.MX.sym("lam", g.numel()), cs.MX.sym("none", 0)
+    options["hess_lag"] = cs.Function("hess_lag", [w, none, gamma, lam], [gamma * cs.triu(J.T @ J)])
     solver = cs.nlpsol("solver", "ipopt", {"x": w, "f": cs.sumsqr(e) / 2, "g": g}, options)
     nodes = bicycle.measured[:2, :n:steps]
     start = np.concatenate([np.ones(len(FREE)), nodes.ravel(order="F")])
@@ -348,7 +214,3 @@ def ipopt_alone(model: MotionModel, recording: Recording, steps: int, exact: boo
     seconds = time.process_time() - clock
     solved = np.asarray(found["x"].full()).ravel()[: len(FREE)] * bicycle.scale
     return Solved(solved, float(found["f"]), seconds, stated, int(solver.stats()["iter_count"]))
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -34,11 +34,11 @@ from greybox_id.base.errors import GreyboxError
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.read import SUFFIXES, read
 from greybox_id.datasets.recording import Recording
-from greybox_id.filters.how import How
+from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.track import Track
 from greybox_id.filters.verb import track
-from greybox_id.fitting.choices.parameters import wanted_vehicle
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.parameters import named_vehicle
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.fitting.scores.estimates import Estimates
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel
@@ -107,7 +107,7 @@ def segments(data: Path) -> Iterator[tuple[str, Recording]]:
 
 def sideslip_rows(name: str, recording: Recording) -> Iterator[dict[str, Any]]:
     """One row for each method."""
-    vehicle = wanted_vehicle("ferrari_250lm")
+    vehicle = named_vehicle("ferrari_250lm")
     assert vehicle is not None
     assert vehicle.tracking is not None
     plan = vehicle.tracking
@@ -127,15 +127,15 @@ def sideslip_rows(name: str, recording: Recording) -> Iterator[dict[str, Any]]:
 
     yield told_of("sideslip is zero", np.zeros(len(recording)))
     yield told_of("leaky integration", leaky(recording))
-    linear = Wanted("lateral", vehicle, {"tyre": "linear"}).model()
+    linear = RequestedModel("lateral", vehicle, {"tyre": "linear"}).model()
     assert isinstance(linear, MotionModel)
-    found = track(linear, blind, ("C_alpha_f", "C_alpha_r"), how=How("ekf"))
+    found = track(linear, blind, ("C_alpha_f", "C_alpha_r"), how=TrackOptions("ekf"))
     yield told_of("EKF, linear tyres, stiffness tracked", found.values["sideslip"], found.sds["sideslip"], found)
-    model = Wanted(None, vehicle).model()
+    model = RequestedModel(None, vehicle).model()
     assert isinstance(model, MotionModel)
     for kind in ("ekf", "ukf"):
         for smooth in (False, True):
-            how = How(kind, smooth, known=plan.noise)
+            how = TrackOptions(kind, smooth, known=plan.noise)
             found = track(model, blind, plan.parameters, disturbances=plan.disturbances, effects=EFFECTS, how=how)
             method = f"{kind.upper()}, vehicle's own model{', smoothed' if smooth else ''}"
             yield told_of(method, found.values["sideslip"], found.sds["sideslip"], found)
@@ -152,7 +152,7 @@ def leaky(recording: Recording) -> Array:
 
 def simrod_rows(train: bool) -> list[dict[str, Any]]:
     """Each estimator over all held-out manoeuvres; hybrid networks are trained on the others, which takes minutes."""
-    vehicle = wanted_vehicle("simrod")
+    vehicle = named_vehicle("simrod")
     models = {
         ("C_alpha_f", "C_alpha_r"): build("lateral", {"tyre": "linear"}, vehicle=vehicle),
         ("F_yf", "F_yr"): build("lateral", vehicle=vehicle),
@@ -160,7 +160,7 @@ def simrod_rows(train: bool) -> list[dict[str, Any]]:
     tests, rows = make(0, "held out"), []
     for kind in ("ekf", "ukf"):
         for smooth in (False, True):
-            how = How(kind, smooth, readings=("yaw_rate", "a_y", "v_y"), tune=20.0)
+            how = TrackOptions(kind, smooth, readings=("yaw_rate", "a_y", "v_y"), tune=20.0)
             for names, model in models.items():
                 assert isinstance(model, MotionModel)
                 found = [_as_estimates(track(model, test.recording, names, how=how)) for test in tests]
@@ -200,7 +200,7 @@ def speed_rows() -> list[dict[str, Any]]:
     for kind in ("ekf", "ukf"):
         filterpy = _filterpy_speed(kind, signals)
         for smooth in (False, True):
-            how = How(kind, smooth, tune=0.0)
+            how = TrackOptions(kind, smooth, tune=0.0)
             own = max(
                 SPEED_ROWS / track(model, recording, ("C_alpha_f", "C_alpha_r"), how=how).seconds for _ in range(5)
             )

@@ -21,7 +21,7 @@ from rich.table import Table
 
 from greybox_id.datasets.recording import join
 from greybox_id.fitting.fit import Fit
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.estimates import Estimates, apply_hybrid
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
@@ -61,7 +61,7 @@ def trained(name: str, seed: int, data_seed: int) -> Fit:
         if not passing:
             sys.stderr.write(line + "\n")
 
-    return fit(model, recordings, how=How(seed=seed), say=say)
+    return fit(model, recordings, how=FitOptions(seed=seed), say=say)
 
 
 def scored(name: str, members: Sequence[Fit], tests: Sequence[Test]) -> list[Row]:

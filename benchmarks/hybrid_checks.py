@@ -38,7 +38,7 @@ from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import join
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.fit import Fit
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.training import update_hybrid, window_error
 from greybox_id.fitting.verb import fit
@@ -90,7 +90,7 @@ def trained(tests: Sequence[Test], seed: int, hidden: Sequence[str] = (), **sett
         for test in tests
     ]
     model = prepared(NAME, join(recordings, "training"), settings, vehicle=vehicle("simrod"))
-    return fit(model, recordings, how=How(seed=seed))
+    return fit(model, recordings, how=FitOptions(seed=seed))
 
 
 def scored(words: str, found: Fit | Sequence[Fit], tests: Sequence[Test]) -> Row:
@@ -124,7 +124,9 @@ def changing(kind: str, seed: int) -> Test:
 def updated(found: Fit, tests: Sequence[Test]) -> tuple[Fit, float]:
     clock = time.process_time()
     assert isinstance(found.model, HybridModel)
-    told = update_hybrid(found.model, [test.recording for test in tests], How(), lambda line, passing=False: None)
+    told = update_hybrid(
+        found.model, [test.recording for test in tests], FitOptions(), lambda line, passing=False: None
+    )
     return replace(found, model=told.model), time.process_time() - clock
 
 

@@ -37,7 +37,7 @@ from greybox_id.base.errors import GreyboxError
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting.fit import Fit
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior import abc_smc
 from greybox_id.fitting.posterior.density import PosteriorDensity
 from greybox_id.fitting.posterior.laplace import trusted
@@ -77,7 +77,7 @@ def calibration(sets: int, seed: int, say: Any) -> dict[str, Any]:
         true = model.with_parameters(*(model[name].with_value(value) for name, value in truth.items()))
         drives = [_driven(true, rng, j) for j in range(RUNS)]
         try:
-            found = fit(model, drives, how=How(solver="gauss-newton"))
+            found = fit(model, drives, how=FitOptions(solver="gauss-newton"))
         except GreyboxError:
             failed += 1
             continue
@@ -155,7 +155,7 @@ def truck_fit(data: Path, options: SampleOptions) -> dict[str, Any]:
     train, val = (prepared(data / f"{split}.parquet") for split in ("train", "val"))
     model = truck(LEVER_ARM, EFFECTS["yaw_rate_bias"], v_y_bias)
     with known(v_y_bias):
-        found = fit(model, [train], how=How(solver="gauss-newton", start_from="measured"))
+        found = fit(model, [train], how=FitOptions(solver="gauss-newton", start_from="measured"))
         clock = time.process_time()
         own = sample(found, [train], options)
         seconds = time.process_time() - clock
@@ -197,7 +197,7 @@ def beside_pyabc(seed: int, particles: int) -> dict[str, Any]:
         raise GreyboxError("--part pyabc compares with pyabc, which is not installed.") from error
     model, rng = _stated(), np.random.default_rng((seed, 5))
     drives = [_driven(model, rng, j) for j in range(RUNS)]
-    problem, solution = restated(fit(model, drives, how=How(solver="gauss-newton")), drives)
+    problem, solution = restated(fit(model, drives, how=FitOptions(solver="gauss-newton")), drives)
     density = PosteriorDensity(problem, solution)
     priors, distances = abc_smc.priors_of(density), abc_smc.Distances(density, "pooled")
     clock = time.process_time()

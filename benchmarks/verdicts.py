@@ -34,7 +34,7 @@ from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.metrics import ahead
 from greybox_id.fitting.scores.motion import score_motion
 from greybox_id.fitting.verb import fit
@@ -213,7 +213,7 @@ def draw(found, k, seed):
     horizon = None if rng.random() < 0.7 else 1.0
     validate = held_out if rng.random() < 0.75 else None
     told = {"case": case.name, "model": name, "start": start, "fault": fault, "window": window, "horizon": horizon}
-    return case, model, train, validate, How(horizon=horizon), told | {"validated": validate is not None}
+    return case, model, train, validate, FitOptions(horizon=horizon), told | {"validated": validate is not None}
 
 
 def one(case, model, train, validate, how, told):
@@ -286,7 +286,7 @@ def main():
         key = f"{case.name}, {told['model']}"
         if key not in references:
             right = build(told["model"], None, {}, case.vehicle)
-            references[key] = one(case, right, case.train, None, How(solver="gauss-newton"), {})["error"]
+            references[key] = one(case, right, case.train, None, FitOptions(solver="gauss-newton"), {})["error"]
         results.append(one(case, model, train, validate, how, told))
         own = results[-1]
         words = ", ".join(str(told[name]) for name in ("case", "model", "start", "fault", "window") if told[name])

@@ -175,24 +175,10 @@ def design(
     """
     say = progress or (lambda line: None)
     source, made = _source(of)
-    chosen = goal or ("precision" if isinstance(source, Fit) else "discriminate")
-    if chosen not in GOALS:
-        raise BadInput(f"‹goal› {chosen!r:.40} is none; there are {', '.join(GOALS)}.")
-    if isinstance(source, Fit) != (chosen == "precision"):
-        needs, is_one = ("a fit", "a gap") if chosen == "precision" else ("a gap (gap.json of greybox gap)", "a fit")
-        raise BadInput(f"‹goal› {chosen} needs {needs}, and this is {is_one}. Name the other file or another ‹goal›.")
+    chosen = _goal(source, goal)
     if criterion not in CRITERIA:
         raise BadInput(f"‹criterion› {criterion!r:.40} is none; there are {', '.join(CRITERIA)}.")
-    for name, value, low, high in (
-        ("duration", duration, SHORTEST, LONGEST), ("rate", rate, 5.0, 1000.0), ("repeat", repeat, 1, 100),
-        ("effort", effort, 0.01, 20.0),
-    ):  # fmt: skip
-        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise BadInput(f"‹{name}› {value!r:.40} is no number between {low:g} and {high:g}.")
-    if duration * rate > MOST_ROWS:
-        raise BadInput(
-            f"‹duration› {duration:g} s at ‹rate› {rate:g} Hz are more than {MOST_ROWS} rows; lower one of them."
-        )
+    _must_be_possible(duration, rate, repeat, effort)
     where = arena_of(str(arena))
     if isinstance(source, Fit):
         model = must_move(source.model)
@@ -223,14 +209,39 @@ def design(
     return DesignResult.of(result)
 
 
-def quoted(gap: Gap, made: Made, arena: str, progress: Callable[[str], None] | None = None) -> Gap:
+def _goal(source: Fit | Gap, goal: str | None) -> str:
+    """What is designed for. Raises `BadInput` where a fit or a gap does not go with it."""
+    chosen = goal or ("precision" if isinstance(source, Fit) else "discriminate")
+    if chosen not in GOALS:
+        raise BadInput(f"‹goal› {chosen!r:.40} is none; there are {', '.join(GOALS)}.")
+    if isinstance(source, Fit) != (chosen == "precision"):
+        needs, is_one = ("a fit", "a gap") if chosen == "precision" else ("a gap (gap.json of greybox gap)", "a fit")
+        raise BadInput(f"‹goal› {chosen} needs {needs}, and this is {is_one}. Name the other file or another ‹goal›.")
+    return chosen
+
+
+def _must_be_possible(duration: float, rate: float, repeat: int, effort: float) -> None:
+    """Raise `BadInput` for numbers out of range."""
+    for name, value, low, high in (
+        ("duration", duration, SHORTEST, LONGEST), ("rate", rate, 5.0, 1000.0), ("repeat", repeat, 1, 100),
+        ("effort", effort, 0.01, 20.0),
+    ):  # fmt: skip
+        if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
+            raise BadInput(f"‹{name}› {value!r:.40} is no number between {low:g} and {high:g}.")
+    if duration * rate > MOST_ROWS:
+        raise BadInput(
+            f"‹duration› {duration:g} s at ‹rate› {rate:g} Hz are more than {MOST_ROWS} rows; lower one of them."
+        )
+
+
+def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = None) -> GapResult:
     """A diagnosis whose advice is the manoeuvre that is computed for an arena, where explanations are open."""
     names = ambiguous(gap)
     if not names:
         return gap
     lead = f"To tell {names[0]} from {', '.join(names[1:])}"
     try:
-        design_result = design(GapResult.of(gap, made), "discriminate", arena=arena, progress=progress)
+        design_result = design(gap, "discriminate", arena=arena, progress=progress)
     except BadInput as error:  # the diagnosis is worth having all the same
         known: tuple[str, ...] = (f"{lead}: {error}",)
     else:
@@ -263,8 +274,6 @@ def nominal_of(gap: Gap, made: Made) -> MotionModel:
 def _source(of: Fit | Gap | str | Path) -> tuple[Fit | Gap, Made | None]:
     """What a manoeuvre is designed for: a fit or a gap, read where a file is named."""
     if isinstance(of, GapResult):
-        if of.made is None:
-            raise BadInput("This diagnosis does not hold what it was made with; name its gap.json.")
         return of, of.made
     if isinstance(of, Fit):
         return of, None

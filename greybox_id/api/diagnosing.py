@@ -14,7 +14,7 @@ from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.of_motion import equations_of_motion
 from ..engine.simulation import Diagnosed
-from ..fitting.choices.wanted import doubts, must_be_recorded
+from ..fitting.choices.requested_model import doubts, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.provenance import data_record
 from ..fitting.restated import as_fitted
@@ -93,7 +93,7 @@ def diagnose(
     True
     """
     install()
-    nominal, stated = _nominal(model, vehicle)
+    nominal, stated = nominal_model(model, vehicle)
     recordings = given.recordings(after, columns, "after")
     others = (
         [] if isinstance(held_out, list | tuple) and not held_out else given.recordings(held_out, columns, "held_out")
@@ -112,7 +112,8 @@ def diagnose(
         with known(nominal, *tried.values()):
             changed = diagnose_change(nominal, recordings, before, tried, vehicle=stated, held_out=others, say=progress)
         entry = replace(changed, gap=doubted(changed.gap, nominal, stated, recordings))
-        return ChangeResult.since_then(entry, made_with(nominal, changed.vehicle, recordings, others, seed))
+        made = made_with(nominal, changed.vehicle, recordings, others, seed)
+        return ChangeResult.since_then(entry, made, changed.vehicle)
     options = dict(more)
     with known(nominal, *tried.values()):
         result = diagnose_gap(
@@ -126,9 +127,8 @@ def diagnose(
             horizons=horizons,
             **options,
         )
-    return GapResult.of(
-        doubted(result, nominal, stated, recordings), made_with(nominal, stated, recordings, others, seed)
-    )
+    made = made_with(nominal, stated, recordings, others, seed)
+    return GapResult.of(doubted(result, nominal, stated, recordings), made, stated)
 
 
 def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> None:
@@ -180,12 +180,11 @@ def made_with(
     recordings: Sequence[Recording],
     others: Sequence[Recording],
     seed: int,
-    command: str = "",
 ) -> Made:
     """What a diagnosis is made with, for its report."""
     return Made(
         vehicle=stated.name if stated is not None else nominal.name,
-        command=command,
+        command="",
         seed=seed,
         version=__version__,
         data=(*(data_record(one, "train") for one in recordings), *(data_record(one, "validate") for one in others)),
@@ -233,11 +232,12 @@ def must_be_stated(model: Model) -> Model:
     return model
 
 
-def _nominal(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> tuple[Diagnosed, Vehicle | None]:
-    """The model that is diagnosed, and what is stated of its vehicle."""
+def nominal_model(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike = None) -> tuple[Diagnosed, Vehicle | None]:
+    """The model that is diagnosed, and what is stated of its vehicle. Arguments and errors are those of `diagnose`."""
     stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
     if isinstance(model, Fit):
-        return of_fit(model, model.model.name, stated)
+        file = getattr(model, "file", None)
+        return of_fit(model, model.model.name if file is None else str(file), stated)
     result = model_of(model) if isinstance(model, Vehicle) else given.model(model, stated)
     return must_have_gaps(must_be_stated(result)), stated
 

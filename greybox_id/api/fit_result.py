@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +19,7 @@ from ..datasets.read import read
 from ..datasets.recording import Recording
 from ..export.equations import entries
 from ..fitting.combined import reach
-from ..fitting.fit import Fit
+from ..fitting.fit import FREE_RUN, Fit
 from ..fitting.provenance import DataRecord
 from ..fitting.restated import as_seen
 from ..fitting.uncertainty.profile import Profile
@@ -51,6 +51,7 @@ class FitResult(Fit):
     recordings : those that it was fitted to and validated on, in the order of `data`, where they are at hand.
     file : where it was loaded from; None where it was not.
     vehicle : name of the vehicle whose numbers it started from, where it was fitted just now; "" where there is none.
+    warnings : sentences on what may not be meant, where it was fitted just now.
 
     Examples
     --------
@@ -69,14 +70,20 @@ class FitResult(Fit):
     recordings: tuple[Recording, ...] = field(default=(), compare=False)
     file: Path | None = field(default=None, compare=False)
     vehicle: str = field(default="", compare=False)
+    warnings: tuple[str, ...] = field(default=(), compare=False)
 
     @classmethod
     def of(
-        cls, fit: Fit, recordings: tuple[Recording, ...] = (), file: Path | None = None, vehicle: str = ""
+        cls,
+        fit: Fit,
+        recordings: tuple[Recording, ...] = (),
+        file: Path | None = None,
+        vehicle: str = "",
+        warnings: tuple[str, ...] = (),
     ) -> FitResult:
         """A fit with what it can do."""
         value = {one.name: getattr(fit, one.name) for one in fields(Fit)}
-        return cls(**value, recordings=recordings, file=file, vehicle=vehicle)
+        return cls(**value, recordings=recordings, file=file, vehicle=vehicle, warnings=warnings)
 
     @property
     def params(self) -> pd.Series[float]:
@@ -135,6 +142,96 @@ class FitResult(Fit):
                 lower[p.name] = np.maximum(p.array - half, p.bounds[0])
                 upper[p.name] = np.minimum(p.array + half, p.bounds[1])
         return pd.DataFrame({"lower": self._by_name(lower, "lower"), "upper": self._by_name(upper, "upper")})
+
+    @property
+    def nobs(self) -> int:
+        """Readings of all outputs that the training residuals are of."""
+        return sum(int(error["samples"]) for error in self._trained.values())
+
+    @property
+    def df_model(self) -> int:
+        """Single numbers that were estimated, a standard deviation of the readings of each output among them."""
+        return sum(p.size for p in self.model.parameters if not p.fixed) + len(self._trained)
+
+    @property
+    def llf(self) -> float:
+        """Log-likelihood of the training residuals (free run; maps with memory one sample ahead), normal and white.
+
+        Residuals of a free run are correlated: between models, `llf`, `aic` and `bic` differ by more than they should.
+        What decides is the error on recordings that were held out (`compare`, `validate`).
+        """
+        errors = self._trained.values()
+        return -0.5 * float(sum(each["samples"] * (np.log(2.0 * np.pi * each["rmse"] ** 2) + 1.0) for each in errors))
+
+    @property
+    def aic(self) -> float:
+        """Akaike's information criterion, 2 `df_model` - 2 `llf`."""
+        return float(2.0 * self.df_model - 2.0 * self.llf)
+
+    @property
+    def bic(self) -> float:
+        """Bayesian information criterion, ln(`nobs`) `df_model` - 2 `llf`."""
+        return float(np.log(self.nobs) * self.df_model - 2.0 * self.llf)
+
+    @property
+    def resid(self) -> pd.DataFrame:
+        """Residuals of the free run on the training data, a column an output [SI], by recording and time [s].
+
+        Raises
+        ------
+        BadInput : a recording is no longer there or has changed, or was made in memory and is not at hand.
+        """
+        left = [predictions.residuals(self, recording) for recording in self.seen("train")]
+        tables = [pd.DataFrame(dict(item.signals), index=pd.Index(item.time, name="time")) for item in left]
+        return pd.concat(tables, keys=[item.name for item in self.data if item.role == "train"], names=["recording"])
+
+    def compare(self, *others: Fit) -> pd.DataFrame:
+        """This fit beside others of the same training data.
+
+        Parameters
+        ----------
+        others : fits, as `gb.fit` and `gb.load` return them.
+
+        Returns
+        -------
+        pandas.DataFrame
+            A row per fit, this one first: `model` with its effects, `df_model`, `aic`, `bic`, and per output the RMSE
+            [SI] of the free run on the training data (`train yaw_rate`) and on what was held out (`validate yaw_rate`).
+
+        Raises
+        ------
+        BadInput : a fit saw other training data, of which no criterion compares models.
+        """
+        fits = [self, *(one if isinstance(one, FitResult) else FitResult.of(one) for one in others)]
+        data = [
+            {replace(record, path="", column_map="") for record in fit.data if record.role == "train"} for fit in fits
+        ]
+        for fit, seen in zip(fits, data, strict=True):
+            if seen != data[0]:
+                raise BadInput(
+                    f"others: the fit of {fit.model.name} saw other training data; fit both to the same recordings, or "
+                    "compare them on one recording with score."
+                )
+        rows = [
+            {
+                "model": " + ".join((fit.model.name, *fit.model.effects)),
+                **{name: getattr(fit, name) for name in ("df_model", "aic", "bic")},
+                **{f"train {name}": error["rmse"] for name, error in fit._trained.items()},
+                **{f"validate {name}": error["rmse"] for name, error in fit._free_run("validate").items()},
+            }
+            for fit in fits
+        ]
+        return pd.DataFrame(rows)
+
+    @property
+    def _trained(self) -> Mapping[str, Any]:
+        return self._free_run("train")
+
+    def _free_run(self, role: str) -> Mapping[str, Any]:
+        """Output -> errors of the free run on the data of a role; of maps with memory, one sample ahead."""
+        protocols = self.metrics.get(role, {})
+        named = next((name for name in (FREE_RUN, "closed_loop", "honest") if name in protocols), None)
+        return {} if named is None else dict(protocols[named])
 
     def summary(self) -> str:
         """What `greybox fit` prints: verdict, data, optimum, parameters with intervals, errors on what was held out."""
@@ -238,7 +335,7 @@ class FitResult(Fit):
 
     @property
     def plot(self) -> FitPlots:
-        """Figures as matplotlib Axes: `measured_and_simulated(rec)`, `residuals(rec)`, `tyres()`, `handling()` ..."""
+        """Figures as matplotlib Axes: `plot()` measured and simulated; `plot.residuals()`, `plot.tyres()` and more."""
         from .plots import FitPlots  # matplotlib takes as long to load as a fit
 
         return FitPlots(self)
@@ -318,6 +415,4 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
 
 
 def _matched(fit: Fit, records: list[DataRecord], recordings: list[Recording]) -> tuple[Recording, ...]:
-    from dataclasses import replace
-
     return matched(replace(fit, data=tuple(records)), recordings)

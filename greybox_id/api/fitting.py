@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +10,7 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording, join
 from ..fitting.choices.parameters import with_choices
-from ..fitting.choices.wanted import Wanted, doubts, must_be_recorded
+from ..fitting.choices.requested_model import RequestedModel, doubts, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
@@ -25,6 +24,7 @@ from ..models.kinds import by_kind
 from ..models.model import Model
 from ..models.own import own_effect, own_model
 from ..models.registry import build, install, known
+from ..models.vehicle import Vehicle
 from . import given
 from .fit_result import FitResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
@@ -35,7 +35,7 @@ Progress = Callable[..., None]
 
 @understood
 def fit(
-    model: ModelLike,
+    model: ModelLike | Vehicle | None,
     recordings: Recordings,
     *,
     validation: Recording | str | Path | None = None,
@@ -59,7 +59,8 @@ def fit(
 
     Parameters
     ----------
-    model : a model (`gb.models`, or one's own), its name, or "my_car.py:my_model". Its nominal values are the start.
+    model : a model (`gb.models`, or one's own), its name, or "my_car.py:my_model"; None, or a vehicle, takes the
+        vehicle's model. Its nominal values are the start.
     recordings : training data: one recording or a list, read or named by files; a name may be a pattern.
     validation : a recording that is only scored, except under early stopping, where it chooses when to stop.
     vehicle : whose numbers a model that is named starts from: a `Vehicle`, a shipped name or a file.
@@ -103,97 +104,68 @@ def fit(
     if not isinstance(how, FitOptions):
         raise BadInput(f"options: gb.FitOptions(...) is needed, not {options!r:.60}.")
     chosen = given.choices(fix, free, prior, start, per_run)
+    if isinstance(model, Vehicle):
+        model, vehicle = None, model
     stated = given.vehicle(vehicle)
-    if isinstance(model, str):  # what is wrong with it is better said before recordings are read than after
-        requested: Wanted | Model = given.wanted(model, stated, settings, effects, chosen)
+    if model is None or isinstance(model, str):  # what is wrong with it is better said before recordings are read
+        requested: RequestedModel | Model = given.requested(model, stated, settings, effects, chosen)
+    elif isinstance(model, RequestedModel):
+        requested, stated = model, model.vehicle
     elif isinstance(model, Model):
         if vehicle is not None or settings:
             raise BadInput("vehicle, settings: a model is made of them; hand them over where it is made (gb.models).")
         requested = with_choices(given.model(model, None, effects), chosen)
     else:
         raise BadInput(f"model: a Model or its name is needed, not {model!r:.60}.")
-    nominal = requested.model() if isinstance(requested, Wanted) else requested
+    nominal = requested.model() if isinstance(requested, RequestedModel) else requested
     how.must_suit(nominal)
     training = given.recordings(recordings, columns)
     validate = None if validation is None else given.recording(validation, columns, "validation")
     learnt = (
         None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
     )
-    return planned(requested, nominal, training, validate, how, learnt).run(progress or quiet)
+    return _fitted(requested, nominal, training, validate, how, learnt, progress or quiet)
 
 
-@dataclass(frozen=True)
-class PlannedFit:
-    """A fit that can be made: what was handed over is read, and was found to suit.
-
-    Attributes
-    ----------
-    models : what is fitted; of several, cross-validation chooses.
-    training, validation : recordings.
-    options : how.
-    vehicle : name of the vehicle whose numbers it starts from; "" where there is none.
-    warnings : sentences on what may not be meant.
-    pretraining : what a network learns from first, or whose training is carried on.
-    sensors : output -> standard deviation of its sensor, as the vehicle's file states it.
-    """
-
-    models: Sequence[Model]
-    training: Sequence[Recording]
-    validation: Recording | None
-    options: FitOptions
-    vehicle: str = ""
-    warnings: Sequence[str] = ()
-    pretraining: Pretraining | TrainedBefore | None = None
-    sensors: Mapping[str, float] = field(default_factory=dict)
-
-    def run(self, say: Say, command: str = "") -> FitResult:
-        """Fit; `command` is kept in the result."""
-        for warning in self.warnings:
-            say(f"warning: {warning}")
-        result = fit_model(
-            self.models,
-            self.training,
-            validate=self.validation,
-            how=self.options,
-            say=say,
-            command=command,
-            pretraining=self.pretraining,
-            sensors=self.sensors,
-        )
-        seen = (*self.training, *([self.validation] if self.validation is not None else []))
-        return FitResult.of(result, seen, vehicle=self.vehicle)
-
-
-def planned(
-    requested: Wanted | Model,
+def _fitted(
+    requested: RequestedModel | Model,
     nominal: Model,
     training: Sequence[Recording],
     validation: Recording | None,
     options: FitOptions,
-    known: Pretraining | TrainedBefore | None = None,
-) -> PlannedFit:
-    """What is going to be fitted.
+    known: Pretraining | TrainedBefore | None,
+    say: Say,
+) -> FitResult:
+    """The fit of a model to recordings that were read.
 
     Parameters
     ----------
-    requested : the model with its choices as asked for, or the model itself.
+    requested : the model with what belongs to it as asked for, or the model itself.
     nominal : the model it asks for.
-    training, validation : recordings that were read.
+    training, validation : recordings.
     options : how to fit.
-    known : what a network learns from first.
+    known : what a network learns from first, or whose training is carried on.
+    say : where progress goes.
 
     Raises
     ------
     BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon.
     """
-    must_be_recorded(nominal, [*training, *([validation] if validation is not None else [])])
-    models = requested.models(join(training, "training data")) if isinstance(requested, Wanted) else [requested]
+    seen = (*training, *([validation] if validation is not None else []))
+    must_be_recorded(nominal, seen)
+    models, vehicle, warnings = [requested] if isinstance(requested, Model) else [], None, list[str]()
+    if isinstance(requested, RequestedModel):
+        models, vehicle = requested.models(join(training, "training data")), requested.vehicle
+        warnings = doubts(models[0], vehicle, training)
     if options.horizon is not None:
         must_suit(options.horizon, training)
-    stated = requested.vehicle if isinstance(requested, Wanted) else None
-    warnings = doubts(models[0], stated, training) if isinstance(requested, Wanted) else []
-    vehicle, sensors = ("", {}) if stated is None else (stated.name, stated.noise)
-    return PlannedFit(models, training, validation, options, vehicle, warnings, known, sensors)
+    for warning in warnings:
+        say(f"warning: {warning}")
+    result = fit_model(
+        models, training, validate=validation, how=options, say=say, pretraining=known,
+        sensors={} if vehicle is None else vehicle.noise,
+    )  # fmt: skip
+    return FitResult.of(result, seen, vehicle="" if vehicle is None else vehicle.name, warnings=tuple(warnings))
 
 
 @by_kind

@@ -11,13 +11,16 @@ import pandas as pd
 
 from ..base.errors import BadInput
 from ..base.numbers import number, percent, pretty_unit
+from ..base.version import __version__
 from ..gap.changes.verb import Changed
 from ..gap.gap import Gap
 from ..models.model import Model
+from ..models.vehicle import Vehicle
 from ..reports.gap.saved import Made
 from ..reports.gap.words import judged, tells, whether
 from ..reports.text.gap import parts
 from ..reports.text.screen import as_text
+from .closed_vehicle import closed_vehicle
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -36,6 +39,7 @@ class GapResult(Gap):
     Attributes
     ----------
     made : what it was made with, for its report.
+    vehicle : what was stated of the vehicle; None where nothing was.
 
     Examples
     --------
@@ -48,12 +52,13 @@ class GapResult(Gap):
     'kinematic'
     """
 
-    made: Made | None = field(default=None, compare=False)
+    made: Made = field(default_factory=lambda: Made("", "", 0, __version__), compare=False)
+    vehicle: Vehicle | None = field(default=None, compare=False)
 
     @classmethod
-    def of(cls, gap: Gap, made: Made) -> GapResult:
+    def of(cls, gap: Gap, made: Made, vehicle: Vehicle | None = None) -> GapResult:
         """A diagnosis with what it can do."""
-        return cls(**{one.name: getattr(gap, one.name) for one in fields(Gap)}, made=made)
+        return cls(**{one.name: getattr(gap, one.name) for one in fields(Gap)}, made=made, vehicle=vehicle)
 
     @property
     def closed_model(self) -> Model:
@@ -61,6 +66,13 @@ class GapResult(Gap):
         if self.closed is None:
             raise BadInput("This diagnosis was read from a file, which does not hold the closed model; diagnose again.")
         return self.closed
+
+    @property
+    def closed_vehicle(self) -> Vehicle:
+        """The vehicle with the effects that close the gap, as `greybox gap --apply` writes it."""
+        if self.vehicle is None:
+            raise BadInput("Nothing was stated of the vehicle; hand it to gb.diagnose as ‹vehicle›.")
+        return closed_vehicle(self.vehicle, self)
 
     def to_pandas(self) -> pd.DataFrame:
         """The ranking: `effect`, `probability`, `magnitude` with its 95 % interval, `unit`, when it acts, `applied`."""
@@ -130,9 +142,10 @@ class ChangeResult(GapResult):
     change: Changed | None = field(default=None, compare=False)
 
     @classmethod
-    def since_then(cls, change: Changed, made: Made) -> ChangeResult:
+    def since_then(cls, change: Changed, made: Made, vehicle: Vehicle) -> ChangeResult:
         """A diagnosis of what changed, with what it can do."""
-        return cls(**{one.name: getattr(change.gap, one.name) for one in fields(Gap)}, made=made, change=change)
+        known = {one.name: getattr(change.gap, one.name) for one in fields(Gap)}
+        return cls(**known, made=made, vehicle=vehicle, change=change)
 
     @property
     def _told(self) -> Changed:

@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..base.errors import BadInput, near_or_all
+from ..base.quantity import pairs
 from ..datasets.recording import Recording
-from ..fitting.choices.parameters import Choices, magnitudes, wanted_vehicle
-from ..fitting.choices.wanted import Wanted
+from ..fitting.choices.parameters import Choices, magnitudes, named_vehicle
+from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
@@ -23,8 +24,9 @@ __all__ = ["Columns", "Recordings", "files", "recording", "recordings"]
 
 VehicleLike: TypeAlias = Vehicle | str | Path | None
 """What is stated of a vehicle: read, or named as a shipped one or by its file."""
-ModelLike: TypeAlias = Model | str
-"""A model, its name, or FILE.py:NAME for one's own."""
+ModelLike: TypeAlias = Model | str | RequestedModel
+"""A model, its name, or FILE.py:NAME for one's own; as the command line says it, a name with what belongs to it."""
+NAME_VALUE = "NAME or NAME=VALUE, as in m=3.5kg"
 Effects: TypeAlias = str | Effect | Iterable[str | Effect]
 """Effects, or their names as on the command line: "steering_delay", "steering_delay=30ms"."""
 Numbers: TypeAlias = Mapping[str, Any]
@@ -46,7 +48,7 @@ def vehicle(given: VehicleLike) -> Vehicle | None:
     if given is None or isinstance(given, Vehicle):
         return given
     if isinstance(given, str | Path):
-        return wanted_vehicle(str(given))
+        return named_vehicle(str(given))
     raise BadInput(f"vehicle: a Vehicle, a shipped name or a path is needed, not {of_type(given)}.")
 
 
@@ -72,39 +74,46 @@ def choices(
     start: Numbers | None = None,
     per_run: str | Iterable[str] = (),
 ) -> Choices:
-    """What is said of parameters, as the command line writes it."""
+    """What is said of parameters."""
     return Choices(
-        fix=_pairs(fix, "fix") if isinstance(fix, Mapping) else listed(fix, "fix"),
+        fix=fix if isinstance(fix, Mapping) else pairs(listed(fix, "fix"), NAME_VALUE, alone=True),
         free=listed(free, "free"),
-        prior=[f"{name}={_belief(item, name)}" for name, item in (prior or {}).items()],
-        start=_pairs(start or {}, "start"),
+        prior=prior or {},
+        start=start or {},
         per_run=listed(per_run, "per_run"),
     )
 
 
-def wanted(
-    given: ModelLike, vehicle_given: VehicleLike, settings: Mapping[str, Any] | None, effects: Effects, chosen: Choices
-) -> Wanted:
-    """The model that a name and what belongs to it ask for."""
-    assert isinstance(given, str)
+def requested(
+    name: str | None,
+    vehicle_given: VehicleLike = None,
+    settings: Mapping[str, Any] | None = None,
+    effects: Effects = (),
+    chosen: Choices | None = None,
+) -> RequestedModel:
+    """The model that a name and what belongs to it ask for; None is the vehicle's own."""
     install()
-    name = own_model(given).name if is_place(given) else given
-    if name not in MODELS:
-        raise BadInput(f"model: there is no model {name!r}.{near_or_all(name, MODELS)}")
+    if name is not None and is_place(name):
+        name = own_model(name).name
+    if name is not None and name not in MODELS:
+        raise BadInput(f"‹model›: there is no model {name!r}.{near_or_all(name, MODELS)}")
     objects, written = _effects(effects)
     if objects:
         names = ", ".join(item.name for item in objects)
         raise BadInput(f"effects: add {names} to a model, as in gb.models.{name}(...) + gb.effects.{objects[0].name}.")
-    return Wanted(name, vehicle(vehicle_given), dict(settings or {}), magnitudes(written), chosen)
+    chosen = chosen if chosen is not None else Choices()
+    return RequestedModel(name, vehicle(vehicle_given), dict(settings or {}), magnitudes(written), chosen)
 
 
 def model(given: ModelLike | Fit, vehicle_given: VehicleLike = None, effects: Effects = ()) -> Model:
     """The model to simulate."""
     if isinstance(given, Fit):
         return given.model
+    if isinstance(given, RequestedModel):
+        return given.model()
     if isinstance(given, str):
         objects, written = _effects(effects)
-        return added(wanted(given, vehicle_given, None, written, Choices()).model(), objects)
+        return added(requested(given, vehicle_given, None, written).model(), objects)
     if isinstance(given, Model):
         objects, written = _effects(effects)
         return added(given, objects)
@@ -130,28 +139,6 @@ def _effects(given: Effects) -> tuple[list[Effect], list[str]]:
         else:
             raise BadInput(f"effects: an Effect or its name is needed, not {of_type(item)}.")
     return objects, names
-
-
-def _pairs(given: Numbers, argument: str) -> list[str]:
-    result = []
-    for name, value in given.items():
-        if value is None:
-            result.append(name)
-            continue
-        if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise BadInput(f"{argument}: {name} needs a number or a text such as '3.5kg', not {of_type(value)}.")
-        result.append(f"{name}={value if isinstance(value, str) else repr(float(value))}")
-    return result
-
-
-def _belief(given: Any, name: str) -> str:
-    if isinstance(given, str):
-        return given
-    try:
-        mean, sd = (float(item) for item in given)
-    except (TypeError, ValueError) as error:
-        raise BadInput(f"prior: {name} needs (mean, sd) or a text such as '6±3', not {given!r:.60}.") from error
-    return f"{mean!r}±{sd!r}"
 
 
 def effect(name: str) -> Effect:

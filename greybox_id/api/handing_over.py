@@ -188,7 +188,7 @@ def _document(result: Result, recordings: Recordings | None, columns: Columns) -
         return prepared(result, _seen(result, recordings, columns))
     if isinstance(result, TrackResult):
         return track_report(result.digest)
-    if not isinstance(result, GapResult) or result.made is None:
+    if not isinstance(result, GapResult):
         raise BadInput("This diagnosis does not know what it was made with; make it with gb.diagnose.")
     return gap_report(result, result.made)
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ..base.errors import BadInput
 from ..base.numbers import counted, exact, short_with_sd
-from ..fitting.choices.parameters import wanted_vehicle
+from ..fitting.choices.parameters import named_vehicle
 from ..models.vehicle import Stated, Vehicle
 from ..models.vehicle_file import write_vehicle
 
@@ -43,7 +43,7 @@ class KnownVehicle(Vehicle):
         """
         if not isinstance(path, str | Path):
             raise BadInput(f"path: a shipped name or a path is needed, not {path!r:.60}.")
-        result = wanted_vehicle(str(path))
+        result = named_vehicle(str(path))
         assert result is not None
         return cls(**{field.name: getattr(result, field.name) for field in fields(Vehicle)})
 

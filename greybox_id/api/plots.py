@@ -68,6 +68,10 @@ class FitPlots:
     def __init__(self, fit: FitResult) -> None:
         self._fit = fit
 
+    def __call__(self, recording: Recording | str | Path | None = None, **options: Any) -> np.ndarray[Any, Any]:
+        """The usual figure, `measured_and_simulated`, with its parameters."""
+        return self.measured_and_simulated(recording, **options)
+
     def __repr__(self) -> str:
         names = [name for name in dir(type(self)) if not name.startswith("_")]
         return f"Figures of {self._fit.model.name}: {', '.join(f'.{name}()' for name in names)}"

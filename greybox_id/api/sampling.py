@@ -18,7 +18,7 @@ from ..base.guard import claim, content_of
 from ..base.numbers import interval, number, pretty_unit
 from ..datasets.formats.contents import needed
 from ..datasets.recording import Recording
-from ..fitting.choices.wanted import must_be_recorded
+from ..fitting.choices.requested_model import must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.how import Say, quiet
 from ..fitting.posterior.abc_smc import Distance

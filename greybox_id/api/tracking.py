@@ -15,6 +15,7 @@ from ..base.version import __version__
 from ..datasets.recording import Recording
 from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
+from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
 from ..fitting.restated import as_fitted
 from ..models.effect import Effect
@@ -79,7 +80,7 @@ def track(
     if options is not None and not isinstance(options, TrackOptions):
         raise BadInput(f"options: gb.TrackOptions(...) is needed, not {options!r:.60}.")
     install()
-    meant = _tracked(model, vehicle)
+    meant = track_setup(model, vehicle)
     walking, others = meant.names(given.listed(parameters, "parameters"), given.listed(disturbances, "disturbances"))
     named = {**EFFECTS, **{effect.name: effect for effect in effects}}
     how = options or TrackOptions(known=meant.plan.noise)
@@ -153,8 +154,11 @@ def must_be_motion(model: Model) -> MotionModel:
     return must_be(MotionModel, model, no)
 
 
-def _tracked(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike) -> TrackSetup:
+def track_setup(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike = None) -> TrackSetup:
+    """What is tracked. Arguments and errors are those of `track`."""
     if isinstance(model, Fit):
         return TrackSetup.of_fit(model)
+    if isinstance(model, RequestedModel):
+        return TrackSetup.of_model(model.model(), model.vehicle)
     stated = model if isinstance(model, Vehicle) else given.vehicle(vehicle)
     return TrackSetup.of_model(model_of(model) if isinstance(model, Vehicle) else given.model(model, stated), stated)

@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import RenderableType
 
 from ..datasets.recording import Recording
-from ..fitting.choices.wanted import must_be_recorded
+from ..fitting.choices.requested_model import must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.judging import judgement
 from ..fitting.provenance import data_record

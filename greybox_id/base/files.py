@@ -78,13 +78,22 @@ def small_file(path: str | Path, what: str) -> bytes:
     return held
 
 
-def ensure_writable(folder: Path) -> None:
-    """Raise `BadInput` if nothing can be written to a folder, which is made; better before long work than after."""
+def ensure_writable(folder: Path, make: bool = True) -> None:
+    """Raise `BadInput` if nothing can be written to a folder; better before long work than after.
+
+    Parameters
+    ----------
+    folder : where.
+    make : whether the folder is left where there was none.
+    """
+    new = [] if make else [place for place in (folder, *folder.parents) if not place.exists()]
     with writable(folder):
         folder.mkdir(parents=True, exist_ok=True)
         beside = scratch_name(folder)
         beside.touch()
         beside.unlink()
+        for place in new:
+            place.rmdir()
 
 
 @contextmanager

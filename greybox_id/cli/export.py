@@ -20,7 +20,7 @@ from ..models.registry import with_effects
 from ..reports.text.screen import plain
 from .completion import names
 from .defaults import command_line
-from .options import fit_of, json_option, own_option, simulated_model_options, wanted
+from .options import fit_of, json_option, own_option, parameter_values, requested, simulated_model_options
 from .output import console, end_by, print_json, working
 from .terminal import tell
 
@@ -79,12 +79,12 @@ def export(
         if any(options.values()):
             raise click.UsageError("Name a FIT, or make a model with --model and --vehicle, but not both.")
         fit = fit_of(fit_file)
-        model = with_choices(with_effects(fit.model, magnitudes(effects)), Choices(fix=fix))
+        model = with_choices(with_effects(fit.model, magnitudes(effects)), Choices(**parameter_values(fix)))
         subject = Subject(model, name, moving(model, parameters), fit, fit_file, command)
     else:
         if not any(options.values()):
             raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        meant = wanted(**options, effects=effects, fix=fix).or_single_track()
+        meant = requested(**options, effects=effects, fix=fix).or_single_track()
         model = meant.model()
         source = options["vehicle"] or model.name
         subject = Subject(model, name, moving(model, parameters), None, source, command, meant.vehicle)

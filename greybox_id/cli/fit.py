@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from .defaults import command_line
-from .options import calibrate_option, columns_option, jobs_option, json_option, model_options, read_part, wanted
+from .options import calibrate_option, columns_option, jobs_option, json_option, model_options, read_part, requested
 from .output import console, end_by, print_json, progress, show
 
 TYRE = "tyre"
@@ -134,11 +135,11 @@ def fit(
     seconds that tell its runs' delays. Ctrl-C keeps the best so far. Exit code 3: the fit is written, but is not
     usable; the verdict says why.
     """  # fmt: skip
-    from ..api.fitting import planned, pretraining  # not for --help: these load every model and the solvers
+    from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers
     from ..base.files import ensure_writable
     from ..base.guard import claim
-    from ..fitting.choices.parameters import noise_of
-    from ..fitting.how import How
+    from ..base.quantity import pairs
+    from ..fitting.how import FitOptions
     from ..reports.text.fit import as_dict, parts
 
     if options.get("name") == TYRE:
@@ -149,9 +150,7 @@ def fit(
         raise click.UsageError("--early-stopping and --strength exclude each other.")
     if early_stopping and validation is None:
         raise click.UsageError("--early-stopping needs --validate RECORDING.")
-    chosen = wanted(**options)
-    nominal = chosen.model()  # what is wrong with it is better said before recordings are read than after
-    how = How(
+    how = FitOptions(
         strengths="early stopping" if early_stopping else strength if strength is not None else "cross-validation",
         solver=solver,
         starts=starts,
@@ -160,27 +159,34 @@ def fit(
         horizon=horizon,
         start_from=start_from,
         robust=robust,
-        noise=noise_of(noise, nominal),
+        noise=pairs(noise, "NAME=SD, as in ‹noise› yaw_rate=0.01"),
         calibrate=calibrate,
     )
+    chosen = requested(**options)
+    nominal = chosen.model()  # what is wrong with it is better said before recordings are read than after
     how.must_suit(nominal)
+    target = claim(Path(out or nominal.name) / "fit.json", becomes=f"a fit of {nominal.name}")
+    ensure_writable(target.parent, make=False)
     recordings = [read_part(file, columns) for file in files]
-    validate = read_part(validation, columns) if validation is not None else None
-    known = (
-        None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
-    )
-    plan = planned(chosen, nominal, recordings, validate, how, known)
-    target = Path(out or plan.models[0].name) / "fit.json"
-    claim(target, becomes=f"a fit of {plan.models[0].name}")
-    ensure_writable(target.parent)
+    held_out = None if validation is None else read_part(validation, columns)
     with progress() as say:
-        result = plan.run(say, command_line())
-    path = result.save(target)
+        result = fit_model(
+            chosen,
+            recordings,
+            validation=held_out,
+            options=how,
+            pretrain=pretrain,
+            pretrain_points=pretrain_points,
+            pretrain_range=pretrain_range,
+            pretrain_beyond=pretrain_beyond,
+            progress=say,
+        )
+    path = replace(result, command=command_line()).save(target)
     if as_json:
-        entry = {"vehicle": plan.vehicle or None, "warnings": plan.warnings, "written": str(path)}
+        entry = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
         print_json(as_dict(result) | entry)
     else:
-        show(parts(result, plan.vehicle))
+        show(parts(result, result.vehicle))
         console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
         console().print(f"         on other recordings: greybox validate {path}")
     end_by(result.verdict)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any
@@ -13,34 +13,21 @@ import click
 from rich.console import Console, Group
 from rich.table import Table
 
-from ..api.closed_vehicle import closed_vehicle, no_place
-from ..api.diagnosing import (
-    doubted,
-    made_with,
-    must_be_diagnosable,
-    must_be_stated,
-    must_differ,
-    must_have_gaps,
-    of_fit,
-)
+from ..api.closed_vehicle import no_place
+from ..api.diagnosing import diagnose, must_be_diagnosable, nominal_model
+from ..api.gap_result import ChangeResult, GapResult
 from ..base.errors import BadInput
 from ..base.files import at_once, ensure_writable, write_atomically
 from ..base.guard import claim, option_of
 from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit
-from ..datasets.recording import Recording
-from ..engine.simulation import Diagnosed
-from ..fitting.choices.parameters import wanted_vehicle
-from ..fitting.choices.wanted import must_be_recorded
-from ..fitting.how import Say
-from ..fitting.restated import as_fitted
+from ..fitting.choices.parameters import named_vehicle
 from ..gap.changes.sensitivity import Visible
-from ..gap.changes.verb import Changed, diagnose_change, visible_changes
+from ..gap.changes.verb import Changed, visible_changes
 from ..gap.design.arena import arena as arena_of
-from ..gap.diagnosis import diagnose
 from ..gap.gap import Gap
 from ..models.effects import EFFECTS
-from ..models.registry import MODELS, build, model_of
+from ..models.registry import MODELS
 from ..models.vehicle import Vehicle
 from ..models.vehicle_file import write_vehicle
 from ..reports.gap.plain_data import as_plain_data
@@ -105,11 +92,11 @@ def without_vehicle(targets: Sequence[tuple[str, Path]], model: str, apply: str 
     return [(kind, target) for kind, target in targets if kind != "vehicle"]
 
 
-def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made) -> None:
+def write(kind: str, target: Path, gap: GapResult, closed: Vehicle | None) -> None:
     """Write one of the files, atomically."""
     # Reports load the typesetter: without them, and for --help, it is done without.
     if kind == "json":
-        write_atomically(target, as_text(gap, made))
+        write_atomically(target, as_text(gap, gap.made))
     elif kind == "vehicle":
         assert closed is not None
         write_vehicle(closed, target)
@@ -120,7 +107,7 @@ def write(kind: str, target: Path, gap: Gap, closed: Vehicle | None, made: Made)
     else:
         from ..reports.gap.report import write_report
 
-        write_report(gap, made, target)
+        write_report(gap, gap.made, target)
 
 
 def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | None = None) -> list[str]:
@@ -190,8 +177,8 @@ def what_would_show(
     """Print from which size on changes would show on one more recording like those from before."""
     if recordings or not since:
         raise BadInput("--sensitivity is asked before a run: name recordings from before with --since, and no other.")
-    nominal, stated = _nominal(vehicle, fit_file, model)
-    before = _read(since, columns, fit_file)
+    nominal, stated = nominal_model(*_simulation(vehicle, fit_file, model))
+    before = [read_part(file, columns or "canonical") for file in since]
     must_be_diagnosable(nominal, before)
     with progress() as say:
         result = visible_changes(nominal, before, EFFECTS, vehicle=stated, say=say)
@@ -313,31 +300,32 @@ def gap(
         what_would_show(recordings, vehicle, fit_file, since, columns, model, as_json)
         return
     targets = targets_of(out, report, apply)
-    requested = _asked(recordings, vehicle, fit_file, held_out, columns, model)
-    held_by_file = not requested.model.learnt
+    simulation, stated = _simulation(vehicle, fit_file, model)
+    nominal, _ = nominal_model(simulation, stated)
+    if not recordings:
+        raise BadInput("There is no recording to diagnose; name at least one file.")
+    after, before, others = ([read_part(file, columns) for file in files] for files in (recordings, since, held_out))
+    held_by_file = not nominal.learnt
     if not held_by_file:
-        targets = without_vehicle(targets, requested.model.name, apply)
-    changed: Changed | None = None
+        targets = without_vehicle(targets, nominal.name, apply)
     if arena is not None:
         arena_of(arena)  # what is wrong with it is better said before the work than after
     with progress() as say:
-        if since:
-            changed = _changed(requested, _read(since, columns, fit_file), say)
-            gap, requested = changed.gap, replace(requested, vehicle=changed.vehicle)
-        else:
-            gap = _found(requested, seed, say, horizons=bool(targets) or not as_json)
-        made = made_with(
-            requested.model, requested.vehicle, requested.recordings, requested.held_out, seed, command_line()
-        )
+        gap = diagnose(
+            simulation, after, before or None, held_out=others, vehicle=stated, seed=seed,
+            horizons=bool(targets) or not as_json, progress=say,
+        )  # fmt: skip
+        gap = replace(gap, made=replace(gap.made, command=command_line()))
         if arena is not None:
             from ..api.designing import quoted  # designing loads what a diagnosis alone does without
 
-            gap = quoted(gap, made, arena, say)
-    closed = closed_vehicle(requested.vehicle, gap) if held_by_file else None
+            gap = quoted(gap, arena, say)
+    changed = gap.change if isinstance(gap, ChangeResult) else None
+    closed = gap.closed_vehicle if held_by_file else None
     for warning in warnings_of(closed, gap, apply, out):
         tell(f"warning: {warning}")
     if as_json:
-        sys.stdout.write(clean_json(as_json_text(gap, made, [target for _, target in targets], changed)))
+        sys.stdout.write(clean_json(as_json_text(gap, gap.made, [target for _, target in targets], changed)))
     else:
         if changed is not None:
             show_changed(console(), changed)
@@ -345,89 +333,21 @@ def gap(
             show(console(), gap)
     with at_once():
         for kind, target in targets:
-            write(kind, target, gap, closed, made)
+            write(kind, target, gap, closed)
     for _, target in () if as_json else targets:
         console().print(f"written  {target}")
     if check and gap.gap_detected:
         sys.exit(1)
 
 
-@dataclass(frozen=True)
-class _Asked:
-    """What is diagnosed: the nominal model, what is stated of the vehicle, recordings."""
-
-    model: Diagnosed
-    vehicle: Vehicle
-    recordings: list[Recording]
-    held_out: list[Recording]
-
-
-def _asked(
-    recordings: Sequence[str | Path],
-    vehicle: str | Path | Vehicle | None,
-    fit: str | Path | None,
-    held_out: Sequence[str | Path],
-    columns: str | Path | None,
-    model: str | None,
-) -> _Asked:
-    """Everything that was named, read and found fit to be diagnosed."""
-    nominal, stated = _nominal(vehicle, fit, model)
-    if not recordings:
-        raise BadInput("There is no recording to diagnose; name at least one file.")
-    value, others = (_read(files, columns, fit) for files in (recordings, held_out))
-    must_be_diagnosable(nominal, [*value, *others])
-    must_differ(value, others)
-    return _Asked(nominal, stated, value, others)
-
-
-def _read(files: Sequence[str | Path], columns: str | Path | None, fit: str | Path | None) -> list[Recording]:
-    """Recordings, taken as those that the fit has seen were taken."""
-    recordings = [read_part(file, columns or "canonical") for file in files]
-    taken = fit_of(fit) if fit is not None and recordings else None
-    return recordings if taken is None else [as_fitted(taken, recording) for recording in recordings]
-
-
-def _nominal(
-    vehicle: str | Path | Vehicle | None, fit: str | Path | None, model: str | None
-) -> tuple[Diagnosed, Vehicle]:
-    """The model that is diagnosed, and what is stated of its vehicle."""
+def _simulation(vehicle: str | None, fit: str | None, model: str | None) -> tuple[Any, Vehicle | None]:
+    """The fit, model or vehicle whose simulation is diagnosed, and what is stated of the vehicle beside it."""
     if vehicle is None and fit is None:
         raise BadInput("Which simulation? Name the vehicle with --vehicle, or a fit with --fit.")
-    result = vehicle if vehicle is None or isinstance(vehicle, Vehicle) else wanted_vehicle(str(vehicle))
+    stated = named_vehicle(vehicle)
     if fit is not None:
         if model is not None:
             raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle alone.")
-        return of_fit(fit_of(fit), str(fit), result)
-    assert result is not None
-    value = result.model is not None and model in (None, result.model.name)
-    nominal = must_be_stated(model_of(result) if value or model is None else build(model, vehicle=result))
-    return must_have_gaps(nominal), result
-
-
-def _found(requested: _Asked, seed: int, say: Say, horizons: bool = False) -> Gap:
-    """The diagnosis, with doubts on whether the vehicle is the one that was recorded."""
-    options: dict[str, Any] = {"horizons": horizons} | ({"seed": seed} if seed else {})
-    result = diagnose(
-        requested.model,
-        requested.recordings,
-        EFFECTS,
-        vehicle=requested.vehicle,
-        held_out=requested.held_out,
-        say=say,
-        **options,
-    )
-    return doubted(result, requested.model, requested.vehicle, requested.recordings)
-
-
-def _changed(requested: _Asked, since: Sequence[Recording], say: Say) -> Changed:
-    """What changed since other recordings."""
-    must_be_recorded(requested.model, since)
-    return diagnose_change(
-        requested.model,
-        requested.recordings,
-        since,
-        EFFECTS,
-        vehicle=requested.vehicle,
-        held_out=requested.held_out,
-        say=say,
-    )
+        return fit_of(fit), stated
+    usual = stated is not None and stated.model is not None and model in (None, stated.model.name)
+    return (stated, None) if model is None or usual else (model, stated)

@@ -12,7 +12,7 @@ from rich.table import Table
 from ..base.errors import BadInput, near_or_all
 from ..base.numbers import pretty_unit
 from ..base.signals import unit_of
-from ..fitting.choices.parameters import wanted_vehicle
+from ..fitting.choices.parameters import named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.model import Model
@@ -36,7 +36,7 @@ def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_js
     greybox models single_track --set tyre=brush --vehicle full_size_car
     """
     if name is not None:
-        model = build(name, settings_of(settings), vehicle=wanted_vehicle(vehicle))
+        model = build(name, settings_of(settings), vehicle=named_vehicle(vehicle))
         if as_json:
             print_json(_described(model))
         else:

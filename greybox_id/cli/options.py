@@ -15,10 +15,10 @@ from .completion import names
 from .terminal import tell
 
 if TYPE_CHECKING:
+    from ..api.fit_result import FitResult
     from ..datasets.column_map import ColumnMap
     from ..datasets.recording import Recording
-    from ..fitting.choices.wanted import Wanted
-    from ..fitting.fit import Fit
+    from ..fitting.choices.requested_model import RequestedModel
 
 
 def _vehicles() -> tuple[str, ...]:
@@ -230,27 +230,33 @@ def simulated_model_options(command: Command) -> Command:
     return _with((*_MODEL, _EFFECTS, _FIX), command)
 
 
-def wanted(
-    name: str | None,
-    vehicle: str | None,
-    settings: Sequence[str],
-    effects: Sequence[str],
-    fix: Sequence[str],
+def parameter_values(
+    fix: Sequence[str] = (),
     free: Sequence[str] = (),
     prior: Sequence[str] = (),
     start: Sequence[str] = (),
     per_run: Sequence[str] = (),
-) -> Wanted:
-    """What these options ask for."""
-    from ..fitting.choices.parameters import (  # not for --help: these load every model
-        Choices,
-        magnitudes,
-        wanted_vehicle,
-    )
-    from ..fitting.choices.wanted import Wanted
+) -> dict[str, Any]:
+    """What is said of parameters, by the names of the arguments of `gb.fit`."""
+    from ..base.quantity import pairs  # not for --help
 
-    choices = Choices(fix, free, prior, start, per_run)
-    return Wanted(name, wanted_vehicle(vehicle), settings_of(settings), magnitudes(effects), choices)
+    return {
+        "fix": pairs(fix, "NAME or NAME=VALUE, as in ‹fix› m=3.5kg", alone=True),
+        "free": free,
+        "prior": pairs(prior, "NAME=MEAN±SD, as in ‹prior› B_f=6±3"),
+        "start": pairs(start, "NAME=VALUE, as in ‹start› I_z=0.05"),
+        "per_run": per_run,
+    }
+
+
+def requested(
+    name: str | None, vehicle: str | None, settings: Sequence[str], effects: Sequence[str], **of_parameters: Any
+) -> RequestedModel:
+    """The model that these options ask for."""
+    from ..api import given  # not for --help: it loads every model
+
+    chosen = given.choices(**parameter_values(**of_parameters))
+    return given.requested(name, vehicle, settings_of(settings), effects, chosen)
 
 
 def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> Command:
@@ -259,13 +265,12 @@ def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> 
     return command
 
 
-def fit_of(file: str | Path) -> Fit:
+def fit_of(file: str | Path) -> FitResult:
     """The fit of a file; where its verdict is that it cannot be used, a warning says so. Raises `BadInput`."""
-    from ..fitting.fit import load
+    from ..api.fitting import load
     from ..fitting.verdict import NOT_USABLE
-    from ..models.registry import build
 
-    one = load(file, build)
+    one = load(file)
     if one.verdict is not None and one.verdict.usability == NOT_USABLE:
         tell(f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} What follows from it is no better.")
     return one

@@ -9,27 +9,25 @@ from typing import Any, Literal
 
 import click
 
-from ..api.track_result import TrackResult
-from ..api.tracking import TrackSetup
+from ..api.tracking import track as track_recording
+from ..api.tracking import track_setup
 from ..base.errors import BadInput
 from ..base.files import at_once, write_atomically
 from ..base.guard import claim
-from ..base.version import __version__
+from ..base.quantity import number, pairs
 from ..datasets.column_map import column_map
 from ..datasets.result_table import target_of, write_table
-from ..filters.how import How
+from ..filters.how import TrackOptions
 from ..filters.track import tracked_vehicle
-from ..filters.verb import track as track_recording
 from ..filters.verdict import verdict
-from ..fitting.choices.parameters import named, number
-from ..fitting.choices.wanted import Wanted
-from ..fitting.restated import as_fitted
+from ..fitting.choices.requested_model import RequestedModel
+from ..fitting.fit import Fit
 from ..models.effects import EFFECTS
 from ..models.vehicle_file import write_vehicle
 from ..reports.text.track import as_dict, parts
-from ..reports.track.digest import TrackMade, as_text
+from ..reports.track.digest import as_text
 from .defaults import command_line
-from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, wanted
+from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, requested
 from .output import console, end_by, print_json, progress, show
 
 FROM_STDIN = "-"
@@ -103,13 +101,13 @@ def track(
     Beside the table a .json of the same name is left, of which greybox report makes a report. Exit code 3: the
     estimates are written, but the filter has lost the vehicle; the verdict says where.
     """  # fmt: skip
-    chosen = wanted(**options)
-    meant = _model(chosen, fit_file)
-    model, plan, uncertain = meant.model, meant.plan, meant.uncertain
-    value, others = meant.names(_names(parameters), _names(disturbances))
-    how = How(
+    chosen = requested(**options)
+    tracked = _tracked(chosen, fit_file)
+    setup = track_setup(tracked)
+    walking, others = setup.names(_names(parameters), _names(disturbances))
+    how = TrackOptions(
         filter=kind, smooth=smooth, readings=_names([readings]), coloured=_names([coloured]), gate=gate,
-        noise=_noise(noise), known=plan.noise, tune=_seconds(tune, "--tune"),
+        noise=_noise(noise), known=setup.plan.noise, tune=_seconds(tune, "--tune"),
         calibrate=_seconds(calibrate, "--calibrate"),
     )  # fmt: skip
     if follow:
@@ -119,7 +117,9 @@ def track(
             )
         from ..filters.live import follow as follow_lines
 
-        follow_lines(model, value, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, uncertain)
+        follow_lines(
+            setup.model, walking, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, setup.uncertain
+        )
         return
     if file is None:
         raise click.UsageError("Missing argument 'RECORDING'.")
@@ -128,48 +128,40 @@ def track(
     target = claim(target_of(out), becomes="a table of estimates")
     kept = claim(target.with_suffix(".json"), "‹out›", "a track")
     recording = read_part(file, columns)
-    recording = recording if fit_file is None else as_fitted(fit_of(fit_file), recording)
     with progress() as say:
-        entry = track_recording(
-            model, recording, value, disturbances=others, effects=EFFECTS, how=how, uncertain=uncertain, say=say
-        )
-    result = TrackResult.of(entry, recording, how, _made(chosen, fit_file, how))
+        result = track_recording(tracked, recording, walking, disturbances=others, options=how, progress=say)
+    vehicle = chosen.vehicle.name if chosen.vehicle is not None else ""
+    result = replace(result, made=replace(result.made, vehicle=fit_file or vehicle, command=command_line()))
     digest = result.digest
     written = [str(target), str(kept)]
     with at_once():
         write_atomically(kept, as_text(digest))
-        write_table(entry.table(), target, "a table of estimates")
+        write_table(result.table(), target, "a table of estimates")
         if apply is not None and chosen.vehicle is not None:
-            written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, entry, value, others, EFFECTS), apply)))
+            written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, result, walking, others, EFFECTS), apply)))
         if figures is not None:
             from ..reports.document import write_drawings
             from ..reports.track.report import drawings
 
             written += [str(path) for path in write_drawings(drawings(digest), figures)]
     if as_json:
-        print_json(as_dict(entry, digest) | {"written": written})
+        print_json(as_dict(result, digest) | {"written": written})
     else:
-        show(parts(entry, digest))
+        show(parts(result, digest))
         for path in written:
             console().print(f"written  {path}")
-    end_by(verdict(entry))
+    end_by(verdict(result))
 
 
-def _model(chosen: Wanted, fit_file: str | None) -> TrackSetup:
-    """What is tracked, of a fit or of what the options ask for."""
+def _tracked(chosen: RequestedModel, fit_file: str | None) -> Fit | RequestedModel:
+    """A fit, or the model that the options ask for."""
     if fit_file is not None:
         if chosen.name is not None or chosen.vehicle is not None:
             raise click.UsageError("--fit stands in place of --model and --vehicle; omit one of them.")
-        return TrackSetup.of_fit(fit_of(fit_file))
+        return fit_of(fit_file)
     if chosen.name is None and (chosen.vehicle is None or chosen.vehicle.model is None):
         chosen = replace(chosen, name="single_track")
-    return TrackSetup.of_model(chosen.model(), chosen.vehicle)
-
-
-def _made(chosen: Wanted, fit_file: str | None, how: How) -> TrackMade:
-    """What a track is made with, for its report."""
-    vehicle = chosen.vehicle.name if chosen.vehicle is not None else ""
-    return TrackMade(fit_file or vehicle, command_line(), __version__, how.tune, how.calibrate)
+    return chosen
 
 
 def _names(written: Sequence[str]) -> tuple[str, ...]:
@@ -177,11 +169,8 @@ def _names(written: Sequence[str]) -> tuple[str, ...]:
 
 
 def _noise(written: Sequence[str]) -> dict[str, float]:
-    result = {}
-    for pair in written:
-        name, text = named(pair, "NAME=SIZE, as in --noise walk_v_y=0.05")
-        result[name] = number(text, "1", f"--noise {name}")
-    return result
+    sizes = pairs(written, "NAME=SIZE, as in --noise walk_v_y=0.05")
+    return {name: number(text or "", "1", f"--noise {name}") for name, text in sizes.items()}
 
 
 def _seconds(text: str, option: str) -> float:

@@ -135,7 +135,7 @@ def at_rate(recording: Recording, rate: float) -> Recording:
             parts.append(part)
             costs = max(costs, cost)
         signals[name] = np.concatenate(parts)
-        how = "held" if held_on else "linear"
+        how: Literal["linear", "held"] = "held" if held_on else "linear"
         resampled[name] = Resampled(how, "the recording", 1 / recording.sample_time, *costs)
     edges = np.cumsum([0, *(len(grid) for *_, grid in kept)]).tolist()
     return replace(

@@ -72,7 +72,3 @@ class TrackOptions:
                 and (value > 0 or (value == 0 and "zero or" in least))
             ):
                 raise BadInput(f"{name}: a number {least} is needed, not {value!r:.40}.")
-
-
-How = TrackOptions
-"""The same by the name that the floors below the top level use."""

@@ -20,7 +20,7 @@ from ..engine.motion.schedule import longest_segment
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from .filtering import Filtering
-from .how import How
+from .how import TrackOptions
 from .laid import LONGEST_GAP, LaidRun
 from .noise import start_levels
 from .verb import Tracker
@@ -198,8 +198,8 @@ def as_row(values: Mapping[str, float], names: Sequence[str]) -> Array:
 
 
 def follow(
-    model: MotionModel, parameters: Sequence[str], disturbances: Sequence[str], effects: Mapping[str, Effect], how: How,
-    columns: ColumnMap, lines: TextIO, out: TextIO, uncertain: Array | None = None,
+    model: MotionModel, parameters: Sequence[str], disturbances: Sequence[str], effects: Mapping[str, Effect],
+    how: TrackOptions, columns: ColumnMap, lines: TextIO, out: TextIO, uncertain: Array | None = None,
 ) -> None:  # fmt: skip
     """Follow a vehicle.
 

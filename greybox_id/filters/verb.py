@@ -33,7 +33,7 @@ from .findings import (
     widening,
     window_rows,
 )
-from .how import READINGS, How
+from .how import READINGS, TrackOptions
 from .kernel import History, Kept
 from .laid import LaidRun, guarded, laid
 from .noise import NoiseLevels, origins, resolution_of, scatter_of, start_levels, units
@@ -49,7 +49,7 @@ STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 
 def track(
     model: MotionModel, recording: Recording, parameters: Sequence[str] = (), *, disturbances: Sequence[str] = (),
-    effects: Mapping[str, Effect] | None = None, how: How | None = None, uncertain: Array | None = None,
+    effects: Mapping[str, Effect] | None = None, how: TrackOptions | None = None, uncertain: Array | None = None,
     say: Say = lambda line: None, **more: Any,
 ) -> Track:  # fmt: skip
     """Track a vehicle along a recording.
@@ -77,7 +77,7 @@ def track(
     ------
     BadInput : a name stands for nothing, the recording lacks an input or is too short, or the filter diverges.
     """
-    how = replace(how or How(), **more)
+    how = replace(how or TrackOptions(), **more)
     recording.must_run()
     with threadpool_limits(1):  # matrices are tiny
         tracker = Tracker(model, recording, parameters, disturbances, effects or {}, how, uncertain)
@@ -100,7 +100,7 @@ class Tracker:
 
     def __init__(
         self, model: MotionModel, recording: Recording, parameters: Sequence[str], disturbances: Sequence[str],
-        effects: Mapping[str, Effect], how: How, uncertain: Array | None = None,
+        effects: Mapping[str, Effect], how: TrackOptions, uncertain: Array | None = None,
     ) -> None:  # fmt: skip
         self.how = how
         self._uncertain = uncertain

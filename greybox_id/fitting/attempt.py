@@ -18,7 +18,8 @@ from ..engine.motion.simulator import Simulator
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.solvers.ipopt import ipopt
 from ..models.motion_model import MotionModel
-from .how import How, Say, quiet
+from ..models.parameter import unpack
+from .how import FitOptions, Say, quiet
 
 SHORT_HORIZONS = (4, 100)
 """Rows predicted from one start before the horizon that is wanted."""
@@ -42,7 +43,7 @@ SPREAD = 0.7
 """Standard deviation of the logarithm of positive parameters over random starts."""
 
 
-def starting_points(model: MotionModel, how: How) -> list[Array]:
+def starting_points(model: MotionModel, how: FitOptions) -> list[Array]:
     """Nominal values, and others drawn about them, (parameters,) each: positive parameters keep their sign."""
     random = np.random.default_rng(how.seed)
     nominal = off_bounds(model, model.values)
@@ -105,7 +106,7 @@ class SentAttempt:
     about: Array
     solution: Solution
 
-    def received(self, simulator: Simulator, recordings: Sequence[Recording], how: How) -> Attempt:
+    def received(self, simulator: Simulator, recordings: Sequence[Recording], how: FitOptions) -> Attempt:
         """The same with its problem; what it simulated is missing still."""
         return Attempt(_problem(simulator, recordings, self.noise, how, self.about), self.about, self.solution)
 
@@ -114,7 +115,7 @@ def attempted(
     simulator: Simulator,
     recordings: Sequence[Recording],
     p: Array,
-    how: How,
+    how: FitOptions,
     say: Say,
     name: str,
     short: Sequence[int] = SHORT_HORIZONS,
@@ -144,7 +145,7 @@ def attempted(
     return Attempt(problem, p, replace(solution, status=Status.INTERRUPTED))
 
 
-def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How) -> Array | None:
+def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> Array | None:
     """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
     attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
     if attempt is not None and attempt.solution.status is Status.INTERRUPTED:
@@ -153,7 +154,13 @@ def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, ho
 
 
 def _on_the_way(
-    simulator: Simulator, recordings: Sequence[Recording], p: Array, how: How, say: Say, name: str, short: Sequence[int]
+    simulator: Simulator,
+    recordings: Sequence[Recording],
+    p: Array,
+    how: FitOptions,
+    say: Say,
+    name: str,
+    short: Sequence[int],
 ) -> Iterator[Attempt]:
     """Growing horizons, then the one that is wanted until the noise has settled."""
     outputs = simulator.trace.model.outputs
@@ -170,7 +177,7 @@ def _on_the_way(
             ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
         )
         yield Attempt(ahead, p, solution)
-        say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
+        say(f"{name}: {rows} rows ahead, {solution.steps} steps; {_place(ahead, solution.x)}", passing=True)
         p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
     problem = _problem(simulator, recordings, noise, how, p)
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
@@ -191,13 +198,13 @@ def _on_the_way(
     say(f"{name}: {solution.status.value} after {solution.steps} steps")
 
 
-def _solved(problem: MotionProblem, x: Array, how: How, tolerance: float, say: Say, name: str) -> Solution:
+def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float, say: Say, name: str) -> Solution:
     if how.solver == "ipopt":
         say(f"{name}: Ipopt, {problem.layout.size} unknowns")
         return ipopt(problem, x)[0]
 
-    def report(step: int, objective: float, _: Array) -> bool:
-        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
+    def report(step: int, objective: float, x: Array) -> bool:
+        say(f"{name}: step {step}, objective {objective:.6g}; {_place(problem, x)}", passing=True)
         return True
 
     def searched(x: Array) -> Solution:
@@ -218,6 +225,12 @@ def _solved(problem: MotionProblem, x: Array, how: How, tolerance: float, say: S
         further = searched(solution.x)
         solution = replace(further, steps=solution.steps + further.steps, history=solution.history + further.history)
     return solution
+
+
+def _place(problem: MotionProblem, x: Array) -> str:
+    """Where a search is: what it moves, in SI units, as options of the command line write it."""
+    moved = unpack(problem.model.parameters, problem.shared(x))
+    return " ".join(f"{each.name}={float(each.array):.6g}" for each in moved if each.shape == () and not each.fixed)
 
 
 def _walled(problem: MotionProblem, solution: Solution) -> bool:
@@ -242,7 +255,7 @@ def _problem(
     simulator: Simulator,
     recordings: Sequence[Recording],
     noise: Array,
-    how: How,
+    how: FitOptions,
     about: Array,
     like: MotionProblem | None = None,
 ) -> MotionProblem:
@@ -255,7 +268,7 @@ def _problem(
 
 
 def misfit(
-    attempt: Attempt, simulator: Simulator, recordings: Sequence[Recording], noise: Array | None, how: How
+    attempt: Attempt, simulator: Simulator, recordings: Sequence[Recording], noise: Array | None, how: FitOptions
 ) -> float:
     """The objective where an attempt ended, under another noise where one is given: several compare only under one."""
     noise = attempt.problem.noise if noise is None else noise
@@ -265,7 +278,7 @@ def misfit(
     return problem.objective(x, problem.simulated_nodes(x))
 
 
-def errors_at(simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: How, p: Array) -> Array:
+def errors_at(simulator: Simulator, recordings: Sequence[Recording], noise: Array, how: FitOptions, p: Array) -> Array:
     """(readings, outputs) prediction errors at parameters, (parameters,); NaN where nothing is read."""
     problem = _problem(simulator, recordings, noise, how, p)
     return problem.errors(problem.simulated_nodes(problem.unknowns(p)))

@@ -12,7 +12,7 @@ from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
 from .attempt import refitted
 from .fit import Fit
-from .how import How
+from .how import FitOptions
 from .scores.motion import score_motion
 from .scores.verdict import times_as_large
 from .verdict import WITH_CARE, Reason
@@ -37,7 +37,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
     before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
     unfitted = model.with_parameters(*(model[n].with_value(v) for n, v in before.items()))
     value = score_motion(simulator, part, model.values, HORIZONS)
-    how = How(solver="gauss-newton", horizon=AHEAD, start_from="measured")
+    how = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
     for start in (model.values, unfitted.values):
         try:
             p = refitted(simulator, [part], start, how)

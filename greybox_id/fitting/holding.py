@@ -26,7 +26,7 @@ from ..engine.solvers.gauss_newton import Status
 from ..models.motion_model import MotionModel
 from .attempt import Attempt, attempted, errors_at, misfit
 from .fit import Fit
-from .how import How, quiet
+from .how import FitOptions, quiet
 from .restated import Hold, with_hold
 from .verdict import WITH_CARE, Reason
 
@@ -77,7 +77,7 @@ def other_than(hold: str) -> Hold:
     return "linear" if hold == "zero" else "zero"
 
 
-def weighed(fit: Fit, recordings: Sequence[Recording], how: How) -> Holding | None:
+def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holding | None:
     """How the fit's way between rows compares with the other; None where that cannot matter, or is not asked."""
     model, holds = fit.model, {recording.hold for recording in recordings}
     if not isinstance(model, MotionModel) or len(holds) != 1 or not fit.confirmed or not _matters(model, recordings):

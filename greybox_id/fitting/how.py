@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal, Protocol, get_args
+from typing import Any, Literal, Protocol, get_args
 
 from ..base.errors import BadInput, near_or_all
+from ..base.quantity import Quantity, number
+from ..base.signals import unit_of, unit_of_quantity
 from ..engine.motion.shooting import Starts
 from ..models.kinds import by_kind
 from ..models.model import Model
@@ -54,7 +56,8 @@ class FitOptions:
     horizon : for motion models, s predicted from one start; None for whole runs.
     start_from : for motion models, "free" starts deviate from their readings, "measured" ones do not.
     robust : for motion models, residuals beyond so many standard deviations count linearly.
-    noise : for motion models, output -> standard deviation of its readings, where it is known.
+    noise : for motion models, output -> standard deviation of its readings, where it is known: a number in SI, or a
+        text with a unit.
     calibrate : for models with memory, "timing" or "timing=8s": training runs are aligned by their delays before the
         model is fitted to them; of the validation recording, the first 5 s, or 8 s, of motion of each run tell its
         delay, and what follows is scored. None for no such thing.
@@ -82,7 +85,7 @@ class FitOptions:
     horizon: float | None = None
     start_from: Starts = "free"
     robust: float | None = None
-    noise: Mapping[str, float] = field(default_factory=dict)
+    noise: Mapping[str, Any] = field(default_factory=dict)
     calibrate: str | None = None
 
     def __post_init__(self) -> None:
@@ -103,7 +106,7 @@ class FitOptions:
             raise BadInput(
                 f'strengths: "cross-validation", "early stopping" or a factor above zero, not {self.strengths!r:.40}.'
             )
-
+        object.__setattr__(self, "noise", {name: _sd(name, value) for name, value in self.noise.items()})
         calibrated_seconds(self.calibrate)
         if self.strengths == "early stopping" and self.solver == "ipopt":
             raise BadInput("‹early_stopping|strengths› watches the steps of Gauss-Newton; omit the ‹solver› ipopt.")
@@ -119,6 +122,9 @@ class FitOptions:
         for name in (name for name, sentence in chosen.items() if sentence):
             if why := refused(model, name):
                 raise BadInput(why)
+        for name in self.noise:
+            if name not in model.outputs:
+                raise BadInput(f"‹noise› {name}: {model.name} has no output {name}.{near_or_all(name, model.outputs)}")
 
     @property
     def mode(self) -> str:
@@ -126,10 +132,14 @@ class FitOptions:
         return self.strengths if isinstance(self.strengths, str) else "given"
 
 
+def _sd(name: str, value: Quantity) -> float:
+    """The standard deviation of a signal's readings, in its unit."""
+    result = number(value, unit_of(name, unit_of_quantity(name)), f"‹noise› {name}")
+    if not above_zero(result):
+        raise BadInput(f"‹noise› {name}={value}: a standard deviation is a number above zero.")
+    return result
+
+
 def above_zero(value: object) -> bool:
     """Whether a value is a finite number above zero."""
     return isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < float("inf")
-
-
-How = FitOptions
-"""The same by the name that the floors below the top level use."""

@@ -41,8 +41,8 @@ from .attempt import (
 )
 from .carrying import carries_over
 from .certificate import certified
-from .fit import SURPRISING, Fit
-from .how import FOR_MOTION, How, Say, quiet, refused
+from .fit import Fit, conflict
+from .how import FOR_MOTION, FitOptions, Say, quiet, refused
 from .judging import carried
 from .provenance import Certificate, Stage
 from .restated import stated_again
@@ -104,7 +104,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
 
 
 def fit_motion(
-    model: MotionModel, recordings: Sequence[Recording], how: How, say: Say
+    model: MotionModel, recordings: Sequence[Recording], how: FitOptions, say: Say
 ) -> tuple[MotionProblem, Solution, Stage]:
     """Fit a motion model.
 
@@ -205,7 +205,7 @@ def _of(attempt: Attempt) -> tuple[MotionProblem, Array, Solution]:
     return attempt.problem, attempt.about, attempt.solution
 
 
-def _confirmed(reached: _Reached, how: How, say: Say) -> _Reached:
+def _confirmed(reached: _Reached, how: FitOptions, say: Say) -> _Reached:
     """The same with Ipopt's word on it, where it is asked."""
     if how.solver != "auto":
         return reached
@@ -259,7 +259,7 @@ def _fallbacks(
     points: Sequence[Array],
     reached: _Reached | None,
     why: str,
-    how: How,
+    how: FitOptions,
     say: Say,
 ) -> Iterator[_Reached]:
     """Other ways to the optimum, one after the other until one leads to an optimum: the best so far after each."""
@@ -381,26 +381,9 @@ def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution, 
     covariance = mean @ (np.where(np.isfinite(known.covariance), known.covariance, 0.0) + by_form) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
     of_shared = np.sqrt(known.sd[first] ** 2 + np.diag(by_form)[first])
-    wider = _conflict(fitted)
+    wider = conflict(fitted)
     sd = wider * np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return {"sd": _named(fitted, sd), "dof": _named(fitted, known.dof[first]), "covariance": wider**2 * covariance}
-
-
-def _conflict(fitted: MotionModel) -> float:
-    """By how much intervals are wider where estimates conflict with what was stated.
-
-    One of the stated numbers is off by more than its standard deviation then, and nothing says which: all are taken to
-    be uncertain by a common factor under which they agree (Birge, The Calculation of Errors by the Method of Least
-    Squares, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group's averages).
-    """
-    away = [
-        float((p.array - np.asarray(p.prior.mean)) / np.max(np.asarray(p.prior.sd)))
-        for p in fitted.parameters
-        if p.shape == () and not p.fixed and p.prior is not None and p.prior.mean is not None
-    ]
-    if not away or max(map(abs, away)) < SURPRISING:
-        return 1.0
-    return max(1.0, float(np.sqrt(np.mean(np.square(away)))))
 
 
 def _named(model: Model, vector: Array) -> dict[str, Array]:

@@ -19,7 +19,7 @@ from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, stretches
 from ..engine.solvers.quasi_newton import Descent, descend
 from ..models.hybrid_model import HybridModel
-from .how import How, Say
+from .how import FitOptions, Say
 from .pretraining import Pretraining, faster, known_physics, pretrained
 from .training import Trained, manoeuvres, split, trained_best
 
@@ -36,7 +36,7 @@ Outside = Callable[[Array], float]
 
 
 def fit_network(
-    model: HybridModel, recordings: Sequence[Recording], how: How, say: Say, known: Pretraining | None = None
+    model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say, known: Pretraining | None = None
 ) -> Trained:
     """Train a hybrid model whose network has no memory.
 
@@ -124,7 +124,7 @@ def trained_from(
     return result
 
 
-def counted(model: HybridModel, stretchs: Sequence[Stretch], how: How) -> Array:
+def counted(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) -> Array:
     """What an error of each output counts as: as stated, else a share of its spread."""
     spread = []
     for k, name in enumerate(model.outputs):

@@ -19,7 +19,7 @@ from ..engine.trace import Trace
 from ..models.memory_model import MemoryModel
 from .certificate import certified
 from .crossvalidation import choose_strengths
-from .how import How, Say, quiet
+from .how import FitOptions, Say, quiet
 from .provenance import Stage
 
 MOST_STEPS = 150
@@ -37,7 +37,12 @@ WEAK = 0.3
 
 
 def fit_alone(
-    part: MemoryModel, recordings: Sequence[Recording], validate: Recording | None, how: How, say: Say, alone: bool
+    part: MemoryModel,
+    recordings: Sequence[Recording],
+    validate: Recording | None,
+    how: FitOptions,
+    say: Say,
+    alone: bool,
 ) -> tuple[Problem, Solution, Stage]:
     """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
     clock = time.process_time()
@@ -91,7 +96,7 @@ def fit_together(
     problem: Problem,
     strengths: Mapping[str, float],
     validate: Recording | None,
-    how: How,
+    how: FitOptions,
     say: Say,
     interrupted: bool,
 ) -> tuple[Solution, Stage]:
@@ -117,7 +122,7 @@ def fit_together(
     )  # fmt: skip
 
 
-def _solve(problem: Problem, x: Array, validate: Recording | None, how: How, say: Say, name: str) -> Solution:
+def _solve(problem: Problem, x: Array, validate: Recording | None, how: FitOptions, say: Say, name: str) -> Solution:
     def report(step: int, objective: float, _: Array) -> bool:
         say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
         return True
@@ -160,7 +165,7 @@ class _Watch:
         return self._validation.misfit(shared, self._validation.simulated_nodes(shared))
 
 
-def _certifiable(how: How, solution: Solution) -> bool:
+def _certifiable(how: FitOptions, solution: Solution) -> bool:
     """Whether Ipopt is to be asked: not after early stopping, whose point is no optimum of the objective by intent."""
     return how.solver == "auto" and how.strengths != "early stopping" and solution.status is not Status.INTERRUPTED
 
@@ -184,7 +189,7 @@ def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, A
     return np.maximum(np.sqrt(np.mean(errors**2, axis=0)), 1e-9), solution.x, problem
 
 
-def _starts(problem: Problem, first: Array, how: How) -> list[Array]:
+def _starts(problem: Problem, first: Array, how: FitOptions) -> list[Array]:
     """The first start, and others drawn about the nominal values."""
     random = np.random.default_rng(how.seed)
     start = problem.start

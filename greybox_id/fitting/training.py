@@ -18,7 +18,7 @@ from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..engine.solvers.quasi_newton import Descent, descend
 from ..models.hybrid_model import HybridModel
 from ..models.parameter import Parameter
-from .how import How, Say, quiet
+from .how import FitOptions, Say, quiet
 from .provenance import Stage
 
 HELD_OUT = 0.2
@@ -48,7 +48,7 @@ class Trained:
     errors: tuple[float, float]
 
 
-def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
+def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say) -> Trained:
     """Train a hybrid model.
 
     Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
@@ -94,7 +94,7 @@ class TrainedBefore:
     source: str = ""
 
 
-def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: How, say: Say) -> Trained:
+def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say) -> Trained:
     """Carry the training of a hybrid model on, on recordings of a vehicle whose tyres are other ones.
 
     What moves is what the model says vehicles differ by (`HybridModel.carried_on`), about where it is; weights stay as
@@ -155,7 +155,7 @@ def window_error(model: HybridModel, recording: Recording, noise: Array) -> floa
 
 
 def trained_best(
-    model: HybridModel, how: How, say: Say, clock: float, train: Callable[[int, Say], Descent],
+    model: HybridModel, how: FitOptions, say: Say, clock: float, train: Callable[[int, Say], Descent],
     words: Callable[[float], str], noise_of: Callable[[Descent], Array],
 ) -> tuple[Descent, Stage]:  # fmt: skip
     """The best of several trainings by what is held out, and the record of all.
@@ -258,7 +258,7 @@ def mirrored(model: HybridModel, one: Stretch) -> Stretch:
     )
 
 
-def read_noise(model: HybridModel, stretchs: Sequence[Stretch], how: How) -> Array:
+def read_noise(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) -> Array:
     """Standard deviation of each output's readings: as stated, else as they tell."""
     found_noise = noise(stretchs)
     for k, name in enumerate(model.outputs):

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from threadpoolctl import threadpool_limits
@@ -22,7 +23,7 @@ from ..models.model import Model
 from ..models.motion_model import MotionModel
 from .fit import Fit
 from .holding import Holding, in_doubt, other_than, reason, weighed
-from .how import How, Say, Solver, quiet
+from .how import FitOptions, Say, Solver, quiet
 from .judging import judgement
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
@@ -39,7 +40,7 @@ from .scores.verdict import WORSE, distrust, times_as_large, used_signals
 from .training import TrainedBefore
 from .verdict import NOT_USABLE, Reason, with_reason
 
-__all__ = ["FitTask", "How", "Say", "Solver", "estimated", "fit"]
+__all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +55,7 @@ class FitTask:
 
     recordings: Sequence[Recording]
     validate: Recording | None
-    how: How
+    how: FitOptions
     say: Say
     structures: Sequence[Model]
     pretraining: Pretraining | TrainedBefore | None = None
@@ -76,7 +77,7 @@ def fit(
     recordings: Sequence[Recording],
     *,
     validate: Recording | None = None,
-    how: How | None = None,
+    how: FitOptions | None = None,
     say: Say | None = None,
     command: str = "",
     pretraining: Pretraining | TrainedBefore | None = None,
@@ -105,7 +106,7 @@ def fit(
     ------
     BadInput : the recordings lack a signal, differ in sample time, are too short, or their time does not run.
     """
-    how, say = how or How(), say or quiet
+    how, say = how or FitOptions(), say or quiet
     for recording in [*recordings, *([] if validate is None else [validate])]:
         recording.must_run()
     models = [model] if isinstance(model, Model) else list(model)
@@ -115,7 +116,7 @@ def fit(
         result, task, held = _between_rows(estimated(models[0], task), task)
         recordings, validate = task.recordings, task.validate
         stated = {name: sd for name, sd in (sensors or {}).items() if name in result.model.outputs}
-        noted = {"sensors": stated} if stated else {}
+        noted: dict[str, Any] = {"sensors": stated} if stated else {}
         noted |= {"stood": stood} if stood else {}
         result = replace(result, data=_records(recordings, validate), command=command, how={**result.how, **noted})
         whole = {"train": join(recordings, "training data"), **({} if validate is None else {"validate": validate})}

@@ -16,8 +16,9 @@ from typing import Any
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import near_file
+from greybox_id.base.quantity import number
 from greybox_id.datasets.formats import SUFFIXES, hash_of
-from greybox_id.fitting.choices.parameters import number, wanted_vehicle
+from greybox_id.fitting.choices.parameters import named_vehicle
 
 from .plan import FleetPlan, content_of, vehicle_named
 from .statuses import FIT
@@ -293,7 +294,7 @@ def _stated(plan: FleetPlan, named: str) -> tuple[str, str]:
     if not named:
         return "", ""
     place = vehicle_named(plan, named)
-    vehicle = wanted_vehicle(place)
+    vehicle = named_vehicle(place)
     if FIT in plan.steps and "model" not in plan.options.get(FIT, {}) and (vehicle is None or vehicle.model is None):
         raise BadInput(
             f'{place} names no model, and neither does {plan.file}: add one to [fit], as in model = "lateral".'

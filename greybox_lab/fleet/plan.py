@@ -13,7 +13,7 @@ from typing import Any
 from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.base.toml_file import must_know, read_toml
 from greybox_id.datasets.column_map import column_map, shipped_maps
-from greybox_id.fitting.choices.parameters import wanted_vehicle
+from greybox_id.fitting.choices.parameters import named_vehicle
 from greybox_id.models.vehicle_file import shipped_vehicles
 
 from .statuses import FIT, GAP, STEPS
@@ -96,7 +96,7 @@ def plan_of(path: str | Path) -> FleetPlan:
     )
     if isinstance(body.get("vehicle"), str) and "{" not in body["vehicle"]:
         try:
-            wanted_vehicle(vehicle_named(plan, body["vehicle"]))  # it is that of all: better said once
+            named_vehicle(vehicle_named(plan, body["vehicle"]))  # it is that of all: better said once
         except BadInput as error:
             raise BadInput(f"{file}: {error.args[0]}") from error
     return plan
@@ -140,7 +140,7 @@ def _steps(file: Path, value: Any) -> tuple[str, ...]:
 
 
 def _options(file: Path, body: Mapping[str, Any], steps: tuple[str, ...]) -> dict[str, Mapping[str, Any]]:
-    from .unit import OPTIONS, wanted
+    from .unit import OPTIONS, requested_of
 
     for step in STEPS:
         entry = body.get(step, {})
@@ -152,7 +152,7 @@ def _options(file: Path, body: Mapping[str, Any], steps: tuple[str, ...]) -> dic
     model = body.get(FIT, {}).get("model")
     if FIT in steps and (model is not None or not body.get("vehicle")):
         try:
-            wanted(body.get(FIT, {}), None)[0].model()  # what is wrong with it is better said once than of each
+            requested_of(body.get(FIT, {}), None)[0].model()  # what is wrong with it is better said once than of each
         except BadInput as error:
             raise BadInput(f"{file}: {error.args[0]}") from error
     if GAP in steps and not body.get("vehicle"):

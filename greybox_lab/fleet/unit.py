@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 from greybox_id.api import given
-from greybox_id.api.fitting import planned
+from greybox_id.api.fitting import fit as fit_model
 from greybox_id.base.errors import BadInput
+from greybox_id.base.quantity import pairs
 from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
 from greybox_id.datasets.checks import Finding, check, distrusted
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.choices.parameters import Choices, magnitudes, noise_of
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.fitting.fit import Fit
-from greybox_id.fitting.how import FitOptions, quiet
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.uncertainty.identifiability import left_open
 from greybox_id.models.model import Model
 from greybox_id.models.own import is_place
@@ -72,7 +72,7 @@ def worked(job: Mapping[str, Any], tell: Tell) -> None:
         tell({"status": FAILED, "sentence": str(error).replace(job["path"], job["shown"])})
 
 
-def wanted(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[Wanted, FitOptions]:
+def requested_of(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[RequestedModel, FitOptions]:
     """The model that [fit] asks for, and how it is fitted.
 
     Raises
@@ -90,16 +90,11 @@ def wanted(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[Wanted,
     settings = options.get("set", {})
     if not isinstance(settings, Mapping):
         raise BadInput(f'[fit] set is a table, as in set = {{tyre = "linear"}}, not {settings!r:.40}.')
-    choices = Choices(**{name: _pairs(options.get(name, ()), name) for name in OF_PARAMETERS})
-    requested = (
-        given.wanted(model, vehicle, settings, written, choices)
-        if model is not None
-        else Wanted(None, vehicle, dict(settings), magnitudes(written), choices)
-    )
-    how = FitOptions(**{name: options[name] for name in OF_FIT if name in options})
-    if "noise" in options:
-        how = replace(how, noise=noise_of(_pairs(options["noise"], "noise"), requested.model()))
-    return requested, how
+    values = {name: _values(options.get(name, ()), name) for name in ("fix", "prior", "start")}
+    chosen = given.choices(**values, free=_words(options.get("free", ()), "free"))
+    requested = given.requested(model, vehicle, settings, written, chosen)
+    how = {name: options[name] for name in OF_FIT if name in options}
+    return requested, FitOptions(**how, noise=_values(options.get("noise", ()), "noise"))
 
 
 def _trusted(recording: Recording, options: Mapping[str, Any], tell: Tell) -> bool:
@@ -116,10 +111,8 @@ def _finding(finding: Finding) -> str:
 
 
 def _fitted(recording: Recording, vehicle: Vehicle | None, options: Mapping[str, Any]) -> dict[str, Any]:
-    requested, how = wanted(options, vehicle)
-    nominal = requested.model()
-    how.must_suit(nominal)
-    fit = planned(requested, nominal, [recording], None, how).run(quiet)
+    requested, how = requested_of(options, vehicle)
+    fit = fit_model(requested, recording, options=how)
     verdict = fit.verdict
     return {
         "verdict": None if verdict is None else verdict.usability,
@@ -262,8 +255,8 @@ def _words(value: Any, option: str) -> list[str]:
     return list(several)
 
 
-def _pairs(value: Any, option: str) -> list[str]:
-    """Choices as the command line writes them, of a list of texts or of a table."""
+def _values(value: Any, option: str) -> Mapping[str, Any]:
+    """Numbers and texts by name, of a table or of a list of texts as the command line writes them."""
     if isinstance(value, Mapping):
-        return [f"{name}={item}" for name, item in value.items()]
-    return _words(value, option)
+        return value
+    return pairs(_words(value, option), "NAME=VALUE", alone=option == "fix")

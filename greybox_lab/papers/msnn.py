@@ -37,7 +37,7 @@ from greybox_id.fitting.adaptation.outcome import Adaptation
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.grid import Grid, fit_grid
-from greybox_id.fitting.how import How, Say, quiet
+from greybox_id.fitting.how import FitOptions, Say, quiet
 from greybox_id.fitting.scores.memory import BATCH, errors, predictions
 from greybox_id.fitting.scores.metrics import Error
 from greybox_id.fitting.scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
@@ -203,7 +203,7 @@ def measure(
     for recording in (train, valid):
         recording.must_run()
     rows: list[Row] = []
-    how = How(strengths=1.0 if quick else "cross-validation", solver="gauss-newton")
+    how = FitOptions(strengths=1.0 if quick else "cross-validation", solver="gauss-newton")
     whole: dict[tuple[str, str], Fit] = {}
     with threadpool_limits(1):
         for entry in ENTRIES:
@@ -277,7 +277,7 @@ def _row(
 def _published(entry: PaperModel, share: int, train: Recording, valid: Recording) -> list[Row]:
     clock = time.process_time()
     if len(entry.tables) > 1:  # several outputs: one loss for both, stopped on valid as theirs was
-        how = How(strengths="early stopping", solver="gauss-newton")
+        how = FitOptions(strengths="early stopping", solver="gauss-newton")
         model = must_be(MemoryModel, fit(_memory(entry, train), [train], validate=valid, how=how).model)
     else:
         model = as_the_authors(_memory(entry, train), train, valid)
@@ -347,7 +347,9 @@ def _memory(entry: PaperModel, train: Recording) -> MemoryModel:
     return must_be(MemoryModel, prepared(entry.model, train, entry.settings))
 
 
-def _honest(entry: PaperModel, share: int, train: Recording, valid: Recording, how: How) -> tuple[list[Row], Fit]:
+def _honest(
+    entry: PaperModel, share: int, train: Recording, valid: Recording, how: FitOptions
+) -> tuple[list[Row], Fit]:
     clock = time.process_time()
     result = fit(_memory(entry, train), [train], how=how)
     spent = time.process_time() - clock
@@ -363,7 +365,7 @@ def _honest(entry: PaperModel, share: int, train: Recording, valid: Recording, h
     return rows, result
 
 
-def _closed(train: Recording, valid: Recording, quick: bool, how: How, say: Say) -> list[Row]:
+def _closed(train: Recording, valid: Recording, quick: bool, how: FitOptions, say: Say) -> list[Row]:
     """The coupled networks, open and closed loop, and with the delay of every run told by its first seconds."""
     rows: list[Row] = []
     for name, (kind, settings) in COUPLED.items():

@@ -22,7 +22,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.engine.hybrid.cell import free_run
 from greybox_id.engine.hybrid.problem import WindowErrors
 from greybox_id.engine.hybrid.stretches import stretches
-from greybox_id.fitting.how import How, Say
+from greybox_id.fitting.how import FitOptions, Say
 from greybox_id.fitting.networks import counted, trained_from
 from greybox_id.fitting.pretraining import Pretraining, known_physics
 from greybox_id.models.hybrid_model import HybridModel
@@ -161,7 +161,7 @@ def trained(cell: NetworkCell, recordings: Mapping[str, Recording], bicycle: Mot
     train, val = recordings["train"], recordings["val"]
     model = _model(cell, train, bicycle)
     laid, held_out = stretches(model, train), stretches(model, val)
-    sd = counted(model, laid, How())
+    sd = counted(model, laid, FitOptions())
     whole = replace(model, window=min(ROWS, *(len(item) for item in held_out)), warm_up=0)
     known = lesson(cell.taught, bicycle) if cell.method == "transfer" or cell.taught == FASTER else None
     result = trained_from(model, [train], laid, sd, WindowErrors(whole, held_out, sd), seed, say, known)

@@ -13,7 +13,7 @@ from toys import tiny
 
 from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.fitting.verb import fit
 from greybox_id.gap.diagnosis import diagnose
@@ -116,7 +116,7 @@ def test_a_fit_is_a_vehicle_that_simulates_alike(car, tmp_path):
     model = build("lateral", None, {"steering_delay": None}, car)
     held = [replace(model[name], fixed=True) for name in ("m", "I_z", "C_f", "C_r", "B_f", "B_r", "D_f")]
     drive = driven("lateral", runs=1, seconds=4.0, effects={"steering_delay": 0.05})
-    found = fit([model.with_parameters(*held)], [drive], how=How(horizon=1.0, solver="gauss-newton"))
+    found = fit([model.with_parameters(*held)], [drive], how=FitOptions(horizon=1.0, solver="gauss-newton"))
     stated = fitted_vehicle(found, "lap")
     assert stated.values["D_r"].sd > 0
     assert stated.values["m"].plain
@@ -132,7 +132,7 @@ def test_a_closed_model_with_memory_is_no_vehicle(car):
 
 def test_a_fit_s_training_errors_are_its_noise():
     drives = made(tiny("msnn_full"), rows=800)  # enough that its weights are near those that made it
-    found = fit(tiny("msnn_full"), [drives], how=How(strengths=1.0, solver="gauss-newton"))
+    found = fit(tiny("msnn_full"), [drives], how=FitOptions(strengths=1.0, solver="gauss-newton"))
     stated = fitted_vehicle(found, "lap")
     for output in found.model.outputs:
         assert stated.noise[output] == found.metrics["train"]["closed_loop"][output]["rmse"]

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 import greybox_id as gb
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 
 
 @pytest.fixture(scope="module")
@@ -40,10 +40,10 @@ WRONG = [
      lambda lap: gb.fit("lateral", lap, effects="steering_dely")),
     ("There is no effect 'steering_dely'. Did you mean steering_delay?", lambda lap: gb.effects.steering_dely),
     ("fix I_zz: lateral has no parameter I_zz. Did you mean I_z?", lambda lap: gb.fit("lateral", lap, fix=["I_zz"])),
-    ("fix: I_z needs a number or a text", lambda lap: gb.fit("lateral", lap, fix={"I_z": [1]})),
-    ("prior: I_z needs (mean, sd)", lambda lap: gb.fit("lateral", lap, prior={"I_z": 3.0})),
+    ("fix I_z: a number or a text", lambda lap: gb.fit("lateral", lap, fix={"I_z": [1]})),
+    ("prior I_z=3.0: how well is it known?", lambda lap: gb.fit("lateral", lap, prior={"I_z": 3.0})),
     ("free: names are needed", lambda lap: gb.fit("lateral", lap, free=[3])),
-    ("start: kinematic has no state 'yawrate'. Did you mean yaw_rate?",
+    ("start yawrate: kinematic has no state yawrate. Did you mean yaw_rate?",
      lambda lap: gb.simulate("kinematic", lap, start={"yawrate": 0.0})),
     ("horizon: seconds above zero are needed, or None for the free run, not -1",
      lambda lap: gb.predict("kinematic", lap, -1)),
@@ -134,4 +134,4 @@ def test_a_table_that_is_no_recording_is_said(given, sentence):
 
 
 def test_the_options_of_the_command_line_are_those_of_the_top_level():
-    assert How is gb.FitOptions
+    assert FitOptions is gb.FitOptions

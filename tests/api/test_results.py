@@ -114,6 +114,26 @@ def test_residuals_are_measured_less_predicted(fit, laps):
     assert "v_y" not in left
 
 
+def test_criteria_are_those_of_the_training_residuals(fit, laps):
+    left = fit.resid
+    assert left.index.names == ["recording", "time"]
+    logs = [-0.5 * len(e) * (np.log(2 * np.pi * np.mean(e**2)) + 1) for e in (left[c].dropna() for c in left)]
+    assert fit.llf == pytest.approx(sum(logs), rel=1e-6)
+    assert fit.nobs == int(left.notna().sum().sum())
+    assert fit.aic == pytest.approx(2 * fit.df_model - 2 * fit.llf)
+    assert fit.bic == pytest.approx(np.log(fit.nobs) * fit.df_model - 2 * fit.llf)
+
+
+def test_fits_of_the_same_data_are_compared(fit, laps):
+    held = gb.fit(fit.model, laps[0], free=[], fix=[p.name for p in fit.model.parameters if p.shape == ()][:3])
+    table = fit.compare(held)
+    assert table["df_model"].tolist() == [fit.df_model, held.df_model]
+    assert table["aic"].tolist() == [fit.aic, held.aic]
+    assert (table.filter(like="train ").iloc[0] <= 1.01 * table.filter(like="train ").iloc[1]).all()
+    with pytest.raises(gb.BadInput, match="other training data"):
+        fit.compare(gb.fit(fit.model, laps[1]))
+
+
 def test_a_profile_is_that_of_the_problem_that_was_fitted(fit):
     found = fit.profile("I_z", confidence=0.9)
     assert found.interval[0] < fit.params["I_z"] < found.interval[1]
@@ -155,6 +175,9 @@ def test_what_a_linear_system_lacks_is_said():
 
 
 def test_figures_are_axes(fit, laps):
+    assert [ax.get_ylabel() for ax in fit.plot(laps[0])] == [
+        ax.get_ylabel() for ax in fit.plot.measured_and_simulated(laps[0])
+    ]
     axes = fit.plot.measured_and_simulated(laps[1])
     assert [ax.get_ylabel() for ax in axes] == ["yaw_rate [rad/s]", "a_y [m/s²]"]
     assert np.nanmax(axes[0].lines[0].get_ydata()) == np.nanmax(laps[1]["yaw_rate"])

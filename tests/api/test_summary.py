@@ -78,7 +78,7 @@ def test_of_a_gap(laps, monkeypatch):
 
     from greybox_id.api.gap_result import GapResult
 
-    monkeypatch.setattr("greybox_id.cli.gap.diagnose", lambda *_, **__: clear())
+    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose_gap", lambda *_, **__: clear())
     printed = greybox("gap", laps[0], "--vehicle", "full_size_car", "--model", "lateral").out
     said = [line for line in lines(printed) if not line.startswith("Doubt")]
     assert said == lines(GapResult.of(clear(), None).summary())

@@ -84,6 +84,16 @@ def test_reading_and_checking_a_file_in_common_units_load_neither_units_nor_solv
     assert found.stdout.strip() == "[]"
 
 
+def test_a_plain_fit_compiles_nothing_in_python_and_draws_nothing():
+    code = (
+        "import sys, greybox_id as gb; lap = gb.read(gb.shipped('racer_train'), columns='roboracer').rows(0, 200);"
+        "gb.fit('kinematic', lap, vehicle='roboracer', options=gb.FitOptions(solver='gauss-newton')).summary();"
+        "print(sorted({'numba', 'matplotlib', 'control'} & {name.split('.')[0] for name in sys.modules}))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == "[]"
+
+
 def test_verbs_keep_their_names_when_modules_of_the_same_name_are_imported():
     code = (
         "import greybox_id as gb; import greybox_id.fitting.fit, greybox_id.export.verb, greybox_id.models.registry;"

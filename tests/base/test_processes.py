@@ -21,7 +21,7 @@ from greybox_id.base.processes import FORKS, apart, elsewhere, interrupt, interr
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.compiler import CannotCompile
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 from greybox_id.models.vehicle_file import vehicle
@@ -141,7 +141,7 @@ def test_an_interrupt_at_any_line_before_work_is_begun_keeps_it_from_beginning(l
 def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
     lap = read(shipped("racer_train"), "roboracer").rows(0, 500)
     model = prepared(name, lap) if name == "msnn_lat" else build(name, vehicle=vehicle("roboracer"))
-    found = [fit(model, [lap], how=How(starts=3, seed=4, jobs=jobs, solver="gauss-newton")) for jobs in (1, 2)]
+    found = [fit(model, [lap], how=FitOptions(starts=3, seed=4, jobs=jobs, solver="gauss-newton")) for jobs in (1, 2)]
     alone, together = (own.stages[-1] for own in found)
     np.testing.assert_allclose(found[1].model.values, found[0].model.values, rtol=1e-7, atol=1e-12)
     np.testing.assert_allclose(together.starts, alone.starts, rtol=1e-9)

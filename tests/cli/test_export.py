@@ -14,7 +14,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.export.verb import TARGETS
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit as fit_model
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
@@ -104,7 +104,7 @@ def test_an_export_says_in_which_unit_the_drive_was_recorded(tmp_path, monkeypat
     monkeypatch.chdir(tmp_path)
     lap = read(shipped("racer_valid"), "roboracer").rows(0, 200)
     model = build("longitudinal", vehicle=vehicle("roboracer"))
-    fit_model(model, [lap], how=How(solver="gauss-newton")).save("fit.json")
+    fit_model(model, [lap], how=FitOptions(solver="gauss-newton")).save("fit.json")
     greybox("export", "fit.json", "--target", "c", "--out", "car")
     header = Path("car/car.h").read_text()
     assert re.search(r"CAR_U_DRIVE +\d /\* A, motor_current \[A\] \*/", header), header
@@ -112,7 +112,7 @@ def test_an_export_says_in_which_unit_the_drive_was_recorded(tmp_path, monkeypat
     assert "as recorded, drive_force [N] or ax_cmd [m/s^2] or motor_current [A]" in Path("other/other.h").read_text()
     forces = lap.with_signals(drive_force=np.zeros(len(lap)))
     with pytest.raises(BadInput, match=r"drive is .*drive_force in .*motor_current in"):
-        fit_model(model, [lap, forces], how=How(solver="gauss-newton"))
+        fit_model(model, [lap, forces], how=FitOptions(solver="gauss-newton"))
 
 
 def test_every_key_of_a_parameter_file_is_told(tmp_path):

@@ -12,7 +12,7 @@ from made_gaps import CASES, clear, none, unknown
 from rich.console import Console
 
 from greybox_id.cli.gap import show
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
@@ -44,7 +44,7 @@ def asked(monkeypatch):
         Asked.held_out, Asked.options = held_out, options
         return Asked.said
 
-    monkeypatch.setattr("greybox_id.cli.gap.diagnose", diagnose)
+    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose_gap", diagnose)
     return Asked
 
 
@@ -56,7 +56,7 @@ def fitted(tmp_path_factory):
         drive = driven("lateral", runs=1, seconds=4.0)
         model = build("lateral", None, {"yaw_rate_bias": 0.01}, read_vehicle("full_size_car"))
         held = [replace(p, fixed=True) for p in model.parameters if p.name not in ("I_z", "yaw_rate_bias")]
-        found = fit([model.with_parameters(*held)], [drive], how=How(horizon=1.0, solver="gauss-newton"))
+        found = fit([model.with_parameters(*held)], [drive], how=FitOptions(horizon=1.0, solver="gauss-newton"))
         return found.save(folder / "fit.json")
 
 
@@ -80,7 +80,7 @@ def test_json_is_one_object_with_what_was_found(laps, asked):
     assert asked.model.name == "single_track"
     assert [own.name for own in asked.recordings] == ["lap7"]
     assert [own.name for own in asked.held_out] == ["lap8"]
-    assert asked.effects is EFFECTS
+    assert asked.effects == EFFECTS
 
 
 def test_json_is_finite_whatever_the_diagnosis_holds(laps, asked):

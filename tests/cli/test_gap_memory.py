@@ -9,7 +9,7 @@ from driven import without, written
 from toys import drive, tiny
 
 from greybox_id.datasets.recording import join
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
@@ -30,7 +30,7 @@ def made(late, seed):
 def files(tmp_path_factory):
     """A small fit, laps whose sensors are late, and one whose are not."""
     folder = tmp_path_factory.mktemp("memory")
-    found = fit(tiny("msnn_full"), [made(0.0, 0)], how=How(strengths=1.0, solver="gauss-newton"))
+    found = fit(tiny("msnn_full"), [made(0.0, 0)], how=FitOptions(strengths=1.0, solver="gauss-newton"))
     laps = [written(made(late, seed), folder / f"lap{seed}.csv") for seed, late in ((1, 0.05), (2, 0.05), (3, 0.0))]
     return found.save(folder / "fit.json"), *laps
 

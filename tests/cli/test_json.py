@@ -112,7 +112,7 @@ def folder(tmp_path_factory):
 def _there(folder, monkeypatch):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("GREYBOX_COMPILE", "0")
-    monkeypatch.setattr("greybox_id.cli.gap.diagnose", lambda *_, **__: clear())
+    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose_gap", lambda *_, **__: clear())
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ from filter_cases import C_F, C_R, changed, needs_compiler, shaken, simrod, swer
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
 from greybox_id.datasets.recording import Recording
-from greybox_id.filters.how import How
+from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.live import follow
 from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
@@ -35,7 +35,7 @@ def lines(recording):
 
 def followed(text, kind="ekf", model=None, parameters=TWO, columns="canonical", noise=NOISE):
     out = io.StringIO()
-    how = How(kind, noise=noise)
+    how = TrackOptions(kind, noise=noise)
     follow(model or wrong(), parameters, (), EFFECTS, how, column_map(columns), io.StringIO(text), out)
     return pd.read_csv(io.StringIO(out.getvalue()), keep_default_na=False, dtype={"held_back": str})
 
@@ -54,7 +54,7 @@ def test_row_by_row_it_is_what_a_whole_recording_gives(kind, hold, tmp_path):
     path = tmp_path / "map.toml"
     names = "\n".join(f'{name} = {{ unit = "{recording.unit(name)}" }}' for name in recording.signals)
     path.write_text(f'name = "own"\nhold = "{hold}"\n[time]\ncolumn = "time"\nunit = "s"\n[signals]\n{names}\n')
-    expected = track(wrong(), recording, TWO, how=How(kind, noise=NOISE, tune=0))
+    expected = track(wrong(), recording, TWO, how=TrackOptions(kind, noise=NOISE, tune=0))
     assert expected.widened == 1.0
     found = followed(lines(recording), kind, columns=path)
     assert found.columns[0] == "time"
@@ -109,7 +109,9 @@ def test_each_line_is_answered_before_the_next_is_read():
             told.append(out.getvalue().count("\n"))
             return super().readline(size)
 
-    follow(wrong(), TWO, (), EFFECTS, How(noise=NOISE), column_map("canonical"), Arriving(lines(recording)), out)
+    follow(
+        wrong(), TWO, (), EFFECTS, TrackOptions(noise=NOISE), column_map("canonical"), Arriving(lines(recording)), out
+    )
     assert told[:5] == [0, 1, 2, 3, 4]
     assert out.getvalue().count("\n") == len(recording) + 1
 
@@ -174,7 +176,7 @@ def test_an_infinite_number_is_a_sentence(cell, column):
 def test_noise_of_readings_must_be_stated():
     out = io.StringIO()
     with pytest.raises(BadInput, match=r"must be stated to follow a vehicle: noise_a_y \(noise NAME=SIZE"):
-        follow(wrong(), (), (), EFFECTS, How(noise={"noise_yaw_rate": 0.01}), column_map("canonical"),
+        follow(wrong(), (), (), EFFECTS, TrackOptions(noise={"noise_yaw_rate": 0.01}), column_map("canonical"),
                io.StringIO(HEADER + ROW), out)  # fmt: skip
 
 

@@ -7,10 +7,10 @@ import pytest
 from filter_cases import needs_compiler
 
 from greybox_id.datasets.read import read
-from greybox_id.filters.how import How
+from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.verb import track
-from greybox_id.fitting.choices.parameters import wanted_vehicle
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.parameters import named_vehicle
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = [needs_compiler, pytest.mark.slow]
@@ -24,10 +24,10 @@ def halves(real_data):
 
 
 def tracked(recording, kind="ekf", smooth=False):
-    vehicle = wanted_vehicle("ferrari_250lm")
+    vehicle = named_vehicle("ferrari_250lm")
     plan = vehicle.tracking
-    how = How(kind, smooth, known=plan.noise)
-    model = Wanted(None, vehicle).model()
+    how = TrackOptions(kind, smooth, known=plan.noise)
+    model = RequestedModel(None, vehicle).model()
     return track(model, recording, plan.parameters, disturbances=plan.disturbances, effects=EFFECTS, how=how)
 
 

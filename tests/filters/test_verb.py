@@ -23,7 +23,7 @@ from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording, join
-from greybox_id.filters.how import How
+from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
@@ -55,7 +55,7 @@ def wrong():
 @pytest.mark.parametrize("smooth", [False, True])
 def test_sideslip_lies_within_its_bands_as_often_as_they_say(kind, smooth):
     recording, truth = shaken(80.0)
-    found = track(true_simrod(), recording, how=How(kind, smooth, noise=WALKS | NOISES))
+    found = track(true_simrod(), recording, how=TrackOptions(kind, smooth, noise=WALKS | NOISES))
     off, sd = found.values["sideslip"] - truth, found.sds["sideslip"]
     assert np.mean(np.abs(off) < 2 * sd) == pytest.approx(0.954, abs=0.03)
     assert np.mean(np.abs(off) < sd) == pytest.approx(0.683, abs=0.06)
@@ -69,7 +69,8 @@ def test_sideslip_lies_within_its_bands_as_often_as_they_say(kind, smooth):
 def test_smoothing_is_nearer_to_the_truth_and_knows_it(kind):
     recording, truth = shaken()
     causal, smooth = (
-        track(true_simrod(), recording, how=How(kind, smooth, noise=WALKS | NOISES)) for smooth in (False, True)
+        track(true_simrod(), recording, how=TrackOptions(kind, smooth, noise=WALKS | NOISES))
+        for smooth in (False, True)
     )
     assert rms(smooth.values["sideslip"] - truth) < 0.95 * rms(causal.values["sideslip"] - truth)
     assert np.median(smooth.sds["sideslip"]) < 0.95 * np.median(causal.sds["sideslip"])
@@ -79,7 +80,7 @@ def test_smoothing_is_nearer_to_the_truth_and_knows_it(kind):
 @both_kinds
 def test_tracked_stiffness_becomes_that_of_the_vehicle_where_slip_excites_it(kind, swerve):
     recording, truth = swerve
-    found = track(wrong(), recording, TWO, how=How(kind, noise=QUIET | TWO_WALK))
+    found = track(wrong(), recording, TWO, how=TrackOptions(kind, noise=QUIET | TWO_WALK))
     late = found.time > 15.0
     for name, true in zip(TWO, (C_F, C_R), strict=True):
         value, sd = found.values[name][late], found.sds[name][late]
@@ -94,7 +95,9 @@ def test_tracked_stiffness_becomes_that_of_the_vehicle_where_slip_excites_it(kin
 
 @pytest.mark.parametrize("smooth", [False, True])
 def test_ekf_and_ukf_agree(swerve, smooth):
-    ekf, ukf = (track(wrong(), swerve[0], TWO, how=How(kind, smooth, noise=QUIET, tune=0)) for kind in ("ekf", "ukf"))
+    ekf, ukf = (
+        track(wrong(), swerve[0], TWO, how=TrackOptions(kind, smooth, noise=QUIET, tune=0)) for kind in ("ekf", "ukf")
+    )
     late = ekf.time > 2.0
     for name in ("sideslip", "yaw_rate", *TWO, "F_yf", "F_yr"):
         assert np.all(np.abs(ekf.values[name] - ukf.values[name])[late] < 0.5 * ekf.sds[name][late])
@@ -105,7 +108,7 @@ def test_ekf_and_ukf_agree(swerve, smooth):
 def test_tracked_forces_become_those_of_the_axles(kind):
     """Whatever the tyres are thought to be."""
     recording, truth = swerving(30.0, amplitude=0.04)
-    how = How(kind, smooth=True, readings=("yaw_rate", "a_y", "v_y"), noise={"noise_v_y": 0.05})
+    how = TrackOptions(kind, smooth=True, readings=("yaw_rate", "a_y", "v_y"), noise={"noise_v_y": 0.05})
     found = track(wrong(), recording, ("F_yf", "F_yr"), how=how)
     for name in ("F_yf", "F_yr"):
         true = getattr(truth, name)
@@ -116,7 +119,7 @@ def test_tracked_forces_become_those_of_the_axles(kind):
 @both_kinds
 def test_driving_straight_leaves_the_stiffness_open_and_says_so(kind):
     recording, _ = swerving(24.0, straight=12.0)
-    found = track(simrod(C_alpha_f=C_F, C_alpha_r=C_R), recording, TWO, how=How(kind, noise=QUIET, tune=0))
+    found = track(simrod(C_alpha_f=C_F, C_alpha_r=C_R), recording, TWO, how=TrackOptions(kind, noise=QUIET, tune=0))
     straight, swerved = found.time < 11.9, found.time > 14.0
     for name in TWO:
         share = found.sds[name] / found.values[name]
@@ -142,7 +145,7 @@ def test_what_is_tracked_is_carried_over_from_run_to_run():
     """Each run starts from its readings, but knows the tyres."""
     first, second = swerving(15.0)[0], swerving(5.0, seed=1)[0]
     both = join([first, second], "two laps")
-    how = How(noise=QUIET, tune=0)
+    how = TrackOptions(noise=QUIET, tune=0)
     found = track(wrong(), both, TWO, how=how)
     alone, new = (track(wrong(), own, TWO, how=how) for own in (first, second))
     at = len(first)
@@ -160,7 +163,7 @@ def test_a_long_gap_in_an_input_begins_a_new_run(kind):
     recording, _ = swerving(10.0)
     steer = recording["steer"].copy()
     steer[200:300] = np.nan
-    found = track(true_simrod(), changed(recording, steer=steer), how=How(kind, noise=QUIET))
+    found = track(true_simrod(), changed(recording, steer=steer), how=TrackOptions(kind, noise=QUIET))
     np.testing.assert_array_equal(found.rows, [*range(200), *range(300, 500)])
     assert list(np.unique(found.run)) == [0, 1]
     assert any("starts anew" in sentence for sentence in found.sentences)
@@ -172,7 +175,7 @@ def test_a_glitch_of_the_steering_is_bridged_and_said_and_moves_nothing(kind):
     steer = recording["steer"].copy()
     steer[400] += 0.2
     clean, glitch = (
-        track(true_simrod(), own, how=How(kind, noise=WALKS | NOISES))
+        track(true_simrod(), own, how=TrackOptions(kind, noise=WALKS | NOISES))
         for own in (recording, changed(recording, steer=steer))
     )
     (said,) = glitch.sentences
@@ -189,7 +192,7 @@ def test_a_glitch_of_a_reading_is_gated(kind):
     a_y = recording["a_y"].copy()
     a_y[500] += 50 * NOISES["noise_a_y"]
     clean, glitch = (
-        track(true_simrod(), own, how=How(kind, noise=WALKS | NOISES))
+        track(true_simrod(), own, how=TrackOptions(kind, noise=WALKS | NOISES))
         for own in (recording, changed(recording, a_y=a_y))
     )
     off = np.abs(glitch.values["sideslip"] - clean.values["sideslip"])
@@ -266,7 +269,7 @@ def reference():
 @both_kinds
 def test_an_independent_vehicle_is_tracked_with_a_driving_force_nobody_recorded(kind, reference):
     recording, truth = reference
-    found = track(build("single_track", None, None, vehicle("full_size_car")), recording, how=How(kind))
+    found = track(build("single_track", None, None, vehicle("full_size_car")), recording, how=TrackOptions(kind))
     assert found.tracked == ("drive_force",)
     off = found.values["sideslip"] - np.arctan2(truth["true_v_y"], truth["true_v_x"])
     late = found.time > 2.0
@@ -326,10 +329,10 @@ def test_an_effect_is_tracked_without_being_in_the_model():
 
 def test_in_plain_python_it_is_the_same(monkeypatch):
     recording, _ = shaken(2.0)
-    compiled = {kind: track(wrong(), recording, TWO, how=How(kind, tune=0)) for kind in ("ekf", "ukf")}
+    compiled = {kind: track(wrong(), recording, TWO, how=TrackOptions(kind, tune=0)) for kind in ("ekf", "ukf")}
     monkeypatch.setenv("GREYBOX_COMPILE", "0")
     for kind, expected in compiled.items():
-        found = track(wrong(), recording, TWO, how=How(kind, tune=0))
+        found = track(wrong(), recording, TWO, how=TrackOptions(kind, tune=0))
         for name in expected.values:
             np.testing.assert_allclose(found.values[name], expected.values[name], rtol=1e-8, atol=1e-9)
             np.testing.assert_allclose(found.sds[name], expected.sds[name], rtol=1e-7)

@@ -10,7 +10,7 @@ from motion import SHAPE, car, recorded
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting import attempt
 from greybox_id.fitting.attempt import _walled, off_bounds, starting_points
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
@@ -20,11 +20,11 @@ def test_what_is_believed_near_its_bound_begins_inside():
     """With all delays at none, readings jump with commands and no derivative says so."""
     model = build("single_track") + EFFECTS["steering_delay"] + EFFECTS["steering_lag"]
     model = model.with_parameters(replace(model["steering_delay"], prior=Prior(0.002)))
-    for point in starting_points(model, How(starts=3)):
+    for point in starting_points(model, FitOptions(starts=3)):
         found = dict(zip([own.name for own in model.parameters], point, strict=True))
         assert 0.0 < found["steering_delay"] < 0.02
         assert found["steering_lag"] == 0.0, "nothing is believed of it"
-    first = starting_points(model, How())[0]
+    first = starting_points(model, FitOptions())[0]
     assert np.flatnonzero(first != model.values).tolist() == [
         [own.name for own in model.parameters].index("steering_delay")
     ]
@@ -59,6 +59,6 @@ def test_short_horizons_over_some_rows_lead_to_the_same_optimum(monkeypatch):
     found = []
     for rows in (attempt.SHORT_ROWS, 200):
         monkeypatch.setattr(attempt, "SHORT_ROWS", rows)
-        found.append(attempt.refitted(simulator, recordings, simulator.trace.model.values, How()))
+        found.append(attempt.refitted(simulator, recordings, simulator.trace.model.values, FitOptions()))
     assert np.any(found[0] != found[1])
     assert found[1] == pytest.approx(found[0], rel=1e-5)

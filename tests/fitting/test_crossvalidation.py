@@ -13,7 +13,7 @@ from greybox_id.base.errors import GreyboxError
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.fitting.crossvalidation import blocks, choose_strengths, choose_structure
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
 
@@ -81,7 +81,7 @@ def test_every_strength_tried_is_on_record_with_its_error():
 def test_a_recording_too_short_to_hold_anything_out_is_fitted_or_refused_in_a_sentence(rows):
     model = replace(linear_toy(4, Prior(1.0, strength="s")), sample_time=DT)
     with suppress(GreyboxError):
-        assert np.isfinite(fit(model, [drive(rows)], how=How(solver="gauss-newton")).stages[0].history[-1])
+        assert np.isfinite(fit(model, [drive(rows)], how=FitOptions(solver="gauss-newton")).stages[0].history[-1])
 
 
 def test_the_structure_that_generated_the_data_is_chosen_among_others():

@@ -12,7 +12,7 @@ from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.solvers.gauss_newton import Status
 from greybox_id.fitting import attempt as attempts
 from greybox_id.fitting import motion as motion_fits
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
@@ -48,7 +48,7 @@ def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
         return replace(true(problem, x, **{**options, "max_steps": 0}), status=Status.STALLED, x=x)
 
     monkeypatch.setattr(attempts, "gauss_newton", stuck)
-    how = How(horizon=1.0, start_from="measured", solver="gauss-newton")
+    how = FitOptions(horizon=1.0, start_from="measured", solver="gauss-newton")
     said = []
     found = fit(quick(), [driven("lateral", runs=1)], how=how, say=lambda line, passing=False: said.append(line))
     assert any("no step was taken; trying start 1 of other starts" in line for line in said)
@@ -59,7 +59,7 @@ def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
 
 def test_a_fit_that_ends_well_tries_nothing_else(monkeypatch):
     monkeypatch.setenv("GREYBOX_COMPILE", "0")
-    found = fit(quick(), [driven("lateral", runs=1)], how=How(horizon=1.0, start_from="measured"))
+    found = fit(quick(), [driven("lateral", runs=1)], how=FitOptions(horizon=1.0, start_from="measured"))
     assert found.stages[0].fallbacks == ()
     assert found.how["unfitted"]["I_z"] == float(quick()["I_z"].array)
 

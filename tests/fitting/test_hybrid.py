@@ -11,7 +11,7 @@ from greybox_id.datasets.recording import Source, join
 from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import How, quiet
+from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.provenance import data_record
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.training import mirrored, update_hybrid, window_error
@@ -34,7 +34,7 @@ def _brief():
 def trained(name, recordings, seed=0, settings=SMALL, **more):
     model = prepared(name, join(recordings, "training"), settings, vehicle=VEHICLE)
     model = model.with_parameters(replace(model["I_z"], fixed=True))
-    return fit(model, recordings, how=How(seed=seed, **more))
+    return fit(model, recordings, how=FitOptions(seed=seed, **more))
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +73,7 @@ def test_the_fit_tells_what_stopped_it_and_how_far_off_it_is(stiffness):
 def test_training_is_carried_on_with_other_tyres_and_without_the_old_drives(stiffness):
     new = [recorded(steps(0.02), 14.0, 0.8 * C_F, 0.8 * C_R), recorded(sine(0.03, 0.5), 12.0, 0.8 * C_F, 0.8 * C_R)]
     sensors = {"a_y": 0.2, "yaw_rate": 0.01, "sideslip": 0.004}  # the network's own errors are no smaller
-    told = update_hybrid(stiffness.model, new, How(noise=sensors), quiet)
+    told = update_hybrid(stiffness.model, new, FitOptions(noise=sensors), quiet)
     other = recorded(steps(-0.025), 13.0, 0.8 * C_F, 0.8 * C_R)
     before, after = (apply_hybrid(replace(stiffness, model=m), other) for m in (stiffness.model, told.model))
     usual = apply_hybrid(stiffness, recorded(steps(-0.025), 13.0, C_F, C_R))
@@ -90,13 +90,13 @@ def test_training_is_carried_on_with_other_tyres_and_without_the_old_drives(stif
 
 def test_where_nothing_changed_training_goes_nowhere(stiffness):
     same = [recorded(steps(0.02), 14.0, C_F, C_R), recorded(sine(0.03, 0.5), 12.0, C_F, C_R)]
-    told = update_hybrid(stiffness.model, same, How(), quiet)
+    told = update_hybrid(stiffness.model, same, FitOptions(), quiet)
     held_out = told.stage.history
     assert held_out[told.stage.steps] <= held_out[0]
     found = apply_hybrid(replace(stiffness, model=told.model), recorded(steps(-0.025), 13.0, C_F, C_R))
     assert np.nanmax(np.abs(found["C_alpha_f"] / C_F - 1)) < 0.03
     with pytest.raises(BadInput, match="takes 5 pieces of 85 unbroken rows; there are 2"):
-        update_hybrid(stiffness.model, [same[0].rows(0, 180)], How(), quiet)
+        update_hybrid(stiffness.model, [same[0].rows(0, 180)], FitOptions(), quiet)
 
 
 @pytest.mark.slow
@@ -195,7 +195,7 @@ def test_progress_is_told_and_an_interruption_keeps_the_best():
 
     recordings = manoeuvres(C_F, C_R)[:3]
     model = prepared("hybrid_force", join(recordings, "training"), {"hidden": [3]}, vehicle=VEHICLE)
-    found = fit(model, recordings, how=How(), say=say)
+    found = fit(model, recordings, how=FitOptions(), say=say)
     assert found.stages[0].status == "interrupted"
     assert "held out" in heard[0]
 

@@ -11,7 +11,7 @@ from driven import driven, written
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.hybrid.cell import Cell
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import How, quiet
+from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.networks import fit_network
 from greybox_id.fitting.pretraining import Pretraining, faster, known_physics, taught
 from greybox_id.fitting.scores.prediction import simulate
@@ -42,7 +42,7 @@ def vehicle():
 def test_a_network_learns_the_motion_to_near_the_noise(laps):
     """Readings have noise of 0.02 m/s and 0.005 rad/s."""
     model = prepared("mlp_lateral", laps, {"hidden": [8], "integrator": "euler"})
-    found = fit(model, [laps], validate=driven("lateral", seed=30), how=How(seed=1))
+    found = fit(model, [laps], validate=driven("lateral", seed=30), how=FitOptions(seed=1))
     errors = found.metrics["validate"]["free run"]
     assert errors["v_y"]["rmse"] < 0.03
     assert errors["yaw_rate"]["rmse"] < 0.01
@@ -93,7 +93,7 @@ def test_what_it_teaches_of_higher_speeds_is_not_forgotten(laps, vehicle):
     (fast,) = faster(model, [laps], replace(known, beyond=1.5), seed=9)
     noise, errors = np.array([0.02, 0.005]), []
     for beyond in (1.0, 1.5):
-        found = fit_network(model, [laps], How(seed=1), quiet, replace(known, beyond=beyond)).model
+        found = fit_network(model, [laps], FitOptions(seed=1), quiet, replace(known, beyond=beyond)).model
         errors.append(window_error(found, fast, noise))
     assert errors[1] < 0.7 * errors[0]
 
@@ -116,7 +116,7 @@ def test_bands_of_several_seeds_open_where_nothing_was_trained(laps):
     places = {"inside": driven_at, "outside": middle + 2.5 * (half - middle) * np.sign(driven_at - middle)}
     told = {where: [] for where in places}
     for seed in range(4):
-        trained = fit(model, [laps], how=How(seed=seed)).model
+        trained = fit(model, [laps], how=FitOptions(seed=seed)).model
         for where, at in places.items():
             told[where].append(np.array(Cell(trained).rates(cs.DM(at[:2]), cs.DM(at[2:]), cs.DM(trained.values))))
     inside, outside = (np.median(np.std(told[where], axis=0), axis=1) for where in ("inside", "outside"))

@@ -9,13 +9,13 @@ from toys import DT, drive, joined, linear_toy, looping, obeying_toy, speed_toy,
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.solvers.gauss_newton import Status
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 from greybox_id.models.parameter import Parameter, Prior
 from greybox_id.models.registry import build
 
-QUICK = How(1.0, "gauss-newton")
+QUICK = FitOptions(1.0, "gauss-newton")
 
 
 def silent_toy():
@@ -26,13 +26,13 @@ def silent_toy():
 
 @pytest.mark.parametrize("solver", ["auto", "gauss-newton", "ipopt"])
 def test_every_solver_finds_what_the_recording_tells(solver):
-    found = fit(linear_toy(2), [obeying_toy(np.array([0.5, 1.0]), noise=0.02)], how=How(1.0, solver))
+    found = fit(linear_toy(2), [obeying_toy(np.array([0.5, 1.0]), noise=0.02)], how=FitOptions(1.0, solver))
     np.testing.assert_allclose(found.model["F"].array, [0.5, 1.0], atol=5 * np.max(found.sd["F"]))
     assert found.stages[0].noise["yaw_rate"] == pytest.approx(0.02, rel=0.1)
 
 
 def test_a_certified_fit_is_confirmed_by_ipopt():
-    certificate = fit(linear_toy(2), [obeying_toy(np.ones(2), noise=0.02)], how=How(1.0)).stages[0].certificate
+    certificate = fit(linear_toy(2), [obeying_toy(np.ones(2), noise=0.02)], how=FitOptions(1.0)).stages[0].certificate
     assert certificate.confirmed
     assert certificate.status == "Solve Succeeded"
     assert certificate.objective_after <= certificate.objective_before
@@ -98,7 +98,7 @@ def test_ctrl_c_during_cross_validation_ends_the_search_and_says_so():
             pressed.append(line)
             raise KeyboardInterrupt
 
-    found = fit(tiny("msnn_lat"), [drive(400)], how=How(solver="gauss-newton"), say=say)
+    found = fit(tiny("msnn_lat"), [drive(400)], how=FitOptions(solver="gauss-newton"), say=say)
     assert found.stages[0].strengths_from == "cross-validation, interrupted"
     assert found.stages[0].steps > 0
     assert len(found.stages[0].tried) == 1
@@ -107,12 +107,12 @@ def test_ctrl_c_during_cross_validation_ends_the_search_and_says_so():
 def test_early_stopping_keeps_the_step_that_is_best_on_the_validation_recording():
     F = np.array([0.2, 1.0])
     train, validate = obeying_toy(F, 60, 1, noise=0.3), obeying_toy(F, 400, 2, noise=0.3)
-    found = fit(linear_toy(2), [train], validate=validate, how=How("early stopping"))
+    found = fit(linear_toy(2), [train], validate=validate, how=FitOptions("early stopping"))
     assert found.mode == "early stopping"
     assert found.stages[0].status == Status.EARLY.value
     assert found.stages[0].certificate is None  # Ipopt would carry on to where it was stopped from going
     with pytest.raises(BadInput, match="name one with validation"):
-        fit(linear_toy(2), [train], how=How("early stopping"))
+        fit(linear_toy(2), [train], how=FitOptions("early stopping"))
 
 
 def test_a_run_scoped_parameter_is_told_per_run():
@@ -179,20 +179,20 @@ def test_random_starts_are_finite_beside_an_effect_at_its_infinite_null():
 
 
 def test_an_effect_held_at_its_infinite_null_can_be_certified():
-    fit(tiny("msnn_lat") + steering_rate_limit.at(np.inf), [drive()], how=How(1.0))
+    fit(tiny("msnn_lat") + steering_rate_limit.at(np.inf), [drive()], how=FitOptions(1.0))
 
 
 def test_a_recording_that_the_start_explains_exactly_can_be_fitted():
     model = linear_toy(1).with_values(np.array([2.0]))
     steer = drive()["steer"]
-    fit(model, [drive().with_signals(yaw_rate=np.append(0.0, 2.0 * steer[:-1]))], how=How(1.0))
+    fit(model, [drive().with_signals(yaw_rate=np.append(0.0, 2.0 * steer[:-1]))], how=FitOptions(1.0))
 
 
 @pytest.mark.filterwarnings("ignore::RuntimeWarning")
 def test_a_model_that_is_not_finite_at_its_start_is_refused_in_a_sentence():
     model = replace(speed_toy(), equations=lambda u, p, past: {"a_x": past(u.a_x, [p.gain]) / (p.pole - 0.6)})
     with pytest.raises(BadInput):
-        fit(model, [drive()], how=How(1.0, "gauss-newton"))
+        fit(model, [drive()], how=FitOptions(1.0, "gauss-newton"))
 
 
 def test_a_validation_recording_without_a_fed_back_input_is_scored_and_saved(tmp_path):
@@ -203,7 +203,7 @@ def test_a_validation_recording_without_a_fed_back_input_is_scored_and_saved(tmp
 
 def test_cross_validation_is_on_record():
     model = linear_toy(3, Prior(0.5, strength="s"))
-    stage = fit(model, [obeying_toy(np.ones(3), 500, noise=0.2)], how=How(solver="gauss-newton")).stages[0]
+    stage = fit(model, [obeying_toy(np.ones(3), 500, noise=0.2)], how=FitOptions(solver="gauss-newton")).stages[0]
     assert stage.strengths_from == "cross-validation"
     assert len(stage.tried) >= 4
     assert min(error for _, error in stage.tried) == pytest.approx(1.0, rel=0.2)
@@ -219,5 +219,5 @@ def test_early_stopping_keeps_the_start_where_every_step_is_worse_on_the_validat
     train, validate = obeying_toy(np.array([5.0, -5.0]), 60, 1), obeying_toy(np.zeros(2), 400, 2)
     model = linear_toy(2)
     start = model.with_parameters(*(p.with_value(np.zeros(p.shape)) for p in model.parameters))
-    found = fit(start, [train], validate=validate, how=How("early stopping"))
+    found = fit(start, [train], validate=validate, how=FitOptions("early stopping"))
     assert np.all(found.model.values == 0.0)

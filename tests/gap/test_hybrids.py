@@ -9,7 +9,7 @@ import greybox_id as gb
 from greybox_id.api.diagnosing import must_have_gaps, of_fit
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS
@@ -20,7 +20,7 @@ pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 def trained_on(laps, name):
     model = prepared(name, laps, {"hidden": [8]})
-    return fit(model, [laps], validate=driven("lateral", seed=30), how=How(seed=1))
+    return fit(model, [laps], validate=driven("lateral", seed=30), how=FitOptions(seed=1))
 
 
 @pytest.fixture(scope="module")

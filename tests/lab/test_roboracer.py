@@ -7,7 +7,7 @@ Published figures: Mungiello et al., Tables 1 and 2.
 import pytest
 
 from greybox_id.datasets.read import read
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
 
@@ -20,7 +20,7 @@ def recordings(real_data):
 
 def test_the_lateral_network_predicts_the_yaw_rate_as_well_as_the_authors_with_their_protocol(recordings):
     train, valid = recordings
-    found = fit(prepared("msnn_lat", train), [train], validate=valid, how=How(strengths=1.0))
+    found = fit(prepared("msnn_lat", train), [train], validate=valid, how=FitOptions(strengths=1.0))
     errors = found.metrics["validate"]
     assert found.model.size == 160
     assert errors["published"]["yaw_rate"]["rmse"] <= 0.109
@@ -30,14 +30,14 @@ def test_the_lateral_network_predicts_the_yaw_rate_as_well_as_the_authors_with_t
 def test_sixty_percent_of_the_training_data_are_enough_for_the_published_error_of_all_of_them(recordings):
     train, valid = recordings
     part = train.rows(0, round(0.6 * len(train)))
-    found = fit(prepared("msnn_lat", part), [part], validate=valid, how=How(strengths=1.0))
+    found = fit(prepared("msnn_lat", part), [part], validate=valid, how=FitOptions(strengths=1.0))
     assert found.metrics["validate"]["published"]["yaw_rate"]["rmse"] <= 0.137
 
 
 @pytest.mark.slow
 def test_the_closed_loop_costs_the_yaw_rate_less_than_three_percent(recordings):
     train, valid = recordings
-    found = fit(prepared("msnn_full", train), [train], validate=valid, how=How(strengths=1.0))
+    found = fit(prepared("msnn_full", train), [train], validate=valid, how=FitOptions(strengths=1.0))
     errors = found.metrics["validate"]
     assert found.model.size == 544
     assert errors["published"]["yaw_rate"]["rmse"] <= 0.109
@@ -50,7 +50,7 @@ def test_the_closed_loop_costs_the_yaw_rate_less_than_three_percent(recordings):
 def test_additions_beyond_the_paper_help_where_they_should(recordings):
     train, valid = recordings
     settings = {"lat": {"n_delta": 5}, "steering_rate_limit": 3.5, "symmetric": False}
-    found = fit(prepared("msnn_full_plus", train, settings), [train], validate=valid, how=How(strengths=1.0))
+    found = fit(prepared("msnn_full_plus", train, settings), [train], validate=valid, how=FitOptions(strengths=1.0))
     errors = found.metrics["validate"]
     assert errors["honest"]["yaw_rate"]["rmse"] <= 0.0945
     assert errors["published"]["a_x"]["rmse"] <= 0.50

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import join
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
@@ -18,7 +18,7 @@ from greybox_lab.virtual.synthetic_simrod import make
 def test_forces_and_stiffnesses_of_held_out_manoeuvres_are_within_the_bars(name):
     recordings = [test.recording for test in make(0, "train")]
     model = prepared(name, join(recordings, "training"), vehicle=vehicle("simrod"))
-    found = fit(model, recordings, how=How())
+    found = fit(model, recordings, how=FitOptions())
     relative = []
     for test in make(0, "held out"):
         estimates = apply_hybrid(found, test.recording)

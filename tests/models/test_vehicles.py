@@ -7,7 +7,7 @@ from linearised import matrices
 
 from greybox_id.base.errors import BadInput, BadModel
 from greybox_id.fitting.choices.parameters import Choices
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.models.tyres import TYRES
@@ -54,10 +54,12 @@ def test_what_is_not_stated_is_scaled_with_mass_and_size():
 
 
 def test_what_is_said_of_mass_scales_what_nothing_is_said_of():
-    chosen = Wanted("longitudinal", choices=Choices(fix=("m=1.58kg", "wheel_radius=36mm"), start=("c_0=0.5N",))).model()
+    chosen = RequestedModel(
+        "longitudinal", choices=Choices(fix={"m": "1.58kg", "wheel_radius": "36mm"}, start={"c_0": "0.5N"})
+    ).model()
     assert float(chosen["I_w"].array) == pytest.approx(1.58 / 1450 * (0.036 / 0.32) ** 2)
     assert float(chosen["c_0"].array) == 0.5
-    assert Wanted("longitudinal", choices=Choices(fix=("c_1",))).model()["I_w"].array == 1.0
+    assert RequestedModel("longitudinal", choices=Choices(fix={"c_1": None})).model()["I_w"].array == 1.0
 
 
 def test_a_number_with_an_sd_is_free_with_that_belief():

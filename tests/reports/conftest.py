@@ -9,7 +9,7 @@ from driven import driven, without
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import shipped
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
@@ -32,7 +32,7 @@ def validate():
 @pytest.fixture(scope="session")
 def small_fit(train, validate):
     model = msnn_lat(covering_lat(LateralSettings(n_delta=3, q=5), train))
-    return fit(model, [train], validate=validate, how=How(strengths=1.0, solver="gauss-newton"), command="test")
+    return fit(model, [train], validate=validate, how=FitOptions(strengths=1.0, solver="gauss-newton"), command="test")
 
 
 @pytest.fixture(scope="session")
@@ -85,7 +85,7 @@ def motion_fit(laps):
     effects = {"steering_delay": None, "yaw_rate_bias": None}
     model = build("lateral", None, effects, vehicle("full_size_car"))
     model = model.with_parameters(*(replace(model[name], fixed=True) for name in ("m", "C_f", "C_r")))
-    how = How(horizon=2.0, start_from="measured", starts=2)
+    how = FitOptions(horizon=2.0, start_from="measured", starts=2)
     return fit(model, laps[:2], validate=laps[2], how=how, command="greybox fit laps")
 
 

@@ -15,7 +15,7 @@ from greybox_id.cli.report import recordings_of, report
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.fitting.fit import load
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior.verb import SampleOptions, sample
 from greybox_id.fitting.provenance import data_record
 from greybox_id.fitting.verb import fit
@@ -30,7 +30,7 @@ def fitted(tmp_path_factory):
     data = shutil.copy(shipped("racer_valid"), folder / "drive.csv")
     recording = read(data, "roboracer")
     model = msnn_lat(covering_lat(LateralSettings(n_delta=3, q=5), recording))
-    how = How(strengths=1.0, solver="gauss-newton")
+    how = FitOptions(strengths=1.0, solver="gauss-newton")
     return fit(model, [recording], how=how).save(folder / "fit.json")
 
 
@@ -117,7 +117,7 @@ def test_a_report_of_another_name_is_refused_before_anything_is_read(out, fitted
 def test_draws_of_a_posterior_add_bands_and_a_corner_plot(motion_fit, laps, tmp_path):
     names = [f"lap{k}.csv" for k in range(3)]
     read_again = [read(written(lap, tmp_path / name), "canonical") for lap, name in zip(laps[:3], names, strict=True)]
-    how = How(horizon=2.0, start_from="measured", solver="gauss-newton")
+    how = FitOptions(horizon=2.0, start_from="measured", solver="gauss-newton")
     free = ("I_z", "B_f", "B_r")
     model = motion_fit.model.with_parameters(
         *(replace(p, fixed=p.name not in free) for p in motion_fit.model.parameters)

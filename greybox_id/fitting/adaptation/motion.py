@@ -24,9 +24,9 @@ from ...engine.simulation import Prediction
 from ...models.hybrid_model import HybridModel
 from ...models.motion_model import MotionModel
 from ...models.parameter import Parameter, Prior
-from ..choices.wanted import must_be_recorded
+from ..choices.requested_model import must_be_recorded
 from ..fit import Fit
-from ..how import How, quiet
+from ..how import FitOptions, quiet
 from ..scores.metrics import Error, prediction_errors
 from ..scores.prediction import simulate
 from ..training import update_hybrid
@@ -148,13 +148,15 @@ def _free(fit: Fit, free: str) -> tuple[str, ...]:
     return tuple(dict.fromkeys(names))
 
 
-def _how(fit: Fit) -> How:
+def _how(fit: Fit) -> FitOptions:
     """As the fit was made, without its certificate and its further starts."""
     known: Mapping[str, Any] = fit.how
     if isinstance(fit.model, HybridModel):
-        return How(noise={name: sd for name, sd in fit.stages[0].noise.items() if np.isfinite(sd)}, seed=fit.seed)
+        return FitOptions(
+            noise={name: sd for name, sd in fit.stages[0].noise.items() if np.isfinite(sd)}, seed=fit.seed
+        )
     counted = {name: float(sd) for name, sd in (known.get("counted") or {}).items() if name in fit.model.outputs}
-    return How(
+    return FitOptions(
         solver="gauss-newton", horizon=min(LEAST, known.get("horizon") or LEAST), robust=known.get("robust"),
         start_from=known.get("start_from") or "free", noise=counted, seed=fit.seed,
     )  # fmt: skip
@@ -209,7 +211,7 @@ def _unbroken(recording: Recording) -> list[Recording]:
     return [recording.rows(a, b) for a, b in recording.runs if b - a >= least]
 
 
-def _fitted(held: Equations, train: Sequence[Recording], how: How) -> Equations:
+def _fitted(held: Equations, train: Sequence[Recording], how: FitOptions) -> Equations:
     if isinstance(held, HybridModel):
         return update_hybrid(held, train, how, quiet).model
     return held.with_values(fit_model(held, train, how=how).model.values)
@@ -251,7 +253,12 @@ def _pieces(squares: Mapping[str, Array], scale: Mapping[str, float]) -> Array:
 
 
 def _adapted(
-    model: Equations, fit: Fit, names: Sequence[str], adapted_candidate: AdaptedCandidate, new: Recording, how: How
+    model: Equations,
+    fit: Fit,
+    names: Sequence[str],
+    adapted_candidate: AdaptedCandidate,
+    new: Recording,
+    how: FitOptions,
 ) -> Fit:
     if not adapted_candidate.free:
         return replace(fit, how={**fit.how, "adapted": adapted_candidate.words})

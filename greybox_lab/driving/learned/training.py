@@ -15,7 +15,7 @@ from greybox_id.models.motion_model import MotionModel
 
 from ..racing.stage import PLANE
 from .injection import fingerprint
-from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, Layers, SquaredError, drawn, unpacked
+from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, Layers, SquaredError, Variant, drawn, unpacked
 from .open_loop import OpenLoop
 from .windows import HELD_OUT, StepWindows, data_hash, resampled, windows
 
@@ -71,23 +71,9 @@ def train_actuator_net(
     (('steer', 'yaw_rate', 'v_x'), ('yaw_rate',), 3)
     """
     given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    value = VARIANTS.get(variant)
-    if value is None:
-        raise BadInput(f"There is no variant {variant!r} of actuator networks.{near_or_all(variant, VARIANTS)}")
-    if not given:
-        raise BadInput("There is no recording to train on; name at least one.")
+    value, channel = _checked(given, variant, model)
     if members < 1 or steps < 1:
         raise BadInput(f"members and steps are 1 or more, not {members} and {steps}.")
-    if value.residual and model is None:
-        raise BadInput("A residual network adds to a model: give it with model=.")
-    if model is not None and not value.residual:
-        raise BadInput(f"Networks of variant {variant} add to no model; omit model, or ask for 'residual'.")
-    channel = "" if DRIVE not in value.inputs else _channel(given, model)
-    for recording in given:
-        recording.require(
-            [channel if name == DRIVE else name for name in value.inputs], f"an actuator network ({variant})"
-        )
-        recording.must_run()
     step = round(given[0].sample_time, 9) if sample_time is None else float(sample_time)
     if not step > 0:
         raise BadInput(f"sample_time: s above zero are needed, not {sample_time!r}.")
@@ -131,6 +117,26 @@ def train_actuator_net(
         sigma=np.maximum(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)), 1e-9), channel=channel,
         model="" if model is None else fingerprint(model), data=data_hash(even, value.inputs, channel), trained=about,
     )  # fmt: skip
+
+
+def _checked(given: Sequence[Recording], variant: str, model: MotionModel | None) -> tuple[Variant, str]:
+    """The variant, and the drive's command that it reads."""
+    value = VARIANTS.get(variant)
+    if value is None:
+        raise BadInput(f"There is no variant {variant!r} of actuator networks.{near_or_all(variant, VARIANTS)}")
+    if not given:
+        raise BadInput("There is no recording to train on; name at least one.")
+    if value.residual and model is None:
+        raise BadInput("A residual network adds to a model: give it with model=.")
+    if model is not None and not value.residual:
+        raise BadInput(f"Networks of variant {variant} add to no model; omit model, or ask for 'residual'.")
+    channel = "" if DRIVE not in value.inputs else _channel(given, model)
+    for recording in given:
+        recording.require(
+            [channel if name == DRIVE else name for name in value.inputs], f"an actuator network ({variant})"
+        )
+        recording.must_run()
+    return value, channel
 
 
 class _Scaling:

@@ -50,7 +50,7 @@ SPUN, HALTED, HALTED_FOR = 1.0, 0.2, 1.0
 CRASH, BEYOND, OFF, HASTY, LIMIT = -10.0, 1.0, 0.5, 0.05, 0.98
 """Reward of a crash; weights of driving beyond `LIMIT` of the grip, beside the path, and hastily."""
 SLOWEST_WANTED = 0.5
-"""Wanted speed, m/s, that an action of -1 stands for where actions are speeds."""
+"""RequestedModel speed, m/s, that an action of -1 stands for where actions are speeds."""
 REACHED = 10.0
 """Periods in which a wanted speed is driven to."""
 AT_ONCE = 2

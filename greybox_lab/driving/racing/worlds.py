@@ -8,7 +8,7 @@ from typing import Any
 
 from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.fitting.choices.parameters import magnitudes
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.models.kinds import must_be
 from greybox_id.models.model import Model
 from greybox_id.models.motion_model import MotionModel
@@ -66,7 +66,7 @@ def world(
         raise BadInput(f"A track has no option {unknown[0]!r}.{known}")
     stated = vehicle if isinstance(vehicle, Vehicle) else vehicle_named(str(vehicle))
     names = (effects,) if isinstance(effects, str) else tuple(effects)
-    result = model if not isinstance(model, str) else Wanted(model, stated, effects=magnitudes(names)).model()
+    result = model if not isinstance(model, str) else RequestedModel(model, stated, effects=magnitudes(names)).model()
     moving = drivable(result)
     how = Rules(**rules)
     line = None

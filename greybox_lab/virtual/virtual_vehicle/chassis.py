@@ -274,22 +274,38 @@ def motion(car: Car, s: Row, given: Row, spin: Row, seen: Row, wheels: Grid, rat
         resistance += 0.15 * (share - 1.0) * car.c_0 * rolls
         drag_x *= share**-0.15 if share > 0.1 else 1.0
     more_x, more_y, more_z = moments(car, s, given, seen, wheels, F_xf, F_xr) if car.outside > 0.0 else (0.0, 0.0, 0.0)
+    accelerations(
+        car, s, given, (along - resistance - drag_x + more_x, across - drag_y + more_y, turning + more_z), seen, rate
+    )
+    seen[F_YF], seen[F_YR], seen[FRICTION] = F_yf, F_yr, friction
+
+    rates(car, s, given, seen, (work_f, work_r), rate)
+
+
+@compiled
+def accelerations(car: Car, s: Row, given: Row, forces: tuple[float, float, float], seen: Row, rate: Row) -> None:
+    """What forces along and across [N] and a moment [N m] make of the body: accelerations, sloshing load, roll."""
+    along, across, turning = forces
     m = car.m * car.mass_change * given[MASS]
-    seen[A_X] = (along - resistance - drag_x + more_x) / m
+    seen[A_X] = along / m
     if car.sloshing_load > 0.0:  # a share of the mass pushes sideways with an acceleration of its own
-        seen[A_Y] = (across - drag_y + more_y - car.sloshing_load * m * s[SLOSH]) / (m * (1.0 - car.sloshing_load))
+        seen[A_Y] = (across - car.sloshing_load * m * s[SLOSH]) / (m * (1.0 - car.sloshing_load))
         w = 2.0 * pi * 0.8 / car.time
         rate[SLOSH], rate[SLOSH_RATE] = s[SLOSH_RATE], w * w * (seen[A_Y] - s[SLOSH]) - 0.3 * w * s[SLOSH_RATE]
     else:
-        seen[A_Y] = (across - drag_y + more_y) / m
+        seen[A_Y] = across / m
         rate[SLOSH] = rate[SLOSH_RATE] = 0.0
-    seen[YAW_ACCELERATION] = (turning + more_z) / (car.I_z * car.yaw_inertia)
+    seen[YAW_ACCELERATION] = turning / (car.I_z * car.yaw_inertia)
     w = 2.0 * pi * car.roll_frequency
     seen[ROLL_ACCELERATION] = (
         w * w * (car.roll_dynamics * seen[A_Y] - s[ROLL]) - 2.0 * car.roll_damping * w * s[ROLL_RATE]
     )
-    seen[F_YF], seen[F_YR], seen[FRICTION] = F_yf, F_yr, friction
 
+
+@compiled
+def rates(car: Car, s: Row, given: Row, seen: Row, work: tuple[float, float], rate: Row) -> None:
+    """The rest of d(state)/dt: speeds, place, heat of tyres (`work`, N, of front and rear) and of brakes."""
+    v_x, v_y, r, yaw, (work_f, work_r) = s[V_X], s[V_Y], s[YAW_RATE], s[YAW], work
     uphill, leftwards = hills(car, s[X], s[Y], yaw)
     rate[V_X] = seen[A_X] + r * v_y - car.weight_along - G * uphill
     rate[V_Y] = seen[A_Y] - r * v_x - car.weight_across - G * leftwards

@@ -21,7 +21,7 @@ from greybox_id.fitting.adaptation.choosing import (
 )  # fmt: skip
 from greybox_id.fitting.adaptation.outcome import parted
 from greybox_id.fitting.adaptation.verb import adapt
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.fitting.scores.timing import run_delays
 from greybox_id.fitting.verb import fit
@@ -37,7 +37,7 @@ def trained():
 @pytest.fixture(scope="module")
 def fitted(trained):
     model = prepared("msnn_bench_lat", trained)
-    return fit(model, [trained], how=How(strengths=1.0, solver="gauss-newton"))
+    return fit(model, [trained], how=FitOptions(strengths=1.0, solver="gauss-newton"))
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4])

@@ -6,8 +6,9 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.parameters import Choices, magnitudes, noise_of, with_choices
-from greybox_id.fitting.choices.wanted import Wanted, doubts
+from greybox_id.fitting.choices.parameters import Choices, magnitudes, with_choices
+from greybox_id.fitting.choices.requested_model import RequestedModel, doubts
+from greybox_id.fitting.how import FitOptions
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import ChosenModel, Stated
 from greybox_id.models.vehicle_file import vehicle
@@ -19,7 +20,7 @@ def car():
 
 
 def test_a_fixed_parameter_is_held_where_it_stands_or_where_it_is_put(car):
-    model = with_choices(car, Choices(fix=["I_z", "m=1.5 t"]))
+    model = with_choices(car, Choices(fix={"I_z": None, "m": "1.5 t"}))
     assert model["I_z"].fixed
     assert model["I_z"].array == car["I_z"].array
     assert model["m"].fixed
@@ -32,13 +33,13 @@ def test_a_freed_parameter_is_estimated(car):
 
 
 def test_a_prior_frees_its_parameter_and_moves_it_to_its_mean(car):
-    model = with_choices(car, Choices(prior=["l_f=1.2±0.05m"]))
+    model = with_choices(car, Choices(prior={"l_f": "1.2±0.05m"}))
     own = model["l_f"]
     assert (own.fixed, float(own.array), own.prior.mean, own.prior.sd) == (False, 1.2, 1.2, 0.05)
 
 
 def test_a_start_leaves_the_belief_where_it_was(car):
-    model = with_choices(car, Choices(start=["I_z=2000"]))
+    model = with_choices(car, Choices(start={"I_z": "2000"}))
     assert model["I_z"].array == 2000.0
     assert model["I_z"].prior == car["I_z"].prior
 
@@ -48,7 +49,7 @@ def test_a_parameter_per_run_has_that_scope(car):
 
 
 def test_choices_reach_the_parts_of_a_model_with_memory():
-    model = with_choices(build("msnn_full"), Choices(fix=["m"]))
+    model = with_choices(build("msnn_full"), Choices(fix={"m": None}))
     assert model["m"].fixed
     assert all(part["m"].fixed for part in model.parts if "m" in part)
 
@@ -56,16 +57,18 @@ def test_choices_reach_the_parts_of_a_model_with_memory():
 @pytest.mark.parametrize(
     ("choices", "says"),
     [
-        (Choices(fix=["masss=3"]), "no parameter masss"),
-        (Choices(fix=["I_zz=3"]), "Did you mean I_z?"),
-        (Choices(fix=["m=3.5m"]), "fix m: unit"),
-        (Choices(fix=["m=0.1kg"]), "0.1 kg is outside what models take for it, 0.5 to 60000 kg"),
+        (Choices(fix={"masss": "3"}), "no parameter masss"),
+        (Choices(fix={"I_zz": "3"}), "Did you mean I_z?"),
+        (Choices(fix={"m": "3.5m"}), "fix m: unit"),
+        (Choices(fix={"m": "0.1kg"}), "0.1 kg is outside what models take for it, 0.5 to 60000 kg"),
         (Choices(free=["steering_delay"]), "effects steering_delay"),
-        (Choices(prior=["B_f=6"]), "MEAN±SD"),
-        (Choices(prior=["B_f"]), "is not NAME=MEAN±SD"),
-        (Choices(start=["l_f=1.4"]), "free l_f"),
-        (Choices(fix=["B_f"], free=["B_f"]), "fix B_f and free B_f exclude each other"),
-        (Choices(fix=["B_f"], prior=["B_f=6±1"]), "exclude each other"),
+        (Choices(prior={"B_f": "6"}), "MEAN±SD"),
+        (Choices(prior={"B_f": (6.0, -1.0)}), "must be a number above zero"),
+        (Choices(prior={"B_f": [6.0]}), "mean, sd"),
+        (Choices(fix={"m": True}), "a number or a text"),
+        (Choices(start={"l_f": "1.4"}), "free l_f"),
+        (Choices(fix={"B_f": None}, free=["B_f"]), "fix B_f and free B_f exclude each other"),
+        (Choices(fix={"B_f": None}, prior={"B_f": "6±1"}), "exclude each other"),
         (Choices(per_run=["l_f"]), "free l_f"),
     ],
 )  # fmt: skip
@@ -76,7 +79,7 @@ def test_what_cannot_be_said_of_a_parameter_is_a_sentence(car, choices, says):
 
 def test_an_array_cannot_be_replaced_by_a_number():
     with pytest.raises(BadInput, match="array of"):
-        with_choices(build("msnn_lat"), Choices(fix=["F=1"]))
+        with_choices(build("msnn_lat"), Choices(fix={"F": "1"}))
 
 
 def test_effects_are_free_held_or_believed():
@@ -102,7 +105,7 @@ def test_what_is_no_effect_is_a_sentence(written, says):
 
 
 def test_a_free_effect_takes_what_the_vehicle_states_of_it_and_starts_where_it_is_plainly_there():
-    wanted = Wanted("lateral", vehicle("full_size_car"), effects=magnitudes(["steering_lag"]))
+    wanted = RequestedModel("lateral", vehicle("full_size_car"), effects=magnitudes(["steering_lag"]))
     own = wanted.model()["steering_lag"]
     assert not own.fixed
     assert own.prior is not None
@@ -112,30 +115,39 @@ def test_a_free_effect_takes_what_the_vehicle_states_of_it_and_starts_where_it_i
 
 def test_effects_of_models_with_memory_need_a_magnitude():
     with pytest.raises(BadInput, match="effects steering_rate_limit=VALUE"):
-        Wanted("msnn_lat", effects=magnitudes(["steering_rate_limit"])).model()
-    assert Wanted("msnn_lat", effects=magnitudes(["steering_rate_limit=2"])).model()["steering_rate_limit"].array == 2.0
+        RequestedModel("msnn_lat", effects=magnitudes(["steering_rate_limit"])).model()
+    held = RequestedModel("msnn_lat", effects=magnitudes(["steering_rate_limit=2"])).model()
+    assert held["steering_rate_limit"].array == 2.0
 
 
 def test_an_effect_that_does_not_apply_is_a_sentence():
     with pytest.raises(Exception, match="motor_lag acts on drive"):
-        Wanted("lateral", effects=magnitudes(["motor_lag"])).model()
+        RequestedModel("lateral", effects=magnitudes(["motor_lag"])).model()
 
 
 def test_noise_is_read_in_the_signals_unit(car):
-    assert noise_of(["yaw_rate=1 deg/s"], car) == pytest.approx({"yaw_rate": 0.0174533})
+    assert FitOptions(noise={"yaw_rate": "1 deg/s"}).noise == pytest.approx({"yaw_rate": 0.0174533})
     with pytest.raises(BadInput, match="Did you mean yaw_rate"):
-        noise_of(["yawrate=1"], car)
+        FitOptions(noise={"yawrate": 1.0}).must_suit(car)
+    with pytest.raises(BadInput, match="above zero"):
+        FitOptions(noise={"yaw_rate": 0.0})
+
+
+def test_numbers_and_texts_say_the_same(car):
+    texts = Choices(fix={"m": "1500 kg"}, prior={"l_f": "1.2±0.05"}, start={"I_z": "2000"})
+    numbers = Choices(fix={"m": 1500}, prior={"l_f": (1.2, 0.05)}, start={"I_z": 2000.0})
+    assert with_choices(car, texts).parameters == with_choices(car, numbers).parameters
 
 
 def test_a_model_is_the_vehicles_own_where_none_is_named():
     with pytest.raises(BadInput, match="names no model; add model"):
-        Wanted(None, vehicle("full_size_car")).model()
+        RequestedModel(None, vehicle("full_size_car")).model()
 
 
 def test_an_effect_stated_at_its_null_is_simulated_there_and_fitted_from_where_it_shows():
     own = vehicle("full_size_car")
     chosen = ChosenModel("single_track", effects={"steering_offset": Stated(0.0, 0.001)})
-    asked = Wanted(None, replace(own, model=chosen))
+    asked = RequestedModel(None, replace(own, model=chosen))
     assert asked.model()["steering_offset"].array == 0.0
     assert asked.models(driven("single_track"))[0]["steering_offset"].array > 0.0
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from driven import driven
 
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior.density import PosteriorDensity
 from greybox_id.fitting.restated import restated
 from greybox_id.fitting.verb import fit
@@ -22,7 +22,7 @@ def fitted(recording, effects=None, **how):
     model = model.with_parameters(
         *(replace(p, fixed=p.name not in free, prior=Prior(0.3 * abs(float(p.array)) + 0.01)) for p in model.parameters)
     )
-    return fit(model, [recording], how=How(solver="gauss-newton", **how))
+    return fit(model, [recording], how=FitOptions(solver="gauss-newton", **how))
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior import verb
 from greybox_id.fitting.posterior.density import PosteriorDensity
 from greybox_id.fitting.posterior.posterior import identity, load_posterior
@@ -31,7 +31,7 @@ def fitted(recording, bounds=None, **how):
     for name, (low, high) in (bounds or {}).items():
         value = np.clip(model[name].array, low, high)
         model = model.with_parameters(replace(model[name], bounds=(low, high), value=value))
-    return fit(model, [recording], how=How(solver="gauss-newton", start_from="measured", **how))
+    return fit(model, [recording], how=FitOptions(solver="gauss-newton", start_from="measured", **how))
 
 
 @pytest.fixture(scope="module")

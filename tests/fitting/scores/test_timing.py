@@ -10,7 +10,7 @@ import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import join
 from greybox_id.fitting.aligning import alignment
-from greybox_id.fitting.how import How, quiet
+from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.scores.timing import (
     RunDelay,
     Timing,
@@ -38,7 +38,7 @@ def new():
 
 @pytest.fixture(scope="module")
 def fitted(trained, new):
-    how = How(strengths=1.0, solver="gauss-newton", calibrate="timing")
+    how = FitOptions(strengths=1.0, solver="gauss-newton", calibrate="timing")
     return fit(prepared("msnn_bench_lat", trained), [trained], validate=new, how=how)
 
 

@@ -7,7 +7,7 @@ import pytest
 from driven import driven
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
@@ -15,7 +15,7 @@ from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 
-QUICK = How(solver="gauss-newton", horizon=1.0, start_from="measured")
+QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 
@@ -103,7 +103,9 @@ def test_standing_under_the_brake_is_named_and_left_out():
     nominal = nominal.with_parameters(*(nominal[name].with_value(value) for name, value in start.items()))
     nominal = nominal.with_parameters(*(replace(p, fixed=p.name not in free, prior=None) for p in nominal.parameters))
     lines = []
-    found = fit(nominal, [tram], how=How(solver="gauss-newton"), say=lambda line, passing=False: lines.append(line))
+    found = fit(
+        nominal, [tram], how=FitOptions(solver="gauss-newton"), say=lambda line, passing=False: lines.append(line)
+    )
     assert any("standing under the brake are left out" in line for line in lines)
     assert found.how["stood"] > 60.0
     low, high = found.interval("m")

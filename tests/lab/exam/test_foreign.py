@@ -117,6 +117,7 @@ def test_a_rough_file_is_off_in_its_peaks_and_not_in_its_slopes():
         assert (0.019 < abs(longer - 1.0) < 0.041) != ("yaw_inertia" in named)
 
 
+@pytest.mark.slow
 def test_a_car_on_springs_leans_out_of_a_turn_and_loads_its_outer_wheels():
     own = drawn("suspended", 4)
     found = ride(own, 20.0)
@@ -166,7 +167,8 @@ def test_a_double_track_without_width_and_height_is_the_single_track():
         assert np.std(told[name] - at[name]) < 0.01 * np.std(at[name])
 
 
-@pytest.mark.parametrize("family", ["tmeasy", pytest.param("slipx", marks=[needs_slipx, pytest.mark.slow])])
+@pytest.mark.slow
+@pytest.mark.parametrize("family", ["tmeasy", pytest.param("slipx", marks=needs_slipx)])
 def test_what_is_identified_fits_what_lacks_nothing(family):
     own = drawn(family, 4)
     stated = identified(own.about, [ride(own, 40.0, seed) for seed in (1, 2)])

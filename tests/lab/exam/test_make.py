@@ -110,7 +110,8 @@ def test_answers_survive_the_file(tmp_path):
     assert read_answer(write_answer(answer, tmp_path / "answer.json")) == answer
 
 
-@pytest.mark.parametrize("tier", ["clean", pytest.param("workshop", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("tier", ["clean", "workshop"])
 def test_an_examination_is_written_and_sealed(tmp_path, tier):
     made = make(tmp_path / "exam", 5, tier, 1, 1, 1, said)
     assert sum(made.counts.values()) == 2

@@ -8,7 +8,7 @@ from toys import drive
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.grid import fit_grid
-from greybox_id.fitting.how import How
+from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.memory import errors, predictions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
@@ -48,7 +48,7 @@ def test_the_authors_loss_is_lowered_where_batches_differ_in_noise():
     train = train.with_signals(yaw_rate=train["yaw_rate"] + loud * rng.standard_normal(1220))
     model = prepared("msnn_bench_lat", train, {"q": 4})
     own = as_the_authors(model, train, train)
-    plain = fit(model, [train], how=How(strengths=0.5, solver="gauss-newton")).model
+    plain = fit(model, [train], how=FitOptions(strengths=0.5, solver="gauss-newton")).model
     loss = [errors(m, predictions(m, train, "published"), "published")["yaw_rate"].rmse for m in (own, plain)]
     assert loss[0] < loss[1]
 
@@ -69,7 +69,7 @@ def found():
         ("MS-NN-bench", "msnn_bench_lat"): {"q": 4}, ("MS-NN-bench", "msnn_bench_long"): {},
         ("G-NN", "gnn"): {"neurons": 2, "gamma": 4},
     }  # fmt: skip
-    how = How(strengths=1.0, solver="gauss-newton")
+    how = FitOptions(strengths=1.0, solver="gauss-newton")
     fits = {key: fit(prepared(key[1], train, own), [train], how=how) for key, own in small.items()}
     car = drive(600, 3)
     adapted = {("single_mass", kind): adapt(own, car, trained=[train]) for (_, kind), own in fits.items()}
@@ -94,6 +94,7 @@ def test_models_are_compared_at_the_same_rows(found):
         assert own["distinguished"] == (own["low"] > 0 or own["high"] < 0)
 
 
+@pytest.mark.slow
 def test_the_report_holds_tables_and_figures_beside_the_papers(found, tmp_path):
     page, paper = write_pages(msnn_report(found), pages_of(tmp_path, "msnn"), "greybox bench msnn")
     text = page.read_text(encoding="utf-8")

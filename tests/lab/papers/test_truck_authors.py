@@ -83,6 +83,7 @@ def few(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 def test_particles_come_nearer_and_rows_are_of_the_fifteen_nearest(few):
     kept = KeptBench("truck", few / "kept.json")
     rows = _of_authors(few, quiet, kept)
@@ -129,7 +130,7 @@ def test_ctrl_c_says_where_trainings_are(few, monkeypatch):
     assert "kept.json" in said[-1]
 
 
-@pytest.mark.parametrize("as_published", [True, False])
+@pytest.mark.parametrize("as_published", [pytest.param(True, marks=pytest.mark.slow), False])
 def test_the_same_seed_draws_the_same(few, as_published):
     train = bench.splits(few, bench.published_signs, False)["train"].recording
     one, other, third = (authors_particles(train, 0.5, seed, as_published)["x"] for seed in (0, 0, 1))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.driving.racing.stage import PLANE, Period
 
@@ -12,7 +12,7 @@ from greybox_lab.driving.racing.stage import PLANE, Period
 @pytest.fixture(scope="package")
 def lap():
     """40 s at 50 Hz, straight on and to and fro."""
-    own = Period(Wanted("single_track", vehicle("roboracer")).model(), 0.02)
+    own = Period(RequestedModel("single_track", vehicle("roboracer")).model(), 0.02)
     steer, drive = own.inputs.index("steer"), own.inputs.index(own.drive)
     t = 0.02 * np.arange(2000)
     acting = np.zeros((len(t), len(own.inputs)))

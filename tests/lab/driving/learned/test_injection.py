@@ -7,7 +7,7 @@ import pytest
 from actuator_networks import network
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.fitting.scores.prediction import simulate
 from greybox_id.models.registry import with_effects
 from greybox_id.models.vehicle_file import vehicle
@@ -23,7 +23,7 @@ STEP = 0.02
 
 @pytest.fixture(scope="module")
 def car():
-    return Wanted("single_track", vehicle("roboracer")).model()
+    return RequestedModel("single_track", vehicle("roboracer")).model()
 
 
 class Scaled(ActuatorNet):
@@ -179,9 +179,9 @@ def test_what_does_not_go_together_is_said(car):
     with pytest.raises(BadInput, match="has other values"):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
     with pytest.raises(BadInput, match="drives along no track"):
-        injected(Wanted("lateral", vehicle("roboracer")).model(), own)
+        injected(RequestedModel("lateral", vehicle("roboracer")).model(), own)
     with pytest.raises(BadInput, match="no model of motion"):
-        injected(Wanted("msnn_lat", None).model(), own)
+        injected(RequestedModel("msnn_lat", None).model(), own)
     with pytest.raises(BadInput, match="from 0 to 1"):
         injected(car, own, 1.5)
     with pytest.raises(BadInput, match="one network has no spread"):

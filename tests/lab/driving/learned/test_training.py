@@ -9,7 +9,7 @@ from actuator_networks import network
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.models.registry import with_effects
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.driving.learned.injection import injected
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 @pytest.fixture(scope="module")
 def car():
-    return Wanted("single_track", vehicle("roboracer")).model()
+    return RequestedModel("single_track", vehicle("roboracer")).model()
 
 
 @pytest.fixture(scope="module")

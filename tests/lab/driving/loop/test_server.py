@@ -364,6 +364,7 @@ def test_a_thousand_damaged_bodies_with_right_hashes_are_answered(server, rows, 
     assert sent(server, b"GET /healthz HTTP/1.1\r\nHost: x\r\n\r\n")[0] == 200
 
 
+@pytest.mark.slow
 def test_an_upload_that_a_kill_cuts_off_leaves_nothing(known, rows):
     rows = rows[: rows.rindex(b"\n", 0, -1) + 1]
     with serving(known) as own:

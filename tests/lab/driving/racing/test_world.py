@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.wanted import Wanted
+from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.driving.racing.draws import HAND
 from greybox_lab.driving.racing.environment import world
@@ -85,7 +85,7 @@ def test_it_drives_as_an_independent_car_does(tmp_path):
     car = random_vehicle(3, "racer")
     (tmp_path / "car.toml").write_text(vehicle_file_text(car))
     stated = vehicle(str(tmp_path / "car.toml"))
-    model = Wanted("single_track", stated).model()
+    model = RequestedModel("single_track", stated).model()
     own = World(model, 1, Rules(), steer_max=stated.steer_max)
     v_x, nominal = 3.0, own.stage.equations.values
     own.z[0] = [*own.stage.begun(v_x, nominal)[0], 0.0, 0.0, 0.0]

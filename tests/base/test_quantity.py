@@ -3,7 +3,7 @@
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.parameters import Belief, belief, number
+from greybox_id.base.quantity import Belief, belief, number, pairs
 
 
 @pytest.mark.parametrize(
@@ -64,3 +64,10 @@ def test_a_number_alone_is_a_belief_without_a_standard_deviation():
 def test_a_belief_that_cannot_be_is_a_sentence(text, says):
     with pytest.raises(BadInput, match=says):
         belief(text, "1", "--prior x")
+
+
+def test_pairs_are_values_by_name():
+    assert pairs(["m=3.5kg", "I_z"], "NAME", alone=True) == {"m": "3.5kg", "I_z": None}
+    for text in ("I_z", "=3", "I_z="):
+        with pytest.raises(BadInput, match="is not NAME=VALUE"):
+            pairs([text], "NAME=VALUE")

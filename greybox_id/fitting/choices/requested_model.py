@@ -18,7 +18,7 @@ from ...models.registry import MODELS, build, candidates
 from ...models.vehicle import Stated, Vehicle
 from ...models.vehicle_file import shipped_vehicles
 from ...models.vehicles import with_size
-from .parameters import Choices, Magnitudes, free_effects_suit, started, wanted_model, with_choices
+from .parameters import Choices, Magnitudes, completed, free_effects_suit, started, with_choices
 
 VEHICLES_OF_MAPS = {"roboracer": "roboracer", "truck": "truck", "revs_250lm": "ferrari_250lm", "dart": "dart"}
 """Column map -> the shipped vehicle whose recordings it reads."""
@@ -27,7 +27,7 @@ FAR_OFF = 3.0
 
 
 @dataclass(frozen=True)
-class Wanted:
+class RequestedModel:
     """A model as asked for.
 
     Attributes
@@ -47,16 +47,16 @@ class Wanted:
 
     def models(self, training: Recording) -> list[Model]:
         """The models to fit: several where the settings leave open what cross-validation is to choose."""
-        name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
+        name, settings, effects = completed(self.name, self.settings, self.effects, self.vehicle)
         result = candidates(name, training, settings, effects, self.vehicle)
         return [self._chosen(model, effects) for model in result]
 
     def model(self) -> Model:
         """The model to simulate: an effect stated at its null stands there, which is no place to start a fit."""
-        name, settings, effects = wanted_model(self.name, self.settings, self.effects, self.vehicle)
+        name, settings, effects = completed(self.name, self.settings, self.effects, self.vehicle)
         return self._chosen(build(name, settings, effects, self.vehicle), effects, at_stated=True)
 
-    def or_single_track(self) -> Wanted:
+    def or_single_track(self) -> RequestedModel:
         """The same; of a vehicle that names no model, a single track."""
         is_open = self.name is None and self.vehicle is not None and self.vehicle.model is None
         return replace(self, name="single_track") if is_open else self
