@@ -253,6 +253,7 @@ def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]
                 "value": _number(finding.value),
                 "uncertainty": _number(finding.uncertainty),
                 "unit": finding.unit,
+                "repair": {name: list(source) for name, source in finding.repair.items()},
             }
             for finding in findings
         ],

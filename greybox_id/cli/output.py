@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 import time
 from collections.abc import Iterable, Iterator, Mapping
@@ -42,12 +43,15 @@ def show(parts: Iterable[RenderableType]) -> None:
 
 @contextmanager
 def progress() -> Iterator[Say]:
-    """A live line on a terminal, plain lines elsewhere; all on standard error."""
+    """A live line on a terminal, plain lines elsewhere; all on standard error.
+
+    Lines that pass are plain lines too where GREYBOX_PROGRESS is "all".
+    """
     errors = Screen(errors=True, soft_wrap=True)
     if not errors.is_terminal:
 
         def plain(line: str, passing: bool = False) -> None:
-            if not passing:
+            if not passing or os.environ.get("GREYBOX_PROGRESS") == "all":
                 tell(line)
 
         yield plain

@@ -18,6 +18,7 @@ from ..engine.motion.simulator import Simulator
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.solvers.ipopt import ipopt
 from ..models.motion_model import MotionModel
+from ..models.parameter import unpack
 from .how import FitOptions, Say, quiet
 
 SHORT_HORIZONS = (4, 100)
@@ -176,7 +177,7 @@ def _on_the_way(
             ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
         )
         yield Attempt(ahead, p, solution)
-        say(f"{name}: {rows} rows ahead, {solution.steps} steps", passing=True)
+        say(f"{name}: {rows} rows ahead, {solution.steps} steps; {_place(ahead, solution.x)}", passing=True)
         p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
     problem = _problem(simulator, recordings, noise, how, p)
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
@@ -202,8 +203,8 @@ def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float,
         say(f"{name}: Ipopt, {problem.layout.size} unknowns")
         return ipopt(problem, x)[0]
 
-    def report(step: int, objective: float, _: Array) -> bool:
-        say(f"{name}: step {step}, objective {objective:.6g}", passing=True)
+    def report(step: int, objective: float, x: Array) -> bool:
+        say(f"{name}: step {step}, objective {objective:.6g}; {_place(problem, x)}", passing=True)
         return True
 
     def searched(x: Array) -> Solution:
@@ -224,6 +225,12 @@ def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float,
         further = searched(solution.x)
         solution = replace(further, steps=solution.steps + further.steps, history=solution.history + further.history)
     return solution
+
+
+def _place(problem: MotionProblem, x: Array) -> str:
+    """Where a search is: what it moves, in SI units, as options of the command line write it."""
+    moved = unpack(problem.model.parameters, problem.shared(x))
+    return " ".join(f"{each.name}={float(each.array):.6g}" for each in moved if each.shape == () and not each.fixed)
 
 
 def _walled(problem: MotionProblem, solution: Solution) -> bool:

@@ -30,7 +30,7 @@ def page(document: Document) -> str:
         f":root{{{''.join(f'--{name}:{colour};' for name, colour in colours.items())}}}" for colours in (LIGHT, DARK)
     )
     colours = f"{light}@media(prefers-color-scheme:dark){{{dark}}}"
-    body = "\n".join(_part(part) for part in document.parts)
+    body = "\n".join(part_html(part) for part in document.parts)
     return clean(
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta http-equiv="Content-Security-Policy" content="{POLICY}">\n'
@@ -44,7 +44,8 @@ def page(document: Document) -> str:
     )
 
 
-def _part(part: Part) -> str:
+def part_html(part: Part) -> str:
+    """A part of a report as HTML, escaped; its looks are those of the page that it stands in."""
     match part:
         case Section(title, level):
             return f"<h{level + 1}>{_words(title)}</h{level + 1}>"
@@ -70,7 +71,7 @@ def _part(part: Part) -> str:
             caption = f"<figcaption>{_words(part.caption)}</figcaption>" if part.caption else ""
             return f"<figure>{part.figure.svg(part.alt, colours=False)}{caption}</figure>"
         case Together(parts):
-            return "\n".join(_part(part) for part in parts)
+            return "\n".join(part_html(part) for part in parts)
 
 
 def _table(table: Table) -> str:

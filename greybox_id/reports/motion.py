@@ -50,8 +50,7 @@ from .driven import Driven, Errors, driven, held_errors
 from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
-from .figures.predictions import horizons
-from .figures.style import NEAR
+from .figures.predictions import NEAR, horizons
 from .posterior import posterior_parts
 from .recordings import Seen, shown_first
 from .sections import Sections, sections, seen
@@ -91,9 +90,9 @@ def _sections(
         verdict=tuple(zip(LEADS, verdict(fit, drives, held), strict=True)),
         provenance=_provenance(fit),
         judged=(
-            *_parameters(fit),
+            *estimates(fit),
             *(() if posterior is None else posterior_parts(fit, posterior, drives)),
-            *titled("Errors by horizon", _over_horizons(fit, drives, held), _errors(fit, held), Text(ERRORS)),
+            *titled("Errors by horizon", _over_horizons(fit, drives, held), errors_by_horizon(fit, held), Text(ERRORS)),
         ),
         learned=(*titled("What the model has learned", *_learned(model, fit, drives)), *_equations(model)),
         fitted=titled(
@@ -243,7 +242,8 @@ def _stage_name(stage: Stage, fit: Fit) -> str:
     return f"{stage.model}, {_horizon(fit)}"
 
 
-def _parameters(fit: Fit) -> tuple[Part, ...]:
+def estimates(fit: Fit) -> tuple[Part, ...]:
+    """Parameters, effects, combinations, and what is left open."""
     model = fit.model
     free = [p for p in model.parameters if not p.fixed and p.name not in model.effects]
     open_ = tuple(_printed(sentence) for sentence in told_together(fit))
@@ -291,7 +291,7 @@ def _correlation(fit: Fit) -> Iterator[Drawing]:
             picture,
             "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
             "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
-            "than 0.1 are left unwritten.",
+            "than 0.1 are not printed.",
             "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
         )
 
@@ -313,8 +313,8 @@ def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors
     )
 
 
-def _errors(fit: Fit, held: Mapping[str, Errors]) -> Table:
-    """A row for each output of each role, and one for holding the last reading below it."""
+def errors_by_horizon(fit: Fit, held: Mapping[str, Errors]) -> Table:
+    """A row for each output of each role, and one for holding the last reading below it where that is known."""
     roles = [role for role in ROLE_WORDS if role in fit.metrics]
     protocols = list(dict.fromkeys(protocol for role in roles for protocol in fit.metrics[role]))
     noise = fit.stages[-1].noise
@@ -329,9 +329,10 @@ def _errors(fit: Fit, held: Mapping[str, Errors]) -> Table:
             errors = [metric.get(p, {}).get(name) for p in protocols]
             rows.append((output, f"model, {ROLE_WORDS[role]}", *(_rmse(error) if error else "–" for error in errors)))
             output = f"residual sd {number(noise[name], 2)}" if name in noise and role == roles[0] else ""
-            still = [held[role].get(p, {}).get(name) for p in protocols]
-            rows.append((output, f"held, {ROLE_WORDS[role]}", *(number(e.rmse) if e else "–" for e in still)))
-            output = ""
+            still = [held.get(role, {}).get(p, {}).get(name) for p in protocols]
+            if any(still):
+                rows.append((output, f"held, {ROLE_WORDS[role]}", *(number(e.rmse) if e else "–" for e in still)))
+                output = ""
     return Table(head, tuple(rows), "ll" + "R" * len(protocols))
 
 

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
+from dataclasses import replace
 from pathlib import Path
 from threading import get_ident
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from greybox_id.base.errors import GreyboxError
-from greybox_id.base.numbers import counted, number, percent, pretty_unit, with_interval
+from greybox_id.base.files import held
+from greybox_id.base.numbers import counted, number, percent, pretty_unit
 from greybox_id.base.shorthands import Array
 from greybox_id.base.signals import SIGNALS, unit_of
 from greybox_id.datasets.column_map import shipped_maps
@@ -18,10 +21,14 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.models.motion_model import MotionModel as Model
 from greybox_id.reports.figures.style import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
 
+if TYPE_CHECKING:
+    from greybox_id import Fit as FitResult
+    from greybox_id.gap.gap import Gap, Ranked
+
 __all__ = [
-    "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "Array", "GreyboxError", "counted",
-    "equations", "free_runs", "number", "percent", "pretty_unit", "sentence", "shipped_maps", "unit_of",
-    "with_interval", "write_atomically",
+    "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "Array", "GreyboxError",
+    "cause_words", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "number", "percent",
+    "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_maps", "table_html", "unit_of", "write_atomically",
 ]  # fmt: skip
 
 
@@ -33,6 +40,58 @@ def equations(model: Model) -> list[str]:
 
     shown, _ = readable(traced(model))
     return [in_mathml(equation) for equation in shown]
+
+
+def report_parts(fit: FitResult) -> str:
+    """What the report says of estimates and of errors, as HTML."""
+    from greybox_id.reports.document import Drawing, titled
+    from greybox_id.reports.html import part_html
+    from greybox_id.reports.motion import errors_by_horizon, estimates
+
+    parts = (*estimates(fit), *titled("Errors by horizon", errors_by_horizon(fit, {})))
+    return "\n".join(part_html(part) for part in parts if not isinstance(part, Drawing))
+
+
+def gap_parts(gap: Gap) -> tuple[str, str]:
+    """What the report of a diagnosis says first, and of what could be there unseen, as HTML."""
+    from greybox_id.reports.document import Points, Text, VerdictBox
+    from greybox_id.reports.gap.report import limits_table, unseen
+    from greybox_id.reports.gap.words import verdict
+    from greybox_id.reports.html import part_html
+
+    silent = (Text(" ".join(unseen(gap)), small=False), Points(gap.advice), limits_table(gap))
+    return part_html(VerdictBox(tuple(verdict(gap)))), "\n".join(map(part_html, silent))
+
+
+def table_html(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
+    """A table as reports have it."""
+    from greybox_id.reports.document import Table
+    from greybox_id.reports.html import part_html
+
+    return part_html(Table(head, tuple(rows), "L" * len(head)))
+
+
+def read_gap(path: Path) -> Gap:
+    """A diagnosis that `greybox gap` wrote. Raises `BadInput`."""
+    from greybox_id.reports.gap.saved import load_gap
+
+    return load_gap(path)[0]
+
+
+def cause_words(cause: Ranked) -> str:
+    """Magnitude and probability of a cause, as reports write them."""
+    from greybox_id.reports.gap.words import magnitude_words, probability_words
+
+    return f"{magnitude_words(cause)}, probability {probability_words(cause.probability)}"
+
+
+def companion(recording: Recording, signal: str, values: Array) -> tuple[str, Array] | None:
+    """What a signal, (n,) values, should look like by the others, where they say: in words, and (n,) in its SI unit."""
+    from greybox_id.datasets.checks.pairs import pairs
+
+    with np.errstate(all="ignore"):
+        paired = pairs(replace(recording, signals={**recording.signals, signal: values}))
+        return next(((pair.right, pair.right_values) for pair in paired if pair.nodes[0] == signal), None)
 
 
 def write_atomically(path: Path, text: str) -> None:
@@ -55,6 +114,7 @@ def free_runs(model: Model, recording: Recording) -> Callable[[Model], dict[str,
     from greybox_id.engine.motion.simulator import Simulator
 
     simulator = Simulator(model)
+    simulator.kernel.prepare()
 
     def simulated(moved: Model) -> dict[str, Array]:
         run = Predictor(simulator, recording, moved.values).free_run()

@@ -6,6 +6,7 @@ Every curve differs from the others in its dashes too, so that it is told on a g
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
@@ -146,10 +147,11 @@ def on_cursor(element: ui.echart, moved: Callable[[Any], None]) -> None:
     element.on("chart:rendered", js_handler=listen)
 
 
-def with_curves(element: ui.echart, points: Mapping[str, Points]) -> None:
-    """Draw other points of some curves, by id "strip/curve", and nothing else anew."""
+async def with_curves(element: ui.echart, points: Mapping[str, Points]) -> None:
+    """Draw other points of some curves, by id "strip/curve", and nothing else anew; returns once they are drawn."""
     series = [{"id": name, "data": data} for name, data in points.items()]
-    element.run_chart_method("setOption", {"series": series}, {"silent": True})
+    with suppress(TimeoutError):
+        await element.run_chart_method("setOption", {"series": series}, {"silent": True})
 
 
 def plane(across: str, up: str, points: Points, *, equal: bool = False, dots: bool = False) -> dict[str, Any]:
@@ -184,7 +186,7 @@ def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
     base, whiskers = [0.0], []
     bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}, "label": _label("100 %")}]
     for k, step in enumerate(steps, 1):
-        low, high = sorted((100 * step.start, 100 * (step.start - step.share)))
+        low, high = sorted(round(100 * end, 6) for end in (step.start, step.start - step.share))
         named = step.name != UNNAMED
         look: dict[str, Any] = {"color": BLUE if step.applied else SKY if named else GREY}
         if named and not step.applied:

@@ -48,9 +48,12 @@ def app(files: tuple[str, ...], session: str | None, home: str, port: int, brows
         work.take(paths)
     port, token = port or free_port(), secrets.token_urlsafe(16)
     address = f"http://{HOST}:{port}/?token={token}"
-    if as_json:
-        print_json({"address": address, "session": str(work.session.folder)})
-    else:
-        console().print(address, markup=False, highlight=False, soft_wrap=True)
-    sys.stdout.flush()
-    serve(work, port, token, browser)
+
+    def ready() -> None:
+        if as_json:
+            print_json({"address": address, "session": str(work.session.folder)})
+        else:
+            console().print(address, markup=False, highlight=False, soft_wrap=True)
+        sys.stdout.flush()
+
+    serve(work, port, token, browser, ready)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shlex
 import signal
 import subprocess
@@ -80,6 +81,12 @@ class PageJob:
         return []
 
     @property
+    def place(self) -> dict[str, float]:
+        """Where a fit is: the parameters of its last step so far."""
+        stepped = next((line for line in reversed(self.lines) if "=" in line), "")
+        return {name: float(value) for name, value in re.findall(r"(\w+)=(-?[\d.]+(?:e[-+]?\d+)?)", stepped)}
+
+    @property
     def answer(self) -> dict[str, Any] | None:
         """What it printed; None where it has not, or has failed."""
         with suppress(OSError, ValueError):
@@ -131,7 +138,7 @@ class Jobs:
         folder = self.session / "jobs" / f"{number:03d}_{kind}"
         folder.mkdir(parents=True)
         every = (*words, "--json")
-        environment = os.environ | {"PYTHONUNBUFFERED": "1"}
+        environment = os.environ | {"PYTHONUNBUFFERED": "1", "GREYBOX_PROGRESS": "all"}
         with (folder / "out.json").open("wb") as out, (folder / "log.txt").open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-c", f"{RUN}# {folder}", *every],

@@ -1,4 +1,4 @@
-"""The column map as the page shows it: entries that are decided, questions, answers, repairs; written as TOML.
+"""The column map as the page shows it: entries that are decided, questions, answers; written as TOML.
 
 What a column may be is what `greybox data map` says; nothing is guessed here. An entry is what that command prints of a
 signal, and `use`: True where it is in the map, False where it is not, None while it is a question.
@@ -6,13 +6,12 @@ signal, and `use`: True where it is in the map, False where it is not, None whil
 
 from __future__ import annotations
 
-import json
-import re
 import tomllib
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
+
+import tomli_w
 
 from .beneath import SIGNALS, write_atomically
 
@@ -29,15 +28,9 @@ USUAL_UNITS = {
 TIME_UNITS = ("s", "ms", "us", "ns")
 
 
-def entries_of(answer: Mapping[str, Any], prefix: str = "") -> list[Entry]:
-    """What `greybox data map --json` says of a file as entries; `prefix` stands before its columns, for joining."""
-    entries = []
-    for each in answer["signals"]:
-        entry = dict(each)
-        entry["column"] = prefix + entry["column"]
-        entry["use"] = True if entry["decided"] else None
-        entries.append(entry)
-    return entries
+def entries_of(answer: Mapping[str, Any]) -> list[Entry]:
+    """What `greybox data map --json` says of columns, as entries."""
+    return [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
 
 
 def base_of(proposed: Path, answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -104,115 +97,12 @@ def column_of(entry: Entry, unit: str = "") -> dict[str, Any]:
     return column
 
 
-def as_toml(table: Mapping[str, Any]) -> str:
-    """Plain data as TOML: values, then tables; JSON's strings are TOML's."""
-    plain = [f"{key} = {_value(value)}" for key, value in table.items() if not isinstance(value, Mapping)]
-    lines = ["# Made by greybox app; every command reads it: --columns map.toml", *plain]
-    for key, inner in table.items():
-        if not isinstance(inner, Mapping):
-            continue
-        nested = all(isinstance(value, Mapping) for value in inner.values()) and inner
-        if not nested:
-            lines += ["", f"[{key}]", *(f"{name} = {_value(value)}" for name, value in inner.items())]
-            continue
-        for name, column in inner.items():
-            lines += ["", f"[{key}.{name}]", *(f"{word} = {_value(value)}" for word, value in column.items())]
-    return "\n".join(lines) + "\n"
-
-
 def write_map(
     path: Path, base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]] | None = None
 ) -> None:
     """Write the column map, atomically."""
-    write_atomically(path, as_toml(table_of(base, entries, extra or {})))
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, bool):
-        return "true" if value else "false"
-    if isinstance(value, (int, float)):
-        return f"{value!r}"
-    if isinstance(value, str):
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{name} = {_value(each)}' for name, each in value.items())} }}"
-    return f"[{', '.join(_value(each) for each in value)}]"
-
-
-# ---- repairs: what a finding of `greybox data check` says to do with the map
-
-
-@dataclass(frozen=True)
-class Repair:
-    """A change of the map that a finding asks for.
-
-    Attributes
-    ----------
-    words : on its button.
-    kind : sign, unit, exchange or clock.
-    signals : whose.
-    value : the unit, or the factor that time is divided by.
-    """
-
-    words: str
-    kind: str
-    signals: tuple[str, ...]
-    value: Any = None
-
-
-def repairs_of(sentence: str, channel: str) -> list[Repair]:
-    """What a finding's sentence asks for, as buttons; nothing where it asks for nothing that a map can do."""
-    head, _, rest = sentence.partition(": as mapped,")
-    if not rest:
-        return []
-    named = tuple(_signals(head)) or ((channel,) if channel in SIGNALS else ())
-    turned = re.search(r"Turn the sign of (.+?) in the column map", rest)
-    if turned:
-        signals = tuple(_signals(turned[1]))
-        return [Repair(f"Turn the sign of {' and '.join(signals)}", "sign", signals)]
-    unit = re.search(r'Set unit = "([^"]+)"', rest)
-    if unit and named:
-        return [Repair(f"Read {' and '.join(named)} in {unit[1]}", "unit", named, unit[1])]
-    if ("other's column" in rest and len(named) >= 2) or ("IMU" in head and "other's column" in rest):
-        pair = tuple(name for name in named if name != "yaw_rate")[:2] or ("a_x", "a_y")
-        pair = pair if len(pair) == 2 else ("a_x", "a_y")
-        also = re.search(r"turn the sign of ([\w ,]+)", rest)
-        turning = tuple(_signals(also[1])) if also else ()
-        words = f"Exchange {' and '.join(pair)}" + (f", turn {' and '.join(turning)}" if turning else "")
-        return [Repair(words, "exchange", pair, turning)]
-    clock = re.search(r"divide time by ([\d.e+-]+)", rest)
-    if clock:
-        factor = float(clock[1].rstrip("."))
-        return [Repair(f"Divide time by {factor:g}", "clock", (), factor)]
-    return []
-
-
-def repaired(base: Mapping[str, Any], entries: Sequence[Entry], repair: Repair) -> tuple[dict[str, Any], list[Entry]]:
-    """The map after a repair."""
-    new = [dict(entry) for entry in entries]
-    used = {entry["signal"]: entry for entry in new if entry["use"]}
-    changed = dict(base)
-    if repair.kind == "exchange":
-        one, other = (used[name] for name in repair.signals)
-        one["signal"], other["signal"] = other["signal"], one["signal"]
-        used = {entry["signal"]: entry for entry in new if entry["use"]}
-    turned = repair.value if repair.kind == "exchange" else repair.signals if repair.kind == "sign" else ()
-    for name in turned:
-        if name in used:
-            used[name]["sign"] = -used[name]["sign"]
-    if repair.kind == "unit":
-        for name in repair.signals:
-            if name in used:
-                used[name].update(unit=repair.value, units=[])
-    if repair.kind == "clock":
-        time = dict(changed["time"])
-        time["divide_by"] = time.get("divide_by", 1.0) * repair.value
-        changed["time"] = time
-    return changed, new
-
-
-def _signals(text: str) -> Iterable[str]:
-    return [word for word in re.findall(r"[a-z]\w*", text) if word in SIGNALS]
+    words = "# Made by greybox app; every command reads it: --columns map.toml\n"
+    write_atomically(path, words + tomli_w.dumps(table_of(base, entries, extra or {})))
 
 
 def entries_of_map(path: Path) -> tuple[dict[str, Any], list[Entry]]:

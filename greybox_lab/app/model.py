@@ -1,9 +1,9 @@
-"""The model as the page handles it: sliders, a trace simulated anew while one is dragged, the fit that is asked for."""
+"""The model as the page handles it: sliders, and a trace simulated anew while one is dragged."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -19,6 +19,8 @@ MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
 TYRES = ("pacejka", "linear", "dugoff", "brush")
 MOST_ROWS = 4000
 """Rows that are simulated anew while a slider is dragged."""
+MOST_TRIED = 1200
+"""Rows on which shipped vehicles are compared."""
 WIDE = 4.0
 """A slider spans so many standard deviations of the prior, and a factor of so much where there is none."""
 
@@ -49,6 +51,23 @@ def lacking(name: str, recording: gb.Recording) -> str:
     except gb.GreyboxError as error:
         return sentence(error)
     return ""
+
+
+def nearest_vehicle(name: str, recording: gb.Recording) -> str:
+    """The shipped vehicle whose simulation is nearest to what was recorded, over outputs in units of their spread."""
+    part = recording.rows(0, min(len(recording), MOST_TRIED))
+
+    def error(vehicle: str) -> float:
+        try:
+            model = getattr(gb.models, name)(vehicle=vehicle)
+            run = gb.simulate(model, part)
+        except gb.GreyboxError:
+            return np.inf
+        known = [output for output in model.outputs if part.has(output)]
+        squares = [np.nanmean((run[output] - part[output]) ** 2) / np.nanvar(part[output]) for output in known]
+        return float(np.nan_to_num(np.mean(squares), nan=np.inf))
+
+    return min(gb.vehicles(), key=error)
 
 
 @dataclass(frozen=True)
@@ -134,91 +153,3 @@ class Playground:
     def errors(self, traces: Mapping[str, Array]) -> dict[str, float]:
         """Output -> root mean square of simulated less measured, in its unit."""
         return {name: float(np.sqrt(np.nanmean((trace - self.recording[name]) ** 2))) for name, trace in traces.items()}
-
-
-@dataclass(frozen=True)
-class Request:
-    """A fit or a diagnosis as it is asked for: words of a command and lines of Python, of one and the same thing.
-
-    Attributes
-    ----------
-    name, vehicle, settings, effects : the model.
-    start, fix, free : parameters: where they start; held at a value; estimated though the model holds them.
-    train, validate, before : files, seen from the session's folder.
-    columns, between : how they are read.
-    horizon : s; None for whole runs.
-    """
-
-    name: str
-    vehicle: str = ""
-    settings: Mapping[str, Any] = field(default_factory=dict)
-    effects: Sequence[str] = ()
-    start: Mapping[str, float] = field(default_factory=dict)
-    fix: Mapping[str, float] = field(default_factory=dict)
-    free: Sequence[str] = ()
-    train: Sequence[str] = ()
-    validate: Sequence[str] = ()
-    before: Sequence[str] = ()
-    columns: str = "canonical"
-    between: str = ""
-    horizon: float | None = None
-    seed: int = 0
-
-    @property
-    def _part(self) -> list[str]:
-        return ["--columns", self.columns, *(["--between", self.between] if self.between else [])]
-
-    def fit_words(self, out: str) -> list[str]:
-        """Words of `greybox fit`."""
-        words = ["fit", "--model", self.name]
-        words += ["--vehicle", self.vehicle] if self.vehicle else []
-        for option, pairs in (("--set", self.settings), ("--start", self.start), ("--fix", self.fix)):
-            for name, value in pairs.items():
-                words += [option, f"{name}={value if isinstance(value, str) else repr(value)}"]
-        for option, names in (("--free", self.free), ("--with", self.effects)):
-            for name in names:
-                words += [option, name]
-        words += [*self.train, *self._part]
-        words += ["--validate", self.validate[0]] if self.validate else []
-        words += ["--horizon", repr(self.horizon)] if self.horizon else []
-        return [*words, "--seed", str(self.seed), "--out", out]
-
-    def gap_words(self, fit: str, out: str, since: bool = False) -> list[str]:
-        """Words of `greybox gap`: of a fit, or of the vehicle as it is stated where there is none."""
-        words = ["gap", *self.train]
-        words += ["--since", *self.before] if since else []
-        words += ["--fit", f"{fit}/fit.json"] if fit else ["--model", self.name]
-        words += ["--vehicle", self.vehicle] if self.vehicle else []
-        for file in self.validate:
-            words += ["--held-out", file]
-        return [*words, *self._part, "--seed", str(self.seed), "--out", out]
-
-    def read_code(self) -> str:
-        """Lines of Python that read the recordings."""
-        ends = [f"{float(end)!r}" if end else "None" for end in self.between.split(":")] if self.between else []
-        part = f".between({', '.join(ends)})" if ends else ""
-        lines = ["import greybox_id as gb", ""]
-        for name, files in (("train", self.train), ("held_out", self.validate), ("before", self.before)):
-            if files:
-                lines.append(f"{name} = [gb.read(file, columns={self.columns!r}){part} for file in {list(files)!r}]")
-        return "\n".join(lines)
-
-    def fit_code(self) -> str:
-        """Lines of Python that make the fit that `fit_words` make."""
-        rows = [f"    {self.name!r},", "    train,"]
-        rows += ["    validation=held_out[0],"] if self.validate else []
-        rows += [f"    vehicle={self.vehicle!r},"] if self.vehicle else []
-        pairs = {"settings": dict(self.settings), "start": dict(self.start), "fix": dict(self.fix)}
-        lists = {"free": list(self.free), "effects": list(self.effects)}
-        rows += [f"    {name}={value!r}," for name, value in (pairs | lists).items() if value]
-        options = f"seed={self.seed}" + (f", horizon={self.horizon!r}" if self.horizon else "")
-        rows.append(f"    options=gb.FitOptions({options}),")
-        return "\n".join(["fit = gb.fit(", *rows, ")", "print(fit.summary())"])
-
-    def gap_code(self, fit: bool, since: bool) -> str:
-        """Lines of Python that make the diagnosis that `gap_words` make."""
-        rows = ["    fit," if fit else f"    {self.name!r},", "    train,"]
-        rows += ["    before,"] if since else []
-        rows += ["    held_out=held_out,"] if self.validate else []
-        rows += [f"    vehicle={self.vehicle!r},"] if self.vehicle else []
-        return "\n".join(["gap = gb.diagnose(", *rows, f"    seed={self.seed},", ")", "print(gap.summary())"])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -38,10 +39,10 @@ class Page:
         self.window: tuple[float, float] | None = None
         self.picked: dict[str, Any] = {}
         self._drawing = 0
-        self._ticking: list[Callable[[], None]] = []
+        self._ticking: list[Callable[[], Any]] = []
         self._trouble = self.work.trouble
 
-    async def build(self) -> None:
+    def build(self) -> None:
         """Make the page."""
         ui.colors(primary="#0072b2", negative="#a34a12", accent="#7b3f8c")
         with ui.row(align_items="center").classes("bar"):
@@ -53,8 +54,10 @@ class Page:
         with ui.column().classes("page").props("role=main"):
             self.running = ui.column().classes("w-full")
             self.body = ui.column().classes("w-full")
-        await self.draw()
-        ui.timer(TICK, self._tick)
+        with self.body:
+            ui.spinner(size="2rem")
+        ui.echart({}).style("display: none")  # the browser loads what draws while it waits
+        ui.timer(TICK, self._tick)  # which draws the step once the browser is there
 
     def _button(self, k: int, name: str) -> ui.button:
         async def go() -> None:
@@ -110,7 +113,7 @@ class Page:
 
         def tick() -> None:
             last = next((text for text in reversed(job.lines) if text.strip()), "starting")
-            line.set_text(f"{last[:110]} · {job.seconds:.0f} s")
+            line.set_text(f"{last.partition('; ')[0][:90]} · {job.seconds:.0f} s")
             card.set_visibility(job.seconds > SOON)
 
         tick()
@@ -118,14 +121,15 @@ class Page:
 
     async def _tick(self) -> None:
         for tick in self._ticking:
-            tick()
+            if asyncio.iscoroutine(result := tick()):
+                await result
         if self.work.trouble and self.work.trouble != self._trouble:
             tell(self.work.trouble)
         self._trouble = self.work.trouble
         if self.seen != self.session.version:
             await self.draw()
 
-    def every_tick(self, tick: Callable[[], None]) -> None:
+    def every_tick(self, tick: Callable[[], Any]) -> None:
         """Call several times a second while the step is shown as it is."""
         self._ticking.append(tick)
 

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import socket
 from collections.abc import Awaitable, Callable, MutableMapping
+from contextlib import suppress
 from http.cookies import SimpleCookie
 from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs
 
-from nicegui import app, run, ui
+from nicegui import app, background_tasks, run, ui
 
 from .session import LARGEST
 from .work import Work
@@ -119,10 +121,9 @@ def set_up(work: Work) -> None:
     from .page import Page
 
     @ui.page("/", title=f"greybox app: {work.session.folder.name}", response_timeout=30)
-    async def index() -> None:
+    def index() -> None:
         ui.add_css(CSS)
-        page = Page(work)
-        await page.build()
+        Page(work).build()
 
     @app.get("/session/{name:path}")
     def file(name: str) -> FileResponse:
@@ -138,9 +139,21 @@ def set_up(work: Work) -> None:
     app.on_shutdown(work.session.jobs.stop)
 
 
-def serve(work: Work, port: int, token: str, browser: bool) -> None:
-    """Serve until Ctrl-C."""
+async def _listening(port: int, ready: Callable[[], None]) -> None:
+    """Call once the page can be had."""
+    while True:
+        with suppress(OSError):
+            _, writer = await asyncio.open_connection(HOST, port)
+            writer.close()
+            break
+        await asyncio.sleep(0.02)
+    ready()
+
+
+def serve(work: Work, port: int, token: str, browser: bool, ready: Callable[[], None]) -> None:
+    """Serve until Ctrl-C; `ready` is called once it listens."""
     set_up(work)
+    app.on_startup(lambda: background_tasks.create(_listening(port, ready)))
     app.add_middleware(Guard, token=token, port=port)
     ui.run(
         host=HOST, port=port, title="greybox app", reload=False, show=f"/?token={token}" if browser else False,

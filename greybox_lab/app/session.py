@@ -14,19 +14,18 @@ from __future__ import annotations
 
 import gzip
 import json
-import os
 import re
 import shutil
 from collections.abc import Iterable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Lock
-from typing import IO, Any
+from typing import Any
 
 from greybox_id import BadInput
 
-from .beneath import write_atomically
+from .beneath import held, write_atomically
 from .jobs import Jobs, PageJob
 
 STATE = "recordings.json"
@@ -83,7 +82,12 @@ class Session:
             (self.folder / "recordings").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BadInput(f"{self.folder}: no session can be kept there: {error.strerror}.") from error
-        self._lock, self._changing = _locked(self.folder), Lock()
+        self._changing, self._held = Lock(), ExitStack()
+        try:
+            self._held.enter_context(held(self.folder))
+        except BadInput as error:
+            words = "is open in another greybox app: use its page, or name another session with --session."
+            raise BadInput(f"{self.folder} {words}") from error
         self.jobs = Jobs(self.folder)
         self.state = json.loads(json.dumps(DEFAULTS)) | self._kept()
 
@@ -232,28 +236,5 @@ def named_session(files: Iterable[Path]) -> str:
     """A session's name, after its first file."""
     first = next(iter(files), None)
     if first is None:
-        return "racer"
+        return "drive"
     return re.sub(r"[^\w-]+", "_", safe_name(first.name).split(".")[0]).strip("_") or "session"
-
-
-def _locked(folder: Path) -> IO[str] | None:
-    """A lock that no kill leaves behind. Raises `BadInput` where another process holds the session."""
-    try:
-        import fcntl
-    except ImportError:  # not a system with such locks
-        return None
-    lock = (folder / ".lock").open("a+")
-    try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        lock.seek(0)
-        holder = lock.read().strip()
-        lock.close()
-        raise BadInput(
-            f"{folder} is open in another greybox app{f', process {holder}' if holder else ''}: use its page, or name "
-            "another session with --session."
-        ) from None
-    lock.truncate(0)
-    lock.write(str(os.getpid()))
-    lock.flush()
-    return lock

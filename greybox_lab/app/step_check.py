@@ -11,7 +11,6 @@ from nicegui import ui
 
 from . import charts
 from .beneath import counted
-from .mapping import repairs_of
 from .traces import Shown
 from .widgets import button, heading, quiet, title, verdict
 
@@ -144,6 +143,5 @@ def _finding(page: Page, finding: dict[str, Any], file: str, k: int) -> None:
             ui.space()
             button("Show where", partial(_pick, page, k), f"show-{k}", "flat")
         ui.label(finding["sentence"])
-        if finding["severity"] == "distrust":
-            for repair in repairs_of(finding["sentence"], finding["channel"]):
-                button(repair.words, partial(page.work.repair, repair), "repair")
+        if finding["repair"]:
+            button("Repair the map", page.work.repair, f"repair-{k}")

@@ -6,15 +6,16 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from nicegui import events, ui
 
 import greybox_id as gb
 
 from . import charts
-from .beneath import SIGNALS, counted, pretty_unit, sentence
+from .beneath import SIGNALS, companion, counted, pretty_unit, sentence
 from .mapping import TIME_UNITS, USUAL_UNITS, Entry, column_of, questions, units_for, write_map
 from .session import LARGEST, MAP, ROLES, must_be_small, must_be_takeable, safe_name
-from .traces import Shown, companion
+from .traces import Shown
 from .widgets import button, choose, heading, quiet, tell, title, verdict
 
 if TYPE_CHECKING:
@@ -60,12 +61,12 @@ def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.StripChart]:
 
 
 def _strip(over: Shown, entry: Entry, k: int) -> charts.StripChart:
-    beside = companion(over.recording, entry["signal"])
+    tried = {unit: f"q{k}_{j}" for j, unit in enumerate(units_for(entry)[: len(LOOKS)])}
+    known = {unit: np.asarray(over.recording[name]) for unit, name in tried.items() if name in over.recording}
+    beside = companion(over.recording, entry["signal"], next(iter(known.values()))) if known else None
     curves = [charts.PlottedTrace(beside[0], over.points(beside[1]))] if beside is not None else []
-    for j, unit in enumerate(units_for(entry)[: len(LOOKS)]):
-        if (name := f"q{k}_{j}") in over.recording:
-            words = f"{entry['column']} in {pretty_unit(unit)}"
-            curves.append(charts.PlottedTrace(words, over.points(over.recording[name]), LOOKS[j]))
+    for unit, look in zip(known, LOOKS, strict=False):
+        curves.append(charts.PlottedTrace(f"{entry['column']} in {pretty_unit(unit)}", over.points(known[unit]), look))
     return charts.StripChart(entry["signal"], SIGNALS[entry["signal"]].unit, curves, over.span)
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,51 +16,75 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import number, pretty_unit, unit_of, with_interval
-from .model import Request, longest, nominal
-from .takeaway import request_of
+from .beneath import report_parts
+from .model import Playground, nominal
 from .traces import Shown
-from .widgets import button, choose, heading, quiet, share, shown, table, title, verdict
+from .widgets import button, choose, heading, title, verdict
 
 if TYPE_CHECKING:
+    from .jobs import PageJob
     from .page import Page
 
 HORIZONS = {0.0: "whole runs", 0.2: "0.2 s ahead", 0.5: "0.5 s ahead", 1.0: "1 s ahead", 2.0: "2 s ahead"}
-PROTOCOLS = ("0.5 s ahead", "2 s ahead", "free run")
+
+
+@dataclass
+class Drive:
+    """A recording with what was measured, simulated before the fit, and by the fit.
+
+    Attributes
+    ----------
+    words : what it is to the fit, and its name.
+    bench : simulates it at other parameters.
+    over : it as it is drawn.
+    strips : its curves.
+    """
+
+    words: str
+    bench: Playground
+    over: Shown
+    strips: list[charts.StripChart]
 
 
 async def prepare(page: Page) -> dict[str, Any]:
-    """The fit that is shown, over what it was fitted to and over what was held out."""
+    """The fit that is shown or that runs, over what it is fitted to and over what is held out."""
     session = page.session
     job, answer = page.work.result("fit")
     data: dict[str, Any] = {"job": job, "answer": answer, "drives": []}
-    request = request_of(session, session["fit"])
-    if answer is None or request is None:
+    request = session["requests"].get(session["fit"])
+    if request is None or job is None or (answer is None and not job.running):
         return data
-    fit = await page.off(gb.load, session.folder / session["fit"] / "fit.json")
-    for words, files in (("Fitted to", request.train), ("Held out", request.validate)):
+    model, at = nominal(request["model"]), {**request["model"]["start"], **job.place}
+    if answer is not None:
+        fit = await page.off(gb.load, session.folder / session["fit"] / "fit.json")
+        data["parts"] = await page.off(report_parts, fit)
+        model, at = fit.model, {}
+    before = nominal({**request["model"], "effects": []})
+    for words, files in (("Fitted to", request["train"]), ("Held out", request["validate"])):
         if files:
-            over, strips = await page.off(_drive, page, files[0], fit, request)
-            data["drives"].append((words, files[0].removeprefix("recordings/"), over, strips))
+            recording = await page.off(page.work.recording, files[0])
+            data["drives"].append(
+                await page.off(_drive, f"{words}: {Path(files[0]).name}", model, before, recording, at)
+            )
     return data
 
 
-def _drive(page: Page, file: str, fit: gb.Fit, request: Request) -> tuple[Shown, list[charts.StripChart]]:
-    """A recording with the fit's free run, and with that of the model before it."""
-    recording = longest(page.work.recording(file))
-    over, runs = Shown(recording), {}
+def _drive(
+    words: str, model: gb.MotionModel, before: gb.MotionModel, recording: gb.Recording, at: Mapping[str, float]
+) -> Drive:
+    bench = Playground(model, recording)
+    over, strips = Shown(bench.recording), []
+    runs = {"fit": bench.simulate(at)}
     with suppress(gb.GreyboxError):  # a model that runs away before it is fitted
-        before = {"name": request.name, "vehicle": request.vehicle, "settings": request.settings, "effects": []}
-        runs["before the fit"] = gb.simulate(nominal(before), recording)
-    runs["fit"] = gb.simulate(fit, recording)
-    strips = []
-    for name in filter(recording.has, fit.model.outputs):
-        curves = [charts.PlottedTrace("measured", over.points(np.asarray(recording[name])))]
-        for words, run in runs.items():
-            look = "simulated" if words == "fit" else "before"
-            curves.append(charts.PlottedTrace(words, over.points(np.asarray(run[name])), look))
-        strips.append(charts.StripChart(name, recording.unit(name), curves))
-    return over, strips
+        run = gb.simulate(before, bench.recording)
+        runs = {"before the fit": {name: np.asarray(run[name]) for name in bench.outputs}, **runs}
+    for name in bench.outputs:
+        curves = [charts.PlottedTrace("measured", over.points(np.asarray(bench.recording[name])))]
+        for called, run in runs.items():
+            look = "simulated" if called == "fit" else "before"
+            curves.append(charts.PlottedTrace(called, over.points(run[name]), look))
+        strips.append(charts.StripChart(name, bench.recording.unit(name), curves))
+    return Drive(words, bench, over, strips)
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -81,71 +108,42 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         if job is not None and job.failure:
             verdict("There is no fit.", job.failure, bad=True)
         elif job is not None:
-            lines = ui.html("", sanitize=False).classes("w-full")
-
-            def tick() -> None:
-                lines.set_content(f"<pre class=card>{escape(chr(10).join(job.lines[-14:]))}</pre>")
-
-            page.every_tick(tick)
+            page.every_tick(_live(page, job, _drives(page, data["drives"])))
         return
     usability = answer["verdict"]
     verdict(usability.capitalize() + ".", " ".join(answer["reasons"]), bad=usability == "not usable")
+    _drives(page, data["drives"])
+    ui.html(data["parts"], sanitize=False).classes("w-full")
+
+
+def _drives(page: Page, drives: list[Drive]) -> list[tuple[Drive, ui.echart]]:
+    """Charts of what was fitted to and of what was held out, beside each other."""
+    shown = []
     with ui.element("div").classes("two"):
-        for words, file, over, strips in data["drives"]:
+        for drive in drives:
             with ui.column():
-                title(f"{words}: {file}")
-                options = charts.strips(strips, over.span, height=130, legend=True, cursor=session["cursor"])
-                what = f"{words}: measured, before the fit and fitted"
-                charts.chart(options, charts.height_of(len(strips), 130, True), what).mark(f"drive-{words}")
-    with ui.element("div").classes("two"):
-        with ui.column():
-            _parameters(answer)
-        with ui.column():
-            _errors(answer)
-            _combinations(answer)
-            for stage in answer["stages"][-1:]:
-                quiet(f"{stage['status'].capitalize()} after {stage['steps']} steps.")
+                title(drive.words)
+                options = charts.strips(
+                    drive.strips, drive.over.span, height=130, legend=True, cursor=page.session["cursor"]
+                )
+                what = f"{drive.words}: measured, before the fit and fitted"
+                element = charts.chart(options, charts.height_of(len(drive.strips), 130, True), what)
+                shown.append((drive, element.mark(f"drive-{drive.words.partition(':')[0]}")))
+    return shown
 
 
-def _parameters(answer: dict[str, Any]) -> None:
-    rows = []
-    for name in answer.get("free", []):
-        each = answer["parameters"].get(name)
-        if each is None:
-            continue
-        sure = bool(each["interval"] and each["sd"])
-        low, high = each["interval"] or (0.0, 0.0)
-        value = with_interval(each["value"], low, high, each["sd"]) if sure else number(each["value"])
-        prior = each["prior"] or {}
-        prior_words = f"{number(prior['mean'])} ± {number(prior['sd'], 2)}" if prior.get("mean") is not None else ""
-        rows.append((name, value, pretty_unit(each["unit"]), prior_words, answer["notes"].get(name) or each["about"]))
-    title("Parameters")
-    table(("parameter", "estimate, 95 % interval", "unit", "prior", "note"), rows)
+def _live(page: Page, job: PageJob, drives: list[tuple[Drive, ui.echart]]) -> Callable[[], Awaitable[None]]:
+    """What shows a fit that runs: its steps, and the simulation at each."""
+    lines, last = ui.html("", sanitize=False).classes("w-full"), dict[str, float]()
 
+    async def tick() -> None:
+        lines.set_content(f"<pre class=card>{escape(chr(10).join(job.lines[-14:]))}</pre>")
+        if (place := job.place) and place != last:
+            last.clear()
+            last.update(place)
+            for drive, element in drives:
+                traces = await page.off(drive.bench.simulate, place)
+                curves = {f"{name}/fit": drive.over.points(trace) for name, trace in traces.items()}
+                await charts.with_curves(element, curves)
 
-def _errors(answer: dict[str, Any]) -> None:
-    role = "validate" if "validate" in answer["comparison"] else "train"
-    rows = [
-        (
-            f"{name}, {protocol}", shown(each["rmse"], unit_of(name)), share(each.get("fit_percent")),
-            *(shown(each.get(key), unit_of(name)) for key in ("persistence", "unfitted")),
-        )
-        for protocol in PROTOCOLS
-        for name, each in answer["comparison"][role].get(protocol, {}).items()
-    ]  # fmt: skip
-    title("Errors on what was held out" if role == "validate" else "Errors on what it was fitted to")
-    table(("output", "RMSE", "fit", "persistence", "before the fit"), rows, right=(1, 2, 3, 4))
-
-
-def _combinations(answer: dict[str, Any]) -> None:
-    rows = [
-        (each["name"], with_interval(each["value"], each["low"], each["high"], each["sd"]), pretty_unit(each["unit"]),
-         each["about"])
-        for each in answer.get("combinations", [])
-        if each["sd"]
-    ]  # fmt: skip
-    if rows:
-        title("What is known in combination")
-        table(("combination", "estimate, 95 % interval", "unit", "what it is"), rows)
-    for words in answer.get("together", []):
-        quiet(words)
+    return tick

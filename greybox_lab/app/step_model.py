@@ -12,7 +12,19 @@ import greybox_id as gb
 
 from . import charts
 from .beneath import equations, number, pretty_unit
-from .model import MODELS, TYRES, Array, Playground, Slider, effects_of, lacking, nominal, sliders
+from .model import (
+    MODELS,
+    TYRES,
+    Array,
+    Playground,
+    Slider,
+    effects_of,
+    lacking,
+    longest,
+    nearest_vehicle,
+    nominal,
+    sliders,
+)
 from .traces import Shown
 from .widgets import button, choose, heading, quiet, shown, title
 
@@ -36,10 +48,10 @@ async def prepare(page: Page) -> dict[str, Any]:
     if suits.get(session["model"]["name"], "none"):
         usable = [name for name in USUAL if not suits[name]]
         if not usable:
-            raise gb.BadInput(f"No model can be simulated on this recording: {suits['lateral']}")
-        session.change(
-            quietly=True, model={**session["model"], "name": usable[0], "vehicle": page.work.likely_vehicle()}
-        )
+            lacks = " ".join(f"{why.partition(';')[0]}." for why in suits.values())
+            raise gb.BadInput(f"No model can be simulated on this recording. {lacks} Name their columns in step 1.")
+        vehicle = await page.off(nearest_vehicle, usable[0], longest(recording))
+        session.change(quietly=True, model={**session["model"], "name": usable[0], "vehicle": vehicle})
     return {"suits": suits, **await page.off(_simulated, session["model"], recording)}
 
 
@@ -137,8 +149,8 @@ def _slider(page: Page, row: Slider, drag: Drag) -> None:
             bar.tooltip(f"prior: {number(mean)} ± {number(sd, 2)} {pretty_unit(row.unit)}")
 
     async def moved(event: Any) -> None:
-        words.set_text(shown(float(event.value), row.unit))
         await drag.to(row.name, float(event.value))
+        words.set_text(shown(float(event.value), row.unit))
 
     slider.on_value_change(moved)
 
@@ -162,7 +174,7 @@ class Drag:
             while self._again:
                 self._again = False
                 points, words = await self.page.off(self._simulated, dict(self.values))
-                charts.with_curves(self.element, points)
+                await charts.with_curves(self.element, points)  # so that no more are sent than are drawn
                 self.wrong.set_text(words)
         finally:
             self._busy = False

@@ -95,14 +95,14 @@ def _connect(
 
     async def zoomed(low: float, high: float) -> None:
         page.window = (low, high)
-        charts.with_curves(element, await page.off(fine, low, high))
+        await charts.with_curves(element, await page.off(fine, low, high))
 
-    def cursor(event: Any) -> None:
+    async def cursor(event: Any) -> None:
         row = over.row(float(event.args["t"]))
         page.session.state["cursor"] = round(float(over.time[row]), 4)
         for chart, across, up in planes:
             point = [float(recording[across][row]), float(recording[up][row])]
-            charts.with_curves(chart, {"here": [point] if np.isfinite(point).all() else []})
+            await charts.with_curves(chart, {"here": [point] if np.isfinite(point).all() else []})
         here.set_text(f"cursor at {over.time[row]:.2f} s")
 
     charts.on_zoom(element, over.span, zoomed)

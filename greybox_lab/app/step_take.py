@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
-from .takeaway import COMMANDS, NOTEBOOK, code, commands, pack, write
+from .takeaway import COMMANDS, NOTEBOOK, cells, commands, pack, write
 from .widgets import button, choose, heading, quiet, title
 from .work import REPORT
 
@@ -20,7 +20,7 @@ OF_GAP = {"gap.pdf": "The diagnosis as PDF", "closed.toml": "The vehicle with th
 async def prepare(page: Page) -> dict[str, Any]:
     """Commands and notebook, written anew."""
     await page.off(write, page.session)
-    return {"commands": commands(page.session), "code": "\n\n".join(code(page.session))}
+    return {"commands": commands(page.session), "cells": "\n".join(cells(page.session))}
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -34,7 +34,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
             title("Commands")
             ui.code(data["commands"], language="bash").classes("w-full").mark("commands")
             title("Notebook")
-            ui.code(data["code"], language="python").classes("w-full").mark("notebook")
+            ui.code(data["cells"], language="python").classes("w-full").mark("notebook")
         with ui.column():
             title("Everything in one file")
 

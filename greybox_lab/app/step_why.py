@@ -12,14 +12,14 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import number, pretty_unit, sentence
+from .beneath import cause_words, gap_parts, number, pretty_unit, read_gap, sentence
 from .model import longest
-from .takeaway import request_of
 from .traces import Shown
-from .why import UNNAMED, Step, alone, cause_words, diagnosed_model, headline, steps, unseen
+from .why import UNNAMED, Step, alone, diagnosed_model, steps
 from .widgets import button, choose, heading, quiet, shown, table, title, verdict
 
 if TYPE_CHECKING:
+    from .beneath import Gap
     from .page import Page
 
 ARENAS = ("disc:10", "disc:30", "disc:60", "straight:120x8")
@@ -32,37 +32,45 @@ async def prepare(page: Page) -> dict[str, Any]:
     """The diagnosis that is shown, and the trace where the gap is largest."""
     job, answer = page.work.result("gap")
     data: dict[str, Any] = {"job": job, "answer": answer}
-    request = request_of(page.session, page.session["gap"])
-    if answer is None or job is None or request is None:
-        return data
-    data |= await page.off(_traces, page, job.words, answer, request.train[0])
+    if answer is not None and job is not None:
+        data |= await page.off(_traces, page, job.words, job.words[1])
     return data
 
 
-def _traces(page: Page, words: tuple[str, ...], gap: dict[str, Any], file: str) -> dict[str, Any]:
+def _traces(page: Page, words: tuple[str, ...], file: str) -> dict[str, Any]:
     """What is diagnosed, and its free run on the longest run."""
-    base = diagnosed_model(page.session.folder, words)
+    folder = page.session.folder
+    base, gap = diagnosed_model(folder, words), read_gap(folder / page.session["gap"] / "gap.json")
     recording = longest(page.work.recording(file))
     outputs = list(filter(recording.has, base.outputs))
-    channel = gap["where"]["channel"] if gap["where"]["channel"] in outputs else outputs[0]
+    channel = gap.where.channel if gap.where.channel in outputs else outputs[0]
     trace = np.asarray(gb.simulate(base, recording)[channel])
-    return {"base": base, "recording": recording, "over": Shown(recording), "channel": channel, "trace": trace}
+    return {
+        "gap": gap,
+        "said": gap_parts(gap),
+        "base": base,
+        "recording": recording,
+        "over": Shown(recording),
+        "channel": channel,
+        "trace": trace,
+    }
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     heading("Why not better?", "The gap between simulation and recording is shared out among its causes.")
     _diagnose(page, data["answer"] is not None)
-    job, gap = data["job"], data["answer"]
-    if gap is None:
+    job, answer = data["job"], data["answer"]
+    if answer is None:
         if job is not None and job.failure:
             verdict("There is no diagnosis.", job.failure, bad=True)
         elif job is not None:
             ui.label("Each effect is tried on what the simulation leaves. This takes a minute.").classes("sentence")
         return
-    verdict(headline(gap), " ".join([*gap["doubts"], gap["unknown"]]).strip())
-    if gap.get("changed") is not None:
-        _changed(gap)
+    gap, (first, silent) = data["gap"], data["said"]
+    ui.html(first, sanitize=False).classes("w-full").mark("verdict")
+    if answer.get("changed") is not None:
+        _changed(answer)
     budget = steps(gap)
     with ui.element("div").classes("two"):
         with ui.column():
@@ -82,7 +90,8 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         with ui.column():
             _causes(gap, show)
         with ui.column():
-            _unseen(gap)
+            title("What could not have been seen")
+            ui.html(silent, sanitize=False).classes("unseen")
             _next(page)
 
 
@@ -135,8 +144,8 @@ def _overlay(page: Page, data: dict[str, Any]) -> tuple[ui.echart, ui.label]:
 
 def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.label) -> Show:
     """What shows one cause alone over the trace."""
-    ranking, over, channel, recording = data["answer"]["ranking"], data["over"], data["channel"], data["recording"]
-    known, measured = {each["effect"] for each in ranking}, np.asarray(recording[channel])
+    ranking, over, channel, recording = data["gap"].ranking, data["over"], data["channel"], data["recording"]
+    known, measured = {each.effect for each in ranking}, np.asarray(recording[channel])
     kept: dict[str, Any] = {}
 
     def simulated(name: str) -> Any:
@@ -144,7 +153,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
 
     async def show(name: str) -> None:
         if name not in known:
-            charts.with_curves(element, {f"{channel}/{ALONE}": []})
+            await charts.with_curves(element, {f"{channel}/{ALONE}": []})
             words.set_text("This is what no known effect explains." if name == UNNAMED else POINT)
             return
         try:
@@ -153,7 +162,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
         except gb.GreyboxError as error:
             words.set_text(f"{name} cannot be simulated alone: {sentence(error)}")
             return
-        charts.with_curves(element, {f"{channel}/{ALONE}": over.points(kept[name])})
+        await charts.with_curves(element, {f"{channel}/{ALONE}": over.points(kept[name])})
         without, beside = (
             shown(float(np.sqrt(np.nanmean((trace - measured) ** 2))), recording.unit(channel))
             for trace in (data["trace"], kept[name])
@@ -163,28 +172,25 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
     return show
 
 
-def _causes(gap: dict[str, Any], show: Show) -> None:
+def _causes(gap: Gap, show: Show) -> None:
     title("Causes")
-    if not gap["ranking"]:
+    if not gap.ranking:
         quiet("None.")
-    for each in gap["ranking"][:MOST_CAUSES]:
-        name = each["effect"]
-        act = partial(show, name)
-        applied = " · in the closed model" if name in gap["applied"] else ""
-        line = button(f"{name}: {cause_words(each)}{applied}", act, f"cause-{name}", "flat").classes("cause")
+    for each in gap.ranking[:MOST_CAUSES]:
+        act = partial(show, each.effect)
+        applied = " · in the closed model" if each.effect in gap.applied else ""
+        words = f"{each.effect}: {cause_words(each)}{applied}"
+        line = button(words, act, f"cause-{each.effect}", "flat").classes("cause")
         for event in ("mouseenter", "focus"):
             line.on(event, act, [])
-        if each["reason"]:
-            quiet(each["reason"]).classes("under")
-        if each["indistinguishable_from"]:
-            quiet(f"cannot be distinguished from {', '.join(each['indistinguishable_from'])} here").classes("under")
+        if each.reason:
+            quiet(each.reason).classes("under")
+        if each.indistinguishable_from:
+            quiet(f"cannot be distinguished from {', '.join(each.indistinguishable_from)} here").classes("under")
 
 
 def _changed(gap: dict[str, Any]) -> None:
     title(f"Changed since {', '.join(gap['since'])}")
-    if not gap["changed"]:
-        ui.label("Nothing beyond what the drives of before scatter by.")
-        return
     rows = []
     for each in gap["changed"]:
         low, high = each["interval"]
@@ -192,17 +198,10 @@ def _changed(gap: dict[str, Any]) -> None:
         rows.append(
             (each["effect"], shown(each["before"]), after, pretty_unit(each["unit"]), number(each["probability"]))
         )
-    table(("effect", "before", "after, 95 % interval", "unit", "probability"), rows)
-
-
-def _unseen(gap: dict[str, Any]) -> None:
-    rows = unseen(gap)
     if rows:
-        title("What could not have been seen")
-        with ui.element("div").classes("unseen"):
-            table(("effect", "why"), rows)
-    for words in gap["advice"]:
-        quiet(words)
+        table(("effect", "before", "after, 95 % interval", "unit", "probability"), rows)
+    else:
+        ui.label("Nothing beyond what the drives of before scatter by.")
 
 
 def _next(page: Page) -> None:

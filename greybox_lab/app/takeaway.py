@@ -4,25 +4,13 @@ from __future__ import annotations
 
 import json
 import zipfile
-from dataclasses import fields
 from typing import Any
 
 from .beneath import write_atomically
 from .jobs import PageJob
-from .model import Request
-from .session import LARGEST, MAP, Session
+from .session import MAP, Session
 
 COMMANDS, NOTEBOOK = "commands.sh", "notebook.ipynb"
-
-
-def request_of(session: Session, target: str) -> Request | None:
-    """The request that a fit or a gap was made of."""
-    body = session["requests"].get(target)
-    return (
-        None
-        if body is None
-        else Request(**{each.name: body[each.name] for each in fields(Request) if each.name in body})
-    )
 
 
 ORDER = ("join", "check", "fit", "gap", "since", "design", "report", "export")
@@ -48,30 +36,25 @@ def commands(session: Session) -> str:
     return "\n".join([*lines, *(job.command for job in kept_jobs(session))]) + "\n"
 
 
-def code(session: Session) -> list[str]:
-    """Python that does the same, in cells."""
-    fit, gap = request_of(session, session["fit"]), request_of(session, session["gap"])
-    first = fit or gap
-    if first is None:
-        return []
-    cells = [first.read_code(), "for recording in train:\n    print(gb.check(recording))"]
-    if fit is not None:
-        cells.append(fit.fit_code())
-    if gap is not None:
-        words = next((job.words for job in session.jobs.all() if job.target == session["gap"]), ())
-        cells.append(gap.gap_code("--fit" in words, "--since" in words))
-    results = [name for name, request in (("fit", fit), ("gap", gap)) if request is not None]
-    return [*cells, f'gb.report([{", ".join(results)}], "report.html")']
+def cells(session: Session) -> list[str]:
+    """The same commands for a notebook, and what they made as the library's objects."""
+    jobs = kept_jobs(session)
+    loads = [
+        f'fit = gb.load("{session["fit"]}/fit.json")\nprint(fit.summary())\nfit.params'
+        for job in jobs
+        if job.kind == "fit"
+    ]
+    return [*(f"!{job.command}" for job in jobs), *(["import greybox_id as gb", *loads] if loads else [])]
 
 
 def notebook(session: Session) -> dict[str, Any]:
     """The same as a notebook of Jupyter's format 4."""
     words = f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings lie beside this file."
-    cells: list[dict[str, Any]] = [{"cell_type": "markdown", "metadata": {}, "source": words}]
-    for source in code(session):
-        cells.append({"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source})
+    made: list[dict[str, Any]] = [{"cell_type": "markdown", "metadata": {}, "source": words}]
+    for source in cells(session):
+        made.append({"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source})
     return {
-        "cells": [{**cell, "id": f"cell-{k}"} for k, cell in enumerate(cells)],
+        "cells": [{**cell, "id": f"cell-{k}"} for k, cell in enumerate(made)],
         "metadata": {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}},
         "nbformat": 4,
         "nbformat_minor": 5,
@@ -88,20 +71,10 @@ def pack(session: Session) -> str:
     """Everything in one file: recordings, map, commands, notebook, results. Returns its name."""
     write(session)
     name = f"{session.folder.name}.zip"
-    beside = session.folder / f".{name}"
-    chosen = [COMMANDS, NOTEBOOK, *([MAP] if MAP in commands(session) else []), *session.files()]
-    for job in kept_jobs(session):
-        chosen += [word for word in job.words if word.startswith("recordings/")]
-        place = session.folder / job.target
-        if job.kind != "check":
-            inside = [place] if place.is_file() else sorted(place.rglob("*"))
-            chosen += [str(each.relative_to(session.folder)) for each in inside if each.is_file()]
-    with zipfile.ZipFile(beside, "w", zipfile.ZIP_DEFLATED) as packed:
-        total = 0
-        for file in dict.fromkeys(chosen):
-            place = session.folder / file
-            total += place.stat().st_size if place.is_file() else 0
-            if place.is_file() and total <= LARGEST:
-                packed.write(place, file)
-    beside.replace(session.folder / name)
+    with zipfile.ZipFile(session.folder / f".{name}", "w", zipfile.ZIP_DEFLATED) as packed:
+        for place in sorted(session.folder.rglob("*")):
+            part = place.relative_to(session.folder)
+            if place.is_file() and not part.name.startswith(".") and part.parts[0] not in ("jobs", name):
+                packed.write(place, part)
+    (session.folder / f".{name}").replace(session.folder / name)
     return name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -16,8 +17,8 @@ Array = NDArray[np.float64]
 Points = list[list[float] | None]
 
 THIN: Any = NaNMinMaxLTTBDownsampler()  # type: ignore[no-untyped-call]
-OVERVIEW, DETAIL = 1200, 1400
-"""Points of a trace over everything, and within the part that is looked at: never more than 4 000 together."""
+OVERVIEW, DETAIL, ASIDE = 1000, 1000, 200
+"""Points of a trace over everything; within the part that is looked at, and then over each part beside it."""
 DIGITS = 5
 """Significant digits of a value that is drawn: finer than a pixel."""
 
@@ -64,21 +65,16 @@ class Shown:
     def points(self, values: Array, window: tuple[float, float] | None = None) -> Points:
         """A curve of (n,) values: everything coarsely, the window finely, nothing between runs."""
         curve: Points = []
-        low, high = (-np.inf, -np.inf) if window is None else window
-        rows = len(self.time)
-        inside = np.searchsorted(self.time, [low, high]) if window is not None else np.array([0, 0])
+        inside = (0, len(self.time)) if window is None else tuple(map(int, np.searchsorted(self.time, window)))
         for start, stop in self.recording.runs:
-            if curve:
-                curve.append(None)
-            a, b = (int(np.clip(edge, start, stop)) for edge in inside)
-            pieces = [
-                (start, a, OVERVIEW, rows),
-                (a, b, DETAIL, max(1, int(inside[1] - inside[0]))),
-                (b, stop, OVERVIEW, rows),
-            ]
-            for first, last, budget, of in pieces:
+            curve += [None] if curve else []
+            a, b = (min(max(edge, start), stop) for edge in inside)
+            budget = OVERVIEW if window is None else DETAIL
+            share = max(3, budget * (b - a) // max(1, inside[1] - inside[0]))
+            beside = [max(3, ASIDE * (part) // len(self.time)) for part in (a - start, stop - b)]
+            for first, last, count in ((start, a, beside[0]), (a, b, share), (b, stop, beside[1])):
                 if last > first:
-                    curve += thinned(self.time[first:last], values[first:last], max(3, budget * (last - first) // of))
+                    curve += thinned(self.time[first:last], values[first:last], count)
         return curve
 
     def along(self, across: Array, up: Array, most: int = 3000) -> Points:
@@ -88,7 +84,7 @@ class Shown:
         for start, stop in self.recording.runs:
             rows = start + np.flatnonzero(np.isfinite(across[start:stop]) & np.isfinite(up[start:stop]))[::step]
             curve += [None] if curve else []
-            curve += [[_short(across[k]), _short(up[k])] for k in rows]
+            curve += map(list, zip(_short(across[rows]), _short(up[rows]), strict=True))
         return curve
 
 
@@ -97,17 +93,19 @@ def thinned(time: Array, values: Array, count: int) -> Points:
     if len(time) > count and count >= 3:
         order = np.sort(THIN.downsample(time, np.ascontiguousarray(values), n_out=count))
         time, values = time[order], values[order]
-    shown: Points = []
-    for instant, value in zip(time.tolist(), values.tolist(), strict=True):
-        if value == value and abs(value) < 1e30:
-            shown.append([round(instant, 4), float(f"{value:.{DIGITS}g}")])
-        elif shown and shown[-1] is not None:
-            shown.append(None)
-    return shown
+    known = np.isfinite(values) & (np.abs(values) < 1e30)
+    pairs: Points = list(map(list, zip(np.round(time, 4).tolist(), _short(np.where(known, values, 0.0)), strict=True)))
+    if known.all():
+        return pairs
+    kept = np.flatnonzero(known | np.concatenate(([False], known[:-1])))  # one break where readings are missing
+    return [pairs[k] if known[k] else None for k in kept]
 
 
-def _short(value: float) -> float:
-    return float(f"{value:.{DIGITS}g}")
+def _short(values: Array) -> list[float]:
+    """Values of so many digits as a screen shows."""
+    size = np.floor(np.log10(np.where(values == 0.0, 1.0, np.abs(values))))
+    scale = 10.0 ** np.clip(DIGITS - 1 - size, -22, 22)
+    return list((np.round(values * scale) / scale).tolist())
 
 
 class Library:
@@ -117,9 +115,14 @@ class Library:
 
     def __init__(self) -> None:
         self._kept: dict[tuple[str, str, str, float, float], gb.Recording] = {}
+        self._reading = Lock()
 
     def read(self, path: Path, columns: str | Path, between: str = "") -> gb.Recording:
         """A recording, read again only where the file, the map or the part has changed. Raises `BadInput`."""
+        with self._reading:  # who asks for what is being read waits for it
+            return self._read(path, columns, between)
+
+    def _read(self, path: Path, columns: str | Path, between: str) -> gb.Recording:
         stamp = path.stat().st_mtime if path.exists() else 0.0
         mapped = Path(columns)
         key = (str(path), str(columns), between, stamp, mapped.stat().st_mtime if mapped.is_file() else 0.0)
@@ -134,39 +137,3 @@ class Library:
                 self._kept.pop(next(iter(self._kept)))
             self._kept[key] = recording
         return self._kept[key]
-
-
-def companion(recording: gb.Recording, signal: str) -> tuple[str, Array] | None:
-    """What a signal should look like by the others, where they say: in words, and (n,) values in its SI unit."""
-    has = recording.has
-    time = recording.time
-    with np.errstate(all="ignore"):
-        if signal == "yaw_rate" and has("v_x", "a_y"):
-            v = recording["v_x"]
-            return "a_y / v_x", np.where(np.abs(v) > 0.5, recording["a_y"] / v, np.nan)
-        if signal == "yaw_rate" and has("v_x", "steer"):
-            return "v_x · steer, over 1 m", recording["v_x"] * recording["steer"]
-        if signal == "a_y" and has("v_x", "yaw_rate"):
-            return "v_x · yaw_rate", recording["v_x"] * recording["yaw_rate"]
-        if signal == "a_x" and has("v_x"):
-            return "dv_x/dt", _slope(recording, recording["v_x"])
-        if signal == "v_x" and has("a_y", "yaw_rate"):
-            r = recording["yaw_rate"]
-            strong = np.abs(r) > 0.3 * np.nanmax(np.abs(r))
-            return "a_y / yaw_rate", np.where(strong, recording["a_y"] / r, np.nan)
-        if signal == "v_x" and has("x", "y"):
-            return "speed of x, y", np.hypot(_slope(recording, recording["x"]), _slope(recording, recording["y"]))
-        if signal == "steer" and has("v_x", "yaw_rate"):
-            v = recording["v_x"]
-            return "yaw_rate / v_x · 1 m", np.where(np.abs(v) > 0.5, recording["yaw_rate"] / v, np.nan)
-        if signal == "yaw" and has("yaw_rate"):
-            return "∫ yaw_rate", np.cumsum(np.nan_to_num(recording["yaw_rate"])) * float(np.median(np.diff(time)))
-    return None
-
-
-def _slope(recording: gb.Recording, values: Array) -> Array:
-    slope = np.full(len(values), np.nan)
-    for start, stop in recording.runs:
-        if stop - start > 4:
-            slope[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
-    return slope

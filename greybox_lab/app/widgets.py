@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable, Mapping, Sequence
-from html import escape
+from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
 
 import greybox_id as gb
 
-from .beneath import number, percent, pretty_unit, sentence
+from .beneath import number, pretty_unit, sentence, table_html
 
 
 def tell(words: str) -> None:
@@ -67,16 +66,9 @@ def verdict(head: str, words: str = "", *, bad: bool = False) -> None:
             ui.label(words)
 
 
-def table(head: Sequence[str], rows: Sequence[Sequence[str]], right: Sequence[int] = ()) -> None:
-    """A table; `right` are the columns that stand to the right."""
-
-    def cells(values: Sequence[str], tag: str) -> str:
-        classes = [" class=r" if k in right else "" for k in range(len(values))]
-        return "".join(f"<{tag}{c}>{escape(value)}</{tag}>" for c, value in zip(classes, values, strict=True))
-
-    lines = "".join(f"<tr>{cells(row, 'td')}</tr>" for row in rows)
-    text = f"<table class=data><thead><tr>{cells(head, 'th')}</tr></thead><tbody>{lines}</tbody></table>"
-    ui.html(text, sanitize=False).classes("w-full wide")
+def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
+    """A table as reports have it."""
+    ui.html(table_html(head, rows), sanitize=False).classes("w-full")
 
 
 def shown(value: float | None, unit: str = "", digits: int = 3) -> str:
@@ -84,8 +76,3 @@ def shown(value: float | None, unit: str = "", digits: int = 3) -> str:
     if value is None or math.isnan(value):
         return ""
     return number(value, digits) + (f" {pretty_unit(unit)}" if unit not in ("", "1") else "")
-
-
-def share(value: float | None) -> str:
-    """Of a hundred; nothing where there is none."""
-    return "" if value is None or math.isnan(value) else percent(value / 100)

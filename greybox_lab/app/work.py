@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from contextlib import suppress
-from dataclasses import asdict
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -17,8 +16,7 @@ import greybox_id as gb
 from . import mapping
 from .beneath import sentence, shipped_maps
 from .jobs import PageJob
-from .mapping import Entry, Repair
-from .model import Request
+from .mapping import Entry
 from .session import MAP, Session
 from .traces import Library
 
@@ -38,7 +36,7 @@ class Work:
 
     def __init__(self, session: Session) -> None:
         self.session, self.library = session, Library()
-        self.trouble, self._watching = "", Lock()
+        self.trouble, self._watching, self._ahead = "", Lock(), ""
 
     # ---- drop
 
@@ -59,23 +57,24 @@ class Work:
         files = self.session.files()
         looking = any(job.kind == "map" for job in self.session.jobs.running())
         if files and not self.session["columns"] and not looking:
-            self._map(files[0])
+            self._map(files[:1])
 
-    def _map(self, file: str, kind: str = "map") -> None:
-        number = len(self.session.jobs.all()) + 1
-        target = f"jobs/proposed_{number}.toml"
-        self.session.jobs.start(kind, ["data", "map", file, "--out", target], target)
+    def _map(self, files: list[str]) -> None:
+        target = self._proposed()
+        self.session.jobs.start("map", ["data", "map", *files, "--out", target], target)
         self.session.version += 1
+
+    def _proposed(self) -> str:
+        """A map that a command is going to write, for the session to take."""
+        return f"jobs/proposed_{len(self.session.jobs.all()) + 1}.toml"
 
     def map_done(self, job: PageJob) -> None:
         """Take a proposal: what is decided into the map, the rest as questions."""
         answer = job.answer
-        if answer is None:
-            return
-        maps = self._maps_that_fit()
-        if self.session["joining"] or self.session["columns"]:  # decided otherwise meanwhile
-            return
+        if answer is None or self.session["columns"] or job != self.session.latest("map"):
+            return  # decided otherwise meanwhile
         base, entries = mapping.base_of(self.session.folder / job.target, answer), mapping.entries_of(answer)
+        maps = [] if self.session["joining"] else self._maps_that_fit()
         more = {"others": answer["others"], "maps": maps}
         self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
         self.write_map()
@@ -154,22 +153,10 @@ class Work:
     # ---- several files of one drive
 
     def join(self) -> None:
-        """Ask of every file what its columns may be, to join them on one clock."""
-        self.session.change(joining=self.session.files(), entries=[], map={}, others=[], columns=MAP)
-        for file in self.session.files():
-            self._map(file, "part")
-
-    def part_done(self, job: PageJob) -> None:
-        """Take a proposal for a file that is going to be joined."""
-        answer = job.answer
-        if answer is None:
-            return
-        base = {**mapping.base_of(self.session.folder / job.target, answer), **self.session["map"]}
-        prefix = f"{Path(answer['path']).name.split('.')[0]}/"
-        new = mapping.entries_of(answer, prefix)
-        others = [*self.session["others"], *(each for each in answer["others"] if each not in self.session["others"])]
-        self.session.change(map=base, entries=[*self.session["entries"], *new], others=others, looked="")
-        self.write_map()
+        """Ask `greybox data map` of all files together, to join them on one clock."""
+        files = self.session.files()
+        self.session.change(joining=files, entries=[], map={}, others=[], columns="", looked="")
+        self._map(files)
 
     def make_joined(self) -> None:
         """Join the files by the map as it is answered."""
@@ -199,52 +186,76 @@ class Work:
         """The check of the recordings as they now are."""
         return self.session.latest("check", self.session.key)
 
-    def repair(self, repair: Repair) -> None:
-        """Change the map as a finding asks, and check again."""
-        session = self.session
-        base, entries = session["map"], session["entries"]
-        if session["columns"] != MAP:  # a shipped map becomes the session's, to be changed
-            base, entries = mapping.entries_of_map(_shipped(session["columns"]))
-        base, entries = mapping.repaired(base, entries, repair)
-        session.change(map=base, entries=entries, columns=MAP, looked="", repairs=[*session["repairs"], repair.words])
+    def repair(self) -> None:
+        """Run `greybox data check --repair`: the map as findings would have it."""
+        session, target = self.session, self._proposed()
+        words = ["data", "check", *session.files(), *session.part, "--repair", target]
+        session.jobs.start("repair", words, target)
+        session.version += 1
+
+    def repair_done(self, job: PageJob) -> None:
+        """Take the map that was repaired, keep what is open, and check again."""
+        answer, session = job.answer, self.session
+        if answer is None or not answer["repair"]["written"]:
+            return
+        base, entries = mapping.entries_of_map(session.folder / job.target)
+        known = self.recording(session.files()[0])
+        entries = [entry for entry in entries if known.has(entry["signal"]) or not entry["more"].get("optional")]
+        kept = [entry for entry in session["entries"] if not entry["use"]]
+        repairs = [*session["repairs"], *answer["repair"]["changes"]]
+        session.change(map=base, entries=[*entries, *kept], columns=MAP, looked="", repairs=repairs)
         self.write_map()
         self.check()
 
     # ---- model, fit, gap
 
-    def request(self) -> Request:
-        """The fit as it is asked for now."""
-        session, chosen = self.session, self.session["model"]
-        return Request(
-            name=chosen["name"], vehicle=chosen["vehicle"], settings=chosen["settings"], effects=chosen["effects"],
-            start={name: value for name, value in chosen["start"].items() if name not in chosen["fix"]},
-            fix={name: chosen["start"][name] for name in chosen["fix"] if name in chosen["start"]},
-            free=chosen["free"], train=session.files("train"), validate=session.files("validate"),
-            before=session.files("before"), columns=session["columns"] or "canonical", between=session["between"],
-            horizon=session["horizon"],
-        )  # fmt: skip
-
     def fit(self) -> PageJob:
         """Run `greybox fit`."""
         session, target = self.session, self.session.next_folder("fits")
-        request = self.request()
-        self._keep(target, request)
-        job = session.jobs.start("fit", request.fit_words(target), target)
+        self._keep(target)
+        job = session.jobs.start("fit", self.fit_words(target), target)
         session.change(fit=target)
         return job
 
     def gap(self, of_fit: bool, since: bool = False) -> PageJob:
         """Run `greybox gap`, of the fit or of the vehicle as it is stated; what changed since before."""
         session, target = self.session, self.session.next_folder("gaps")
-        request = self.request()
-        self._keep(target, request)
-        words = request.gap_words(session["fit"] if of_fit else "", target, since)
+        self._keep(target)
+        words = self.gap_words(session["fit"] if of_fit else "", target, since)
         job = session.jobs.start("since" if since else "gap", words, target)
         session.change(gap=target)
         return job
 
-    def _keep(self, target: str, request: Request) -> None:
-        self.session.change(requests=self.session["requests"] | {target: asdict(request)})
+    def _keep(self, target: str) -> None:
+        """What a fit or a gap is made of, to be shown with it later."""
+        session = self.session
+        request = {"model": session["model"], "train": session.files("train"), "validate": session.files("validate")}
+        session.change(requests=session["requests"] | {target: request})
+
+    def fit_words(self, target: str) -> list[str]:
+        """Words of `greybox fit`, as the model, its sliders and the recordings are now."""
+        session, chosen = self.session, self.session["model"]
+        fixed = {name: value for name, value in chosen["start"].items() if name in chosen["fix"]}
+        started = {name: value for name, value in chosen["start"].items() if name not in fixed}
+        words = ["fit", "--model", chosen["name"], *(["--vehicle", chosen["vehicle"]] if chosen["vehicle"] else [])]
+        for option, pairs in (("--set", chosen["settings"]), ("--start", started), ("--fix", fixed)):
+            for name, value in pairs.items():
+                words += [option, f"{name}={value if isinstance(value, str) else repr(value)}"]
+        for option, names in (("--free", chosen["free"]), ("--with", chosen["effects"])):
+            words += [word for name in names for word in (option, name)]
+        words += [*session.files("train"), *session.part]
+        words += [word for file in session.files("validate")[:1] for word in ("--validate", file)]
+        words += ["--horizon", repr(session["horizon"])] if session["horizon"] else []
+        return [*words, "--seed", "0", "--out", target]
+
+    def gap_words(self, fit: str, target: str, since: bool = False) -> list[str]:
+        """Words of `greybox gap`: of a fit, or of the vehicle as it is stated where there is none."""
+        session, chosen = self.session, self.session["model"]
+        words = ["gap", *session.files("train"), *(["--since", *session.files("before")] if since else [])]
+        words += ["--fit", f"{fit}/fit.json"] if fit else ["--model", chosen["name"]]
+        words += ["--vehicle", chosen["vehicle"]] if chosen["vehicle"] else []
+        words += [word for file in session.files("validate") for word in ("--held-out", file)]
+        return [*words, *session.part, "--seed", "0", "--out", target]
 
     def design(self, arena: str) -> PageJob:
         """Run `greybox design` on the gap."""
@@ -276,15 +287,9 @@ class Work:
         jobs = [job for job in self.session.jobs.all() if job.kind in kinds and job.target == target]
         return (jobs[-1], jobs[-1].answer) if jobs and target else (None, None)
 
-    def likely_vehicle(self) -> str:
-        """A shipped vehicle called like the shipped map, or that of the shipped recordings; else a full-size car."""
-        names, columns = gb.vehicles(), self.session["columns"]
-        shipped = Path(gb.shipped("racer_train")).name in "".join(self.session.files())
-        return columns if columns in names else "roboracer" if shipped else "full_size_car"
-
     # ---- what runs
 
-    DONE = {"map": map_done, "part": part_done, "join": join_done}  # noqa: RUF012
+    DONE = {"map": map_done, "join": join_done, "repair": repair_done}  # noqa: RUF012
 
     def watch(self) -> bool:
         """Look after what runs; whether something ended since the last time."""
@@ -313,11 +318,13 @@ class Work:
             ended = True
         if ended:
             self.session.version += 1
+        self._read_ahead()
         return ended
 
-
-def _shipped(name: str) -> Path:
-    """The file of a shipped column map."""
-    import greybox_id.datasets.columns as columns
-
-    return Path(next(iter(columns.__path__))) / f"{name}.toml"
+    def _read_ahead(self) -> None:
+        """Read recordings as soon as they can be, so that no step waits for it; what is wrong is said there."""
+        if self._ahead != self.session.key and not self.ready:
+            self._ahead = self.session.key
+            for file in self.session.files():
+                with suppress(gb.GreyboxError):
+                    self.recording(file)

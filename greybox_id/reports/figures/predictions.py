@@ -15,7 +15,7 @@ from ...base.signals import unit_of
 from ...base.statistics import correlation, welch
 from ...engine.simulation import Prediction
 from ...fitting.fit import Fit
-from ...fitting.scores.metrics import FREE_RUN
+from ...fitting.scores.metrics import FREE_RUN, ahead
 from ..noise import Noise
 from ..recordings import Seen, run_rows, typical_stretch
 from .sheet import Sheet, band, sheet_of
@@ -28,7 +28,6 @@ from .style import (
     NOISE,
     ORANGE,
     PALE,
-    PROTOCOL_LINES,
     ZERO,
     Look,
     label,
@@ -37,6 +36,17 @@ from .style import (
     symbol,
 )
 
+NEAR = 0.5
+"""Of all horizons, s, the one that is drawn beside the free run."""
+
+PROTOCOL_LINES = {
+    "honest": look(ORANGE, 1.0, "one sample ahead"),
+    "published": look(PALE, 1.0, "as published", dashes=DOTTED),
+    "closed_loop": look(BLUE, 1.1, "closed loop", dashes=DASHED),
+    ahead(NEAR): look(ORANGE, 1.0, ahead(NEAR)),
+    FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
+}
+"""By protocol of `greybox_id.fitting.scores.metrics`."""
 TALL, TALLEST, LOW = 130.0, 400.0, 62.0
 """Height of one output's panels, points; of all panels, at most; of one output's panels then, at least."""
 GAP = 1.5

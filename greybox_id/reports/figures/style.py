@@ -1,4 +1,4 @@
-"""What figures share: colours, how protocols are drawn, how levels of a quantity are told apart, labels with units.
+"""What figures share: colours, how levels of a quantity are told apart, labels with units.
 
 Colours are from Okabe and Ito's palette and differ in lightness as well as in hue, and every curve has a line style of
 its own, so that a figure can be read by everybody and on a grey printer. A look is matplotlib's keywords of a line; its
@@ -12,7 +12,6 @@ from typing import Any
 from ...base.numbers import pretty_unit
 from ...base.signals import SIGNALS
 from ...datasets.recording import Recording
-from ...fitting.scores.metrics import FREE_RUN, ahead
 from ..words import spans
 
 INK = "#1a1a1a"
@@ -52,18 +51,6 @@ MEASURED = look(INK, 1.2, "measured")
 NOISE = look(PALE, 1.3, "noise", dashes=CHAIN)
 ZERO = look(INK, 0.6)
 """A line across the axes."""
-NEAR = 0.5
-"""Of all horizons, s, the one that is drawn beside the free run."""
-
-PROTOCOL_LINES = {
-    "honest": look(ORANGE, 1.0, "one sample ahead"),
-    "published": look(PALE, 1.0, "as published", dashes=DOTTED),
-    "closed_loop": look(BLUE, 1.1, "closed loop", dashes=DASHED),
-    ahead(NEAR): look(ORANGE, 1.0, ahead(NEAR)),
-    FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
-}
-"""By protocol of `greybox_id.fitting.scores.metrics`."""
-
 LEVELS = (look(SKY), look(BLUE, dashes=DASHED), look(NIGHT, dashes=CHAIN))
 """An ordered quantity, low to high."""
 

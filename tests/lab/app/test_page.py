@@ -34,7 +34,7 @@ def work(tmp_path, _uncompiled):
 @asynccontextmanager
 async def opened(work):
     async def root():
-        await Page(work).build()
+        Page(work).build()
 
     async with user_simulation(root) as user:
         await user.open("/")
@@ -112,13 +112,13 @@ def test_dragging_a_slider_simulates_anew_and_is_where_the_fit_starts(work):
 
     run(scenario)
     assert work.session["model"]["start"] == {"m": 2.5}
-    assert work.request().fit_words("fits/1")[5:7] == ["--start", "m=2.5"]
+    assert work.fit_words("fits/1")[5:7] == ["--start", "m=2.5"]
 
 
 def test_two_pages_show_the_same(work):
     async def scenario():
         async def root():
-            await Page(work).build()
+            Page(work).build()
 
         async with user_simulation(root) as one:
             from nicegui.testing import User

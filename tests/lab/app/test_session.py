@@ -2,7 +2,6 @@
 
 import gzip
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -21,15 +20,15 @@ def test_state_is_on_disk_before_it_is_seen(tmp_path):
     session.change(step=3, cursor=1.5)
     kept = json.loads((session.folder / "recordings.json").read_text("utf-8"))
     assert (kept["step"], kept["cursor"]) == (3, 1.5)
-    session._lock.close()
+    session._held.close()
     assert Session(tmp_path / "app" / "lap")["step"] == 3
 
 
 def test_a_session_is_open_once(tmp_path):
     session = Session(tmp_path / "lap")
-    with pytest.raises(gb.BadInput, match=f"open in another greybox app, process {os.getpid()}"):
+    with pytest.raises(gb.BadInput, match="open in another greybox app"):
         Session(tmp_path / "lap")
-    session._lock.close()
+    session._held.close()
 
 
 @pytest.mark.slow
@@ -104,7 +103,7 @@ def test_another_map_has_to_be_looked_at_again(tmp_path):
 
 def test_a_session_is_named_after_its_first_file(tmp_path):
     assert named_session([tmp_path / "lap 7 (wet).csv"]) == "lap_7_wet"
-    assert named_session([]) == "racer"
+    assert named_session([]) == "drive"
 
 
 @pytest.mark.slow

@@ -11,29 +11,30 @@ from pathlib import Path
 import pytest
 
 import greybox_id as gb
-from greybox_lab.app.model import Request
 from greybox_lab.app.session import Session
 from greybox_lab.app.takeaway import commands, pack
 from greybox_lab.app.work import Work
 
-REQUEST = Request(
-    name="lateral", vehicle="roboracer", settings={"tyre": "brush"}, effects=["steering_delay"], start={"I_z": 0.04},
-    fix={"m": 3.5}, free=["h_cg"], train=["recordings/a.csv"], validate=["recordings/b.csv"], columns="map.toml",
-    between="1:20", horizon=0.5,
-)  # fmt: skip
+MODEL = {
+    "name": "lateral", "vehicle": "roboracer", "settings": {"tyre": "brush"}, "effects": ["steering_delay"],
+    "start": {"I_z": 0.04, "m": 3.5}, "fix": ["m"], "free": ["h_cg"],
+}  # fmt: skip
 
 
-def test_words_of_a_command_and_lines_of_python_ask_for_the_same():
-    assert " ".join(REQUEST.fit_words("fits/1")) == (
+def test_what_is_chosen_is_words_of_a_command(tmp_path):
+    session = Session(tmp_path / "lap")
+    files = [{"file": f"recordings/{name}.csv", "role": role} for name, role in (("a", "train"), ("b", "validate"))]
+    session.change(recordings=files, columns="map.toml", between="1:20", horizon=0.5, model=MODEL)
+    work = Work(session)
+    assert " ".join(work.fit_words("fits/1")) == (
         "fit --model lateral --vehicle roboracer --set tyre=brush --start I_z=0.04 --fix m=3.5 --free h_cg --with "
         "steering_delay recordings/a.csv --columns map.toml --between 1:20 --validate recordings/b.csv --horizon 0.5 "
         "--seed 0 --out fits/1"
     )
-    lines = REQUEST.fit_code()
-    for part in ("'lateral'", "settings={'tyre': 'brush'}", "start={'I_z': 0.04}", "fix={'m': 3.5}", "free=['h_cg']",
-                 "effects=['steering_delay']", "seed=0, horizon=0.5"):  # fmt: skip
-        assert part in lines
-    assert ".between(1.0, 20.0)" in REQUEST.read_code()
+    assert " ".join(work.gap_words("fits/1", "gaps/1")) == (
+        "gap recordings/a.csv --fit fits/1/fit.json --vehicle roboracer --held-out recordings/b.csv --columns map.toml "
+        "--between 1:20 --seed 0 --out gaps/1"
+    )
 
 
 @pytest.mark.slow
@@ -61,12 +62,13 @@ def test_commands_and_notebook_make_the_same_fit_in_a_fresh_folder(tmp_path):
     again = gb.load(fresh / "fits" / "1" / "fit.json")
     cells = json.loads((fresh / "notebook.ipynb").read_text("utf-8"))["cells"]
     code = ["".join(cell["source"]) for cell in cells if cell["cell_type"] == "code"]
-    assert any("gb.diagnose" in cell for cell in code)
+    ran = [line for line in commands(session).splitlines() if line.startswith("greybox")]
+    assert [cell.removeprefix("!") for cell in code if cell.startswith("!")] == ran
     scope = {}
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(fresh)
         for cell in code:
-            if "gb.diagnose" not in cell and "gb.report" not in cell:
+            if not cell.startswith("!"):
                 exec(cell, scope)
     for name, each in first["parameters"].items():
         assert float(again.params[name]) == each["value"]

@@ -3,7 +3,8 @@
 import numpy as np
 
 import greybox_id as gb
-from greybox_lab.app.traces import DETAIL, OVERVIEW, Shown, companion
+from greybox_lab.app.beneath import companion
+from greybox_lab.app.traces import DETAIL, OVERVIEW, Shown
 
 
 def long_drive(rows=360_000):
@@ -39,7 +40,7 @@ def test_curves_break_where_readings_are_missing_and_between_runs():
 
 def test_companions_are_what_the_signal_should_look_like():
     drive = long_drive(20_000)
-    words, values = companion(drive, "a_x")
+    words, values = companion(drive, "a_x", drive["a_x"])
     assert words == "dv_x/dt"
     assert np.nanmax(np.abs(values[100:6000] - drive["a_x"][100:6000])) < 1e-2
-    assert companion(drive, "steer") is None
+    assert companion(drive, "steer", drive["a_x"]) is None

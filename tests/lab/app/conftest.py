@@ -1,0 +1,131 @@
+"""Chromium, and the page in a process of its own."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import greybox_id as gb
+
+SIZES = ((1280, 800), (1920, 1080))
+
+
+class Reader:
+    """Who looks at the page and clicks."""
+
+    def __init__(self, driver):
+        self.driver, self.clicks = driver, 0
+
+    @property
+    def text(self):
+        return self.driver.find_element("tag name", "body").text
+
+    def see(self, words, seconds=240):
+        until = time.time() + seconds
+        while words not in self.text:
+            assert time.time() < until, f"{words!r} is not seen in:\n{self.text}"
+            time.sleep(0.1)
+
+    def drop(self, *files):
+        self.see("Drop recordings")
+        self.driver.find_element("css selector", "input[type=file]").send_keys("\n".join(map(str, files)))
+
+    def pick(self, label, option):
+        selects = self.driver.find_elements("css selector", ".q-select")
+        next(each for each in selects if label in each.text).click()
+        time.sleep(0.5)
+        options = self.driver.find_elements("css selector", ".q-menu .q-item")
+        next(each for each in options if each.text == option).click()
+        self.clicks += 2
+
+    def click(self, words, seconds=60):
+        until = time.time() + seconds
+        while True:
+            for button in self.driver.find_elements("tag name", "button"):
+                try:
+                    if words in button.text and button.is_enabled():
+                        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+                        button.click()
+                        self.clicks += 1
+                        return
+                except Exception:  # drawn anew in between
+                    break
+            assert time.time() < until, f"no button {words!r} in:\n{self.text}"
+            time.sleep(0.1)
+
+    def fits(self, name):
+        """Nothing scrolls sideways at either size; pictures are kept."""
+        for width, height in SIZES:
+            self._resized(width, height)
+            time.sleep(0.5)
+            across, inner, down = self.driver.execute_script(
+                "const page = document.documentElement; return [page.scrollWidth, window.innerWidth, page.scrollHeight]"
+            )
+            assert across <= inner, f"step {name} scrolls sideways at {width} pixels"
+            folder = os.environ.get("GREYBOX_PICTURES")
+            if folder:
+                Path(folder).mkdir(parents=True, exist_ok=True)
+                self._resized(width, max(height, min(down, 3000)))
+                time.sleep(0.4)
+                self.driver.save_screenshot(str(Path(folder) / f"{width}_{name}.png"))
+        self._resized(*SIZES[0])
+        logged = [each["message"] for each in self.driver.get_log("browser") if each["level"] == "SEVERE"]
+        errors = [message for message in logged if "favicon" not in message]
+        assert errors == []
+
+    def _resized(self, width, height):
+        size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
+        self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+
+
+@pytest.fixture
+def start(tmp_path):
+    """Starts the page in a process of its own; what it printed."""
+    code = "from greybox_id.cli import main; main()"
+    known = {name: value for name, value in os.environ.items() if not name.startswith(("PYTEST", "NICEGUI"))}
+    environment = known | {"PYTHONPATH": str(Path(gb.__file__).parents[1])}
+    command = [sys.executable, "-c", code, "app", "--no-browser", "--json"]
+    processes = []
+
+    def started():
+        process = subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=subprocess.PIPE, text=True)
+        processes.append(process)
+        lines = ""
+        while "}" not in lines:
+            lines += process.stdout.readline()
+        return process, json.loads(lines)
+
+    yield started
+    for process in processes:
+        process.terminate()
+        process.wait(20)
+
+
+@pytest.fixture
+def server(start):
+    """The page in a process of its own."""
+    return start()
+
+
+@pytest.fixture
+def reader():
+    """Chromium that no name outside this machine means anything to."""
+    browser = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    if browser is None or shutil.which("chromedriver") is None:
+        pytest.skip("There is no Chromium with its driver here: apt-get install chromium chromium-driver.")
+    webdriver = pytest.importorskip("selenium.webdriver", reason="Selenium drives the browser: pip install selenium.")
+    options = webdriver.ChromeOptions()
+    options.binary_location = browser
+    for word in ("--headless=new", "--no-sandbox", "--disable-dev-shm-usage", "--hide-scrollbars",
+                 "--host-resolver-rules=MAP * ~NOTFOUND , EXCLUDE 127.0.0.1"):  # fmt: skip
+        options.add_argument(word)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
+    service = webdriver.ChromeService(shutil.which("chromedriver"))
+    driver = webdriver.Chrome(options=options, service=service)
+    yield Reader(driver)
+    driver.quit()

@@ -1,0 +1,57 @@
+"""What is too large, what unpacks without end, two pages, and an end in the middle of a fit."""
+
+import gzip
+import json
+import signal
+from pathlib import Path
+
+import pytest
+
+import greybox_id as gb
+
+pytest.importorskip("nicegui", reason="The page needs the extra app.")
+pytestmark = pytest.mark.slow
+
+
+def test_two_gigabytes_and_a_bomb_are_sentences(server, reader, tmp_path):
+    large, bomb = tmp_path / "large.csv", tmp_path / "bomb.csv.gz"
+    with large.open("wb") as opened:
+        opened.truncate(2 * 2**30)
+    with gzip.open(bomb, "wb", compresslevel=1) as opened:
+        for _ in range(530):
+            opened.write(b"0,0\n" * 2**18)
+    reader.driver.get(server[1]["address"])
+    reader.drop(large)
+    reader.see("A file of more than 500 MB is not taken here")
+    reader.drop(bomb)
+    reader.see("bomb.csv.gz has more than 500 MB")
+    assert list((Path(server[1]["session"]) / "recordings").iterdir()) == []
+
+
+def test_two_pages_show_the_same_and_a_kill_in_the_middle_of_a_fit_loses_nothing(start, reader):
+    process, page = start()
+    reader.driver.get(page["address"])
+    reader.click("Take the shipped racer")
+    reader.click("shipped map roboracer")
+    first = reader.driver.current_window_handle
+    reader.driver.switch_to.new_window("tab")
+    reader.driver.get(page["address"])
+    reader.click("See it")
+    reader.click("Check it")
+    reader.click("I have looked")
+    reader.see("Root mean square")
+    reader.click("Fit it")
+    reader.see("objective")
+    second = reader.driver.current_window_handle
+    reader.driver.switch_to.window(first)
+    reader.see("greybox fit --model lateral")  # what runs is shown on both
+    reader.driver.close()
+    reader.driver.switch_to.window(second)
+    process.send_signal(signal.SIGKILL)
+    process.wait()
+    _, page = start()
+    reader.driver.get(page["address"])
+    reader.see("Errors by horizon")
+    folder = Path(page["session"])
+    assert json.loads((folder / "recordings.json").read_text("utf-8"))["fit"] == "fits/1"
+    assert gb.load(folder / "fits" / "1" / "fit.json").params.notna().all()
