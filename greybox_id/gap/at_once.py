@@ -48,7 +48,7 @@ def select_at_once(
     """
     problem = together.problem
     prices = np.array([
-        costs(own.name) + CAL.second_parameter * len(own.forms[0].seconds) for own in problem.causes
+        costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
     ])  # fmt: skip
     stage = together.exchanged(together.explained())
     stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))
@@ -71,16 +71,18 @@ def select_at_once(
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
     tried, offered = [best, *_without_each(best, stage, names, gains), *alike], promised(together, stage)
-    if len({name for own in tried for name in own.names}) < CAL.listed:
+    if len({name for item in tried for name in item.names}) < CAL.listed:
         first = offered[: CAL.listed]
-        starts = [Start((_as_refitted(own.candidate),), np.array(own.start), base.theta, base.linear) for own in first]
+        starts = [
+            Start((_as_refitted(item.candidate),), np.array(item.start), base.theta, base.linear) for item in first
+        ]
         listed = refit(search, starts)  # beside what was decided together: none of them is worth its price
-        tried += [replace(own, cost=max(own.cost, base.cost - costs(own.names[0]))) for own in listed]
-    alone = {frozenset(own.names): own for own in reversed(tried) if own.names}
-    found = sorted(alone.values(), key=by_cost)
-    if found:
-        found = [*with_slopes(search, found[:1]), *found[1:]]
-    return Selection(search, base, tuple(found), offered, True)
+        tried += [replace(item, cost=max(item.cost, base.cost - costs(item.names[0]))) for item in listed]
+    alone = {frozenset(item.names): item for item in reversed(tried) if item.names}
+    result = sorted(alone.values(), key=by_cost)
+    if result:
+        result = [*with_slopes(search, result[:1]), *result[1:]]
+    return Selection(search, base, tuple(result), offered, True)
 
 
 def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
@@ -90,7 +92,7 @@ def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
     values = {axis.name: float(p[axis.index]) for axis in search.moving}
     for k in np.flatnonzero(stage.there):
         values.pop(problem.causes[k].main.name, None)
-    own = search.at_values(values)
+    value = search.at_values(values)
     candidates, m = [], list[float]()
     for k in np.flatnonzero(stage.there):
         cause = problem.causes[k]
@@ -103,7 +105,7 @@ def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
         m += [at, *seconds]
     count = sum(len(each.axes) for each in candidates)
     assert count == len(m)
-    return replace(own, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*own.e.shape, count)))
+    return replace(value, candidates=tuple(candidates), m=np.array(m), J=np.zeros((*value.e.shape, count)))
 
 
 def _as_refitted(candidate: Candidate) -> Candidate:
@@ -111,21 +113,21 @@ def _as_refitted(candidate: Candidate) -> Candidate:
     axes = []
     for axis in candidate.axes:
         if axis.relative:
-            low, high, null = (axis.value(own) for own in (axis.low, axis.high, axis.null))
+            low, high, null = (axis.value(item) for item in (axis.low, axis.high, axis.null))
             axis = replace(axis, relative=False, low=low, high=high, null=null, mean=null, scale=axis.scale * abs(null))
         axes.append(axis)
     return replace(candidate, axes=tuple(axes))
 
 
-def _refitted(search: Search, own: Hypothesis) -> Hypothesis:
+def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis refitted about where it is."""
-    search.about(own)
-    found = refit(search, [replace(search.start_of(own), slopes=None)])
-    if not found:
-        found = refit(search, [search.start_of(search.at_means())])
-    if not found:
+    search.about(hypothesis)
+    result = refit(search, [replace(search.start_of(hypothesis), slopes=None)])
+    if not result:
+        result = refit(search, [search.start_of(search.at_means())])
+    if not result:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    return settled(search, found[0], 1)
+    return settled(search, result[0], 1)
 
 
 def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
@@ -138,7 +140,7 @@ def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: A
 
 def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesis) -> list[Hypothesis]:
     """The best explanation with others in the place of each effect, as far as they may explain as much."""
-    problem, found, sets = together.problem, list[Hypothesis](), stage.sets
+    problem, result, sets = together.problem, list[Hypothesis](), stage.sets
     here = sets.cost(stage.there)
     for k in np.flatnonzero(stage.there):
         tried = list[tuple[float, int, Mask]]()
@@ -158,23 +160,23 @@ def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesi
             size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
             start = Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
             again = refit(search, [start])
-            found += [min(again[0], replace(again[0], cost=best.cost + max(off, 0.0)), key=by_cost)] if again else []
-    return found
+            result += [min(again[0], replace(again[0], cost=best.cost + max(off, 0.0)), key=by_cost)] if again else []
+    return result
 
 
 def _base(search: Search, best: Hypothesis) -> Hypothesis:
     """Nothing but nuisances, as well as they can do."""
     nothing = Start((), np.empty(0), best.theta, best.linear)
-    found = refit(search, [search.start_of(search.at_means()), nothing])
-    if not found:
+    result = refit(search, [search.start_of(search.at_means()), nothing])
+    if not result:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    return settled(search, min(found, key=by_cost), 1)
+    return settled(search, min(result, key=by_cost), 1)
 
 
 def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
     """Of every effect what it would gain by itself beside nuisances, to first order, most first."""
     problem, sets = together.problem, stage.sets
-    found = []
+    result = []
     nothing = np.zeros(len(problem.causes), dtype=bool)
     here = sets.score(nothing)
     mains = np.flatnonzero(sets.main)
@@ -182,12 +184,14 @@ def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
         alone = nothing.copy()
         alone[k] = True
         gain = sets.score(alone) - here + sets.odds[k]
-        size, sd = (own[k] for own in sets.sizes(alone))
+        size, sd = (each[k] for each in sets.sizes(alone))
         candidate = cause.forms[stage.state.form[k]].candidate
-        told = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
+        known = float(sets.S[mains[k], mains[k]] / max(sets.raw[mains[k]], 1e-300))
         seconds = (axis.value(x) for axis, x in zip(candidate.axes[1:], stage.state.seconds[k], strict=True))
         start = (float(np.clip(size, cause.main.low, cause.main.high)), *seconds)
-        found.append(
-            Promise(candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, np.empty(0), float(sd), told)
+        result.append(
+            Promise(
+                candidate, max(float(gain), 0.0) if np.isfinite(gain) else 0.0, start, np.empty(0), float(sd), known
+            )
         )
-    return tuple(sorted(found, key=lambda own: -own.gain))
+    return tuple(sorted(result, key=lambda item: -item.gain))

@@ -265,10 +265,9 @@ class Calibration:
     abrupt_sizes: tuple[float, ...] = _known(
         (0.12, 0.3, 0.7, 1.7), "the same of effects whose derivative vanishes at the null", SEARCHED
     )
-    beyond_start: float = _known(2.5, "times such a size, up to which what it does is believed to be alike", DEFINED)
+    beyond_start: float = _known(2.5, "times such a size, up to which its secant is used", DEFINED)
     evidence_rounds: int = _known(12, "steps of evidence maximisation", SEARCHED)
     evidence_settled: float = _known(0.05, "of a logarithm of a variance, below which it moves no more", SEARCHED)
-    sweeps: int = _known(4000, "of the sampler of sets, a quarter of which are not counted", SEARCHED)
     stages: tuple[float, ...] = _known((8.0, 3.0, 1.0), "times as rough as usual: each is a hypothesis", DEFINED)
     steps_of_stage: tuple[int, ...] = _known((3, 3, 4), "of the search in each of them", SEARCHED)
     against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
@@ -286,7 +285,9 @@ class Calibration:
     )
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
-    as_rough: float = _known(1.3, "times as rough forms are believed to be, where forces say more", DEFINED)
+    as_rough: float = _known(
+        1.3, "times the prior of forms, from which unknown forces say that they are rougher", DEFINED
+    )
     as_rough_again: int = _known(2, "times at most", SEARCHED)
     second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
     still: float = _known(0.05, "of its scale, below which nothing moves any more", SEARCHED)

@@ -78,11 +78,11 @@ def causes(
     sample_time : s.
     rough : whether equations are: small effects are no gap then.
     """
-    tolerated = {own.index: own for own in stated}
-    found = dict[str, list[Candidate]]()
-    for own in candidates(model, effects, shifting):
-        found.setdefault(own.effect, []).append(own)
-    return tuple(_cause(model, effects[name], forms, tolerated, sample_time, rough) for name, forms in found.items())
+    tolerated = {item.index: item for item in stated}
+    result = dict[str, list[Candidate]]()
+    for candidate in candidates(model, effects, shifting):
+        result.setdefault(candidate.effect, []).append(candidate)
+    return tuple(_cause(model, effects[name], forms, tolerated, sample_time, rough) for name, forms in result.items())
 
 
 def _cause(
@@ -95,13 +95,13 @@ def _cause(
 ) -> Cause:
     main = forms[0].axes[0]
     usual = main.scale if main.inverse else usual_size(model, effect)
-    own = tolerated.get(main.index)
+    value = tolerated.get(main.index)
     zone = CAL.indifference * usual if rough and (effect.gradual or main.unit in ("s", "m")) else 0.0
     if rough and main.unit == "s":
         zone = max(zone, CAL.timing * sample_time)
-    if own is not None:
-        zone = max(zone, own.sd)
-        main = replace(main, mean=own.mean)
+    if value is not None:
+        zone = max(zone, value.sd)
+        main = replace(main, mean=value.mean)
     return Cause(effect.name, main, tuple(_form(each, usual) for each in forms), usual, zone, forms[0].gradual)
 
 
@@ -113,8 +113,8 @@ def _form(candidate: Candidate, usual: float) -> Form:
             ways.append((axis.low,))
             axes.append(axis)
             continue
-        own, at = _believed(axis)
-        axes.append(own)
+        value, at = _believed(axis)
+        axes.append(value)
         ways.append(at)
     seconds = tuple(axis for axis in axes if axis.low < axis.high)
     sizes = CAL.gradual_sizes if candidate.gradual else CAL.abrupt_sizes
@@ -131,10 +131,10 @@ def _believed(axis: Axis) -> tuple[Axis, tuple[float, ...]]:
     if axis.unit == "rad":
         return replace(axis, mean=0.0, sd=pi, scale=0.3), DIRECTIONS
     factors = SECONDS.get(axis.unit, (1.0,))
-    own = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
-    if not own.relative:
-        return replace(own, sd=own.scale), (own.null,)
+    value = replace(axis, mean=axis.null, sd=abs(axis.null) or 1.0).relatively()
+    if not value.relative:
+        return replace(value, sd=value.scale), (value.null,)
     wide = max(0.5 * log(max(factors) / min(factors)), CAL.second_sd)
-    return replace(own, sd=wide, scale=0.1), tuple(
-        float(np.clip(own.mean + log(f), own.low, own.high)) for f in factors
+    return replace(value, sd=wide, scale=0.1), tuple(
+        float(np.clip(value.mean + log(f), value.low, value.high)) for f in factors
     )

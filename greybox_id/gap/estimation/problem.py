@@ -86,9 +86,9 @@ class Problem:
 
     def __init__(self, bench: FreeRuns, tolerances: Sequence[Axis], causes: Sequence[Cause], good: Mask) -> None:
         self.bench, self.causes, self.good = bench, tuple(causes), good
-        own = {each.main.index for each in causes}
-        self._stated = [axis for axis in tolerances if axis.index not in own and not axis.abrupt]
-        self.shifts = tuple(axis for axis in tolerances if axis.index not in own and axis.abrupt)
+        value = {each.main.index for each in causes}
+        self._stated = [axis for axis in tolerances if axis.index not in value and not axis.abrupt]
+        self.shifts = tuple(axis for axis in tolerances if axis.index not in value and axis.abrupt)
         self.nominal = np.array(bench.model.values)
         self.usual = np.array([each.usual for each in self.causes])
         self.zone = np.maximum([each.zone for each in self.causes], LEAST_ZONE * self.usual)
@@ -186,26 +186,28 @@ class Problem:
         by_seconds = J[:, :, nt + len(smooth) :] * _by(p, [axis for _, _, axis in seconds])
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
         jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
-        asked: list[tuple[Array, float]] = [(p, 1.0)]
+        requested: list[tuple[Array, float]] = [(p, 1.0)]
         for k in ons:
-            asked.append(self._beside(p, state, k))
+            requested.append(self._beside(p, state, k))
         for k in jumps:
             q = p.copy()
             q[self.causes[k].main.index] = CAL.at_once * self.zone[k]
-            asked.append((q, 1.0))
+            requested.append((q, 1.0))
         for axis in self.shifts:
             q = p.copy()
             q[axis.index] = axis.value(axis.mean + axis.sd)
-            asked.append((q, axis.sd))
+            requested.append((q, axis.sd))
         kept = [] if look else [k for k in offs if k in self._slopes]
         starts = [(k, f, s) for k in offs if k not in kept for f, s in self._starts(state, k, look)]
         for k, f, s in starts:
             cause = self.causes[k]
             q = p.copy()
             self._place(q, k, f, cause.forms[f].starts[s])
-            asked.append((q, cause.forms[f].starts[s][0] - cause.main.null))
-        e = self.residuals([q for q, _ in asked])
-        slopes = np.stack([(own - e[0]) / step for own, (_, step) in zip(e, asked, strict=True)], axis=2)[:, :, 1:]
+            requested.append((q, cause.forms[f].starts[s][0] - cause.main.null))
+        e = self.residuals([q for q, _ in requested])
+        slopes = np.stack([(item - e[0]) / step for item, (_, step) in zip(e, requested, strict=True)], axis=2)[
+            :, :, 1:
+        ]
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         a, b, c = len(ons), len(ons) + len(jumps), len(ons) + len(jumps) + len(self.shifts)
         every = np.concatenate([
@@ -221,8 +223,8 @@ class Problem:
         first = np.concatenate([B, rest[:, a:c]], axis=1)
         if starts:
             known = np.concatenate([T, X, first], axis=1)
-            own = self._own_precision(known.shape[1], nt, len(seconds), S.shape[2], whitener, seconds, b - a)
-            state = self._seen(state, starts, rest[:, c:], mains, known, own, r, precision)
+            value = self._own_precision(known.shape[1], nt, len(seconds), S.shape[2], whitener, seconds, b - a)
+            state = self._seen(state, starts, rest[:, c:], mains, known, value, r, precision)
         chosen = dict[int, int]()
         for place, (k, f, s) in enumerate(starts):
             if (f, s) == self._looking.get(k):
@@ -268,13 +270,13 @@ class Problem:
 
     def _seen(
         self, state: State, starts: Sequence[tuple[int, int, int]], columns: Array, mains: Array, known: Array,
-        own: Array, r: Array, precision: Array,
+        value: Array, r: Array, precision: Array,
     ) -> State:  # fmt: skip
         """The state with every cause that is not there looked at from where it explains most beside all else."""
         looked = self._looking
         there = np.flatnonzero(np.any(mains != 0, axis=0))
         B = np.concatenate([known, mains[:, there]], axis=1)
-        H = B.T @ B + np.diag(np.concatenate([own, precision[there]]))
+        H = B.T @ B + np.diag(np.concatenate([value, precision[there]]))
         scale = 1 / np.sqrt(np.diag(H))
         solve = np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale)
         cross = B.T @ columns
@@ -346,18 +348,18 @@ class Problem:
         goes = self.smooth | on
         m = np.where(goes, state.m + share * (x[nt : nt + E] - state.m), self.null)
         m = np.clip(m, self.low, self.high)
-        seconds, place = [list(own) for own in state.seconds], nt + E
+        seconds, place = [list(second) for second in state.seconds], nt + E
         for k in range(E):
             if state.on[k] and not self.smooth[k]:
                 for j, axis in enumerate(self._form(state, k).candidate.axes[1:]):
                     if axis.low < axis.high:
                         seconds[k][j] += share * (x[place] - seconds[k][j])
                         place += 1
-        return State(theta, m, tuple(tuple(own) for own in seconds), state.form, on.copy())
+        return State(theta, m, tuple(tuple(second) for second in seconds), state.form, on.copy())
 
     def widen(self, state: State) -> bool:
         """Widen bounds that magnitudes have reached, twice at most; whether any was."""
-        found = False
+        result = False
         for k in range(len(self.causes)):
             if self.widened[k] >= 2:
                 continue
@@ -371,8 +373,8 @@ class Problem:
             else:
                 continue
             self.widened[k] += 1
-            found = True
-        return found
+            result = True
+        return result
 
 
 def _by(p: Array, axes: Sequence[Axis]) -> Array:

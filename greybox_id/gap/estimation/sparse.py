@@ -1,4 +1,4 @@
-"""Which of many causes are there, in a linear and Gaussian problem: evidence maximisation, and a sampler of sets.
+"""Which of many causes are there, in a linear and Gaussian problem: evidence maximisation, and scores of sets.
 
 A cause that is there has a magnitude of its usual size (slab); one that is not lies in its zone (spike). In between,
 while a search is on its way, each has a standard deviation of its own that the recording maximises: what it does not
@@ -53,22 +53,22 @@ class Quadratic:
 
     def best(self, variance: Array) -> tuple[Array, Array]:
         """(K,) the best coordinates within bounds, and their marginal variances."""
-        own, prec = self.about, self.precision(variance)
+        value, prec = self.about, self.precision(variance)
         H = self.G + np.diag(prec)
-        slope = self.g + prec * (own.at - own.mean)
-        step = least_within(H, slope, own.low - own.at, own.high - own.at, np.ones(len(H), dtype=bool))
+        slope = self.g + prec * (value.at - value.mean)
+        step = least_within(H, slope, value.low - value.at, value.high - value.at, np.ones(len(H), dtype=bool))
         scale = 1 / np.sqrt(np.diag(H))
         inverse = np.linalg.inv(H * np.outer(scale, scale))
-        return own.at + step, np.diag(inverse) * scale**2
+        return value.at + step, np.diag(inverse) * scale**2
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
         """(causes,) variances that maximise the evidence, within the zone and three times the usual size."""
         least = zone**2
-        own = self.about
+        about = self.about
         for _ in range(rounds):
             x, v = self.best(variance)
-            off, told = (x - own.mean)[own.main], 1 - v[own.main] / variance
-            new = np.clip(off**2 / np.maximum(told, 1e-3), least, (3 * usual) ** 2)
+            off, known = (x - about.mean)[about.main], 1 - v[about.main] / variance
+            new = np.clip(off**2 / np.maximum(known, 1e-3), least, (3 * usual) ** 2)
             done = np.max(np.abs(np.log(new / variance)), initial=0.0) < CAL.evidence_settled
             variance = new
             if done:
@@ -90,11 +90,11 @@ class Sets:
     def __init__(
         self, squares: Quadratic, zone: Array, usual: Array, odds: Array, never: Sequence[tuple[int, int]]
     ) -> None:
-        own = squares.about
-        ours = own.cause >= 0
+        about = squares.about
+        ours = about.cause >= 0
         rest = ~ours
-        H = squares.G[np.ix_(rest, rest)] + np.diag(1 / own.sd[rest] ** 2)
-        g = squares.g + squares.G @ (own.mean - own.at)  # at the means of everything
+        H = squares.G[np.ix_(rest, rest)] + np.diag(1 / about.sd[rest] ** 2)
+        g = squares.g + squares.G @ (about.mean - about.at)  # at the means of everything
         scale = 1 / np.sqrt(np.diag(H))
         factor = np.linalg.cholesky(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
         cross = scale[:, None] * squares.G[np.ix_(rest, ours)]
@@ -103,11 +103,11 @@ class Sets:
         self.S = squares.G[np.ix_(ours, ours)] - C.T @ C
         self.b = g[ours] - C.T @ d
         self.raw = np.diag(squares.G)[ours]
-        self.cause, self.main, self.sd = own.cause[ours], own.main[ours], own.sd[ours]
-        self.low, self.high, self.mean = own.low[ours], own.high[ours], own.mean[ours]
+        self.cause, self.main, self.sd = about.cause[ours], about.main[ours], about.sd[ours]
+        self.low, self.high, self.mean = about.low[ours], about.high[ours], about.mean[ours]
         self.left = 0.5 * self._at_means(squares) - 0.5 * float(d @ d)
         self.base = -self.left
-        self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / own.sd[rest])))
+        self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / about.sd[rest])))
         self.spike = zone**2
         self.slab = np.maximum(usual**2, 9 * self.spike)
         self.odds, self.never = odds, tuple(never)
@@ -148,9 +148,9 @@ class Sets:
         y, _ = lapack.dtrtrs(L, by * self.b, lower=1)
         x, _ = lapack.dtrtrs(L, y, lower=1, trans=1)
         there = self.mean - by * x
-        own = self.main & on[self.cause]
-        size = 1e-6 * np.sqrt(self.slab[self.cause[own]])
-        if np.any(there[own] < self.low[own] - size) or np.any(there[own] > self.high[own] + size):
+        value = self.main & on[self.cause]
+        size = 1e-6 * np.sqrt(self.slab[self.cause[value]])
+        if np.any(there[value] < self.low[value] - size) or np.any(there[value] > self.high[value] + size):
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
         return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
@@ -184,53 +184,8 @@ class Sets:
                         swap = other.copy()
                         swap[j] = False
                         tried.append(swap)
-            scores = [self.score(own) for own in tried]
+            scores = [self.score(item) for item in tried]
             k = int(np.argmax(scores))
             if not scores[k] > score + 1e-6:  # nor where nothing is a number
                 return best
             best, score = tried[k], scores[k]
-
-    def sampled(self, on: Mask, sweeps: int = CAL.sweeps, seed: int = 0) -> Sampled:
-        """Sets by their probability: Metropolis over flips and exchanges, with a seed of its own."""
-        rng = np.random.default_rng(seed)
-        now, score = on.copy(), self.score(on)
-        counts = dict[bytes, int]()
-        for sweep in range(sweeps):
-            new = now.copy()
-            k = int(rng.integers(len(on)))
-            if rng.random() < 0.5 or not np.any(now):
-                new[k] = not new[k]
-            else:
-                there, free = np.flatnonzero(now), np.flatnonzero(~now)
-                new[int(rng.choice(there))], new[int(rng.choice(free))] = False, True
-            other = self.score(new)
-            if np.log(rng.random()) < other - score:
-                now, score = new, other
-            if sweep >= sweeps // 4:
-                key = now.tobytes()
-                counts[key] = counts.get(key, 0) + 1
-        total = sum(counts.values())
-        sets = [np.frombuffer(key, dtype=bool) for key in counts]
-        return Sampled(tuple(sets), np.array([own / total for own in counts.values()]))
-
-
-@dataclass(frozen=True)
-class Sampled:
-    """Sets of causes with their probabilities.
-
-    Attributes
-    ----------
-    sets : (causes,) each.
-    weights : of each; they add up to one.
-    """
-
-    sets: tuple[Mask, ...]
-    weights: Array
-
-    def any_of(self, members: Sequence[int]) -> float:
-        """The probability that one of several is there at least."""
-        return float(sum(w for w, own in zip(self.weights, self.sets, strict=True) if np.any(own[list(members)])))
-
-    def each(self) -> Array:
-        """(causes,) probabilities."""
-        return np.asarray(self.weights @ np.array(self.sets, dtype=float))

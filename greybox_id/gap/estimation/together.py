@@ -80,20 +80,20 @@ class Whitening:
             return self.usual(about, 1.0)
         if about is None:
             return colour(e, self.problem.good, self.problem.bench.rows)
-        found = estimated(about, e, self.problem.good, self.prior)
-        return model_error(about, at_least(found, self.prior.median), self.problem.good)
+        result = estimated(about, e, self.problem.good, self.prior)
+        return model_error(about, at_least(result, self.prior.median), self.problem.good)
 
 
-def scaled(own: Amplitudes, by: float) -> Amplitudes:
+def scaled(value: Amplitudes, by: float) -> Amplitudes:
     """Model error so many times as large."""
-    return replace(own, share_y=own.share_y * by, share_x=own.share_x * by, floor_y=own.floor_y * by,
-                   floor_x=own.floor_x * by)  # fmt: skip
+    return replace(value, share_y=value.share_y * by, share_x=value.share_x * by, floor_y=value.floor_y * by,
+                   floor_x=value.floor_x * by)  # fmt: skip
 
 
-def at_least(own: Amplitudes, least: Amplitudes) -> Amplitudes:
+def at_least(amplitudes: Amplitudes, least: Amplitudes) -> Amplitudes:
     """Model error no smaller than that, sensors as they are."""
     names = ("share_y", "share_x", "floor_y", "floor_x", "memory_y", "memory_x")
-    return replace(own, **{name: max(getattr(own, name), getattr(least, name)) for name in names})
+    return replace(amplitudes, **{name: max(getattr(amplitudes, name), getattr(least, name)) for name in names})
 
 
 class Together:
@@ -107,18 +107,18 @@ class Together:
 
     def __init__(self, problem: Problem, whitening: Whitening, tell: Callable[..., None]) -> None:
         self.problem, self.whitening, self.tell = problem, whitening, tell
-        names = [own.name for own in problem.causes]
+        names = [cause.name for cause in problem.causes]
         self.never = [
-            (a, b) for a, own in enumerate(problem.causes) for b, other in enumerate(names)
-            if other in own.forms[0].candidate.never_beside
+            (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
+            if other in cause.forms[0].candidate.never_beside
         ]  # fmt: skip
         self.odds = np.full(len(names), CAL.against)
-        for k, own in enumerate(problem.causes):
-            self.odds[k] += CAL.second_odds * len(own.forms[0].seconds)
+        for k, cause in enumerate(problem.causes):
+            self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
 
     def annealed(self) -> list[Stage]:
         """Every stage, roughest first."""
-        problem, found = self.problem, list[Stage]()
+        problem, result = self.problem, list[Stage]()
         state, variance = problem.begin(), (0.3 * problem.usual) ** 2
         for rough, steps in zip(CAL.stages, CAL.steps_of_stage, strict=True):
             moved = problem.roughly(rough, state)
@@ -135,8 +135,8 @@ class Together:
             if problem.widen(state):
                 state, squares = self._linear(state, whitener, False, variance)
                 state, _ = self._stepped(state, squares, variance, whitener)
-            found.append(self.settled(state, rough, variance, whitener))
-        return found
+            result.append(self.settled(state, rough, variance, whitener))
+        return result
 
     def explained(self) -> Stage:
         """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
@@ -145,17 +145,17 @@ class Together:
         beside these. Where equations are much rougher than usual, no name at all is tried, too, from where all is
         believed to be.
         """
-        best = max(self.annealed(), key=lambda own: own.evidence)
+        best = max(self.annealed(), key=lambda item: item.evidence)
         for _ in range(CAL.as_rough_again):
             rough = self._as_rough(best)
             if max(rough / best.rough, best.rough / rough) < CAL.as_rough:
                 break
             self.problem.roughly(best.rough)
-            found = [self._settled_as(best.state, best.there, rough)]
+            result = [self._settled_as(best.state, best.there, rough)]
             if rough > CAL.much_rougher:
                 self.problem.roughly(1.0)
-                found.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
-            best = max(found, key=lambda own: own.evidence)
+                result.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
+            best = max(result, key=lambda item: item.evidence)
         self.problem.roughly(best.rough)
         return best
 
@@ -199,8 +199,8 @@ class Together:
         """Times as rough as usual, that forces are which no equation has; no smoother than usual."""
         if not isinstance(stage.whitener, ModelError):
             return 1.0
-        own, usual = stage.whitener.amplitudes, self.whitening.prior.median
-        return max(1.0, own.share_y / usual.share_y, own.share_x / usual.share_x)
+        value, usual = stage.whitener.amplitudes, self.whitening.prior.median
+        return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
     def pruned(self, stage: Stage, prices: Array, unsteady: Array) -> tuple[Stage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
@@ -329,26 +329,26 @@ class Together:
         self, state: State, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
     ) -> tuple[State, float]:
         """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
-        problem, own = self.problem, squares.about
+        problem, value = self.problem, squares.about
         x, _ = squares.best(variance)
-        off = np.abs(x - own.mean)[own.main]
+        off = np.abs(x - value.mean)[value.main]
         if there is None:
             there = (off > np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)) & (
                 variance > 4 * problem.zone**2
             )
         on = there & ~problem.smooth
         switched = on & ~state.on
-        linear = ~own.moved & ~np.isin(own.cause, np.flatnonzero(switched))
+        linear = ~value.moved & ~np.isin(value.cause, np.flatnonzero(switched))
         prec = squares.precision(variance)
-        profile = _Profile(own.A[:, linear], prec[linear], (own.mean - own.at)[linear])
+        profile = _Profile(value.A[:, linear], prec[linear], (value.mean - value.at)[linear])
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
-        here = self._objective(back, profile, whitener, prec, own, back.m)
+        here = self._objective(back, profile, whitener, prec, value, back.m)
         share = 1.0
         for _ in range(6):
             new = problem.moved(state, x, share, on)
-            there_now = self._objective(new, profile, whitener, prec, own, new.m)
+            there_now = self._objective(new, profile, whitener, prec, value, new.m)
             if there_now < here + 1e-6:
                 break
             share *= 0.4
@@ -362,7 +362,7 @@ class Together:
         return new, far
 
     def _objective(
-        self, state: State, profile: _Profile, whitener: Whitener, prec: Array, own: Linear, m: Array
+        self, state: State, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
     ) -> float:
         problem = self.problem
         (e,) = problem.residuals([problem.vector(state)])
@@ -373,7 +373,7 @@ class Together:
             squares = profile.left(r)
         theta = (state.theta - problem.theta_mean) / problem.theta_sd
         goes = problem.smooth | state.on
-        mains = np.sqrt(prec[own.main]) * np.where(goes, m - problem.mean, 0.0)
+        mains = np.sqrt(prec[linear.main]) * np.where(goes, m - problem.mean, 0.0)
         extra = 0.0
         for k in np.flatnonzero(state.on & ~problem.smooth):
             for axis, at in zip(

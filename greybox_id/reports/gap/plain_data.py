@@ -62,7 +62,7 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
         moved=tuple(_moved(item) for item in body.get("moved", ())),
         tried=_numbers(body.get("tried", {})),
         held=str(body.get("held", "")),
-        classes=tuple(_class(own) for own in body.get("classes", ())),
+        classes=tuple(_class(item) for item in body.get("classes", ())),
     )
 
 

@@ -260,14 +260,14 @@ def which(gap: Gap) -> str:
     return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(one)}{apart}"
 
 
-def _named(own: Ranked, alike: CauseClass | None) -> str:
+def _named(ranked: Ranked, alike: CauseClass | None) -> str:
     """An effect with its probability, or with that of all that act alike, and of each of them."""
     if alike is None:
-        return f"{own.effect}, {magnitude_words(own)} (probability {probability_words(own.probability)})"
+        return f"{ranked.effect}, {magnitude_words(ranked)} (probability {probability_words(ranked.probability)})"
     each = ", ".join(f"{name} {probability_words(p)}" for name, p in alike.each.items())
     return (
         f"one of {listed([*alike.members])} (probability {probability_words(alike.probability)}; {each}), of which "
-        f"{own.effect}, {magnitude_words(own)}, does best and is applied"
+        f"{ranked.effect}, {magnitude_words(ranked)}, does best and is applied"
     )
 
 
