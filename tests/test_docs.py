@@ -11,8 +11,11 @@ import pytest
 from documents import DOCS, fenced, page, run_page
 
 from greybox_id.fitting.uncertainty.identifiability import TOGETHER
+from greybox_lab.virtual.synthetic_racer.car import Car
 
 PACKAGE = DOCS.parent / "greybox_id"
+CAR = Car()
+"""What the tutorial's recordings are of."""
 
 
 @pytest.fixture(autouse=True)
@@ -25,9 +28,14 @@ def _in_a_folder(tmp_path, monkeypatch):
 @pytest.mark.slow
 def test_the_tutorial_leads_from_a_csv_to_c_code():
     run_page("tutorial.md")
-    own = json.loads(Path("run/fit.json").read_text(encoding="utf-8"))["parameters"]
-    assert 0.03 < own["steering_lag"]["value"] < 0.1
-    assert own["l_f"]["value"] + own["l_r"]["value"] == pytest.approx(0.32, rel=0.06)
+    fitted = json.loads(Path("run/fit.json").read_text(encoding="utf-8"))["parameters"]
+    for name, truth in {"m": CAR.m, "I_z": CAR.I_z, "l_f": CAR.l_f, "l_r": CAR.l_r}.items():
+        low, high = fitted[name]["interval"]
+        assert low < truth < high, name
+    low, high = fitted["steering_lag"]["interval"]
+    assert low < CAR.steer_lag + CAR.steer_delay < high
+    rows = re.findall(r"^\| (\w+) \| ([\d.]+) (?:kg m²|kg|m) \|", page("tutorial.md"), re.MULTILINE)
+    assert {name: float(value) for name, value in rows} == {n: getattr(CAR, n) for n in ("m", "I_z", "l_f", "l_r")}
     assert Path("run/report.pdf").read_bytes().startswith(b"%PDF")
 
 

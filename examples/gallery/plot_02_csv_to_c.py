@@ -6,11 +6,14 @@ A logger names columns as it likes. A column map says what they are; the rest is
 """
 
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pandas as pd
 
 import greybox_id as gb
+
+folder = Path(mkdtemp())  # where this page writes
 
 # %%
 # Somebody else's file: km/h, degrees, a gyro mounted upside down.
@@ -24,12 +27,13 @@ table = pd.DataFrame(
         "servo": np.degrees(lap["steer"]),
     }
 )
-table.round(4).to_csv("lap.csv", index=False)
+table.round(4).to_csv(folder / "lap.csv", index=False)
 table.head(3)
 
 # %%
 # The map. ``greybox data map lap.csv --out my_car.toml`` proposes one.
-Path("my_car.toml").write_text(
+columns = folder / "my_car.toml"
+columns.write_text(
     """name = "my_car"
 [time]
 column = "Time"
@@ -42,15 +46,15 @@ steer = { column = "servo", unit = "deg" }
 """,
     encoding="utf-8",
 )
-for finding in gb.check("lap.csv", columns="my_car.toml"):
+for finding in gb.check(folder / "lap.csv", columns=columns):
     print(finding)
 
 # %%
-fit = gb.fit("kinematic", "lap.csv", vehicle="roboracer", columns="my_car.toml", effects=["steering_delay"])
+fit = gb.fit("kinematic", folder / "lap.csv", vehicle="roboracer", columns=columns, effects=["steering_delay"])
 print(fit)
 
 # %%
 # C99 without allocation: a step, its derivatives, and a test that checks the code where it is compiled.
-for file in gb.export(fit, to="car", target="c"):
+for file in gb.export(fit, to=folder / "car", target="c"):
     print(file.name, file.stat().st_size, "bytes")
-print("\n".join(Path("car/car.h").read_text(encoding="utf-8").splitlines()[:40]))
+print("\n".join((folder / "car" / "car.h").read_text(encoding="utf-8").splitlines()[:40]))

@@ -7,12 +7,15 @@ Two vehicles, three recordings each. What does each vehicle's parameter look lik
 
 from dataclasses import replace
 from pathlib import Path
+from tempfile import mkdtemp
 
 import numpy as np
 import pandas as pd
 
 import greybox_id as gb
 from greybox_lab import fleet
+
+folder = Path(mkdtemp())  # where this page writes
 
 # %%
 # Recordings in a folder for each vehicle. The second car's yaw inertia is larger by a fifth.
@@ -26,13 +29,13 @@ for vehicle, inertia in {"V0": 2274.0, "V1": 2729.0}.items():
         table = lap.with_signals(**gb.simulate(model, lap).signals).to_pandas()
         noise = np.random.default_rng(drive).normal(0, [0.05, 0.01, 0.15], (len(time), 3))
         table[["v_y", "yaw_rate", "a_y"]] += noise
-        file = Path("data") / vehicle / f"drive{drive}.csv"
+        file = folder / "data" / vehicle / f"drive{drive}.csv"
         file.parent.mkdir(parents=True, exist_ok=True)
         table.to_csv(file, index=False)
 
 # %%
 # What is done with each of them is a file; ``greybox fleet run fleet.toml --out results`` does the same.
-Path("fleet.toml").write_text(
+(folder / "fleet.toml").write_text(
     """recordings = "data/{vehicle}/*.csv"
 vehicle = "full_size_car"
 steps = ["fit"]
@@ -44,13 +47,13 @@ horizon = 1.0
 """,
     encoding="utf-8",
 )
-fleet.run("fleet.toml", "results")
-estimates = pd.read_parquet("results/parameters")
+fleet.run(folder / "fleet.toml", folder / "results")
+estimates = pd.read_parquet(folder / "results" / "parameters")
 estimates.query("name == 'I_z'")[["vehicle", "value", "sd", "low", "high"]]
 
 # %%
 # Vehicles together: what is common to all, and how far each lies from it.
-fleet.estimate("results")
-pd.read_parquet("results/vehicles").query("name == 'I_z'")[
+fleet.estimate(folder / "results")
+pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'")[
     ["vehicle", "recordings", "value", "low", "high", "sentence"]
 ]

@@ -7,6 +7,8 @@ CasADi, does not.
 """
 
 import importlib.util
+from pathlib import Path
+from tempfile import mkdtemp
 
 import casadi as cs
 import matplotlib.pyplot as plt
@@ -21,8 +23,9 @@ LATE = 0.15
 
 # %%
 # The model of the vehicle file, as CasADi functions that need nothing but CasADi.
-gb.export(gb.models.lateral(vehicle="full_size_car"), to="car", target="casadi")
-spec = importlib.util.spec_from_file_location("car", "car/car.py")
+folder = Path(mkdtemp()) / "car"
+gb.export(gb.models.lateral(vehicle="full_size_car"), to=folder, target="casadi")
+spec = importlib.util.spec_from_file_location("car", folder / "car.py")
 car = importlib.util.module_from_spec(spec)
 spec.loader.exec_module(car)
 

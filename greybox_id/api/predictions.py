@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -16,11 +17,14 @@ from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
 from ..fitting.choices.parameters import state_values
-from ..fitting.choices.requested_model import must_be_recorded
+from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded
 from ..fitting.fit import Fit
+from ..fitting.posterior.posterior import Posterior
+from ..fitting.posterior.predictive import banded_table, predictive_band
 from ..fitting.restated import as_fitted
 from ..fitting.scores.metrics import FREE_RUN
 from ..fitting.scores.metrics import score as score_model
+from ..fitting.scores.prediction import as_table, assumed, predicted_how
 from ..fitting.scores.prediction import predict as predict_rows
 from ..fitting.scores.prediction import simulate as simulate_runs
 from ..fitting.scores.timing import (
@@ -73,9 +77,7 @@ def simulate(
     Recording racer_train, kinematic: 400 rows in 1 run, 19.95 s at 20 Hz
       yaw_rate [rad/s], a_y [m/s²]
     """
-    chosen, entry = _both(model, recording, vehicle, effects, columns)
-    states = None if start is None else state_values(start, chosen, "start")
-    return _as_recording(chosen, entry, simulate_runs(chosen, entry, states), chosen.name)
+    return simulated(model, recording, start, vehicle, effects, columns).as_recording()
 
 
 @understood
@@ -120,28 +122,103 @@ def predict(
     >>> len(ahead) == len(lap)
     True
     """
+    return predicted(
+        model, recording, horizon, open_loop=open_loop, calibrate=calibrate, vehicle=vehicle, effects=effects,
+        columns=columns,
+    ).as_recording()  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Predicted:
+    """What a model makes of a recording.
+
+    Attributes
+    ----------
+    model, recording : of what.
+    prediction : row by row.
+    how : in words, "0.5 s ahead".
+    called : what the recording of it is named after.
+    facts : further plain data: timing, posterior, start, warnings.
+    table : time, run, and every output as read and as predicted.
+    """
+
+    model: Model
+    recording: Recording
+    prediction: Prediction
+    how: str
+    called: str
+    facts: Mapping[str, Any]
+    table: pd.DataFrame
+
+    def as_recording(self) -> Recording:
+        """The outputs on the recording's time."""
+        return _as_recording(self.model, self.recording, self.prediction, self.called)
+
+
+def simulated(
+    model: ModelLike | Fit,
+    recording: Recording | str | Path,
+    start: Mapping[str, Quantity] | None = None,
+    vehicle: VehicleLike = None,
+    effects: Effects = (),
+    columns: Columns = "canonical",
+) -> Predicted:
+    """The free run of every unbroken run. Arguments and errors are those of `simulate`."""
+    chosen, value = _both(model, recording, vehicle, effects, columns)
+    states = state_values(start or {}, chosen)
+    warnings = [*assumed(chosen, value, states), *doubts_of_drive(chosen, [value])]
+    result = simulate_runs(chosen, value, states)
+    table = as_table(chosen, value, result, "simulated")
+    return Predicted(chosen, value, result, "free run", chosen.name, {"start": states, "warnings": warnings}, table)
+
+
+def predicted(
+    model: ModelLike | Fit,
+    recording: Recording | str | Path,
+    horizon: float | None = None,
+    *,
+    open_loop: bool = False,
+    calibrate: str | None = None,
+    posterior: Posterior | None = None,
+    vehicle: VehicleLike = None,
+    effects: Effects = (),
+    columns: Columns = "canonical",
+) -> Predicted:
+    """Every row from the readings some time earlier. Arguments and errors are those of `predict`.
+
+    Parameters
+    ----------
+    posterior : of a fit: the mean over its draws is predicted, and a 95 % band stands in the table.
+    """
     must_be_horizon(horizon)
     seconds = calibrated_seconds(calibrate)
-    chosen, one = _both(model, recording, vehicle, effects, columns)
-    if seconds is not None:
-        return _calibrated(model, chosen, one, seconds, horizon, open_loop)
-    it = predict_rows(chosen, one, None if horizon is None else float(horizon), open_loop=open_loop)
-    return _as_recording(chosen, one, it, f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}")
-
-
-def _calibrated(
-    fit: ModelLike | Fit, model: Model, recording: Recording, seconds: float, horizon: float | None, open_loop: bool
-) -> Recording:
-    value = must_have_timing(model)
-    if horizon is not None:
+    if seconds is not None and (horizon is not None or posterior is not None):
         raise BadInput(
-            "calibrate: it is for models with memory, which predict freely or one sample ahead; omit horizon."
+            "‹calibrate› is for models with memory, which predict freely or one sample ahead: omit ‹horizon› and "
+            "‹posterior›."
         )
-    if not isinstance(fit, Fit):
-        raise BadInput(f"calibrate: a fit is needed, whose training says what an error is, not {fit!r:.60}.")
-    timing = calibrated_timing(fit, recording, seconds)
-    result = calibrated_predictions(value, recording, timing, open_loop=open_loop)
-    return _as_recording(model, recording, result, f"{model.name}, {calibration_words(seconds)}")
+    if posterior is not None and open_loop:
+        raise BadInput("‹open_loop› is for models with memory, which have no ‹posterior›.")
+    if (seconds is not None or posterior is not None) and not isinstance(model, Fit):
+        raise BadInput(f"model: a fit is needed, whose training says what an error is, not {model!r:.60}.")
+    chosen, value = _both(model, recording, vehicle, effects, columns)
+    how, facts = predicted_how(chosen, horizon, open_loop)
+    called = f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}"
+    if seconds is not None:
+        assert isinstance(model, Fit)
+        memory = must_have_timing(chosen)
+        timing = calibrated_timing(model, value, seconds)
+        result = calibrated_predictions(memory, value, timing, open_loop=open_loop)
+        facts, called = facts | {"timing": timing.as_dict()}, f"{chosen.name}, {calibration_words(seconds)}"
+    elif posterior is not None:
+        assert isinstance(model, Fit)
+        band = predictive_band(model, posterior, value, horizon)
+        covered = dict(zip(chosen.outputs, band.coverage().tolist(), strict=True))
+        facts = facts | {"posterior": {"draws": band.draws, "level": band.level, "coverage": covered}}
+        return Predicted(chosen, value, band.mean, how, called, facts, banded_table(chosen, value, band))
+    else:
+        result = predict_rows(chosen, value, None if horizon is None else float(horizon), open_loop=open_loop)
+    return Predicted(chosen, value, result, how, called, facts, as_table(chosen, value, result, "predicted"))
 
 
 def residuals(

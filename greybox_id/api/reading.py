@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from ..base.declared import understood
 from ..base.errors import BadInput
-from ..datasets.checks import Finding
-from ..datasets.checks import check as check_recording
 from ..datasets.read import read as read_file
 from ..datasets.recording import Recording
-from ..models.vehicle_file import shipped_vehicles
 from . import given_recordings as given
 from .given_recordings import Columns
+
+if TYPE_CHECKING:
+    from ..datasets.checks import Finding
 
 
 @understood
@@ -82,6 +83,8 @@ def check(
     >>> [finding.sentence for finding in gb.check(lap) if finding.severity is gb.Severity.DISTRUST]
     []
     """
+    from ..datasets.checks import check as check_recording  # reading alone needs none of them
+
     if wheelbase is not None and not (isinstance(wheelbase, int | float) and 0 < wheelbase < 100):
         raise BadInput(f"wheelbase: metres are needed, such as 0.32, not {wheelbase!r:.40}.")
     return check_recording(given.recording(recording, columns), wheelbase)
@@ -101,4 +104,6 @@ def vehicles() -> tuple[str, ...]:
     >>> "roboracer" in gb.vehicles()
     True
     """
+    from ..models.vehicle_file import shipped_vehicles
+
     return shipped_vehicles()

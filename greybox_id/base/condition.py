@@ -52,7 +52,7 @@ def holds(condition: str, signals: Mapping[str, Values]) -> NDArray[np.bool_]:
         It cannot be understood, or names a signal there is not.
     """
     if len(condition) > LONGEST:
-        raise BadInput(f"The condition has {len(condition)} characters; {LONGEST} are the most.")
+        raise BadInput(f"The condition has {len(condition)} characters; at most {LONGEST} are allowed.")
     try:
         tree = ast.parse(condition.strip(), mode="eval").body
     except (SyntaxError, ValueError, RecursionError, MemoryError) as error:

@@ -21,7 +21,7 @@ from .output import console, print_json, progress, show
     default=20.0,
     show_default=True,
     metavar="SECONDS",
-    help="Of motion to adapt to; what follows is scored.",
+    help="Seconds of motion to adapt to; the rest is scored.",
 )
 @click.option(
     "--free",

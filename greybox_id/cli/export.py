@@ -39,9 +39,7 @@ from .terminal import tell
     metavar="free|all|NAME,...",
     help="What can be changed afterwards; everything else becomes a constant, which makes the code faster.",
 )
-@click.option(
-    "--name", "called", metavar="NAME", help="What files and functions are called; after FOLDER unless given."
-)
+@click.option("--name", "called", metavar="NAME", help="Name of files and functions; default: that of FOLDER.")
 @own_option
 @json_option
 def export(

@@ -60,7 +60,7 @@ if TYPE_CHECKING:
 @click.option(
     "--strength",
     type=click.FloatRange(min=0, min_open=True),
-    help="Factor on the priors of the weights, instead of choosing it.",
+    help="Factor on the priors of the weights; chosen by cross-validation unless given.",
 )
 @click.option(
     "--solver",

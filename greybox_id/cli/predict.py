@@ -2,30 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
+from ..api.predictions import Predicted, predicted, simulated
 from ..base.guard import claim
 from ..base.numbers import counted, pretty_unit, with_sd
 from ..base.quantity import pairs
 from ..base.signals import unit_of
-from ..datasets.recording import Recording
 from ..datasets.result_table import target_of, write_table
-from ..engine.simulation import Prediction
-from ..fitting.choices.parameters import Choices, state_values, with_choices
-from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded
+from ..fitting.choices.parameters import Choices, with_choices
+from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
-from ..fitting.restated import as_fitted
+from ..fitting.posterior.posterior import load_posterior
 from ..fitting.scores.metrics import as_dict, prediction_errors
-from ..fitting.scores.prediction import as_table, assumed, predicted_how
-from ..fitting.scores.prediction import predict as predict_rows
-from ..fitting.scores.prediction import simulate as simulate_runs
-from ..fitting.scores.timing import calibrated_predictions, calibrated_seconds, calibrated_timing, must_have_timing
-from ..models.model import Model
 from ..reports.text.memory import timing_lines
 from .options import (
     calibrate_option,
@@ -86,34 +81,16 @@ def predict(
     """  # fmt: skip
     target = claim(target_of(out), becomes=PREDICTIONS)
     fit = fit_of(fit_file)
-    model = fit.model
-    more: dict[str, Any] = {}
-    seconds = calibrated_seconds(calibrate)
-    if seconds is not None and (posterior is not None or horizon is not None):
-        raise click.UsageError("--calibrate is for models with memory, which have no --posterior and no --horizon.")
-    if posterior is not None and open_loop:
-        raise click.UsageError("--open-loop is for models with memory, which have no --posterior.")
+    draws = None if posterior is None else load_posterior(posterior)
     with working(f"predicting {file}"):
-        recording = as_fitted(fit, read_part(file, columns))
-        must_be_recorded(model, [recording])
-        if seconds is not None:
-            timing = calibrated_timing(fit, recording, seconds)
-            result = calibrated_predictions(must_have_timing(model), recording, timing, open_loop=open_loop)
-            table, more = as_table(model, recording, result, "predicted"), {"timing": timing.as_dict()}
-        elif posterior is None:
-            result = predict_rows(model, recording, horizon, open_loop=open_loop)
-            table = as_table(model, recording, result, "predicted")
-        else:
-            from ..fitting.posterior.posterior import load_posterior
-            from ..fitting.posterior.predictive import banded_table, predictive_band
-
-            band = predictive_band(fit, load_posterior(posterior), recording, horizon)
-            result, table = band.mean, banded_table(model, recording, band)
-            covered = dict(zip(model.outputs, band.coverage().tolist(), strict=True))
-            more = {"posterior": {"file": posterior, "draws": band.draws, "level": band.level, "coverage": covered}}
-        write_table(table, target, PREDICTIONS)
-    how, known = predicted_how(model, horizon, open_loop)
-    _tell(model, recording, result, target, how, known | more, as_json)
+        result = predicted(
+            fit, read_part(file, columns), horizon, open_loop=open_loop, calibrate=calibrate, posterior=draws
+        )
+        write_table(result.table, target, PREDICTIONS)
+    facts = dict(result.facts)
+    if posterior is not None:
+        facts["posterior"] = {"file": posterior, **facts["posterior"]}
+    _tell(result, target, facts, as_json)
 
 
 @click.command(name="simulate")
@@ -156,36 +133,23 @@ def simulate(
             if asks
             else "Name a FIT and a RECORDING, or a RECORDING and --model NAME."
         )
-    fitted = None if asks else fit_of(paths[0])
-    model = requested(**options, fix=fix).or_single_track().model() if fitted is None else _changed(fitted, fix)
-    with working(f"reading {paths[-1]}"):
+    with working(f"simulating {paths[-1]}"):
+        if asks:
+            model: RequestedModel | Fit = requested(**options, fix=fix).or_single_track()
+        else:
+            fitted = fit_of(paths[0])
+            model = replace(fitted, model=with_choices(fitted.model, Choices(**parameter_values(fix))))
         recording = read_part(paths[-1], columns)
-    if fitted is not None:
-        recording = as_fitted(fitted, recording)
-    must_be_recorded(model, [recording])
-    start = state_values(pairs(start_state, "NAME=VALUE, as in ‹start_state› v_x=10"), model)
-    warnings = [*assumed(model, recording, start), *doubts_of_drive(model, [recording])]
-    for warning in warnings:
+        start = pairs(start_state, "NAME=VALUE, as in ‹start_state› v_x=10")
+        result = simulated(model, recording, start)
+        write_table(result.table, target, SIMULATIONS)
+    for warning in result.facts["warnings"]:
         tell(f"warning: {warning}")
-    with working(f"simulating {recording.name}"):
-        result = simulate_runs(model, recording, start)
-        write_table(as_table(model, recording, result, "simulated"), target, SIMULATIONS)
-    _tell(model, recording, result, target, "free run", {"start": start, "warnings": warnings}, as_json)
+    _tell(result, target, result.facts, as_json)
 
 
-def _changed(fit: Fit, fix: Sequence[str]) -> Model:
-    return with_choices(fit.model, Choices(**parameter_values(fix)))
-
-
-def _tell(
-    model: Model,
-    recording: Recording,
-    prediction: Prediction,
-    target: Path,
-    how: str,
-    known: dict[str, Any],
-    as_json: bool,
-) -> None:
+def _tell(result: Predicted, target: Path, facts: Mapping[str, Any], as_json: bool) -> None:
+    model, recording, prediction, how = result.model, result.recording, result.prediction, result.how
     errors = prediction_errors(model.outputs, prediction, recording.sample_time)
     lost = int(np.sum(~np.all(np.isfinite(prediction.predicted), axis=1)))
     if as_json:
@@ -195,15 +159,15 @@ def _tell(
             "runs": len(np.unique(prediction.run)),
             "not_finite": lost,
         }
-        print_json(body | known | {"errors": as_dict({how: errors})[how]})
+        print_json(body | dict(facts) | {"errors": as_dict({how: errors})[how]})
         return
     out, runs = console(), counted(len(np.unique(prediction.run)), "run")
     out.print(f"written  {target}: {counted(len(prediction.rows), 'row')} in {runs}, {how}")
     for name, error in errors.items():
         out.print(f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit_of(name))}")
-    for line in timing_lines(known["timing"]) if "timing" in known else ():
+    for line in timing_lines(facts["timing"]) if "timing" in facts else ():
         out.print(f"timing   {line}")
-    for name, share in known.get("posterior", {}).get("coverage", {}).items():
+    for name, share in facts.get("posterior", {}).get("coverage", {}).items():
         if np.isfinite(share):
             out.print(f"         {name}: {100 * share:.1f} % of the readings within the 95 % band")
     if lost:

@@ -106,7 +106,7 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
         more = len(result) - MOST_FINDINGS
         items = [_said(item) for item in result[:MOST_FINDINGS]]
         if more > 0:
-            items.append(f"and {counted(more, 'finding')} more; greybox data check tells all.")
+            items.append(f"and {counted(more, 'finding')} more; greybox data check lists all.")
         parts += [Text("", lead=f"Findings in {recording.name}{part}"), Points(tuple(items))]
     return parts
 

@@ -37,8 +37,8 @@ from .sections import Sections, sections, seen
 LEADS = ("How good", "Against what", "How chosen")
 EARLY = "early stopping"
 INTERVALS = (
-    "Standard deviations and intervals allow for the residuals' correlation in time and include what priors told; "
-    "intervals end at a parameter's bounds. A note says where the recording told little."
+    "Standard deviations and intervals allow for the residuals' correlation in time and include the priors; intervals "
+    "end at a parameter's bounds. Notes mark parameters on which the recording has little information."
 )
 ERRORS = (
     "RMSE is given with its standard error, from blocks of one second; FVU is the fraction of the measured signal's "

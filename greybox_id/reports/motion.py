@@ -291,7 +291,7 @@ def _correlation(fit: Fit) -> Iterator[Drawing]:
             picture,
             "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
             "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
-            "than 0.1 are left unwritten.",
+            "than 0.1 are not printed.",
             "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
         )
 

@@ -193,7 +193,7 @@ def by_filterpy(time: Array, force: Array, position: Array, start: Array) -> Arr
 
 def by_nnodely(time: Array, force: Array, position: Array, start: Array) -> Array:
     """nnodely trains by torch, gigabytes with its CUDA libraries; the axis is not stated for it."""
-    raise ImportError("it needs torch, gigabytes with its libraries, which no extra of this package brings")
+    raise ImportError("it needs torch, several gigabytes, which no extra of this package installs")
 
 
 PEERS: dict[str, tuple[Callable[[Array, Array, Array, Array], Array], int]] = {

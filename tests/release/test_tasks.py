@@ -37,7 +37,8 @@ def answers(data, path):
     name, _, rest = path.partition(".")
     if name == "*":
         inner = data if isinstance(data, list) else data.values() if rest else list(data)
-        return [one for item in inner for one in (answers(item, rest) if rest else [item])]
+        each = [answers(item, rest) if rest else item for item in inner]
+        return [one for several in each for one in several] if "*" in rest else each
     inner = data[int(name)] if isinstance(data, list) else data[name]
     return answers(inner, rest) if rest else inner
 

@@ -56,7 +56,7 @@ def test_whether_there_is_a_gap():
     assert "though hardly in free run" in whether(quiet)
     assert whether(clear()).endswith("in free run the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001).")
     assert whether(none()).startswith("No gap: ")
-    assert "cannot be told: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
+    assert "is unknown: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
     assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())
     assert "agree within noise and stated tolerances (p" in whether(none())
     far = replace(none(), where=replace(none().where, channels={"yaw_rate": 1.8}))
@@ -89,10 +89,10 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     ("closed", "interval", "said"),
     [
         (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
-        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); that it closes at all cannot be told here"),
+        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); it may not close at all"),
         (-0.12, (-0.3, 0.04), "adding steering_delay makes predictions worse by 12 % of the excess [−4, 30]"),
         (-0.12, (-0.3, -0.02), "worse by 12 % of the excess [2, 30] on lap8 (held out)"),
-        (NAN, (NAN, NAN), "there is no excess over the floor on lap8 (held out) that could close"),
+        (NAN, (NAN, NAN), "no excess error above the floor on lap8 (held out)"),
         (-0.001, (-0.3, 0.3), "worse by 0 % of the excess [−30, 30]"),
     ],
 )
@@ -106,10 +106,10 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     gap = clear(gap=small, held_out=None)
     said = how_far(gap, small, False)
     assert re.search(r"free runs exceed noise by 1\.?0? % on lap8", said)
-    assert "next to no gap" in said
+    assert "there is hardly a gap" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
-    assert "next to no gap" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
+    assert "there is hardly a gap" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
     assert "worse by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
     sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
     assert "closes by 90 %" in how_far(gap, sure, False)
@@ -127,7 +127,7 @@ def test_parameters_beyond_their_tolerances_are_no_agreement_within_these():
     assert "within noise and stated tolerances" in whether(replace(none(), moved=(near,)))
     said = whether(replace(none(), moved=(far, near)))
     assert "stated tolerances" not in said
-    assert "C_f is 9.6 standard deviations from where stated" in said
+    assert "C_f is 9.6 standard deviations from its stated value" in said
 
 
 def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
@@ -135,13 +135,13 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     assert as_it_stands(gap, gap.held_out) == ""
     free = next(own for own in gap.held_out.errors if own.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
-    assert "than the model did before: mean square 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
+    assert "than the model had before: mean square 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
     assert as_it_stands(gap, replace(worse, closed=-0.2)) == ""  # how far it closes has said it
     better = replace(worse, errors=(replace(free, before=9 * free.floor, after=2 * free.floor),))
     assert as_it_stands(gap, better) == ""
     moved = replace(gap, moved=(Moved("steering_lag", "s", 0.0, 0.03, 0.06),))
     told = as_it_stands(moved, better)
-    assert told.startswith("as it stands, parameters moved and steering_delay")
+    assert told.startswith("with re-estimated parameters and steering_delay")
     assert "81.0 → 4.00 times that of the noise in free run" in told
     said = dict(verdict(replace(gap, held_out=worse)))
     assert as_it_stands(gap, worse) in said["How far"]
@@ -149,11 +149,11 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
 
 def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
-    assert how_far(gap, gap.gap, False) == "nothing was added to the model: the excess stays as it is on lap7"
-    assert how_far(none(), none().gap, False) == "nothing to close on lap7"
+    assert how_far(gap, gap.gap, False) == "no effect applied: the excess error is unchanged on lap7"
+    assert how_far(none(), none().gap, False) == "no excess error to close on lap7"
     assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
-        "no effect was added to the model, its parameters went to where the recordings have them on lap7 (held out)"
+        "no effect applied, parameters re-estimated; errors on lap7 (held out)"
     )
 
 

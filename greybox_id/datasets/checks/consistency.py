@@ -71,11 +71,11 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
         if len(ground) == 1:
             wrong = right if ground[0] is left else left
             sentence += f"A course has no sign convention, so {listed(wrong)} must be clockwise-positive: turn the"
-            sentence += " sign in the column map (sign = -1, or take sign = -1 away)."
+            sentence += " sign in the column map (sign = -1, or remove sign = -1)."
         else:
             sentence += (
-                f"On one side stand {listed(left)}, on the other {listed(right)}; turn the sign of the "
-                "wrong side (sign = -1, or take sign = -1 away)."
+                f"On one side stand {listed(left)}, on the other {listed(right)}; negate the "
+                "wrong side (sign = -1, or remove sign = -1)."
             )
         findings.append(
             Finding("sign", Severity.DISTRUST, FoundAt(pair.nodes[0]), sentence, agreed.correlation,

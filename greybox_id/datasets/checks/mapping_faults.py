@@ -208,9 +208,7 @@ def _faults(r: Recording) -> Iterator[Fault]:
         if r.has(*names):
             yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
     if r.has("x", "y"):
-        yield Fault(
-            "the positions are mirrored", "Turn the sign of y (or of x) in the column map.", ("y",), _scaled(-1.0, "y")
-        )
+        yield Fault("the positions are mirrored", "Negate y (or of x) in the column map.", ("y",), _scaled(-1.0, "y"))
     yield from _units(r)
     for factor in (2.0, 0.5, 10.0, 0.1, 60.0, 1 / 60, 1000.0, 0.001):
         yield Fault(
@@ -258,8 +256,9 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
         what = f"the IMU is turned by 90° {sense}" if turn > 0 else "the IMU is upside down with x and y exchanged"
     else:
         what = "the columns of a_x and a_y are exchanged"
-    remedy = "Map each to the other's column"
-    remedy += f", and then turn the sign of {listed(wrong)}." if wrong else "."
+    remedy = "In the column map, swap the columns of a_x and a_y" + (
+        f", then negate {listed(wrong)}." if wrong else "."
+    )
     return Fault(what, remedy, ("a_x", "a_y") if turn > 0 else ("a_x", "a_y", "yaw_rate"), undo)
 
 
@@ -279,7 +278,9 @@ def _velocities(r: Recording) -> Iterator[Fault]:
         yield Fault("v_x and v_y have the wrong sign", _turn(both), both, _scaled(-1.0, *both))
     for along, across in product((1, -1), (1, -1)):
         wrong = [name for name, sign in (("v_x", along), ("v_y", across)) if sign < 0]
-        remedy = f"Map each to the other's column{f', and then turn the sign of {listed(wrong)}' if wrong else ''}."
+        remedy = (
+            f"In the column map, swap the columns of v_x and v_y{f', then negate {listed(wrong)}' if wrong else ''}."
+        )
         yield Fault("the columns of v_x and v_y are exchanged", remedy, both, _exchanged(along, across))
 
 
@@ -328,7 +329,7 @@ def _slowed(factor: float) -> Callable[[Recording], Recording]:
 
 
 def _turn(names: Sequence[str]) -> str:
-    return f"Turn the sign of {listed(names)} in the column map (sign = -1, or take sign = -1 away)."
+    return f"Negate {listed(names)} in the column map (sign = -1, or remove sign = -1)."
 
 
 def _have(names: Sequence[str]) -> str:
@@ -374,7 +375,7 @@ def _sideways(r: Recording) -> list[Finding]:
         return []
     sentence = (
         f"|v_y| is usually {number(share)} times |v_x|: no vehicle moves sideways for most of the time. The columns of "
-        "v_x and v_y are exchanged, or v_x is no speed. Map each to the other's column."
+        "v_x and v_y are exchanged, or v_x is no speed: swap the columns of v_x and v_y."
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("v_x"), sentence, share)]
 

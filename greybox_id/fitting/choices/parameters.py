@@ -142,13 +142,14 @@ def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
         )
 
 
-def state_values(given: Mapping[str, Quantity], model: Model, what: str = "‹start_state›") -> dict[str, float]:
+def state_values(given: Mapping[str, Quantity], model: Model) -> dict[str, float]:
     """States at the start of a simulation, in SI.
 
     Raises
     ------
     BadInput : the model has no such state, or its value is no finite number.
     """
+    what = "‹start_state|start›"
     units = {state.name: state.unit for state in getattr(model, "states", ())}
     result = {}
     for name, value in given.items():

@@ -177,7 +177,8 @@ def first(distances: Away, priors: Sequence[ParticlePrior], count: int, seed: in
             at, away = at[:count], away[:count]
             return ParticleSet(0, at, np.full(count, 1 / count), away, float(np.max(away)), len(at) / tried)
     raise BadInput(
-        "The model is finite at hardly any draw from the priors. Narrow the priors or bounds, and fit again."
+        "The model's predictions are finite at hardly any draw from the priors. "
+        "Narrow the priors or bounds, and fit again."
     )
 
 

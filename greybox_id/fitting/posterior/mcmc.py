@@ -128,7 +128,8 @@ def begun(target: Target, seed: int) -> Ensemble:
         if len(at) >= count:
             return Ensemble(0, at[:count], logs[:count], 0, 0, np.empty((0, count, d)))
     raise BadInput(
-        "The model is finite at hardly any draw about the fit: the recordings do not determine its parameters. Fix "
+        "The model's predictions are finite at hardly any draw around the fit: the "
+        "recordings do not determine its parameters. Fix "
         "some, or give them priors, and fit again."
     )
 

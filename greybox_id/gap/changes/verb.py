@@ -311,7 +311,7 @@ def _answer(
         gap_detected=bool(applied) or unknown > 0.5,
         p_value=min([_by_chance(result, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
         unknown_probability=unknown,
-        unknown=f"readings are {loud:.2g} times as far from what was foreseen as before" if unknown > 0.5 else "",
+        unknown=f"readings are {loud:.2g} times as far from their predictions as before" if unknown > 0.5 else "",
         where=Where(channel=max(channels, key=lambda name: channels[name]) if applied or unknown > 0.5 else "",
                     channels=channels),
         ranking=tuple(ranking),

@@ -57,7 +57,7 @@ def known_by(fit: Fit) -> Known:
     """
     model = fit.model
     if fit.covariance is None:
-        raise BadInput("The fit holds no covariance, so that nothing says which manoeuvre would add to it. Fit again.")
+        raise BadInput("The fit has no covariance, from which a manoeuvre is designed. Fit again.")
     names, places, local, start = list[str](), list[int](), list[bool](), 0
     for p in model.parameters:
         if p.shape == () and not p.fixed:

@@ -94,9 +94,7 @@ CHANNELS = (
     "Where a model leaves nothing but noise, errors over noise are one, in free run and at every frequency; the last "
     "two columns say at which frequency the errors of the model as it was exceed noise most."
 )
-STATED = (
-    "What is exact is taken as it stands; a tolerance is refitted and charged for, and no gap as long as it suffices."
-)
+STATED = "Numbers stated as exact stay. A number with a tolerance is refitted within it; what that explains is no gap."
 EQUATIONS = "The simulation that was compared, written down from the model itself, with the effects it has."
 
 

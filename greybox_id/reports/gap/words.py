@@ -156,16 +156,16 @@ def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
-            "Whether there is a gap cannot be told: no sensor noise is stated, and what is left was taken for it."
+            "Whether there is a gap is unknown: no sensor noise is stated, so that the residuals were taken for noise."
         )
     beyond = [item for item in gap.moved if item.far > CAL.tolerated_sd]
     suffices = ["noise", *([] if beyond else ["stated tolerances"]), *_unknown_forces(gap)]
     if not gap.gap_detected and beyond:
         far = listed([f"{item.name} is {number(item.far, 2)}" for item in beyond[:MOST_SHARES]])
         return (
-            f"No gap that has a name ({p_words(gap.p_value)}): simulation and vehicle agree within {listed(suffices)} "
-            f"once {far} standard deviations from where stated{_largest(gap)}. Tyres of another form may be; or "
-            "something acts like that."
+            f"No named gap ({p_words(gap.p_value)}): simulation and vehicle agree within {listed(suffices)} "
+            f"once {far} standard deviations from its stated value{_largest(gap)}. Tyres of another form, or an "
+            "unmodelled effect, would look like that."
         )
     if not gap.gap_detected:
         return (
@@ -307,31 +307,29 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     place = f"on {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
         if not gap.gap_detected and not gap.moved:
-            return f"nothing to close {place}"
+            return f"no excess error to close {place}"
         if not gap.gap_detected:
-            return (
-                f"no effect to add; parameters went, within their tolerances, to where the recordings have them {place}"
-            )
+            return f"no effect applied, parameters re-estimated within their tolerances; errors {place}"
         if gap.moved:
-            return f"no effect was added to the model, its parameters went to where the recordings have them {place}"
-        return f"nothing was added to the model: the excess stays as it is {place}"
+            return f"no effect applied, parameters re-estimated; errors {place}"
+        return f"no effect applied: the excess error is unchanged {place}"
     share, (low, high) = closure.closed, closure.closed_interval
     if not isfinite(share):
-        return f"with {listed([*gap.applied])}: there is no excess over the floor {place} that could close"
+        return f"with {listed([*gap.applied])}: no excess error above the floor {place}"
     if not tells(closure):
         over = percent(max(closure.before - closure.floor, 0.0))
         return (
             f"with {listed([*gap.applied])}; once tolerances are refitted, free runs exceed noise by {over} {place}: "
-            "next to no gap, shares of it say nothing"
+            "there is hardly a gap, and shares of it mean nothing"
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
-        known = "" if high < 0 else "; whether at all cannot be told here"
+        known = "" if high < 0 else "; the sign is uncertain here"
         return (
             f"adding {listed([*gap.applied])} makes predictions worse by {whole_percent(-share)} % of the excess "
             f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
         )
-    known = "" if not low <= 0 else "; that it closes at all cannot be told here"
+    known = "" if not low <= 0 else "; it may not close at all"
     return f"with {listed([*gap.applied])} the excess closes by {whole_percent(share)} % {bounds} {place}{known}"
 
 
@@ -362,13 +360,13 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
     )
     square = f"mean square {number(before)} → {number(after)} times that of the noise"
     if after <= before:
-        what = "parameters moved" + (f" and {listed([*gap.applied])} added" if gap.applied else "")
-        return f"as it stands, {what}: {square} in free run" if gap.moved else ""
+        what = "re-estimated parameters" + (f" and {listed([*gap.applied])}" if gap.applied else "")
+        return f"with {what}: {square} in free run" if gap.moved else ""
     if not closure.closed > 0:
         return ""
     return (
-        f"as it stands, however, the closed model errs more in free run than the model did before: {square}; "
-        "fit it before it is used"
+        f"however, the closed model has a larger error in free run than the model had before: {square}; "
+        "fit it before you use it"
     )
 
 

@@ -35,7 +35,7 @@ class TrackEnv(gymnasium.Env[Observations, Array]):
 
     def __init__(self, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None:
-            raise BadInput("A track draws nothing: render_mode is None.")
+            raise BadInput("This environment has no rendering: render_mode must be None.")
         self.world = world(1, **options)
         self.observation_space, self.action_space = spaces_of(self.world)
 
@@ -69,7 +69,7 @@ class TrackVectorEnv(VectorEnv[Observations, Array, Mask]):
 
     def __init__(self, num_envs: int = 1, render_mode: str | None = None, **options: Any) -> None:
         if render_mode is not None:
-            raise BadInput("A track draws nothing: render_mode is None.")
+            raise BadInput("This environment has no rendering: render_mode must be None.")
         self.num_envs = num_envs
         self.world = world(num_envs, **options)
         self.single_observation_space, self.single_action_space = spaces_of(self.world)

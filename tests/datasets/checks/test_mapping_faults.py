@@ -64,7 +64,7 @@ def test_undoing_what_the_sentence_says_mends_the_recording():
     turned = recording.with_signals(a_x=recording["a_y"], a_y=-recording["a_x"])
     (finding, *_) = [f for f in check_mapping(turned) if f.kind == "mapping"]
     assert "turned by 90° to the left" in finding.sentence
-    assert "then turn the sign of a_x" in finding.sentence
+    assert "then negate a_x" in finding.sentence
     mended = turned.with_signals(a_x=-turned["a_y"], a_y=turned["a_x"])
     assert not distrusted(check(mended))
 
