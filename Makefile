@@ -24,7 +24,7 @@ demo: $(VENV)/done
 	$(BIN)/greybox report demo/fit.json --out demo/report.pdf --figures demo/figures
 
 test: $(VENV)/done
-	$(BIN)/python -m pytest -n auto $(PYTEST)
+	$(BIN)/python -m pytest -n auto --dist worksteal $(PYTEST)
 
 check: $(VENV)/done
 	$(BIN)/ruff format --check .

@@ -17,6 +17,7 @@ from ..engine.simulation import Diagnosed
 from ..fitting.choices.requested_model import doubts, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.provenance import data_record
+from ..fitting.restated import as_fitted
 from ..gap.changes.verb import diagnose_change
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.estimation.memory_bench import must_suit
@@ -98,6 +99,9 @@ def diagnose(
         [] if isinstance(held_out, list | tuple) and not held_out else given.recordings(held_out, columns, "held_out")
     )
     before = None if since is None else given.recordings(since, columns, "since")
+    if isinstance(model, Fit):
+        recordings, others = ([as_fitted(model, one) for one in several] for several in (recordings, others))
+        before = None if before is None else [as_fitted(model, one) for one in before]
     everything = [*recordings, *others, *(before or ())]
     must_be_diagnosable(nominal, everything)
     must_differ(recordings, others)

@@ -21,7 +21,7 @@ from ..export.equations import entries
 from ..fitting.combined import reach
 from ..fitting.fit import FREE_RUN, Fit
 from ..fitting.provenance import DataRecord
-from ..fitting.restated import as_fitted
+from ..fitting.restated import as_seen
 from ..fitting.uncertainty.profile import Profile
 from ..reports.recordings import matched
 from ..reports.text.fit import parts
@@ -350,7 +350,7 @@ class FitResult(Fit):
         records = [item for item in self.data if role in ("", item.role)]
         if self.recordings:
             pairs = zip(self.recordings, self.data, strict=True)
-            return tuple(as_fitted(self, recording) for recording, record in pairs if record in records)
+            return tuple(as_seen(self, recording) for recording, record in pairs if record in records)
         result = [read(found_again(record, self.file), record.mapping) for record in records]
         return tuple(_matched(self, records, result))
 

@@ -17,6 +17,7 @@ from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
 from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
+from ..fitting.restated import as_fitted
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.kinds import must_be
@@ -84,6 +85,7 @@ def track(
     named = {**EFFECTS, **{effect.name: effect for effect in effects}}
     how = options or TrackOptions(known=meant.plan.noise)
     read = given.recording(recording, columns)
+    read = as_fitted(model, read) if isinstance(model, Fit) else read
     result = track_recording(
         meant.model, read, walking, disturbances=others, effects=named, how=how, uncertain=meant.uncertain,
         say=progress or (lambda line: None),

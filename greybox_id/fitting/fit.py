@@ -437,3 +437,20 @@ def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, s
     if away > SURPRISING:
         return {parameter.name: f"conflicts with the prior ({away:.1f} sd): suspect the model structure"}
     return {parameter.name: "weakly identifiable; dominated by the prior"} if sd > HARDLY * spread else {}
+
+
+def conflict(fitted: Model) -> float:
+    """By how much intervals are wider where estimates conflict with what was stated.
+
+    One of the stated numbers is off by more than its standard deviation then, and nothing says which: all are taken to
+    be uncertain by a common factor under which they agree (Birge, The Calculation of Errors by the Method of Least
+    Squares, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group's averages).
+    """
+    away = [
+        float((p.array - np.asarray(p.prior.mean)) / np.max(np.asarray(p.prior.sd)))
+        for p in fitted.parameters
+        if p.shape == () and not p.fixed and p.prior is not None and p.prior.mean is not None
+    ]
+    if not away or max(map(abs, away)) < SURPRISING:
+        return 1.0
+    return max(1.0, float(np.sqrt(np.mean(np.square(away)))))

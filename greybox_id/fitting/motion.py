@@ -41,7 +41,7 @@ from .attempt import (
 )
 from .carrying import carries_over
 from .certificate import certified
-from .fit import SURPRISING, Fit
+from .fit import Fit, conflict
 from .how import FOR_MOTION, FitOptions, Say, quiet, refused
 from .judging import carried
 from .provenance import Certificate, Stage
@@ -381,26 +381,9 @@ def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution, 
     covariance = mean @ (np.where(np.isfinite(known.covariance), known.covariance, 0.0) + by_form) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
     of_shared = np.sqrt(known.sd[first] ** 2 + np.diag(by_form)[first])
-    wider = _conflict(fitted)
+    wider = conflict(fitted)
     sd = wider * np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return {"sd": _named(fitted, sd), "dof": _named(fitted, known.dof[first]), "covariance": wider**2 * covariance}
-
-
-def _conflict(fitted: MotionModel) -> float:
-    """By how much intervals are wider where estimates conflict with what was stated.
-
-    One of the stated numbers is off by more than its standard deviation then, and nothing says which: all are taken to
-    be uncertain by a common factor under which they agree (Birge, The Calculation of Errors by the Method of Least
-    Squares, Phys. Rev. 40, 1932; the scale factor of the Particle Data Group's averages).
-    """
-    away = [
-        float((p.array - np.asarray(p.prior.mean)) / np.max(np.asarray(p.prior.sd)))
-        for p in fitted.parameters
-        if p.shape == () and not p.fixed and p.prior is not None and p.prior.mean is not None
-    ]
-    if not away or max(map(abs, away)) < SURPRISING:
-        return 1.0
-    return max(1.0, float(np.sqrt(np.mean(np.square(away)))))
 
 
 def _named(model: Model, vector: Array) -> dict[str, Array]:

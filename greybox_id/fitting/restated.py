@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Literal
 
+import numpy as np
+
 from ..base.errors import BadInput, near_or_all
 from ..base.shorthands import Array
 from ..datasets.checks.rest import standing
@@ -29,15 +31,19 @@ def with_hold(recording: Recording, hold: Hold) -> Recording:
 
 
 def as_fitted(fit: Fit, recording: Recording) -> Recording:
-    """A recording as those that the fit has seen were taken: which rows, and what holds between them if no map says."""
-    if fit.how.get("stood"):
-        moving = ~standing(recording)
-        recording = recording if moving.all() or not moving.any() else recording.keep(moving, IN_MOTION)
+    """A recording of which no map says what holds between its rows, as those that the fit has seen were taken."""
     known = fit.how.get("hold")
     taken = known.get("taken") if isinstance(known, Mapping) else None
     if recording.hold_stated or taken not in ("zero", "linear"):
         return recording
     return with_hold(recording, "linear" if taken == "linear" else "zero")
+
+
+def as_seen(fit: Fit, recording: Recording) -> Recording:
+    """A recording that the fit was trained on, as it was taken: rows that were left out are left out again."""
+    recording = as_fitted(fit, recording)
+    moving = ~standing(recording) if fit.how.get("stood") else np.ones(len(recording), dtype=bool)
+    return recording if moving.all() or not moving.any() else recording.keep(moving, IN_MOTION)
 
 
 @by_kind
@@ -60,7 +66,7 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, S
     ------
     BadInput : its kind of model solves no such problem, or it finds no optimum on these recordings.
     """
-    problem, x = stated_again(fit.model, fit, [as_fitted(fit, recording) for recording in recordings])
+    problem, x = stated_again(fit.model, fit, [as_seen(fit, recording) for recording in recordings])
     solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="levenberg_marquardt")
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

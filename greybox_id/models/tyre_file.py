@@ -31,9 +31,8 @@ LOADS = (0.5, 1.5)
 DIGITS = 12
 """Significant digits to which coefficients are computed: they come back the same from a file they are written to."""
 BELT = 0.3
-"""Standard deviation of a road's friction as a share of the test belt's. Belts are covered with abrasive paper: Formula
-Student teams scale rig data by 0.6 to 0.7 for the road (Kasprzak and Gentz, "The Formula SAE Tire Test Consortium", SAE
-2006-01-3606)."""
+"""Standard deviation of a road's friction as a share of the test belt's. Belts are clean and covered with abrasive
+paper: tyres grip them better than a road, which has two thirds of it within about one standard deviation."""
 TELLING = 0.01
 """Relative change with load below which the load tells nothing of how well a coefficient is known."""
 _LINE = re.compile(r"\s*([A-Za-z_]\w{0,63})\s*=\s*('[^']*'|\"[^\"]*\"|[^\s$!]+)")

@@ -14,7 +14,7 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
 from ..fitting.fit import Fit
 from ..fitting.provenance import DataRecord
-from ..fitting.restated import as_fitted
+from ..fitting.restated import as_seen
 from ..fitting.scores.metrics import FREE_RUN
 
 SECONDS = 15.0
@@ -49,7 +49,7 @@ AnySeen = TypeVar("AnySeen", bound=Seen)
 
 def matched(fit: Fit, recordings: Sequence[Recording]) -> tuple[Recording, ...]:
     """The recordings of a fit, in its order. Raises `BadInput` where one is missing or is another file."""
-    return tuple(as_fitted(fit, _match(record, recordings)) for record in fit.data)
+    return tuple(as_seen(fit, _match(record, recordings)) for record in fit.data)
 
 
 def of_role(recordings: Sequence[AnySeen], role: str) -> tuple[AnySeen, ...]:

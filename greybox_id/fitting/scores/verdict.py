@@ -19,7 +19,7 @@ from ...datasets.recording import Recording
 from ...models.hybrid_model import HybridModel
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import SURPRISING, Fit
+from ..fit import SURPRISING, Fit, conflict
 from ..provenance import DataRecord
 from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
 from .metrics import FREE_RUN, Error, Scores, ahead
@@ -41,8 +41,8 @@ MANY = 100
 MEAN = 1.0
 """Share of variance left by the mean of the readings."""
 FOREIGN_PRIOR = 8.0
-"""Estimates so many prior standard deviations off are not of the vehicle that was stated: within tolerances, what a
-model lacks moves them by up to six."""
+"""Estimates so many prior standard deviations off, and three of their own, are not of the vehicle that was stated:
+within tolerances, what a model lacks moves them by up to six."""
 CORNER = 0.5
 """An optimum with more than this share of its free numbers at bounds is no vehicle's."""
 MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
@@ -175,17 +175,18 @@ def _found(fit: Fit) -> Iterator[Reason]:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
         text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
         yield Reason(NOT_USABLE, f"{text}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{text}.")
-    far = []
+    far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
         if p.prior is not None and p.prior.mean is not None:
-            away = abs(float(p.array) - float(np.asarray(p.prior.mean))) / float(np.max(np.asarray(p.prior.sd)))
+            off = abs(float(p.array) - float(np.asarray(p.prior.mean)))
+            away, sd = off / float(np.max(np.asarray(p.prior.sd))), float(fit.sd.get(p.name, np.nan)) / wider
             if away > SURPRISING:
                 far.append((away, p.name))
+            foreign = foreign or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
         text = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
-        worst = max(away for away, _ in far)
         yield Reason(
-            NOT_USABLE if worst > FOREIGN_PRIOR else WITH_CARE,
+            NOT_USABLE if foreign else WITH_CARE,
             f"Estimates conflict with their priors: {text}. Suspect that the data are of another vehicle than stated, "
             "or the model structure.",
         )  # fmt: skip

@@ -218,6 +218,34 @@ class _Squares:
         return float(np.clip(gone / max(self.total, 1e-300), 0.0, 1.0))
 
 
+@dataclass
+class _Starts:
+    """What an interval's free starts explain: their curvature, how they go with all else, and their gradient."""
+
+    by_loose: Array
+    coupled: Array
+    toward: Array
+
+    @classmethod
+    def of(cls, few: int, many: int) -> _Starts:
+        """Of so many starts beside so many others."""
+        return cls(np.zeros((few, few)), np.zeros((few, many)), np.zeros(few))
+
+    def add(self, J: Array, wide: Array, residuals: Array) -> None:
+        """Take in rows."""
+        self.by_loose += J.T @ J
+        self.coupled += J.T @ wide
+        self.toward += J.T @ residuals
+
+    def take(self, H: Array, g: Array) -> None:
+        """Eliminate the starts from all else."""
+        if len(self.toward):
+            ridge = np.diag(RIDGE * np.maximum(np.diag(self.by_loose), 1e-300))
+            inverse = la.pinvh(self.by_loose + ridge)
+            H -= self.coupled.T @ inverse @ self.coupled
+            g -= self.coupled.T @ (inverse @ self.toward)
+
+
 def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
     model, runs = problem.model, problem.runs
     errors = problem.errors(nodes)[::every]
@@ -358,37 +386,32 @@ def _normal_equations(
     g[:count] = problem.pull_of_priors(x)[kept]
     first_loose = problem.parameters.size
     alone = [_Squares(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in drives]
-    for k, (rows, (residuals, J)) in enumerate(
-        zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
-    ):
+    theirs = list(problem.rows_of_intervals(nodes))
+    loose_of = [index >= first_loose for index in problem.layout.index]
+    eliminated = [_Starts.of(int(np.sum(loose)), len(g)) for loose in loose_of]
+    for k, begin, residuals, J in problem.parts(x, nodes):
+        rows = theirs[k][begin : begin + len(residuals)]
         chosen = rows % every == 0
         rows, residuals, J = rows[chosen] // every, residuals[chosen], J[chosen]
-        index = problem.layout.index[k]
-        loose, there = index >= first_loose, kept[index]
-        few = int(np.sum(loose))
-        value, by_loose = np.zeros_like(H), np.zeros((few, few))
-        pull, coupled, toward = np.zeros_like(g), np.zeros((few, len(g))), np.zeros(few)
+        index, loose = problem.layout.index[k], loose_of[k]
+        there = kept[index]
         at = place[index[there]]
         for one, first, squares in zip(drives, firsts[:-1], alone, strict=True):
             scale = 1.0 / np.sqrt(one.alone)
-            r, by_p, by_z = residuals[:, one.place] * scale, J[:, one.place] * scale, one.columns[rows] * scale
+            r, by_p = residuals[:, one.place] * scale, J[:, one.place] * scale
+            elsewhere = (r == 0.0) & np.all(by_p == 0.0, axis=1)  # in another part, or not read
+            here = np.where(elsewhere, 0.0, scale)[:, None]
             wide = np.zeros((len(rows), len(g)))
             wide[:, at] = by_p[:, there]
-            wide[:, first : first + by_z.shape[1]] = by_z
-            wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows] * scale)[:, None]
+            wide[:, first : first + one.columns.shape[1]] = one.columns[rows] * here
+            wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows][:, None] * here)
             wide[:, last + at] = by_p[:, there] * (rows >= half)[:, None]
             squares.add(wide, r)
-            value += wide.T @ wide
-            pull += wide.T @ r
-            by_loose += by_p[:, loose].T @ by_p[:, loose]
-            coupled += by_p[:, loose].T @ wide
-            toward += by_p[:, loose].T @ r
-        if few:
-            inverse = la.pinvh(by_loose + np.diag(RIDGE * np.maximum(np.diag(by_loose), 1e-300)))
-            value -= coupled.T @ inverse @ coupled
-            pull -= coupled.T @ (inverse @ toward)
-        H += value
-        g += pull
+            eliminated[k].add(by_p[:, loose], wide, r)
+    H += sum(one.H for one in alone)
+    g += sum(one.g for one in alone)
+    for starts in eliminated:
+        starts.take(H, g)
     return H, g, alone
 
 
