@@ -67,6 +67,10 @@ def select_at_once(
         stage, gains = together.pruned(stage, prices, unsteady)
         best = _refitted(search, _placed(search, together, stage))
     base = _base(search, best)
+    if not best.names:  # model error as it is beside nothing: there is no effect that could live on it
+        whitening = together.whitening
+        search.recoloured(whitening.left(whitening.about(search.vector(base)), base.e, least=False))
+        base = best = _base(search, base)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
@@ -170,7 +174,7 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     result = refit(search, [search.start_of(search.at_means()), nothing])
     if not result:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    return settled(search, min(result, key=by_cost), 1)
+    return settled(search, min(result, key=by_cost))
 
 
 def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:

@@ -74,14 +74,14 @@ class Whitening:
             return white_noise(self.sd * rough / np.sqrt(self.trust), self.problem.good, self.problem.bench.rows)
         return model_error(about, scaled(self.prior.median, rough), self.problem.good)
 
-    def left(self, about: Linearised | None, e: Array) -> Whitener:
-        """Of what is left, but no smaller than usual: small extras would live on that."""
+    def left(self, about: Linearised | None, e: Array, least: bool = True) -> Whitener:
+        """Of what is left; where effects are weighed, no smaller than usual: small extras would live on that."""
         if not np.all(np.isfinite(e)):  # simulations that spin leave nothing to tell it by
             return self.usual(about, 1.0)
         if about is None:
             return colour(e, self.problem.good, self.problem.bench.rows)
         result = estimated(about, e, self.problem.good, self.prior)
-        return model_error(about, at_least(result, self.prior.median), self.problem.good)
+        return model_error(about, at_least(result, self.prior.median) if least else result, self.problem.good)
 
 
 def scaled(value: Amplitudes, by: float) -> Amplitudes:
