@@ -59,8 +59,9 @@ def gap_parts(gap: Gap) -> tuple[str, str]:
     from greybox_id.reports.gap.words import verdict
     from greybox_id.reports.html import part_html
 
-    silent = (Text(" ".join(unseen(gap)), small=False), Points(gap.advice), limits_table(gap))
-    return part_html(VerdictBox(tuple(verdict(gap)))), "\n".join(map(part_html, silent))
+    words, advice, limits = Text(" ".join(unseen(gap)), small=False), Points(gap.advice), limits_table(gap)
+    silent = f"{part_html(words)}{part_html(advice)}{part_html(limits)}"
+    return part_html(VerdictBox(tuple(verdict(gap)))), silent
 
 
 def table_html(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

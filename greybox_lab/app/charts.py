@@ -5,7 +5,7 @@ Every curve differs from the others in its dashes too, so that it is told on a g
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
@@ -136,7 +136,7 @@ def on_zoom(element: ui.echart, span: tuple[float, float], zoomed: Callable[[flo
     element.on("chart:datazoom", handle, ["start", "end", "startValue", "endValue", "batch"], throttle=0.08)
 
 
-def on_cursor(element: ui.echart, moved: Callable[[Any], None]) -> None:
+def on_cursor(element: ui.echart, moved: Callable[[Any], Awaitable[None]]) -> None:
     """Call with the instant under the reader's cursor, as `event.args["t"]`."""
     listen = (
         f"() => {{ const one = getElement({element.id}); if (!one || !one.chart || one.chart.follows) return; "

@@ -76,8 +76,8 @@ def _drive(
     over, strips = Shown(bench.recording), []
     runs = {"fit": bench.simulate(at)}
     with suppress(gb.GreyboxError):  # a model that runs away before it is fitted
-        run = gb.simulate(before, bench.recording)
-        runs = {"before the fit": {name: np.asarray(run[name]) for name in bench.outputs}, **runs}
+        nominal_run = gb.simulate(before, bench.recording)
+        runs = {"before the fit": {name: np.asarray(nominal_run[name]) for name in bench.outputs}, **runs}
     for name in bench.outputs:
         curves = [charts.PlottedTrace("measured", over.points(np.asarray(bench.recording[name])))]
         for called, run in runs.items():

@@ -173,7 +173,7 @@ class Drag:
         try:
             while self._again:
                 self._again = False
-                points, words = await self.page.off(self._simulated, dict(self.values))
+                points, words = self._simulated(dict(self.values))  # ten ms: a thread would take longer to wake
                 await charts.with_curves(self.element, points)  # so that no more are sent than are drawn
                 self.wrong.set_text(words)
         finally:

@@ -95,7 +95,7 @@ def _connect(
 
     async def zoomed(low: float, high: float) -> None:
         page.window = (low, high)
-        await charts.with_curves(element, await page.off(fine, low, high))
+        await charts.with_curves(element, fine(low, high))  # a few ms: a thread would take longer to wake
 
     async def cursor(event: Any) -> None:
         row = over.row(float(event.args["t"]))

@@ -19,7 +19,8 @@ from .why import UNNAMED, Step, alone, diagnosed_model, steps
 from .widgets import button, choose, heading, quiet, shown, table, title, verdict
 
 if TYPE_CHECKING:
-    from .beneath import Gap
+    from greybox_id.gap.gap import Gap
+
     from .page import Page
 
 ARENAS = ("disc:10", "disc:30", "disc:60", "straight:120x8")

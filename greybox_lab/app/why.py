@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 import greybox_id as gb
 
 from .model import moved
 
 if TYPE_CHECKING:
-    from .beneath import Gap, Ranked
+    from greybox_id.gap.gap import Gap, Ranked
 
 UNNAMED = "unexplained"
 
@@ -40,9 +40,9 @@ class Step:
 def steps(gap: Gap) -> list[Step]:
     """The budget of a diagnosis as steps down from the whole excess."""
     budget, left = list[Step](), 1.0
-    for each in () if gap.budget is None else (*gap.budget.shares, gap.budget.unnamed):
-        name = UNNAMED if each is gap.budget.unnamed else each.effect
-        budget.append(Step(name, each.share, each.low, each.high, left, name in gap.applied))
+    shares = [] if gap.budget is None else [*gap.budget.shares, replace(gap.budget.unnamed, effect=UNNAMED)]
+    for each in shares:
+        budget.append(Step(each.effect, each.share, each.low, each.high, left, each.effect in gap.applied))
         left -= each.share
     return budget
 
@@ -62,6 +62,6 @@ def diagnosed_model(folder: Path, words: Sequence[str]) -> gb.MotionModel:
         return words[words.index(option) + 1] if option in words else ""
 
     if "--fit" in words:
-        return gb.load(folder / after("--fit")).model
+        return cast(gb.MotionModel, gb.load(folder / after("--fit")).model)  # the page fits no other kind
     model: gb.MotionModel = getattr(gb.models, after("--model") or "single_track")(vehicle=after("--vehicle") or None)
     return model
