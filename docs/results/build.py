@@ -27,7 +27,7 @@ cases and from which seed (`python docs/results/build.py`). `DIR` holds recordin
 `greybox datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz with compiled code in its
 cache. A bar that is missed is marked. What was tried and failed is in the [decision notes](decisions/README.md).
 """
-MOST_TASKS = 2
+MOST_TASKS = 1
 """A bench with more shows the first one alone; the file has all."""
 
 

@@ -45,6 +45,8 @@ from .walking import walking
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
 """Estimated besides states and what is tracked, where a model has it."""
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
+AT_A_TIME = 20_000
+"""Rows whose estimates are linearised at once, which bounds memory."""
 
 
 def track(
@@ -152,9 +154,9 @@ class Tracker:
         sds = {name: np.sqrt(v) * widened for name, v in result.variances.items()}
         for j, move in enumerate(moves):
             say(f"what parameters leave open, {j + 1} of {len(moves)}")
-            again = self._estimates(runs, self.filtering.histories(runs, p + move, kept), p + move)
+            again = self._estimates(runs, self.filtering.histories(runs, p + move, kept), p + move).values
             for name in sds:
-                off = again.values[name] - result.values[name]
+                off = again[name] - result.values[name]
                 sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
         known, about = self._told(result)
         weighed = only_over_mass(space.model) if how.calibrate else []
@@ -243,11 +245,12 @@ class Tracker:
         values, variances = [], []
         for run, history in zip(runs, histories, strict=True):
             x, P = smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)
-            x, P = x[run.row_segment], P[run.row_segment]
-            result = seen(x, run.segments[run.row_segment], p)
-            values.append(result[:, : len(names)])
-            by_x = result[:, len(names) :].reshape(len(x), len(names), n)
-            variances.append(np.einsum("kij,kjl,kil->ki", by_x, P, by_x))
+            for first in range(0, len(run.row_segment), AT_A_TIME):
+                rows = run.row_segment[first : first + AT_A_TIME]
+                result = seen(x[rows], run.segments[rows], p)
+                values.append(result[:, : len(names)])
+                by_x = result[:, len(names) :].reshape(len(rows), len(names), n)
+                variances.append(np.einsum("kij,kjl,kil->ki", by_x, P[rows], by_x))
         stacked = np.vstack(values)
         spread = np.where(np.isnan(stacked), np.nan, np.maximum(np.vstack(variances), 0.0))
         return _Estimates(

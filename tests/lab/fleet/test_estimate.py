@@ -105,12 +105,12 @@ def test_vehicles_have_their_value_of_today(joined):
 def test_the_prior_is_one_that_a_fit_takes(joined, tmp_path, monkeypatch):
     import tomllib
 
-    from greybox_id.fitting.choices.parameters import Choices, with_choices
-    from greybox_id.models.registry import build
+    from greybox_lab.fleet.unit import requested_of
 
     fleet_estimate(joined)
     written = tomllib.loads((joined / "prior.toml").read_text(encoding="utf-8"))["fit"]["prior"]
-    model = with_choices(build("lateral", {"tyre": "linear"}, {"steering_delay": None}), Choices(prior=written))
+    options = {"model": "lateral", "set": {"tyre": "linear"}, "with": ["steering_delay"], "prior": written}
+    model = requested_of(options, None)[0].model()
     assert model["C_alpha_f"].prior.sd == pytest.approx(1e4, rel=0.8)
     assert model["steering_delay"].prior.mean == pytest.approx(0.03, abs=0.005)
 
