@@ -3,20 +3,32 @@ The next manoeuvre
 ==================
 
 A fit says which parameters it knows badly. A designed manoeuvre says what to drive to know them better, inside the
-arena there is.
+arena that there is.
 """
 
 import matplotlib.pyplot as plt
+import numpy as np
 
 import greybox_id as gb
 
-lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
-fit = gb.fit("single_track", lap, vehicle="roboracer")
-fit.conf_int()
+# %%
+# A gentle drive of eight seconds: it says little of the yaw inertia and of the friction of the tyres.
+car = gb.models.single_track(vehicle="simrod")
+time = np.arange(0.0, 8.0, 0.02)
+commands = {"steer": 0.015 * np.sin(0.9 * time), "ax_cmd": 0.6 + 0.9 * np.sin(0.4 * time)}
+start = gb.Recording("drive", time, {**commands, "v_x": np.full(len(time), 15.0)})
+signals = gb.simulate(car, start).signals
+random = np.random.default_rng(0)
+noise = {"v_x": 0.05, "v_y": 0.1, "yaw_rate": 0.03, "a_x": 0.3, "a_y": 0.3}
+drive = start.with_signals(**{name: signals[name] + random.normal(0, sd, len(time)) for name, sd in noise.items()})
+fit = gb.fit("single_track", drive, vehicle="simrod")
+fit.conf_int().loc[["I_z", "D_f"]]
 
 # %%
-# Six seconds in a disc of ten metres, for the yaw inertia and the friction coefficient of the front tyres.
-plan = gb.design(fit, "precision", arena="disc:10", parameters=["I_z", "D_f"], duration=6.0, rate=20.0, effort=0.2)
+# Eight seconds on a road of 300 by 30 metres. The table has the standard deviations now, and with the manoeuvre.
+plan = gb.design(
+    fit, "precision", arena="straight:300x30", parameters=["I_z", "D_f"], duration=8.0, rate=20.0, effort=0.2
+)
 print(plan.summary())
 
 # %%
