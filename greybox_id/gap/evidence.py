@@ -137,7 +137,7 @@ def _stretches(selection: Selection, worth: Sequence[float], cost: Costs, unstea
             others = set(tried[k].names) - {name}
             without = min([selection.base.cost, *(item.cost for item in tried if set(item.names) == others)])
             gained = (without - tried[k].cost) / selection.search.trust
-            by = gained / float(steadily(gained, known[k][name])) if gained > 0 else 1.0
+            by = gained / float(steadily(np.array(gained), known[k][name])) if gained > 0 else 1.0
             result[name] = 1.0 + (by - 1.0) * float(np.clip(2.0 - gained / (by * cost(name)), 0.0, 1.0))
     return result
 

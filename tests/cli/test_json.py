@@ -14,6 +14,7 @@ from networks import FOLDER
 from greybox_id.cli import greybox as root
 from greybox_id.datasets.public import PUBLIC, folder_of
 from greybox_id.datasets.shipped import shipped
+from greybox_id.gap.gap import CauseClass
 
 LAP, SHIPPED = "lap.csv", str(shipped("racer_valid"))
 TINY = ("--model", "msnn_lat", "--set", "n_delta=3", "--set", "q=4", "--strength", "1", "--columns", "roboracer")
@@ -108,11 +109,17 @@ def folder(tmp_path_factory):
         yield folder
 
 
+LATE = CauseClass(
+    ("steering_delay", "steering_lag"), 0.99, {"steering_delay": 0.95, "steering_lag": 0.04}, "steering_delay"
+)
+"""The steering acts late: a delay or a lag."""
+
+
 @pytest.fixture(autouse=True)
 def _there(folder, monkeypatch):
     monkeypatch.chdir(folder)
     monkeypatch.setenv("GREYBOX_COMPILE", "0")
-    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose_gap", lambda *_, **__: clear())
+    monkeypatch.setattr("greybox_id.api.diagnosing.diagnose_gap", lambda *_, **__: clear(classes=(LATE,)))
 
 
 @pytest.mark.slow

@@ -193,9 +193,9 @@ def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Ar
     return max(each, default=0.0)
 
 
-def steadily(gain: float | Array, unsteady: float | Array) -> float | Array:
+def steadily(gain: Array, unsteady: Array | float) -> Array:
     """What an effect gains, in nats, where its magnitude is as unsteady: half of m^2 over both variances together."""
-    return gain / (1.0 + 2.0 * gain * unsteady)
+    return np.asarray(gain / (1.0 + 2.0 * gain * unsteady))
 
 
 def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:

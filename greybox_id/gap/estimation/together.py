@@ -166,10 +166,10 @@ class Together:
         nothing was known yet. The others are refitted in its place.
         """
         better = stage
-        for k in np.flatnonzero(stage.there & ~self.problem.smooth):
+        for k in (int(abrupt) for abrupt in np.flatnonzero(stage.there & ~self.problem.smooth)):
             if not better.there[k]:
                 continue
-            for j in self._mates(better, int(k)):
+            for j in self._mates(better, k):
                 swap = better.there.copy()
                 swap[k], swap[j] = False, True
                 tried = self.refitted(better, swap, CAL.refits + 1)
