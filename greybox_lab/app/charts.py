@@ -194,7 +194,7 @@ def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
         base.append(low)
         bars.append({"value": high - low, "label": _label(percent(step.share)), "itemStyle": look})
         if named:
-            ends = (100 * (step.start - step.high), 100 * (step.start - step.low))
+            ends = (min(100 * (step.start - share), 100.0) for share in (step.high, step.low))  # beyond, none is drawn
             whiskers.append([{"coord": [end, k], "symbol": "none"} for end in ends])
     line = {"color": INK, "type": "solid", "width": 1.4}
     marks = {"silent": True, "symbol": "none", "animation": False, "label": {"show": False}, "lineStyle": line}

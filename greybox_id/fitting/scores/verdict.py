@@ -40,9 +40,9 @@ MANY = 100
 """More times as large than this is not told as a number."""
 MEAN = 1.0
 """Share of variance left by the mean of the readings."""
-FOREIGN_PRIOR = 8.0
-"""Estimates so many prior standard deviations off, and three of their own, are not of the vehicle that was stated:
-within tolerances, what a model lacks moves them by up to six."""
+FOREIGN_PRIOR, FARTHEST = 8.0, 10.0
+"""Estimates so many prior standard deviations off, and three of their own, are not of the vehicle that was stated; nor
+are those beyond the second, however uncertain. Within tolerances, what a model lacks moves them by up to six."""
 CORNER = 0.5
 """An optimum with more than this share of its free numbers at bounds is no vehicle's."""
 MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
@@ -182,7 +182,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
             away, sd = off / float(np.max(np.asarray(p.prior.sd))), float(fit.sd.get(p.name, np.nan)) / wider
             if away > SURPRISING:
                 far.append((away, p.name))
-            foreign = foreign or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
+            foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
         text = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
         yield Reason(

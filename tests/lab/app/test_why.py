@@ -20,6 +20,8 @@ def test_steps_go_down_to_nothing():
     assert [step.applied for step in budget] == [True, False, False]
     bars = waterfall(budget)["series"]
     np.testing.assert_allclose(np.add(bars[0]["data"], [bar["value"] for bar in bars[1]["data"]]), [100, 100, 38, 20])
+    ends = [mark["coord"][0] for line in bars[1]["markLine"]["data"] for mark in line]
+    np.testing.assert_allclose(ends, [31, 45, 13, 26])
     assert steps(SimpleNamespace(budget=None, applied=())) == []
 
 
