@@ -43,4 +43,4 @@ format: $(VENV)/done
 	$(BIN)/ruff check --fix .
 
 clean:
-	rm -rf $(VENV) demo build dist *.egg-info docs/gallery docs/reference docs/made
+	rm -rf $(VENV) demo build dist *.egg-info docs/gallery docs/reference docs/made docs/sg_execution_times.rst
