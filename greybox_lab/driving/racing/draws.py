@@ -149,8 +149,9 @@ def of_gap(gap: Gap, *, unseen: bool = True) -> Draws:
         parameter, low, high = gap.closed[cause.effect], *cause.interval
         sd = (high - low) / (2 * NORMAL)
         off = _normal(generator, DRAWN) * (sd if np.isfinite(sd) else 0.0)
-        there = generator.random(DRAWN) < cause.probability
-        columns[cause.effect] = np.where(there, _bounded(parameter, parameter.array + off), _null(parameter))
+        null = _null(parameter)
+        there = generator.random(DRAWN) < (cause.probability if np.isfinite(null) else 1.0)  # else: no limit to draw
+        columns[cause.effect] = np.where(there, _bounded(parameter, parameter.array + off), null)
     for name, limit in gap.limits.items() if unseen else ():
         if limit.share <= 1.0 or name not in EFFECTS or not np.isfinite(null := _null(EFFECTS[name].parameter)):
             continue  # what is only felt beyond a size, as rates and forces are limited, is not told by derivatives

@@ -38,6 +38,13 @@ def test_what_was_applied_is_drawn_within_its_interval():
     assert np.mean(unlikely == 0.0) == pytest.approx(0.1, abs=0.05)  # at its null: not there
 
 
+def test_an_effect_that_has_no_finite_null_is_there_in_every_draw():
+    closed = with_effects(CAR, {"steering_rate_limit": 2.0})
+    limited = Ranked("steering_rate_limit", 0.8, 2.0, "rad/s", (1.8, 2.2))
+    gap = SimpleNamespace(ranking=(limited,), applied=("steering_rate_limit",), closed=closed, limits={})
+    assert np.all(np.isfinite(drawn(of_gap(gap), of_gap(gap).names[0])))
+
+
 def test_what_would_not_have_shown_is_drawn_up_to_where_it_would():
     limits = {
         "steering_delay": Limit(0.05, 0.03, "s", 1.7, 0.9),  # usually less than would show
