@@ -151,7 +151,7 @@ def examine(
     whiten = _whitener(bench, good, prior, sd)
     cost = costs(forces, value)
     firmly = _firmly(bench, start, sd, good)
-    if rough and forces and firmly is None:
+    if rough and forces and not spins(bench, start, good):
         # model error is annealed: where numbers are exact, or are weights, there is none; and what spins has no columns
         tolerances = [axis for axis in believed if not axis.narrow]
         everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
@@ -254,6 +254,21 @@ def _alone(selection: Selection, best: Hypothesis) -> float:
     if len(best.names) != 2 or not set(best.names) <= set(singles):
         return 0.0
     return max(sum(singles[name] for name in best.names), TINY)
+
+
+def spins(bench: FreeRuns, e: Array, good: NDArray[np.bool_]) -> bool:
+    """Whether errors of the yaw rate exceed the yaw rate: derivatives of such a simulation tell nothing.
+
+    Parameters
+    ----------
+    bench : what was measured.
+    e, good : (N, channels) errors of the nominal simulation, and which count.
+    """
+    if "yaw_rate" not in bench.channels:
+        return False
+    at = bench.channels.index("yaw_rate")
+    rows = good[:, at]
+    return bool(np.any(rows) and np.mean(e[rows, at] ** 2) > np.mean(bench.measured[rows, at] ** 2))
 
 
 def _firmly(bench: FreeRuns, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
