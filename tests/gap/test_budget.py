@@ -39,6 +39,14 @@ def test_two_that_overlap_share_what_either_closes():
     assert found.unnamed.share == pytest.approx(0.0, abs=1e-9)
 
 
+def test_a_small_cause_is_judged_by_what_it_closes_beside_a_large_one():
+    levels = dict(zip(subsets(("large", "small")), (101.0, 2.0, 100.0, 1.0), strict=True))
+    budgeted = shared(levels, ("large", "small"))
+    assert budgeted.of("small").share == pytest.approx(0.01)
+    assert budgeted.judged("small").share == pytest.approx(1.0)
+    assert budgeted.judged("another") is None
+
+
 def test_effects_that_spin_without_the_others_explain_nothing():
     levels = dict(zip(subsets(("a", "b")), (11.0, 1e30, 6.0, 1.0), strict=True))
     found = shared(levels, ("a", "b"))
