@@ -31,7 +31,7 @@ check: $(VENV)/done
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/python docs/api/build.py
+	$(BIN)/python docs/docstrings.py
 	$(BIN)/python docs/agents.py --check
 	$(BIN)/python docs/results/build.py --check
 

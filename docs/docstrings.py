@@ -1,4 +1,4 @@
-"""What docstrings of `greybox_id.__all__` do not say: `python docs/api/build.py`, exit code 1 where one lacks.
+"""What docstrings of `greybox_id.__all__` do not say: `python docs/docstrings.py`, exit code 1 where one lacks.
 
 The pages themselves are made by `make docs` (docs/reference.md).
 """
