@@ -186,7 +186,7 @@ def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Ar
     Control. Clin. Trials 7, 1986). The worst of all ways to part the drive counts.
     """
     each = (
-        spread.relative**2 / int(np.sum(np.isfinite(spread.parts)))
+        min(spread.relative, 1e6) ** 2 / int(np.sum(np.isfinite(spread.parts)))  # at its null a size has no scale
         for spread in spreads(search, hypothesis, orders, effect)
         if np.any(np.isfinite(spread.parts))
     )
