@@ -8,6 +8,7 @@ beside. Of what is done often the median and the least.
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import shutil
@@ -55,6 +56,7 @@ chart.setOption = (...given) => {
 
 def main() -> int:
     """Run the benchmark."""
+    argparse.ArgumentParser(description=__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "hour.csv"
         _write(file)

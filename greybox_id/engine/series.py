@@ -365,7 +365,7 @@ def runs(trace: Trace, recording: Recording, across_joins: bool = False) -> list
     if abs(recording.sample_time / model.sample_time - 1.0) > SAMPLE_TIME_TOLERANCE:
         raise BadInput(
             f"{recording.name} is sampled every {_duration(recording.sample_time)}, model {model.name} every "
-            f"{_duration(model.sample_time)}. Resample the recording (greybox data convert --rate), or build the "
+            f"{_duration(model.sample_time)}. Resample the recording with greybox data convert, or build the "
             "model with another sample time."
         )
     joins = [start for start, _ in recording.runs] if across_joins else []

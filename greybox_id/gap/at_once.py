@@ -22,7 +22,7 @@ from .estimation.problem import FORM
 from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
 from .estimation.shortlist import Promise
-from .estimation.together import Stage, Together
+from .estimation.together import JointSearch, JointStage
 from .selection import Selection
 
 Unsteadiness = Callable[[Search, Hypothesis], list[float]]
@@ -30,7 +30,7 @@ Unsteadiness = Callable[[Search, Hypothesis], list[float]]
 
 
 def select_at_once(
-    together: Together,
+    together: JointSearch,
     believed: Sequence[Axis],
     costs: Callable[[str], float],
     unsteadiness: Unsteadiness,
@@ -89,7 +89,7 @@ def select_at_once(
     return Selection(search, base, tuple(result), offered, True)
 
 
-def _placed(search: Search, together: Together, stage: Stage) -> Hypothesis:
+def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothesis:
     """A stage's explanation as a hypothesis that is not simulated yet."""
     problem, state = together.problem, stage.state
     p = problem.vector(state)
@@ -134,7 +134,7 @@ def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     return settled(search, result[0], 1)
 
 
-def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
+def _without_each(best: Hypothesis, stage: JointStage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
     """The best explanation without each of its effects, and what that costs."""
     places = {name: k for k, name in enumerate(names)}
     return [
@@ -142,7 +142,7 @@ def _without_each(best: Hypothesis, stage: Stage, names: Sequence[str], gains: A
     ]
 
 
-def _exchanged(search: Search, together: Together, stage: Stage, best: Hypothesis) -> list[Hypothesis]:
+def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
     """The best explanation with others in the place of each effect, as far as they may explain as much."""
     problem, result, sets = together.problem, list[Hypothesis](), stage.sets
     here = sets.cost(stage.there)
@@ -177,7 +177,7 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     return settled(search, min(result, key=by_cost))
 
 
-def promised(together: Together, stage: Stage) -> tuple[Promise, ...]:
+def promised(together: JointSearch, stage: JointStage) -> tuple[Promise, ...]:
     """Of every effect what it would gain by itself beside nuisances, to first order, most first."""
     problem, sets = together.problem, stage.sets
     result = []

@@ -95,6 +95,10 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(it, held_out, tell) if it.best.candidates else None
+    if shared is not None and not selection.at_once:
+        shared = replace(
+            shared, beside=()
+        )  # effects that were searched one after the other are no causes beside others
     telling = shared if shared is not None and shared.shows and (shared.held_out or not selection.at_once) else None
     best, reasons = _causes(it, telling)
     if held_out:

@@ -31,9 +31,9 @@ from .estimation.model_error import believed as believed_amplitudes
 from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
 from .estimation.observer import PULLED
 from .estimation.preparing import Prepared, excerpt, prepare
-from .estimation.problem import Problem
+from .estimation.problem import JointProblem
 from .estimation.search import Search
-from .estimation.together import Together, Whitening
+from .estimation.together import JointSearch, JointWhitening
 from .estimation.unknown_forces import knows_unknown_forces
 from .estimation.variance import Scatter, dropped, fresh, jitters, jumps_by_commands, repeats, sole_jitter, surely
 from .estimation.wandering import Wander, wandering
@@ -155,8 +155,8 @@ def examine(
         # model error is annealed: where numbers are exact, or are weights, there is none; and what spins has no columns
         tolerances = [axis for axis in believed if not axis.narrow]
         everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
-        problem = Problem(bench, tolerances, everything, good)
-        together = Together(problem, Whitening(problem, sd, prior, forces, search.trust), tell)
+        problem = JointProblem(bench, tolerances, everything, good)
+        together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
         selection = select_at_once(together, believed, cost, _unsteadiness, search.trust)
         search = selection.search
     else:

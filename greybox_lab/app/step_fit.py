@@ -29,7 +29,7 @@ HORIZONS = {0.0: "whole runs", 0.2: "0.2 s ahead", 0.5: "0.5 s ahead", 1.0: "1 s
 
 
 @dataclass
-class Drive:
+class FittedDrive:
     """A recording with what was measured, simulated before the fit, and by the fit.
 
     Attributes
@@ -71,7 +71,7 @@ async def prepare(page: Page) -> dict[str, Any]:
 
 def _drive(
     words: str, model: gb.MotionModel, before: gb.MotionModel, recording: gb.Recording, at: Mapping[str, float]
-) -> Drive:
+) -> FittedDrive:
     bench = Playground(model, recording)
     over, strips = Shown(bench.recording), []
     runs = {"fit": bench.simulate(at)}
@@ -84,7 +84,7 @@ def _drive(
             look = "simulated" if called == "fit" else "before"
             curves.append(charts.PlottedTrace(called, over.points(run[name]), look))
         strips.append(charts.StripChart(name, bench.recording.unit(name), curves))
-    return Drive(words, bench, over, strips)
+    return FittedDrive(words, bench, over, strips)
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -116,7 +116,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     ui.html(data["parts"], sanitize=False).classes("w-full")
 
 
-def _drives(page: Page, drives: list[Drive]) -> list[tuple[Drive, ui.echart]]:
+def _drives(page: Page, drives: list[FittedDrive]) -> list[tuple[FittedDrive, ui.echart]]:
     """Charts of what was fitted to and of what was held out, beside each other."""
     shown = []
     with ui.element("div").classes("two"):
@@ -132,7 +132,7 @@ def _drives(page: Page, drives: list[Drive]) -> list[tuple[Drive, ui.echart]]:
     return shown
 
 
-def _live(page: Page, job: PageJob, drives: list[tuple[Drive, ui.echart]]) -> Callable[[], Awaitable[None]]:
+def _live(page: Page, job: PageJob, drives: list[tuple[FittedDrive, ui.echart]]) -> Callable[[], Awaitable[None]]:
     """What shows a fit that runs: its steps, and the simulation at each."""
     lines, last = ui.html("", sanitize=False).classes("w-full"), dict[str, float]()
 

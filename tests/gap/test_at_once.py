@@ -5,10 +5,10 @@ import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 
 from greybox_id.gap.at_once import select_at_once
-from greybox_id.gap.estimation.causes import Cause, Form
+from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.model_error import believed
-from greybox_id.gap.estimation.problem import Problem
-from greybox_id.gap.estimation.together import Together, Whitening
+from greybox_id.gap.estimation.problem import JointProblem
+from greybox_id.gap.estimation.together import JointSearch, JointWhitening
 from greybox_id.gap.evidence import evidence, heaviest
 
 SD, WORTH = np.array([0.1, 0.1]), 7.0
@@ -16,14 +16,16 @@ SD, WORTH = np.array([0.1, 0.1]), 7.0
 
 def cause(index):
     own = candidate(index)
-    return Cause(own.effect, own.axes[0], (Form(own, (), ()),), 1.0, 0.0, True)
+    return PossibleCause(own.effect, own.axes[0], (Form(own, (), ()),), 1.0, 0.0, True)
 
 
 def selected(
     bench, count, nuisances=(), costs=lambda name: WORTH, unsteady=lambda search, each: [0.0] * len(each.names)
 ):
-    problem = Problem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
-    search = Together(problem, Whitening(problem, SD, believed(SD, True, True, {}), False, 1.0), lambda *_, **__: None)
+    problem = JointProblem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
+    search = JointSearch(
+        problem, JointWhitening(problem, SD, believed(SD, True, True, {}), False, 1.0), lambda *_, **__: None
+    )
     return select_at_once(search, nuisances, costs, unsteady, 1.0)
 
 

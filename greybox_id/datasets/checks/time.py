@@ -76,7 +76,7 @@ def check_time(recording: Recording) -> list[Finding]:
     if len(starts) > BROKEN_SHARE * len(recording):
         sentence = (
             f"sampling is irregular: {len(starts)} of {len(recording)} rows do not follow the one before in the usual "
-            f"step of {exact(dt)} s. Export it again with its true clock, or resample it: greybox data convert --rate."
+            f"step of {exact(dt)} s. Export it again with its true clock, or resample it with greybox data convert."
         )
         findings.append(_clock("irregular", Severity.DISTRUST, sentence, starts, len(starts) / len(recording)))
     elif joins:

@@ -63,7 +63,7 @@ def stretches(model: HybridModel, recording: Recording) -> list[Stretch]:
     if not abs(h - model.sample_time) <= SAMPLE_TIME_TOLERANCE * model.sample_time:
         raise BadInput(
             f"{recording.name} has a sample time of {h:.4g} s, but {model.name} is made for {model.sample_time:.4g} s: "
-            "resample the recording (greybox data convert --rate), or fit again."
+            "resample the recording with greybox data convert, or fit again."
         )
     inputs = np.array([recording[name] for name in model.inputs])
     usable = np.all(np.isfinite(inputs), axis=0)

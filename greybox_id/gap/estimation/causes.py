@@ -33,7 +33,7 @@ class Form:
 
 
 @dataclass(frozen=True)
-class Cause:
+class PossibleCause:
     """An effect that may be there.
 
     Attributes
@@ -66,7 +66,7 @@ def causes(
     stated: Sequence[Axis],
     sample_time: float,
     rough: bool,
-) -> tuple[Cause, ...]:
+) -> tuple[PossibleCause, ...]:
     """Everything that may be there.
 
     Parameters
@@ -92,7 +92,7 @@ def _cause(
     tolerated: Mapping[int, Axis],
     sample_time: float,
     rough: bool,
-) -> Cause:
+) -> PossibleCause:
     main = forms[0].axes[0]
     usual = main.scale if main.inverse else usual_size(model, effect)
     value = tolerated.get(main.index)
@@ -102,7 +102,7 @@ def _cause(
     if value is not None:
         zone = max(zone, value.sd)
         main = replace(main, mean=value.mean)
-    return Cause(effect.name, main, tuple(_form(each, usual) for each in forms), usual, zone, forms[0].gradual)
+    return PossibleCause(effect.name, main, tuple(_form(each, usual) for each in forms), usual, zone, forms[0].gradual)
 
 
 def _form(candidate: Candidate, usual: float) -> Form:

@@ -17,7 +17,7 @@ from ...base.shorthands import Array, Mask
 from ...engine.simulation import FreeRuns
 from .axes import Axis
 from .calibration import CAL
-from .causes import Cause, Form
+from .causes import Form, PossibleCause
 from .form import rough_curves
 from .noise import Whitener
 
@@ -28,7 +28,7 @@ FORM = "form_"
 
 
 @dataclass(frozen=True)
-class State:
+class JointState:
     """Where everything is.
 
     Attributes
@@ -73,7 +73,7 @@ class Linear(NamedTuple):
     moved: Mask
 
 
-class Problem:
+class JointProblem:
     """One recording, or several, and all that may explain them.
 
     Parameters
@@ -84,7 +84,9 @@ class Problem:
     good : (N, channels) readings that count.
     """
 
-    def __init__(self, bench: FreeRuns, tolerances: Sequence[Axis], causes: Sequence[Cause], good: Mask) -> None:
+    def __init__(
+        self, bench: FreeRuns, tolerances: Sequence[Axis], causes: Sequence[PossibleCause], good: Mask
+    ) -> None:
         self.bench, self.causes, self.good = bench, tuple(causes), good
         value = {each.main.index for each in causes}
         self._stated = [axis for axis in tolerances if axis.index not in value and not axis.abrupt]
@@ -107,7 +109,7 @@ class Problem:
 
     # ---- what is believed
 
-    def roughly(self, factor: float, state: State | None = None) -> State | None:
+    def roughly(self, factor: float, state: JointState | None = None) -> JointState | None:
         """Believe curves and forms to be so many times as rough as usual; the state moves along."""
         before = None if state is None else self._parameters(state.theta)
         axes = [replace(a, sd=a.sd * factor, scale=a.scale * factor) if a.name.startswith(FORM) else a
@@ -123,10 +125,10 @@ class Problem:
     def _parameters(self, theta: Array) -> Array:
         return np.asarray(self.theta_mean + self.mix @ (theta - self.theta_mean))
 
-    def begin(self) -> State:
+    def begin(self) -> JointState:
         """Nothing but what is believed."""
         forms = [each.forms[0] for each in self.causes]
-        return State(
+        return JointState(
             self.theta_mean.copy(),
             np.where(self.smooth, self.mean, self.null),
             tuple(_at_start(form, 0) for form in forms),
@@ -136,7 +138,7 @@ class Problem:
 
     # ---- simulation
 
-    def vector(self, state: State) -> Array:
+    def vector(self, state: JointState) -> Array:
         """The parameter vector."""
         p = self.nominal.copy()
         for axis, x in zip(self.tolerances, self._parameters(state.theta), strict=True):
@@ -162,7 +164,9 @@ class Problem:
 
     # ---- linearisation
 
-    def linearise(self, state: State, whitener: Whitener, look: bool, precision: Array) -> tuple[State, Linear]:
+    def linearise(
+        self, state: JointState, whitener: Whitener, look: bool, precision: Array
+    ) -> tuple[JointState, Linear]:
         """The problem about a state.
 
         Parameters
@@ -235,10 +239,10 @@ class Problem:
             self._slopes.pop(k, None)
         return state, self._linear(state, r, T, mains, X, first, seconds, whitener, S.shape[2], b - a)
 
-    def _form(self, state: State, k: int) -> Form:
+    def _form(self, state: JointState, k: int) -> Form:
         return self.causes[k].forms[state.form[k]]
 
-    def _beside(self, p: Array, state: State, k: int) -> tuple[Array, float]:
+    def _beside(self, p: Array, state: JointState, k: int) -> tuple[Array, float]:
         """A vector beside a cause that is there, and how far."""
         cause, m = self.causes[k], float(state.m[k])
         size = max(abs(m - cause.main.null), 0.3 * cause.usual)
@@ -249,7 +253,7 @@ class Problem:
         q[cause.main.index] = cause.main.value(m + step)
         return q, step
 
-    def _starts(self, state: State, k: int, look: bool) -> list[tuple[int, int]]:
+    def _starts(self, state: JointState, k: int, look: bool) -> list[tuple[int, int]]:
         """From where a cause that is not there is looked at."""
         if look or k not in self._looking:
             return [(f, s) for f, form in enumerate(self.causes[k].forms) for s in range(len(form.starts))]
@@ -269,9 +273,9 @@ class Problem:
         return [float(whitener.stationary_sd[c]) for _ in self.bench.runs for c in channel]
 
     def _seen(
-        self, state: State, starts: Sequence[tuple[int, int, int]], columns: Array, mains: Array, known: Array,
+        self, state: JointState, starts: Sequence[tuple[int, int, int]], columns: Array, mains: Array, known: Array,
         value: Array, r: Array, precision: Array,
-    ) -> State:  # fmt: skip
+    ) -> JointState:  # fmt: skip
         """The state with every cause that is not there looked at from where it explains most beside all else."""
         looked = self._looking
         there = np.flatnonzero(np.any(mains != 0, axis=0))
@@ -296,7 +300,7 @@ class Problem:
                 looked[k] = (f, s)
         return self._as_looked_at(state)
 
-    def _as_looked_at(self, state: State) -> State:
+    def _as_looked_at(self, state: JointState) -> JointState:
         """The state with causes that are not there in the form in which they are looked at."""
         seconds, forms = list(state.seconds), list(state.form)
         for k, (f, s) in self._looking.items():
@@ -305,7 +309,7 @@ class Problem:
         return replace(state, seconds=tuple(seconds), form=tuple(forms))
 
     def _linear(
-        self, state: State, r: Array, T: Array, mains: Array, X: Array, first: Array,
+        self, state: JointState, r: Array, T: Array, mains: Array, X: Array, first: Array,
         seconds: Sequence[tuple[int, int, Axis]], whitener: Whitener, starts: int, jumps: int,
     ) -> Linear:  # fmt: skip
         E, shifts = len(self.causes), len(self.shifts)
@@ -341,7 +345,7 @@ class Problem:
         """Forget what causes that are not there would do: it was taken elsewhere."""
         self._slopes.clear()
 
-    def moved(self, state: State, x: Array, share: float, on: Mask) -> State:
+    def moved(self, state: JointState, x: Array, share: float, on: Mask) -> JointState:
         """A share of the way from a state to coordinates of `Linear`; causes that are switched on begin there."""
         nt, E = len(self.tolerances), len(self.causes)
         theta = state.theta + share * (x[:nt] - state.theta)
@@ -355,9 +359,9 @@ class Problem:
                     if axis.low < axis.high:
                         seconds[k][j] += share * (x[place] - seconds[k][j])
                         place += 1
-        return State(theta, m, tuple(tuple(second) for second in seconds), state.form, on.copy())
+        return JointState(theta, m, tuple(tuple(second) for second in seconds), state.form, on.copy())
 
-    def widen(self, state: State) -> bool:
+    def widen(self, state: JointState) -> bool:
         """Widen bounds that magnitudes have reached, twice at most; whether any was."""
         result = False
         for k in range(len(self.causes)):
@@ -389,5 +393,5 @@ def _at_start(form: Form, s: int) -> tuple[float, ...]:
     return tuple(axis.mean if axis.low < axis.high else axis.low for axis in form.candidate.axes[1:])
 
 
-Whitening = Callable[[State, Array, float], Whitener]
-"""State, residuals, roughness -> how residuals are whitened."""
+JointWhitening = Callable[[JointState, Array, float], Whitener]
+"""JointState, residuals, roughness -> how residuals are whitened."""

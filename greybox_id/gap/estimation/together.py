@@ -19,12 +19,12 @@ from .calibration import CAL
 from .constancy import steadily
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
-from .problem import Linear, Problem, State
+from .problem import JointProblem, JointState, Linear
 from .sparse import Quadratic, Sets
 
 
 @dataclass(frozen=True)
-class Stage:
+class JointStage:
     """What explains the recordings if equations are so rough.
 
     Attributes
@@ -39,7 +39,7 @@ class Stage:
     """
 
     rough: float
-    state: State
+    state: JointState
     there: Mask
     whitener: Whitener
     squares: Quadratic
@@ -47,7 +47,7 @@ class Stage:
     evidence: float
 
 
-class Whitening:
+class JointWhitening:
     """How residuals are whitened, by how rough equations are taken to be.
 
     Parameters
@@ -57,7 +57,7 @@ class Whitening:
     trust : as how many readings one counts.
     """
 
-    def __init__(self, problem: Problem, sd: Array, prior: Believed, forces: bool, trust: float) -> None:
+    def __init__(self, problem: JointProblem, sd: Array, prior: Believed, forces: bool, trust: float) -> None:
         self.problem, self.sd, self.prior, self.trust = problem, sd, prior, trust
         self._bench = problem.bench if forces and isinstance(problem.bench, Bench) else None
         self._sizes = ForceSizes(self._bench) if self._bench is not None else None
@@ -96,7 +96,7 @@ def at_least(amplitudes: Amplitudes, least: Amplitudes) -> Amplitudes:
     return replace(amplitudes, **{name: max(getattr(amplitudes, name), getattr(least, name)) for name in names})
 
 
-class Together:
+class JointSearch:
     """The search.
 
     Parameters
@@ -105,7 +105,7 @@ class Together:
     tell : of progress.
     """
 
-    def __init__(self, problem: Problem, whitening: Whitening, tell: Callable[..., None]) -> None:
+    def __init__(self, problem: JointProblem, whitening: JointWhitening, tell: Callable[..., None]) -> None:
         self.problem, self.whitening, self.tell = problem, whitening, tell
         names = [cause.name for cause in problem.causes]
         self.never = [
@@ -116,9 +116,9 @@ class Together:
         for k, cause in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
 
-    def annealed(self) -> list[Stage]:
+    def annealed(self) -> list[JointStage]:
         """Every stage, roughest first."""
-        problem, result = self.problem, list[Stage]()
+        problem, result = self.problem, list[JointStage]()
         state, variance = problem.begin(), (0.3 * problem.usual) ** 2
         for rough, steps in zip(CAL.stages, CAL.steps_of_stage, strict=True):
             moved = problem.roughly(rough, state)
@@ -138,7 +138,7 @@ class Together:
             result.append(self.settled(state, rough, variance, whitener))
         return result
 
-    def explained(self) -> Stage:
+    def explained(self) -> JointStage:
         """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
 
         What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
@@ -159,7 +159,7 @@ class Together:
         self.problem.roughly(best.rough)
         return best
 
-    def exchanged(self, stage: Stage) -> Stage:
+    def exchanged(self, stage: JointStage) -> JointStage:
         """The stage with abrupt causes exchanged for others that act alike, where these explain more.
 
         Of delays, lags, limits and plays first order tells little: each that is there was the best of them where
@@ -180,7 +180,7 @@ class Together:
         self.problem.forget()
         return self.settled(better.state, better.rough, self.variance(better.there), rounds=2)
 
-    def _mates(self, stage: Stage, k: int) -> list[int]:
+    def _mates(self, stage: JointStage, k: int) -> list[int]:
         """Abrupt causes that are not there and whose columns point as one's does, all else refitted; the nearest."""
         sets = stage.sets
         S = sets.S[np.ix_(sets.main, sets.main)]
@@ -189,20 +189,20 @@ class Together:
         others = np.flatnonzero(~stage.there & ~self.problem.smooth & (like > CAL.acts_alike))
         return sorted((int(j) for j in others), key=lambda j: -like[j])[: CAL.exchanged]
 
-    def _settled_as(self, state: State, there: Mask, rough: float) -> Stage:
+    def _settled_as(self, state: JointState, there: Mask, rough: float) -> JointStage:
         """A state where equations are so rough."""
         moved = self.problem.roughly(rough, state)
         self.problem.forget()
         return self.settled(moved or state, rough, self.variance(there), rounds=2)
 
-    def _as_rough(self, stage: Stage) -> float:
+    def _as_rough(self, stage: JointStage) -> float:
         """Times as rough as usual, that forces are which no equation has; no smoother than usual."""
         if not isinstance(stage.whitener, ModelError):
             return 1.0
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
-    def pruned(self, stage: Stage, prices: Array, unsteady: Array) -> tuple[Stage, Array]:
+    def pruned(self, stage: JointStage, prices: Array, unsteady: Array) -> tuple[JointStage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
 
         What is taken away is taken away from all of it: everything else is refitted, and linearised again where that
@@ -241,7 +241,7 @@ class Together:
             there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
             stage = self.refitted(stage, there)
 
-    def _worth_adding(self, stage: Stage, prices: Array, looked: Mask) -> int | None:
+    def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
         """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at."""
         here, best, most = stage.sets.cost(stage.there), None, 0.0
         for k in np.flatnonzero(~stage.there & ~looked):
@@ -252,7 +252,7 @@ class Together:
                 best, most = int(k), worth
         return best
 
-    def _gained(self, stage: Stage, k: int, price: float) -> float:
+    def _gained(self, stage: JointStage, k: int, price: float) -> float:
         """What a cause gains beside the others of a stage."""
         problem, there = self.problem, stage.there.copy()
         at_null = abs(stage.state.m[k] - problem.null[k]) < CAL.next_to_nothing * problem.usual[k]
@@ -266,7 +266,7 @@ class Together:
         without = self.refitted(stage, there)
         return min(gain, without.sets.cost(there) - stage.sets.cost(stage.there))
 
-    def refitted(self, stage: Stage, there: Mask, steps: int = CAL.refits) -> Stage:
+    def refitted(self, stage: JointStage, there: Mask, steps: int = CAL.refits) -> JointStage:
         """A stage with another set of causes, everything refitted in the same model error."""
         state, squares, variance = stage.state, stage.squares, self.variance(there)
         self.problem.forget()
@@ -278,8 +278,8 @@ class Together:
         return replace(stage, state=state, there=there, squares=squares, sets=sets, evidence=evidence)
 
     def settled(
-        self, state: State, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
-    ) -> Stage:
+        self, state: JointState, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
+    ) -> JointStage:
         """A stage with its best set of causes, all refitted with it, in the model error that is left.
 
         Parameters
@@ -299,9 +299,9 @@ class Together:
         sets = self._sets(squares)
         there = sets.climbed(there)
         evidence = sets.base + sets.score(there) + self._of_whitener(by, rough)
-        return Stage(rough, state, there, by, squares, sets, evidence)
+        return JointStage(rough, state, there, by, squares, sets, evidence)
 
-    def _of_what_is_left(self, state: State) -> Whitener:
+    def _of_what_is_left(self, state: JointState) -> Whitener:
         p = self.problem.vector(state)
         (e,) = self.problem.residuals([p])
         return self.whitening.left(self.whitening.about(p), e)
@@ -321,13 +321,15 @@ class Together:
     def _sets(self, squares: Quadratic) -> Sets:
         return Sets(squares, self.problem.zone, self.problem.usual, self.odds, self.never)
 
-    def _linear(self, state: State, whitener: Whitener, look: bool, variance: Array) -> tuple[State, Quadratic]:
+    def _linear(
+        self, state: JointState, whitener: Whitener, look: bool, variance: Array
+    ) -> tuple[JointState, Quadratic]:
         state, linear = self.problem.linearise(state, whitener, look, 1 / variance)
         return state, Quadratic.of(linear)
 
     def _stepped(
-        self, state: State, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
-    ) -> tuple[State, float]:
+        self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
+    ) -> tuple[JointState, float]:
         """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
         problem, value = self.problem, squares.about
         x, _ = squares.best(variance)
@@ -362,7 +364,7 @@ class Together:
         return new, far
 
     def _objective(
-        self, state: State, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
+        self, state: JointState, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
     ) -> float:
         problem = self.problem
         (e,) = problem.residuals([problem.vector(state)])
@@ -385,7 +387,7 @@ class Together:
         return total if np.isfinite(total) else np.inf
 
 
-def _explains(stage: Stage) -> float:
+def _explains(stage: JointStage) -> float:
     """Logarithm of the evidence of a stage's causes in its model error."""
     return stage.sets.base + stage.sets.score(stage.there)
 

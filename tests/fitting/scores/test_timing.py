@@ -111,7 +111,7 @@ def test_models_without_memory_and_recordings_that_are_too_short_are_refused(fit
         calibrated_timing(fitted, new, 60.0)
     with pytest.raises(BadInput, match="for models with memory"):
         gb.fit("lateral", new, options=gb.FitOptions(calibrate="timing"))
-    with pytest.raises(BadInput, match="for models with memory"):
+    with pytest.raises(BadInput, match="a fit is needed"):
         gb.predict("kinematic", new, calibrate="timing")
     with pytest.raises(BadInput, match="a fit is needed"):
         gb.predict(fitted.model, new, calibrate="timing")

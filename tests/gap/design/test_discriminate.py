@@ -8,6 +8,7 @@ from made_gaps import clear, none
 
 import greybox_id as gb
 from greybox_id.api import designing
+from greybox_id.api.gap_result import GapResult
 from greybox_id.api.designing import nominal_of
 from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap.design import discriminate
@@ -125,13 +126,14 @@ def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
     monkeypatch.setattr(designing, "design", quick)
     fixed = "To tell steering_delay from steering_lag: drive a step steer; greybox design designs it."
     gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To see roll at all: drive."))
-    first, second = designing.quoted(gap, made, "disc:80").advice
+    first, second = designing.quoted(GapResult.of(gap, made), "disc:80").advice
     assert first.startswith("To tell steering_delay from steering_lag, drive from ")
     assert "disc:80 tell steering_delay or steering_lag by " in first
     assert second == "To see roll at all: drive."
-    assert "too small" in designing.quoted(gap, made, "disc:2").advice[0]
+    assert "too small" in designing.quoted(GapResult.of(gap, made), "disc:2").advice[0]
     sure = clear()
-    assert designing.quoted(sure, made, "disc:80") is sure
+    sure = GapResult.of(sure, made)
+    assert designing.quoted(sure, "disc:80") is sure
 
 
 @pytest.mark.slow

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 
-from greybox_id.gap.estimation.causes import Cause, Form
+from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.model_error import believed
-from greybox_id.gap.estimation.problem import Problem
-from greybox_id.gap.estimation.together import Together, Whitening
+from greybox_id.gap.estimation.problem import JointProblem
+from greybox_id.gap.estimation.together import JointSearch, JointWhitening
 
 SD = np.array([0.1, 0.1])
 
@@ -18,13 +18,13 @@ def cause(index, gradual=True, **more):
     """An effect of one parameter; abrupt ones are looked at from three sizes."""
     own = replace(candidate(index, **more), gradual=gradual)
     starts = () if gradual else tuple((size,) for size in (0.2, 0.5, 1.2))
-    return Cause(own.effect, own.axes[0], (Form(own, (), starts),), 1.0, 0.01, gradual)
+    return PossibleCause(own.effect, own.axes[0], (Form(own, (), starts),), 1.0, 0.01, gradual)
 
 
 def together(bench, causes, tolerances=()):
-    problem = Problem(bench, tolerances, causes, bench.counted)
+    problem = JointProblem(bench, tolerances, causes, bench.counted)
     prior = believed(SD, True, True, {})
-    return Together(problem, Whitening(problem, SD, prior, False, 1.0), lambda *_, **__: None)
+    return JointSearch(problem, JointWhitening(problem, SD, prior, False, 1.0), lambda *_, **__: None)
 
 
 def named(search):
