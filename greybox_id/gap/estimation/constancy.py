@@ -195,7 +195,8 @@ def unsteadiness(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Ar
 
 def steadily(gain: Array, unsteady: Array | float) -> Array:
     """What an effect gains, in nats, where its magnitude is as unsteady: half of m^2 over both variances together."""
-    return np.asarray(gain / (1.0 + 2.0 * gain * unsteady))
+    finite = np.clip(gain, 0.0, 1e12)  # where a refit without it leaves the range of numbers, a gain is infinite
+    return np.asarray(finite / (1.0 + 2.0 * finite * unsteady))
 
 
 def varies(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> dict[str, Spread]:
