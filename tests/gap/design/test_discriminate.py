@@ -8,8 +8,8 @@ from made_gaps import clear, none
 
 import greybox_id as gb
 from greybox_id.api import designing
-from greybox_id.api.gap_result import GapResult
 from greybox_id.api.designing import nominal_of
+from greybox_id.api.gap_result import GapResult
 from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap.design import discriminate
 from greybox_id.gap.design.discriminate import ENOUGH, ambiguous, parted
