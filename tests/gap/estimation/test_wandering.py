@@ -66,10 +66,12 @@ def test_what_varies_is_what_the_unknown_looks_like(effect, sd, correlation_time
     assert found["unknown_probability"] > 0.5
     first = found["resembles"][0]
     assert first["effect"] == effect
-    assert 0.5 < first["sd"] / sd < 2.0  # twenty correlation times tell it to a fifth, and tolerances take up a part
+    # twenty correlation times tell it to a fifth; tolerances take up a part, more where curves are found to be rough
+    assert 0.4 < first["sd"] / sd < 2.0
     assert 0.2 < first["correlation_time"] / correlation_time < 5.0
     assert f"like {effect} that varies by ± " in found["unknown"]
-    assert set(found["applied"]) <= {effect}  # its mean may be elsewhere than stated
+    # its mean may be elsewhere than stated, and a grip that varies with the tyres' temperature is one that varies
+    assert set(found["applied"]) <= {effect} | ({"tyre_temperature"} if effect == "grip_scale" else set())
 
 
 @pytest.mark.slow
