@@ -31,7 +31,7 @@ Unsteadiness = Callable[[Search, Hypothesis], list[float]]
 
 def select_at_once(
     together: JointSearch,
-    believed: Sequence[Axis],
+    nuisances: Sequence[Axis],
     costs: Callable[[str], float],
     unsteadiness: Unsteadiness,
     trust: float,
@@ -41,7 +41,7 @@ def select_at_once(
     Parameters
     ----------
     together : the search of everything at once.
-    believed : nuisances, zones of indifference among them.
+    nuisances : tolerances, zones of indifference among them.
     costs : log-likelihood that effects must gain, by name.
     unsteadiness : of each effect of a hypothesis, see `constancy`.
     trust : as how many readings one counts.
@@ -53,7 +53,7 @@ def select_at_once(
     stage = together.exchanged(together.explained())
     stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
-            for a in believed]  # fmt: skip
+            for a in nuisances]  # fmt: skip
     search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
     search.nominal[:] = problem.nominal
     search.about(None)

@@ -20,7 +20,7 @@ from .constancy import steadily
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
 from .problem import JointProblem, JointState, Linear
-from .sparse import Quadratic, Sets
+from .sparse import RIDGE, Quadratic, Sets
 
 
 @dataclass(frozen=True)
@@ -399,7 +399,7 @@ class _Profile:
         self.A, self.prec, self.off = A, prec, off
         H = A.T @ A + np.diag(prec)
         self.scale = 1 / np.sqrt(np.diag(H))
-        self.factor = np.linalg.cholesky(H * np.outer(self.scale, self.scale)) if len(H) else H
+        self.factor = np.linalg.cholesky(H * np.outer(self.scale, self.scale) + RIDGE * np.eye(len(H))) if len(H) else H
 
     def left(self, r: Array) -> float:
         """What is left of residuals, with the charge."""
