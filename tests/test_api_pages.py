@@ -8,27 +8,27 @@ import pytest
 
 import greybox_id as gb
 
-PAGES = Path(__file__).parents[1] / "docs" / "api"
+DOCS = Path(__file__).parents[1] / "docs"
 
 
 @pytest.fixture(scope="module")
-def build():
-    spec = importlib.util.spec_from_file_location("build_api_pages", PAGES / "build.py")
+def docstrings():
+    spec = importlib.util.spec_from_file_location("docstrings", DOCS / "docstrings.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
 
 
-def test_every_docstring_says_what_goes_in_what_comes_out_and_what_is_refused(build):
-    assert build.lacking() == []
+def test_every_docstring_says_what_goes_in_what_comes_out_and_what_is_refused(docstrings):
+    assert docstrings.lacking() == []
 
 
-def test_what_lacks_is_found(build, monkeypatch):
+def test_what_lacks_is_found(docstrings, monkeypatch):
     def score(model):
         """No sections at all."""
 
     monkeypatch.setattr(gb, "score", score)
-    said = build.lacking()
+    said = docstrings.lacking()
     assert [own for own in said if own.startswith("gb.score:")] == [
         f"gb.score: no section {own}" for own in ("Examples", "Returns", "Parameters", "Raises")
     ]
@@ -36,6 +36,6 @@ def test_what_lacks_is_found(build, monkeypatch):
 
 def test_the_reference_lists_every_name():
     listed = re.findall(
-        r"^   (?:api\.)?(\w+)$", (PAGES.parent / "reference.md").read_text(encoding="utf-8"), re.MULTILINE
+        r"^   (?:api\.)?(\w+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE
     )
     assert sorted(listed) == sorted(gb.__all__)
