@@ -16,7 +16,8 @@ from ..base.guard import claim
 from ..base.numbers import number
 from ..datasets.recording import Recording
 from ..datasets.result_table import target_of
-from ..fitting.grid import Grid, fit_grid, quiet, values_of
+from ..fitting.grid import Grid, fit_grid, values_of
+from ..fitting.how import quiet
 from ..reports.text.screen import as_text, led, plain_table
 from . import given
 from .given import Columns
