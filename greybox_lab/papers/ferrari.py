@@ -4,8 +4,8 @@ Source: vehicle/vehicle_lateral_dynamics_estimation in tonegas/nnodely-applicati
 programme (2014 Targa Sixty-Six), 20 Hz, low-passed at 5 Hz. Their checkpoints are published, no figure is; both
 structures are trained again here, by this package's least squares, on the same drives.
 
-The zero of the hand wheel moves by tenths of a degree from drive to drive, which turns a fast car by as many degrees per
-second. The grey boxes take it from the hand wheel itself, where the car gains speed on straights.
+The zero of the hand wheel moves by tenths of a degree from drive to drive, which turns a fast car by as many deg/s.
+The grey boxes take it from the hand wheel itself, where the car gains speed on straights.
 """
 
 from __future__ import annotations
@@ -110,7 +110,7 @@ def page(
         mean = {name: float(np.mean([rmse(item["yaw rate"]) for item in each])) for name, each in score.items()}
         turn = {name: float(np.mean([rmse(item[LONG]) for item in each])) for name, each in score.items()}
         theirs = min((STRUCTURED, BLACK_BOX), key=lambda name: mean[name])
-        for name in (GREY, LOCAL, BOTH):
+        for name in (BOTH, LOCAL, GREY):
             other = score[theirs][0]["yaw rate"]
             pair = paired(other, score[name][0]["yaw rate"], np.zeros(len(one) - FIRST), STEP)
             word = "not distinguished" if pair.low < 0.0 < pair.high else "worse" if pair.low > 0.0 else "better"
