@@ -7,9 +7,7 @@ MEX interface and of level-2 C S-functions; the MAT-file format of version 5.
 from __future__ import annotations
 
 import io
-import re
 from collections.abc import Mapping
-from importlib import resources
 from typing import Any
 
 import numpy as np
@@ -17,17 +15,16 @@ from scipy.io import savemat
 
 from ..base.version import __version__
 from .c.motion import MotionC
-from .c.naming import constant
 from .equations import entries
 from .origin import KeyOrigin
 from .quoting import c_comment, matlab_comment, matlab_text
 from .subject import Subject
+from .template import filled
 
 HEAD = 116
 """Bytes of text at the beginning of a MAT-file; a time stands there, which would make every file another one."""
 REMEMBERED = 4096
 """Commands that the S-function remembers."""
-_VARIANT = re.compile(r"^#if LATE\n(.*?)(?:^#else\n(.*?))?^#endif\n", re.MULTILINE | re.DOTALL)
 
 
 def files(subject: Subject) -> Mapping[str, bytes]:
@@ -114,15 +111,10 @@ def _covariance(subject: Subject) -> np.ndarray[Any, Any]:
 
 
 def _filled(template: str, subject: Subject, title: str) -> str:
-    """A file of the folder templates for a model; what stands within #if LATE is for those whose commands act late."""
     e, name = subject.equations, subject.name
-    text = resources.files(__package__).joinpath("templates", template).read_text("utf-8")
-    text = _VARIANT.sub(lambda lines: lines[1] if e.delayed else lines[2] or "", text)
     call = f"{name}_settled(x, u, {name}_default_parameters, settled); memcpy(x, settled, sizeof settled);"
-    filled = {letters: constant(name, letters) for letters in ("NX", "NU", "NP", "NY")}
-    filled |= {"SETTLE": call if e.settles else "", "NAME": name}
-    text = text.replace("TITLE", c_comment(title) if template.endswith(".c") else matlab_comment(title))
-    return re.sub("@([A-Z]+)@", lambda word: filled[word[1]], text)
+    about = c_comment(title) if template.endswith(".c") else matlab_comment(title)
+    return filled(template, name, TITLE=about, LATE=bool(e.delayed), SETTLE=call if e.settles else "")
 
 
 def _idnlgrey(subject: Subject, title: str) -> str:

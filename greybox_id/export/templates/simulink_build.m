@@ -1,6 +1,6 @@
-function @NAME@_build()
-% TITLE
-% Compiles the MEX file for @NAME@_idnlgrey and the S-function for Simulink.
-mex @NAME@_mex.c @NAME@.c
-mex @NAME@_sfun.c @NAME@.c
+function @_build()
+% @TITLE@
+% Compiles the MEX file for @_idnlgrey and the S-function for Simulink.
+mex @_mex.c @.c
+mex @_sfun.c @.c
 end
