@@ -9,7 +9,7 @@ from importlib import resources
 from .c.naming import constant
 
 FOLDER = "templates"
-_VARIANT = re.compile(r"^#if ([A-Z]+)\n(.*?)(?:^#else\n(.*?))?^#endif\n", re.MULTILINE | re.DOTALL)
+_VARIANT = re.compile(r"^#if ([A-Z_0-9]+)\n(.*?)(?:^#else\n(.*?))?^#endif\n", re.MULTILINE | re.DOTALL)
 _PLACE = re.compile(r"@([A-Z_]+)@|[@$]")
 
 
