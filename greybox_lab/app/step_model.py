@@ -136,7 +136,7 @@ def _slider(page: Page, row: Slider, drag: Drag) -> None:
     free = row.name in chosen["free"] or (not row.fixed and row.name not in chosen["fix"])
     with ui.element("div").classes("slider"):
         ui.label(row.name).style("font-style: italic").tooltip(row.about)
-        slider = ui.slider(min=row.low, max=row.high, step=row.step, value=value)
+        slider = _Slider(min=row.low, max=row.high, step=row.step, value=value)
         slider.props(f'aria-label="{row.name}" dense').mark(f"slider-{row.name}")
         words = ui.label(shown(value, row.unit)).style("white-space: nowrap; text-align: right")
         box = ui.checkbox(value=free, on_change=partial(_hold, page, row))
@@ -153,6 +153,12 @@ def _slider(page: Page, row: Slider, drag: Drag) -> None:
         words.set_text(shown(float(event.value), row.unit))
 
     slider.on_value_change(moved)
+
+
+class _Slider(ui.slider):
+    """A slider that the browser moves by itself: an echo of each value would have the page rendered anew."""
+
+    LOOPBACK = None
 
 
 class Drag:

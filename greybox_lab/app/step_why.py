@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 ARENAS = ("disc:10", "disc:30", "disc:60", "straight:120x8")
 ALONE, POINT = "with this cause alone", "Point at a cause to see it alone."
 MOST_CAUSES = 8
+NOTHING = np.empty((0, 2))
 Show = Callable[[str], Awaitable[None]]
 
 
@@ -134,7 +135,7 @@ def _overlay(page: Page, data: dict[str, Any]) -> tuple[ui.echart, ui.label]:
     curves = [
         charts.PlottedTrace("measured", over.points(np.asarray(recording[channel]))),
         charts.PlottedTrace("simulation", over.points(data["trace"]), "before"),
-        charts.PlottedTrace(ALONE, [], "cause"),
+        charts.PlottedTrace(ALONE, NOTHING, "cause"),
     ]
     strip = charts.StripChart(channel, recording.unit(channel), curves)
     options = charts.strips([strip], over.span, height=250, legend=True, cursor=page.session["cursor"])
@@ -154,7 +155,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
 
     async def show(name: str) -> None:
         if name not in known:
-            await charts.with_curves(element, {f"{channel}/{ALONE}": []})
+            await charts.with_curves(element, {f"{channel}/{ALONE}": NOTHING})
             words.set_text("This is what no known effect explains." if name == UNNAMED else POINT)
             return
         try:

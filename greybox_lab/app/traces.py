@@ -14,11 +14,10 @@ from tsdownsample import NaNMinMaxLTTBDownsampler
 import greybox_id as gb
 
 Array = NDArray[np.float64]
-Points = list[list[float] | None]
 
 THIN: Any = NaNMinMaxLTTBDownsampler()  # type: ignore[no-untyped-call]
 OVERVIEW, DETAIL, ASIDE = 1000, 1000, 200
-"""Points of a trace over everything; within the part that is looked at, and then over each part beside it."""
+"""Points of a trace over everything; within the part that is looked at, and of everything beside that part."""
 DIGITS = 5
 """Significant digits of a value that is drawn: finer than a pixel."""
 
@@ -62,50 +61,48 @@ class Shown:
         """The row nearest to an instant."""
         return int(np.clip(np.searchsorted(self.time, instant), 0, len(self.time) - 1))
 
-    def points(self, values: Array, window: tuple[float, float] | None = None) -> Points:
-        """A curve of (n,) values: everything coarsely, the window finely, nothing between runs."""
-        curve: Points = []
+    def points(self, values: Array, most: int = OVERVIEW, window: tuple[float, float] | None = None) -> Array:
+        """(k, 2) instant and value of some `most` points of a curve of (n,) values, in a window; NaN between runs."""
+        curve: list[Array] = []
         inside = (0, len(self.time)) if window is None else tuple(map(int, np.searchsorted(self.time, window)))
         for start, stop in self.recording.runs:
-            curve += [None] if curve else []
             a, b = (min(max(edge, start), stop) for edge in inside)
-            budget = OVERVIEW if window is None else DETAIL
-            share = max(3, budget * (b - a) // max(1, inside[1] - inside[0]))
-            beside = [max(3, ASIDE * (part) // len(self.time)) for part in (a - start, stop - b)]
-            for first, last, count in ((start, a, beside[0]), (a, b, share), (b, stop, beside[1])):
-                if last > first:
-                    curve += thinned(self.time[first:last], values[first:last], count)
-        return curve
+            if b > a:
+                share = max(3, most * (b - a) // (inside[1] - inside[0]))
+                curve += [np.array([[curve[-1][-1, 0], np.nan]])] if curve else []
+                curve.append(thinned(self.time[a:b], values[a:b], share))
+        return np.concatenate(curve) if curve else np.empty((0, 2))
 
-    def along(self, across: Array, up: Array, most: int = 3000) -> Points:
-        """Points of one signal over another, every so many rows: a map, speed against a_y."""
+    def closer(self, values: Array, window: tuple[float, float], coarse: Array) -> Array:
+        """A curve whose window is drawn finely; what is beside it is taken of its coarse points, (k, 2)."""
+        low, high = np.searchsorted(coarse[:, 0], window)
+        return np.concatenate((coarse[:low], self.points(values, DETAIL, window), coarse[high:]))
+
+    def along(self, across: Array, up: Array, most: int = 3000) -> Array:
+        """(k, 2) points of one signal over another, every so many rows: a map, speed against a_y."""
         step = max(1, len(across) // most)
-        curve: Points = []
+        curve = [np.empty((0, 2))]
         for start, stop in self.recording.runs:
             rows = start + np.flatnonzero(np.isfinite(across[start:stop]) & np.isfinite(up[start:stop]))[::step]
-            curve += [None] if curve else []
-            curve += map(list, zip(_short(across[rows]), _short(up[rows]), strict=True))
-        return curve
+            curve += [np.column_stack((_short(across[rows]), _short(up[rows]))), np.full((1, 2), np.nan)]
+        return np.concatenate(curve[:-1])
 
 
-def thinned(time: Array, values: Array, count: int) -> Points:
-    """At most so many points of a curve, its extremes among them; None where there is no value."""
+def thinned(time: Array, values: Array, count: int) -> Array:
+    """(k, 2) points of a curve, at most so many, its extremes among them; NaN where there is no value."""
     if len(time) > count and count >= 3:
         order = np.sort(THIN.downsample(time, np.ascontiguousarray(values), n_out=count))
         time, values = time[order], values[order]
     known = np.isfinite(values) & (np.abs(values) < 1e30)
-    pairs: Points = list(map(list, zip(np.round(time, 4).tolist(), _short(np.where(known, values, 0.0)), strict=True)))
-    if known.all():
-        return pairs
-    kept = np.flatnonzero(known | np.concatenate(([False], known[:-1])))  # one break where readings are missing
-    return [pairs[k] if known[k] else None for k in kept]
+    kept = known | np.concatenate(([False], known[:-1]))  # one break where readings are missing
+    return np.column_stack((np.round(time, 4), np.where(known, _short(np.where(known, values, 0.0)), np.nan)))[kept]
 
 
-def _short(values: Array) -> list[float]:
+def _short(values: Array) -> Array:
     """Values of so many digits as a screen shows."""
     size = np.floor(np.log10(np.where(values == 0.0, 1.0, np.abs(values))))
     scale = 10.0 ** np.clip(DIGITS - 1 - size, -22, 22)
-    return list((np.round(values * scale) / scale).tolist())
+    return np.asarray(np.round(values * scale) / scale)
 
 
 class Library:
