@@ -10,14 +10,16 @@ from base64 import b64encode
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from nicegui import ui
 
 from .beneath import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY, percent, pretty_unit
 from .traces import Array
-from .why import UNNAMED, Step
+
+if TYPE_CHECKING:
+    from .why import Step
 
 SERIF = '"Libertinus Serif", "STIX Two Text", "Times New Roman", Times, serif'
 BASE = {"animation": False, "textStyle": {"fontFamily": SERIF, "color": INK}}
@@ -76,7 +78,7 @@ def strips(
             entry: dict[str, Any] = {
                 "type": "line", "id": f"{row.name}/{curve.name}", "name": curve.name, "xAxisIndex": k, "yAxisIndex": k,
                 "data": curve.points, "dimensions": ["t", "value"], "showSymbol": False, "animation": False,
-                "lineStyle": line, "itemStyle": {"color": line["color"]}, "connectNulls": False, "emphasis": {"disabled": True},
+                "lineStyle": line, "itemStyle": {"color": line["color"]}, "emphasis": {"disabled": True},
             }  # fmt: skip
             if curve is row.curves[0] and (marks or cursor is not None):
                 if marks:
@@ -194,6 +196,9 @@ def plane(across: str, up: str, points: Array, *, equal: bool = False, dots: boo
 
 STRIPED = {"symbol": "rect", "dashArrayX": [1, 0], "dashArrayY": [3, 4], "rotation": 0.7, "color": "rgba(0,0,0,.25)"}
 GREY = "#b9b9b9"
+
+
+UNNAMED = "unexplained"
 
 
 def waterfall(steps: Sequence[Step]) -> dict[str, Any]:

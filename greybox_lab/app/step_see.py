@@ -31,12 +31,8 @@ async def prepare(page: Page) -> tuple[Shown, list[charts.StripChart]]:
 def _strips(over: Shown) -> list[charts.StripChart]:
     recording = over.recording
     names = [name for name in recording.signals if recording.has(name) and not name.startswith("sd_")]
-    return [
-        charts.StripChart(
-            name, recording.unit(name), [charts.PlottedTrace(name, over.points(np.asarray(recording[name])))]
-        )
-        for name in names[:MOST_STRIPS]
-    ]
+    curves = {name: charts.PlottedTrace(name, over.points(np.asarray(recording[name]))) for name in names[:MOST_STRIPS]}
+    return [charts.StripChart(name, recording.unit(name), [curve]) for name, curve in curves.items()]
 
 
 def draw(page: Page, data: tuple[Shown, list[charts.StripChart]]) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -105,32 +105,20 @@ def _short(values: Array) -> Array:
     return np.asarray(np.round(values * scale) / scale)
 
 
-class Library:
-    """Recordings of a session, each read once; the last few are kept."""
+READING = Lock()
 
-    MOST = 6
 
-    def __init__(self) -> None:
-        self._kept: dict[tuple[str, str, str, float, float], gb.Recording] = {}
-        self._reading = Lock()
+def read(path: Path, columns: str | Path, between: str = "") -> gb.Recording:
+    """A recording, read again only where the file, the map or the part has changed. Raises `BadInput`."""
+    stamps = [place.stat().st_mtime if place.is_file() else 0.0 for place in (path, Path(columns))]
+    with READING:  # who asks for what is being read waits for it
+        return _read(path, columns, between, *stamps)
 
-    def read(self, path: Path, columns: str | Path, between: str = "") -> gb.Recording:
-        """A recording, read again only where the file, the map or the part has changed. Raises `BadInput`."""
-        with self._reading:  # who asks for what is being read waits for it
-            return self._read(path, columns, between)
 
-    def _read(self, path: Path, columns: str | Path, between: str) -> gb.Recording:
-        stamp = path.stat().st_mtime if path.exists() else 0.0
-        mapped = Path(columns)
-        key = (str(path), str(columns), between, stamp, mapped.stat().st_mtime if mapped.is_file() else 0.0)
-        if key not in self._kept:
-            recording = gb.read(str(path), columns=columns)
-            if isinstance(recording, list):
-                raise gb.BadInput(f"{path.name}: its name is read as a pattern; rename the file.")
-            if between:
-                ends = [float(end) if end else None for end in between.split(":")]
-                recording = recording.between(*ends)
-            while len(self._kept) >= self.MOST:
-                self._kept.pop(next(iter(self._kept)))
-            self._kept[key] = recording
-        return self._kept[key]
+@lru_cache(maxsize=6)
+def _read(path: Path, columns: str | Path, between: str, *stamps: float) -> gb.Recording:
+    del stamps
+    recording = gb.read(str(path), columns=columns)
+    if isinstance(recording, list):
+        raise gb.BadInput(f"{path.name}: its name is read as a pattern; rename the file.")
+    return recording.between(*(float(end) if end else None for end in between.split(":"))) if between else recording
