@@ -258,7 +258,7 @@ def _take_place(made: Path, folder: Path, aside: Path) -> None:
 
 def _exchanged(one: Path, other: Path) -> bool:
     """Exchange two folders in one step, where the system and the file system can."""
-    import ctypes  # takes long to load
+    import ctypes
 
     with suppress(AttributeError, OSError):
         system = ctypes.CDLL(None, use_errno=True)

@@ -10,6 +10,7 @@ sine and cosine (tests/export/c/test_mathematics.py); what lies beyond their tab
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
@@ -49,7 +50,7 @@ def definitions(names: Iterable[str]) -> str:
     while waiting:
         needed.add(name := waiting.pop())
         waiting += FUNCTIONS[name]
-    words: dict[str, object] = {name.upper(): name in needed for name in FUNCTIONS}
+    words: dict[str, Any] = {name.upper(): name in needed for name in FUNCTIONS}
     if "angles" in needed:
         words["ANGLES"] = _table("ANGLES", angles())
     if "atan_near" in needed:
