@@ -204,7 +204,8 @@ UNNAMED = "unexplained"
 def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
     """The budget: from the whole excess down, cause by cause, to what nothing explains."""
     base, whiskers = [0.0], []
-    bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}, "label": _label("100 %")}]
+    bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}}]
+    words: list[dict[str, Any]] = [{"value": 0.0, "label": _label("100 %")}]
     for k, step in enumerate(steps, 1):
         low, high = sorted(round(100 * end, 6) for end in (step.start, step.start - step.share))
         named = step.name != UNNAMED
@@ -212,25 +213,27 @@ def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
         if named and not step.applied:
             look["decal"] = STRIPED
         base.append(low)
-        bars.append({"value": high - low, "label": _label(percent(step.share)), "itemStyle": look})
+        bars.append({"value": high - low, "itemStyle": look})
+        ends = [min(100 * (step.start - share), 100.0) for share in (step.high, step.low)]  # beyond, none is drawn
+        words.append({"value": max(0.0, named * (ends[1] - high)), "label": _label(percent(step.share))})
         if named:
-            ends = (min(100 * (step.start - share), 100.0) for share in (step.high, step.low))  # beyond, none is drawn
             whiskers.append([{"coord": [end, k], "symbol": "none"} for end in ends])
     line = {"color": INK, "type": "solid", "width": 1.4}
     marks = {"silent": True, "symbol": "none", "animation": False, "label": {"show": False}, "lineStyle": line}
     percent_axis = _axis("share of the excess error [%]", 26, min="dataMin" if min(base) < 0 else 0)
     percent_axis["axisLabel"] |= {"showMinLabel": True, "showMaxLabel": True}
     names = {"fontSize": 14, "width": 160, "overflow": "truncate", "color": INK}
+    stacked = {"type": "bar", "stack": "all", "stackStrategy": "all"}
+    clear = {"itemStyle": {"color": "transparent"}, "silent": True}
     return {
         **BASE, "grid": {"left": 176, "right": 70, "top": 8, "bottom": 42},
         "xAxis": percent_axis,
         "yAxis": {"type": "category", "inverse": True, "data": ["whole gap", *(step.name for step in steps)],
                   "axisTick": {"show": False}, "axisLabel": names, "axisLine": {"lineStyle": {"color": PALE}}},
         "series": [
-            {"type": "bar", "stack": "all", "data": base, "itemStyle": {"color": "transparent"}, "silent": True,
-             "barWidth": "62%"},
-            {"type": "bar", "stack": "all", "id": "shares", "data": bars, "cursor": "pointer",
-             "markLine": {**marks, "data": whiskers}},
+            {**stacked, **clear, "data": base, "barWidth": "62%"},
+            {**stacked, "id": "shares", "data": bars, "cursor": "pointer", "markLine": {**marks, "data": whiskers}},
+            {**stacked, **clear, "data": words},
         ],
     }  # fmt: skip
 

@@ -99,9 +99,9 @@ def write_map(
     write_atomically(path, words + tomli_w.dumps(table_of(base, entries, extra or {})))
 
 
-def entries_of_map(path: Path) -> tuple[dict[str, Any], list[Entry]]:
-    """Base and entries of a map that lies in a file, such as one that a person edited."""
-    text = tomllib.loads(path.read_text("utf-8"))
+def entries_of_map(written: str) -> tuple[dict[str, Any], list[Entry]]:
+    """Base and entries of a map in TOML, such as one that a person edited."""
+    text = tomllib.loads(written)
     base = {key: value for key, value in text.items() if key not in ("name", "about", "source", "signals")}
     entries = [
         {

@@ -34,7 +34,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
             title("Commands")
             ui.code(data["commands"], language="bash").classes("w-full").mark("commands")
             title("Notebook")
-            ui.code(data["cells"], language="python").classes("w-full").mark("notebook")
+            ui.code(data["cells"], language="text").classes("w-full").mark("notebook")
         with ui.column():
             title("Everything in one file")
 

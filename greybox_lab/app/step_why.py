@@ -85,9 +85,9 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         with ui.column():
             _causes(gap, show)
         with ui.column():
+            _next(page)
             title("What could not have been seen")
             ui.html(silent, sanitize=False).classes("unseen")
-            _next(page)
 
 
 def _diagnose(page: Page, done: bool) -> None:

@@ -14,7 +14,7 @@ from typing import Any
 import greybox_id as gb
 
 from . import mapping
-from .beneath import sentence, shipped_maps
+from .beneath import sentence, shipped_map, shipped_maps
 from .jobs import PageJob
 from .mapping import Entry
 from .session import MAP, Session
@@ -120,6 +120,29 @@ class Work:
         others = [each for each in self.session["others"] if each != column]
         self.session.change(entries=[*self.session["entries"], entry], others=others)
 
+    @property
+    def commanded(self) -> bool:
+        """Whether a column map says how recordings are read, which may say how commands run between rows."""
+        return self.session["columns"] not in ("", "canonical")
+
+    @property
+    def hold(self) -> str:
+        """How steering and drive run between rows: "zero", "linear", or "" where the map does not say."""
+        name = self.session["columns"]
+        base = self.session["map"] if name == MAP else mapping.entries_of_map(shipped_map(name))[0]
+        return str(base.get("hold", ""))
+
+    def set_hold(self, hold: str) -> None:
+        """Say in the map how steering and drive run between rows; a shipped map becomes the session's."""
+        session, looked = self.session, self.session["looked"] == self.session.key
+        base, entries = session["map"], session["entries"]
+        if session["columns"] != MAP:
+            base, entries = mapping.entries_of_map(shipped_map(session["columns"]))
+        base = {key: value for key, value in base.items() if key != "hold"} | ({"hold": hold} if hold else {})
+        session.change(quietly=True, map=base, entries=entries, columns=MAP)
+        self.write_map()
+        session.change(looked=session.key if looked else "")  # no check is about it
+
     def write_map(self) -> None:
         """Write `map.toml`, where there is a time and a signal."""
         entries, base = self.session["entries"], self.session["map"]
@@ -192,7 +215,7 @@ class Work:
         answer, session = job.answer, self.session
         if answer is None or not answer["repair"]["written"]:
             return
-        base, entries = mapping.entries_of_map(session.folder / job.target)
+        base, entries = mapping.entries_of_map((session.folder / job.target).read_text("utf-8"))
         known = self.recording(session.files()[0])
         entries = [entry for entry in entries if known.has(entry["signal"]) or not entry["more"].get("optional")]
         kept = [entry for entry in session["entries"] if not entry["use"]]
