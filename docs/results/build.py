@@ -24,9 +24,9 @@ PAGE = HERE.parent / "results.md"
 HEAD = """# Results
 
 Each table is drawn from a file in `docs/results/` (`python docs/results/build.py`). The line below it says when, with
-which version, from which seed and on how many cases (n) it was measured. `DIR` holds recordings of others: `greybox datasets list` says
-where they come from. CPU seconds are of one core at 3.1 GHz. A bar that is missed is marked. What was tried and failed
-is in the [decision notes](decisions/README.md).
+which version, from which seed and on how many cases (n) it was measured. `DIR` holds recordings of others: `greybox
+datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz. A bar that is missed is marked. What
+was tried and failed is in the [decision notes](decisions/README.md).
 """
 MOST_TASKS = 1
 """A bench with more shows the first one alone; the file has all."""

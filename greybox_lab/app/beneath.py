@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "USUAL", "Array", "GreyboxError",
-    "cause_words", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "number", "percent",
-    "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_map", "shipped_maps", "table_html", "unit_of",
+    "cause_words", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "named_text", "number",
+    "percent", "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_maps", "table_html", "unit_of",
     "write_atomically",
 ]  # fmt: skip
 
@@ -96,11 +96,6 @@ def companion(recording: Recording, signal: str, values: Array) -> tuple[str, Ar
     with np.errstate(all="ignore"):
         paired = pairs(replace(recording, signals={**recording.signals, signal: values}))
         return next(((pair.right, pair.right_values) for pair in paired if pair.nodes[0] == signal), None)
-
-
-def shipped_map(name: str) -> str:
-    """The text of a column map that comes with the package."""
-    return named_text(name, "columns", "column map")[0]
 
 
 def write_atomically(path: Path, text: str) -> None:

@@ -19,7 +19,7 @@ from .beneath import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY, percent,
 from .traces import Array
 
 if TYPE_CHECKING:
-    from .why import Step
+    from .model import Step
 
 SERIF = '"Libertinus Serif", "STIX Two Text", "Times New Roman", Times, serif'
 BASE = {"animation": False, "textStyle": {"fontFamily": SERIF, "color": INK}}
@@ -119,7 +119,8 @@ def height_of(count: int, height: int = 92, legend: bool = False, zoom: bool = T
 def chart(options: dict[str, Any], height: int, about: str) -> ui.echart:
     """A chart of so many pixels, with words for those who cannot see it."""
     element = ui.echart(options).classes("w-full").style(f"height: {height}px; min-width: 0")
-    return element.props(f'role=img tabindex=0 aria-label="{_attribute(about)}"')
+    words = about.replace("\\", "").replace('"', "'")
+    return element.props(f'role=img tabindex=0 aria-label="{words}"')
 
 
 def on_zoom(element: ui.echart, span: tuple[float, float], zoomed: Callable[[float, float], Any]) -> None:
@@ -250,7 +251,3 @@ def _axis(name: str, gap: int, **more: Any) -> dict[str, Any]:
 
 def _label(text: str) -> dict[str, Any]:
     return {"show": True, "position": "right", "formatter": text, "color": INK, "fontSize": 13}
-
-
-def _attribute(text: str) -> str:
-    return text.replace("\\", "").replace('"', "'")

@@ -71,16 +71,6 @@ def answered(entries: Sequence[Entry], entry: Entry, **answer: Any) -> list[Entr
     return changed
 
 
-def table_of(
-    base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """The column map as plain data."""
-    table = {key: value for key, value in base.items() if key not in ("time_units", "extra")}
-    signals = {entry["signal"]: column_of(entry) for entry in entries if entry["use"]}
-    more = {**base.get("extra", {}), **extra}
-    return {"name": "map", **table, "signals": signals, **({"extra": more} if more else {})}
-
-
 def column_of(entry: Entry, unit: str = "") -> dict[str, Any]:
     """One column as a map has it."""
     column: dict[str, Any] = {**entry.get("more", {}), "column": entry["column"], "unit": unit or units_for(entry)[0]}
@@ -95,8 +85,12 @@ def write_map(
     path: Path, base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]] | None = None
 ) -> None:
     """Write the column map, atomically."""
+    table = {key: value for key, value in base.items() if key not in ("time_units", "extra")}
+    signals = {entry["signal"]: column_of(entry) for entry in entries if entry["use"]}
+    more = {**base.get("extra", {}), **(extra or {})}
+    table = {"name": "map", **table, "signals": signals, **({"extra": more} if more else {})}
     words = "# Made by greybox app; every command reads it: --columns map.toml\n"
-    write_atomically(path, words + tomli_w.dumps(table_of(base, entries, extra or {})))
+    write_atomically(path, words + tomli_w.dumps(table))
 
 
 def entries_of_map(written: str) -> tuple[dict[str, Any], list[Entry]]:

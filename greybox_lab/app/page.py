@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
 from types import ModuleType
 from typing import Any
@@ -25,12 +26,7 @@ SOON = 0.5
 
 
 class Page:
-    """One open page.
-
-    Parameters
-    ----------
-    work : the session, which all pages share.
-    """
+    """One open page of a session, which all pages share."""
 
     def __init__(self, work: Work) -> None:
         self.work, self.session = work, work.session
@@ -113,8 +109,8 @@ class Page:
 
         def tick() -> None:
             last = next((text for text in reversed(job.lines) if text.strip()), "starting")
-            line.set_text(f"{last.partition('; ')[0][:90]} · {job.seconds:.0f} s")
-            card.set_visibility(job.seconds > SOON)
+            line.set_text(f"{last.partition('; ')[0][:90]} · {time.time() - job.started:.0f} s")
+            card.set_visibility(time.time() - job.started > SOON)
 
         tick()
         self.every_tick(tick)

@@ -66,9 +66,13 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         choose(vehicles, chosen["vehicle"], "vehicle", 11, partial(_choose, page, "vehicle"))
         if "tyre" in bench.model.settings:
             choose(TYRES, bench.model.settings["tyre"], "tyre", 9, partial(_choose, page, "tyre"))
-        if page.work.commanded:
+        if session["columns"] != "canonical":
             held = choose(
-                HOLDS, page.work.hold, "steering between rows", 15, lambda event: page.work.set_hold(event.value)
+                HOLDS,
+                page.work.mapped()[0].get("hold", ""),
+                "steering between rows",
+                15,
+                lambda event: page.work.set_hold(event.value),
             )
             held.tooltip("whether the column of steering and drive was measured or commanded: hold in the column map")
         extra = choose(data["effects"], list(chosen["effects"]), "with effects", 14, partial(_choose, page, "effects"))

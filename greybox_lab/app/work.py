@@ -14,7 +14,7 @@ from typing import Any
 import greybox_id as gb
 
 from . import mapping
-from .beneath import sentence, shipped_map, shipped_maps
+from .beneath import named_text, sentence, shipped_maps
 from .jobs import PageJob
 from .mapping import Entry
 from .session import MAP, Session
@@ -27,18 +27,11 @@ REPORT = "report.html"
 
 
 class Work:
-    """What a session does.
-
-    Parameters
-    ----------
-    session : where all of it is kept.
-    """
+    """What a session does, and keeps."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
         self.trouble, self._watching, self._ahead = "", Lock(), ""
-
-    # ---- drop
 
     def take(self, paths: Iterable[Path]) -> None:
         """Take files that were named on the command line, and look at them."""
@@ -120,24 +113,16 @@ class Work:
         others = [each for each in self.session["others"] if each != column]
         self.session.change(entries=[*self.session["entries"], entry], others=others)
 
-    @property
-    def commanded(self) -> bool:
-        """Whether a column map says how recordings are read, which may say how commands run between rows."""
-        return self.session["columns"] not in ("", "canonical")
-
-    @property
-    def hold(self) -> str:
-        """How steering and drive run between rows: "zero", "linear", or "" where the map does not say."""
+    def mapped(self) -> tuple[dict[str, Any], list[Entry]]:
+        """Base and entries of the map, the session's or a shipped one."""
         name = self.session["columns"]
-        base = self.session["map"] if name == MAP else mapping.entries_of_map(shipped_map(name))[0]
-        return str(base.get("hold", ""))
+        shipped = "" if name == MAP else named_text(name, "columns", "column map")[0]
+        return mapping.entries_of_map(shipped) if shipped else (self.session["map"], self.session["entries"])
 
     def set_hold(self, hold: str) -> None:
         """Say in the map how steering and drive run between rows; a shipped map becomes the session's."""
         session, looked = self.session, self.session["looked"] == self.session.key
-        base, entries = session["map"], session["entries"]
-        if session["columns"] != MAP:
-            base, entries = mapping.entries_of_map(shipped_map(session["columns"]))
+        base, entries = self.mapped()
         base = {key: value for key, value in base.items() if key != "hold"} | ({"hold": hold} if hold else {})
         session.change(quietly=True, map=base, entries=entries, columns=MAP)
         self.write_map()
@@ -172,8 +157,6 @@ class Work:
         """A recording as it is mapped and cropped. Raises `BadInput`."""
         return read(self.session.folder / file, self.session.columns, self.session["between"])
 
-    # ---- several files of one drive
-
     def join(self) -> None:
         """Ask `greybox data map` of all files together, to join them on one clock."""
         files = self.session.files()
@@ -193,8 +176,6 @@ class Work:
             unused = [{**each, "role": "unused"} for each in self.session["recordings"]]
             recordings = [*unused, {"file": job.target, "role": "train"}]
             self.session.change(recordings=recordings, columns="canonical", looked="", joining=[])
-
-    # ---- check
 
     def check(self) -> PageJob:
         """Run `greybox data check` on everything that is used."""
@@ -223,8 +204,6 @@ class Work:
         session.change(map=base, entries=[*entries, *kept], columns=MAP, looked="", repairs=repairs)
         self.write_map()
         self.check()
-
-    # ---- model, fit, gap
 
     def fit(self) -> PageJob:
         """Run `greybox fit`."""
@@ -295,8 +274,6 @@ class Work:
         kinds = ("gap", "since") if kind == "gap" else (kind,)
         jobs = [job for job in self.session.jobs.all() if job.kind in kinds and job.target == target]
         return (jobs[-1], jobs[-1].answer) if jobs and target else (None, None)
-
-    # ---- what runs
 
     DONE = {"map": map_done, "join": join_done, "repair": repair_done}  # noqa: RUF012
 

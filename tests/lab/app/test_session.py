@@ -98,7 +98,7 @@ def test_how_commands_run_between_rows_is_said_in_the_map(tmp_path):
     shipped = work.recording("recordings/racer_train.csv")
     for hold in ("zero", "linear", ""):
         work.set_hold(hold)
-        assert work.hold == hold
+        assert work.mapped()[0].get("hold", "") == hold
         assert session["looked"] == session.key  # nothing has to be looked at again
         mapped = gb.read(session.folder / "recordings" / "racer_train.csv", columns=session.folder / "map.toml")
         assert mapped.hold_stated == bool(hold)
