@@ -196,10 +196,7 @@ def plane(across: str, up: str, points: Array, *, equal: bool = False, dots: boo
 
 
 STRIPED = {"symbol": "rect", "dashArrayX": [1, 0], "dashArrayY": [3, 4], "rotation": 0.7, "color": "rgba(0,0,0,.25)"}
-GREY = "#b9b9b9"
-
-
-UNNAMED = "unexplained"
+GREY, UNNAMED = "#b9b9b9", "unexplained"
 
 
 def waterfall(steps: Sequence[Step]) -> dict[str, Any]:

@@ -157,10 +157,7 @@ class Jobs:
         if folder not in self._known:
             try:
                 body = json.loads((folder / "job.json").read_text("utf-8"))
-                self._known[folder] = PageJob(
-                    str(body["kind"]), tuple(map(str, body["words"])), str(body["target"]), folder, int(body["pid"]),
-                    float(body["started"]),
-                )  # fmt: skip
+                self._known[folder] = PageJob(**{**body, "folder": folder, "words": tuple(map(str, body["words"]))})
             except (OSError, ValueError, KeyError, TypeError):
                 return None
         return self._known[folder]

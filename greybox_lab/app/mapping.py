@@ -1,8 +1,4 @@
-"""The column map as the page shows it: entries that are decided, questions, answers; written as TOML.
-
-What a column may be is what `greybox data map` says; nothing is guessed here. An entry is what that command prints of a
-signal, and `use`: True where it is in the map, False where it is not, None while it is a question.
-"""
+"""The column map as the page shows it: what `greybox data map` prints of signals, and `use`: True, False, or open."""
 
 from __future__ import annotations
 
@@ -20,11 +16,6 @@ Entry = dict[str, Any]
 USUAL_UNITS = USUAL | {"m/s": ("m/s", "km/h", "mph"), "rad/s": ("rad/s", "deg/s", "rpm"), "m": ("m", "mm")}
 """SI unit -> units that loggers write, where nothing tells which: offered in this order."""
 TIME_UNITS = ("s", "ms", "us", "ns")
-
-
-def entries_of(answer: Mapping[str, Any]) -> list[Entry]:
-    """What `greybox data map --json` says of columns, as entries."""
-    return [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
 
 
 def base_of(proposed: Path, answer: Mapping[str, Any]) -> dict[str, Any]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -56,10 +57,8 @@ class Page:
         ui.timer(TICK, self._tick)  # which draws the step once the browser is there
 
     def _button(self, k: int, name: str) -> ui.button:
-        async def go() -> None:
-            await self.go(k)
-
-        return ui.button(f"{k + 1} {name}", on_click=go).props("flat dense no-caps").classes("step").mark(f"step-{k}")
+        button = ui.button(f"{k + 1} {name}", on_click=partial(self.go, k)).mark(f"step-{k}")
+        return button.props("flat dense no-caps").classes("step")
 
     @property
     def reach(self) -> int:

@@ -162,7 +162,5 @@ def must_be_small(name: str, size: int) -> None:
 
 def named_session(files: Iterable[Path]) -> str:
     """A session's name, after its first file."""
-    first = next(iter(files), None)
-    if first is None:
-        return "drive"
-    return re.sub(r"[^\w-]+", "_", safe_name(first.name).split(".")[0]).strip("_") or "session"
+    name = next((safe_name(file.name) for file in files), "drive")
+    return re.sub(r"[^\w-]+", "_", name.split(".")[0]).strip("_") or "session"

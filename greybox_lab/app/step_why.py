@@ -206,7 +206,8 @@ def _next(page: Page) -> None:
         arena = choose(
             ARENAS, session["arena"], "arena [m]", 11, lambda event: session.change(quietly=True, arena=event.value)
         )
-        act = lambda: page.work.design(arena.value)  # noqa: E731
+        words = ["design", f"{session['gap']}/gap.json", "--out", f"{session['gap']}/next", "--arena"]
+        act = lambda: session.start("design", [*words, arena.value], session["gap"])  # noqa: E731
         button("Compute the manoeuvre that tells most", act, "design", "outline")
     job = session.latest("design", session["gap"])
     if job is None or job.running:

@@ -23,7 +23,6 @@ from .traces import read
 SMALL = 20 * 2**20
 """Bytes of a recording that every shipped map is tried on: a second or two."""
 STEPS = ("Drop", "See", "Check", "Model", "Fit", "Why not", "Take away")
-REPORT = "report.html"
 
 
 class Work:
@@ -65,7 +64,8 @@ class Work:
         answer = job.answer
         if answer is None or self.session["columns"] or job != self.session.latest("map"):
             return  # decided otherwise meanwhile
-        base, entries = mapping.base_of(self.session.folder / job.target, answer), mapping.entries_of(answer)
+        base = mapping.base_of(self.session.folder / job.target, answer)
+        entries = [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
         maps = [] if self.session["joining"] else self._maps_that_fit()
         more = {"others": answer["others"], "maps": maps}
         self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
@@ -182,10 +182,6 @@ class Work:
         session = self.session
         return session.start("check", ["data", "check", *session.files(), *session.part], session.key)
 
-    def checked(self) -> PageJob | None:
-        """The check of the recordings as they now are."""
-        return self.session.latest("check", self.session.key)
-
     def repair(self) -> None:
         """Run `greybox data check --repair`: the map as findings would have it."""
         session, target = self.session, self._proposed()
@@ -252,21 +248,6 @@ class Work:
         words += ["--vehicle", chosen["vehicle"]] if chosen["vehicle"] else []
         words += [word for file in session.files("validate") for word in ("--held-out", file)]
         return [*words, *session.part, "--seed", "0", "--out", target]
-
-    def design(self, arena: str) -> PageJob:
-        """Run `greybox design` on the gap."""
-        gap = self.session["gap"]
-        words = ["design", f"{gap}/gap.json", "--arena", arena, "--out", f"{gap}/next"]
-        return self.session.start("design", words, gap)
-
-    def report(self) -> PageJob:
-        """Run `greybox report` on the fit."""
-        return self.session.start("report", ["report", f"{self.session['fit']}/fit.json", "--out", REPORT], REPORT)
-
-    def export(self, target: str) -> PageJob:
-        """Run `greybox export` on the fit."""
-        words = ["export", f"{self.session['fit']}/fit.json", "--target", target, "--out", f"export_{target}"]
-        return self.session.start("export", words, f"export_{target}")
 
     def result(self, kind: str) -> tuple[PageJob | None, dict[str, Any] | None]:
         """The job of the fit or the gap that is shown, and what it printed."""
