@@ -293,7 +293,8 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
         witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
     for name, left, right in witnesses:
         result = _regression(left, [right])
-        if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > 0.5 * SCALE:
+        least = 0.5 * max(SCALE, abs(np.log(scale)))  # what explains less of it is not its cause
+        if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > least:
             blamed = {name: float(result.values[0])}
     (name, by), *_ = blamed.items()
     others = [item for item in ("a_y", "yaw_rate", "v_x") if item != name]
