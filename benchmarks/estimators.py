@@ -1,13 +1,10 @@
-"""Sideslip, cornering stiffness and tyre forces by filter, smoother and hybrid network, against what was measured.
+"""Sideslip by filter and smoother against what was measured, and how fast filters are.
 
-    python benchmarks/estimators.py --data DIR [--json] [--quick] [--parts sideslip simrod speed]
+    python benchmarks/estimators.py --data DIR [--json] [--parts sideslip speed]
 
 sideslip  The Ferrari 250 LM's recordings in DIR/revs_250lm (or DIR): v_x, steer, yaw_rate and a_y go in, the measured
           sideslip only scores. The vehicle's numbers were tuned on the innovations of the first 200 s; every other
           segment is new to them. The first 2 s of each segment are left out.
-simrod    The synthetic SimRod's held-out manoeuvres against its true tyre forces: filters read yaw_rate, a_y and v_y;
-          hybrid networks are trained on the other manoeuvres. Forces: RMSE over the largest force of each manoeuvre.
-          Stiffnesses (force over slip angle): relative RMSE where the true slip angle is above 0.01 rad.
 speed     Samples per second of processor time of filters with four states, beside filterpy's.
 """
 
@@ -25,7 +22,6 @@ from typing import Any
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
-from hybrid import row, scored, trained
 from rich.console import Console
 from rich.table import Table
 from threadpoolctl import threadpool_limits
@@ -39,12 +35,10 @@ from greybox_id.filters.track import Track
 from greybox_id.filters.verb import track
 from greybox_id.fitting.choices.parameters import named_vehicle
 from greybox_id.fitting.choices.requested_model import RequestedModel
-from greybox_id.fitting.scores.estimates import Estimates
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
-from greybox_lab.virtual.synthetic_simrod import EXCITED, make
 
 SKIPPED = 2.0
 """s at the beginning of each segment."""
@@ -56,7 +50,7 @@ PROTOTYPE = {
 """RMSE, deg, of a prototype on 200 to 400 s; its filters were chosen after seeing the segments."""
 SPEED_ROWS = 20_000
 FILTERPY_ROWS = 2_000
-PARTS = ("sideslip", "simrod", "speed")
+PARTS = ("sideslip", "speed")
 
 
 def main() -> int:
@@ -65,7 +59,6 @@ def main() -> int:
     arguments.add_argument("--data", type=Path, help="folder of the recordings; the part sideslip needs it")
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    arguments.add_argument("--quick", action="store_true", help="no hybrid networks: training takes minutes")
     given = arguments.parse_args()
     found: dict[str, list[dict[str, Any]]] = {}
     try:
@@ -74,8 +67,6 @@ def main() -> int:
                 if given.data is None:
                     raise GreyboxError("The part sideslip needs --data DIR; or name others with --parts.")
                 found["sideslip"] = [row for name, part in segments(given.data) for row in sideslip_rows(name, part)]
-            if "simrod" in given.parts:
-                found["simrod"] = simrod_rows(train=not given.quick)
             if "speed" in given.parts:
                 found["speed"] = speed_rows()
     except GreyboxError as error:
@@ -148,39 +139,6 @@ def leaky(recording: Recording) -> Array:
     for k in range(1, len(found)):
         found[k] = found[k - 1] * (1 - step / LEAK) + step * rate[k - 1]
     return found
-
-
-def simrod_rows(train: bool) -> list[dict[str, Any]]:
-    """Each estimator over all held-out manoeuvres; hybrid networks are trained on the others, which takes minutes."""
-    vehicle = named_vehicle("simrod")
-    models = {
-        ("C_alpha_f", "C_alpha_r"): build("lateral", {"tyre": "linear"}, vehicle=vehicle),
-        ("F_yf", "F_yr"): build("lateral", vehicle=vehicle),
-    }
-    tests, rows = make(0, "held out"), []
-    for kind in ("ekf", "ukf"):
-        for smooth in (False, True):
-            how = TrackOptions(kind, smooth, readings=("yaw_rate", "a_y", "v_y"), tune=20.0)
-            for names, model in models.items():
-                assert isinstance(model, MotionModel)
-                found = [_as_estimates(track(model, test.recording, names, how=how)) for test in tests]
-                rows.append(
-                    row(f"{kind.upper()}, {names[0]} {names[1]}{', smoothed' if smooth else ''}", "all", tests, found)
-                )
-    if train:
-        for name in ("hybrid_stiffness", "hybrid_force"):
-            rows += [own for own in scored(name, [trained(name, 0, 0)], tests) if own["manoeuvre"] == "all"]
-    return [dict(own) for own in rows]
-
-
-def _as_estimates(found: Track) -> Estimates:
-    """Stiffness is force over slip angle, where slip tells it: what the truth is, too."""
-    columns = dict(found.values) | {f"{name}_sd": sd for name, sd in found.sds.items()}
-    for axle in "fr":
-        excited = np.abs(columns[f"alpha_{axle}"]) > EXCITED / 2
-        safe = np.where(excited, columns[f"alpha_{axle}"], np.nan)
-        columns[f"C_alpha_{axle}"] = columns[f"F_y{axle}"] / safe
-    return Estimates(found.time, columns, found.units)
 
 
 def speed_rows() -> list[dict[str, Any]]:

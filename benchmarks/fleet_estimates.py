@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import resource
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -16,12 +15,8 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
-from scipy.special import stdtrit
 
 from greybox_id.datasets.formats import write
-from greybox_id.fitting.combined import Z
-from greybox_lab.fleet.hierarchy import Informed, population
 from greybox_lab.fleet.joined import joined_fits
 from greybox_lab.fleet.store import Store
 from greybox_lab.virtual.virtual_vehicle import VirtualCar, drive, random_vehicle, steered, vehicle_file_text
@@ -40,8 +35,6 @@ fix = ["C_f", "C_r", "D_f", "D_r"]
 {more}
 """
 WITH_DELAY = '"steering_offset=0±0.02", "steering_delay=30±20 ms"'
-TIMES = ["cpu_s", "peak_mb"]
-"""Columns that differ from run to run."""
 
 
 def greybox(*words: object) -> list[str]:
@@ -90,14 +83,6 @@ def laps(folder: Path, count: int, seconds: float, seed: int, vehicles: int = 10
         write(own, target / f"r{k:05d}.parquet")
 
 
-def table(results: Path, name: str) -> pd.DataFrame:
-    """A dataset, sorted, without what differs from run to run."""
-    found = pd.read_parquet(results / name)
-    found = found.drop(columns=[own for own in TIMES if own in found])
-    by = [own for own in ("key", "name", "effect") if own in found]
-    return found.sort_values(by).reset_index(drop=True)
-
-
 def made_vehicle(base: VirtualCar, rng: np.random.Generator) -> tuple[VirtualCar, dict[str, float]]:
     """A vehicle of the class: its stiffnesses and inertia are drawn."""
     truth = {name: base.parameters[name] * float(np.exp(rng.normal(0.0, sd))) for name, sd in SPREADS.items()}
@@ -123,17 +108,6 @@ def class_of(seed: int) -> VirtualCar:
     raise SystemExit("no car was drawn")
 
 
-def hierarchy(folder: Path, args: argparse.Namespace) -> dict:
-    """Vehicles of one class, half of whose recordings are poorly excited; first fits, and second ones in a copy."""
-    made = _class_fleet(folder, args, _plain_class)
-    first, second = folder / "R", folder / "R2"
-    body, _ = called("fleet", "run", folder / "fleet.toml", "--out", first, "--jobs", args.jobs)
-    scores = {"first": scored_vehicles(first, made)}
-    shutil.copytree(first, second, dirs_exist_ok=True)
-    again, _ = called("fleet", "run", folder / "fleet.toml", "--out", second, "--jobs", args.jobs, "--second-pass")
-    return {**scores, "second": scored_vehicles(second, made), "runs": [body, again]}
-
-
 def _class_fleet(folder: Path, args: argparse.Namespace, make: Callable[[Path, argparse.Namespace], dict]) -> dict:
     """What is true of the recordings in a folder, which are made where they are not there yet."""
     told = folder / "truths.json"
@@ -141,63 +115,6 @@ def _class_fleet(folder: Path, args: argparse.Namespace, make: Callable[[Path, a
         told.write_text(json.dumps(make(folder, args)))
     found: dict = json.loads(told.read_text())
     return found
-
-
-def _plain_class(folder: Path, args: argparse.Namespace) -> dict:
-    rng, base = np.random.default_rng(args.seed), class_of(args.seed)
-    (folder / "class.toml").write_text(vehicle_file_text(base))
-    truths, poor = {}, []
-    for v in range(args.vehicles or 50):
-        name = f"V{v:03d}"
-        car, truths[name] = made_vehicle(base, rng)
-        (folder / "data" / name).mkdir(parents=True, exist_ok=True)
-        for r in range(args.each or 20):
-            steer, speed = manoeuvre(rng, 30.0, r % 2 == 1)
-            own, _ = steered(car, f"r{r}", steer, speed, RATE, seed=int(rng.integers(1 << 31)))
-            path = f"data/{name}/r{r:03d}.parquet"
-            write(own, folder / path)
-            if r % 2 == 1:
-                poor.append(path)
-    (folder / "fleet.toml").write_text(
-        PLAN.format(recordings="data/{vehicle}/*", steps='["check", "fit"]', seconds=60, more="")
-    )
-    return {"vehicles": truths, "poor": poor, "class": {name: base.parameters[name] for name in FREE}}
-
-
-def scored_vehicles(results: Path, made: dict) -> dict:
-    truths, poor = made["vehicles"], set(made["poor"])
-    _, cpu = called("fleet", "estimate", results)
-    own = pd.read_parquet(results / "vehicles")
-    own["truth"] = [truths[v].get(n, np.nan) for v, n in zip(own["vehicle"], own["name"], strict=True)]
-    own = own[own["name"].isin(FREE)]
-    inside = (own["low"] <= own["truth"]) & (own["truth"] <= own["high"])
-    rows = pd.read_parquet(results / "recordings")
-    single = pd.read_parquet(results / "parameters").merge(rows[["key", "path", "refit_of"]], on="key")
-    again = set(rows["refit_of"].dropna())
-    single = single[~single["key"].isin(again)]  # what was fitted again counts with its second fit
-    single = single[single["path"].isin(poor) & single["name"].isin(FREE)]
-    single = single.merge(own[["vehicle", "name", "value", "truth"]], on=["vehicle", "name"], suffixes=("", "_vehicle"))
-    error = np.log(single["value"] / single["truth"])
-    shrunk = np.log(single["value_vehicle"] / single["truth"])
-    squares = pd.DataFrame({"single": error**2, "vehicle": shrunk**2}).groupby(single["name"]).mean()
-    population = pd.read_parquet(results / "population").set_index("name").loc[list(FREE)]
-    true_mean = np.log([made["class"][name] for name in FREE])
-    true_spread = np.array([SPREADS[name] for name in FREE])
-    spread_se = np.log(population["spread_high"] / population["spread_low"]) / (2 * Z)
-    return {
-        "coverage": float(inside.mean()), "intervals": len(own),
-        "coverage_by_parameter": inside.groupby(own["name"]).mean().to_dict(),
-        "rmse_poor_single": float(np.sqrt(np.mean(error**2))), "rmse_poor_vehicle": float(np.sqrt(np.mean(shrunk**2))),
-        "rmse_ratio": float(np.sqrt(np.mean(shrunk**2) / np.mean(error**2))),
-        "rmse_ratio_by_parameter": np.sqrt(squares["vehicle"] / squares["single"]).round(3).to_dict(),
-        "median_poor_single": float(np.median(np.abs(error))),
-        "median_ratio": float(np.median(np.abs(shrunk)) / np.median(np.abs(error))),
-        "mu_in_se": ((population["mu"] - true_mean) / population["mu_sd"]).round(2).to_dict(),
-        "tau_in_se": (np.log(population["tau"] / true_spread) / spread_se).round(2).to_dict(),
-        "tau": population["tau"].to_dict(),
-        "statuses": rows["status"].value_counts().to_dict(), "estimate_cpu_s": round(cpu, 2),
-        "apart": list(pd.read_parquet(results / "apart")["path"]),
-    }  # fmt: skip
 
 
 def drift(folder: Path, args: argparse.Namespace) -> dict:
@@ -280,69 +197,6 @@ def scored_drift(results: Path, truths: dict[str, tuple[str, str, float]], vehic
         "further": [list(own) for own in hits[["vehicle", "name", "model", "probability"]].to_numpy()
                     if own[0] in truths and truths[own[0]][0] != own[1]],
     }  # fmt: skip
-
-
-def few(folder: Path, args: argparse.Namespace) -> dict:
-    """Intervals of the vehicles of small fleets: Gaussian recordings, half of them poorly excited."""
-    del folder
-    rng, found = np.random.default_rng(args.seed), {}
-    for vehicles in (4, 5, 6):
-        held, plain = [], []
-        for _ in range(args.moments * 10):
-            truth, seen = gaussian(rng, vehicles, args.each or 8, 3)
-            own = population(seen)
-            off = np.abs(own.vehicle - truth)
-            held.append(off < stdtrit(own.dof, 0.975) * np.sqrt(np.diagonal(own.covariance, axis1=1, axis2=2)))
-            given = own.covariance - own.unsure  # as if T and W were known
-            plain.append(off < 1.96 * np.sqrt(np.diagonal(given, axis1=1, axis2=2)))
-        found[f"{vehicles} vehicles"] = {
-            "held": float(np.mean(held)),
-            "held_if_spread_were_known": float(np.mean(plain)),
-        }
-    return found
-
-
-def gaussian(rng: np.random.Generator, vehicles: int, each: int, size: int) -> tuple[np.ndarray, Informed]:
-    """True vehicles, and what recordings say of them."""
-    truth, information, vector = rng.normal(0.3, 0.08, (vehicles, size)), [], []
-    for v in range(vehicles):
-        for r in range(each):
-            sd = np.geomspace(0.02, 0.06, size) * (rng.uniform(3, 12) if r % 2 else 1.0)
-            mixed = np.eye(size) + 0.4 * rng.normal(size=(size, size))
-            own = mixed @ mixed.T
-            own *= np.outer(sd, sd) / np.sqrt(np.outer(np.diag(own), np.diag(own)))
-            read = rng.multivariate_normal(truth[v] + 0.02 * rng.normal(size=size), own)
-            information.append(np.linalg.inv(own))
-            vector.append(information[-1] @ read)
-    of = np.repeat(np.arange(vehicles), each)
-    return truth, Informed(np.array(information), np.array(vector), of, vehicles)
-
-
-def joint(folder: Path, args: argparse.Namespace) -> dict:
-    """What an estimate of many vehicles costs: Gaussian recordings of twelve parameters."""
-    rng, store = np.random.default_rng(args.seed), Store(folder / "R")
-    vehicles, each, size = args.vehicles or 1000, args.each or 20, 12
-    _, seen = gaussian(rng, vehicles, each, size)
-    names, rows = [f"p{k:02d}" for k in range(size)], {"recordings": [], "manifest": [], "covariances": [], "gaps": []}
-    for j, information in enumerate(seen.information):
-        covariance = np.linalg.inv(information)
-        common = {"key": f"{j:06d}", "vehicle": f"V{seen.vehicle[j]:04d}", "path": f"{j:06d}.csv", "odometer": 1e6 * j}
-        rows["recordings"].append({**common, "status": "ok", "verdict": "usable", "cpu_s": 1.0, "version": "0"})
-        rows["manifest"].append(common)
-        rows["covariances"].append(
-            {"key": common["key"], "names": names, "units": ["1"] * size, "logarithm": [False] * size,
-             "centre": list(covariance @ seen.vector[j]), "lower": list(covariance[np.tril_indices(size)]),
-             "dof": [20.0] * size, "at_bound": [False] * size, "prior_mean": [0.0] * size,
-             "prior_sd": [np.inf] * size}
-        )  # fmt: skip
-    for name, own in rows.items():
-        store.replace(name, own)
-    began = time.process_time()
-    population(seen)
-    alone = time.process_time() - began
-    body, cpu = called("fleet", "estimate", folder / "R")
-    return {"recordings": body["recordings"], "population_cpu_s": round(alone, 2), "estimate_cpu_s": round(cpu, 2),
-            "changed": len(body["drift"]), "apart": len(body["apart"])}  # fmt: skip
 
 
 def cost(folder: Path, args: argparse.Namespace) -> dict:

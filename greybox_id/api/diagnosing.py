@@ -18,7 +18,8 @@ from ..fitting.choices.requested_model import doubts, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.provenance import data_record
 from ..fitting.restated import as_fitted
-from ..gap.changes.verb import diagnose_change
+from ..gap.changes.sensitivity import Visible
+from ..gap.changes.verb import diagnose_change, visible_changes
 from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.estimation.memory_bench import must_suit
 from ..gap.gap import Gap
@@ -129,6 +130,25 @@ def diagnose(
         )
     made = made_with(nominal, stated, recordings, others, seed)
     return GapResult.of(doubted(result, nominal, stated, recordings), made, stated)
+
+
+def visible(
+    model: ModelLike | Fit | Vehicle,
+    since: Recordings,
+    *,
+    vehicle: VehicleLike = None,
+    columns: Columns = "canonical",
+    progress: Progress | None = None,
+) -> tuple[Visible, ...]:
+    """From which size on changes would show on one more recording like those from before.
+
+    Parameters and errors are those of `diagnose`.
+    """
+    install()
+    nominal, stated = nominal_model(model, vehicle)
+    before = given.recordings(since, columns, "since")
+    must_be_diagnosable(nominal, before)
+    return visible_changes(nominal, before, EFFECTS, vehicle=stated, say=progress)
 
 
 def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> None:

@@ -97,7 +97,7 @@ def requested(
         name = own_model(name).name
     if name is not None and name not in MODELS:
         raise BadInput(f"‹model›: there is no model {name!r}.{near_or_all(name, MODELS)}")
-    objects, written = _effects(effects)
+    objects, written = named_effects(effects)
     if objects:
         names = ", ".join(item.name for item in objects)
         raise BadInput(f"effects: add {names} to a model, as in gb.models.{name}(...) + gb.effects.{objects[0].name}.")
@@ -112,10 +112,10 @@ def model(given: ModelLike | Fit, vehicle_given: VehicleLike = None, effects: Ef
     if isinstance(given, RequestedModel):
         return given.model()
     if isinstance(given, str):
-        objects, written = _effects(effects)
+        objects, written = named_effects(effects)
         return added(requested(given, vehicle_given, None, written).model(), objects)
     if isinstance(given, Model):
-        objects, written = _effects(effects)
+        objects, written = named_effects(effects)
         return added(given, objects)
     raise BadInput(f"model: a Model, its name or a Fit is needed, not {of_type(given)}.")
 
@@ -127,7 +127,7 @@ def added(model: Model, effects: Iterable[Effect]) -> Model:
     return model
 
 
-def _effects(given: Effects) -> tuple[list[Effect], list[str]]:
+def named_effects(given: Effects) -> tuple[list[Effect], list[str]]:
     """Effects that are handed over, and those that are named."""
     several = [given] if isinstance(given, str | Effect) else list(given)
     objects, names = [], []

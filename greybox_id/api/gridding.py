@@ -11,10 +11,13 @@ from rich.console import RenderableType
 
 from ..base.declared import understood
 from ..base.errors import BadInput
-from ..base.files import replacing
+from ..base.files import ensure_writable, replacing
+from ..base.guard import claim
 from ..base.numbers import number
 from ..datasets.recording import Recording
+from ..datasets.result_table import target_of
 from ..fitting.grid import Grid, fit_grid, values_of
+from ..fitting.how import quiet
 from ..reports.text.screen import as_text, led, plain_table
 from . import given
 from .given import Columns
@@ -53,6 +56,8 @@ def grid(
     strength: float | None = None,
     jobs: int = 1,
     columns: Columns = "canonical",
+    to: str | Path | None = None,
+    progress: Callable[..., None] | None = None,
 ) -> GridResult:
     """Fit every structure of a model with memory that some settings span.
 
@@ -66,6 +71,8 @@ def grid(
     strength : of the priors; None cross-validates it once.
     jobs : processes at a time.
     columns : column map, where files are named.
+    to : .parquet file of the table, kept as fits come; one that is there is carried on.
+    progress : called with one line at a time.
 
     Returns
     -------
@@ -86,9 +93,15 @@ def grid(
     """
     if not isinstance(varied, Mapping) or not varied:
         raise BadInput("varied: settings with their values are needed, such as {'n_delta': [5, 6, 7]}.")
+    target = None if to is None else claim(target_of(str(to), (".parquet",)), becomes="a table of a grid")
     train = given.recording(recording, columns)
     scored = None if validation is None else given.recording(validation, columns, "validation")
-    result = fit_grid(model, train, varied, settings=settings, validate=scored, strength=strength, jobs=jobs)
+    if target is not None:
+        ensure_writable(target.parent)
+    result = fit_grid(
+        model, train, varied, settings=settings, validate=scored, strength=strength, jobs=jobs, say=progress or quiet,
+        done=None if target is None else _kept_table(target), keep=None if target is None else _written_to(target),
+    )  # fmt: skip
     return GridResult(result.table, result.names, result.chosen, result.aic_best, result.interrupted, result.doubts)
 
 
@@ -110,7 +123,7 @@ def spanned(pairs: Sequence[str]) -> tuple[dict[str, list[Any]], dict[str, Any]]
     return varied, fixed
 
 
-def kept_table(target: Path) -> pd.DataFrame | None:
+def _kept_table(target: Path) -> pd.DataFrame | None:
     """The rows of an earlier run; None where there is none."""
     if not target.is_file() or target.stat().st_size == 0:
         return None
@@ -120,7 +133,7 @@ def kept_table(target: Path) -> pd.DataFrame | None:
         raise BadInput(f"{target} is damaged ({error}); remove it, or name another place (‹out›).") from error
 
 
-def written_to(target: Path) -> Callable[[pd.DataFrame], None]:
+def _written_to(target: Path) -> Callable[[pd.DataFrame], None]:
     """What keeps a table in a file, whole at any time."""
 
     def keep(table: pd.DataFrame) -> None:

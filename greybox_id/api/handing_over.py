@@ -10,31 +10,61 @@ from typing import Any
 
 from ..base.declared import understood
 from ..base.errors import BadInput
+from ..base.numbers import pretty_unit
 from ..datasets.recording import Recording
 from ..export.elsewhere import ForeignResult, exporter_of, exporter_of_file
+from ..export.origin import KeyOrigin
 from ..export.subject import Subject
-from ..export.verb import ALONE
+from ..export.verb import ALONE, cautions, origins
 from ..export.verb import export as export_subject
+from ..fitting.choices.parameters import Magnitudes, magnitudes, with_choices
+from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..gap.gap import Gap
 from ..models.effect import Effect
 from ..models.model import Model
-from ..models.registry import known
+from ..models.registry import known, with_effects
 from ..reports.comparison import NamedFit, comparison
 from ..reports.document import Document, Part, Section
 from ..reports.gap.report import gap_report
 from ..reports.recordings import matched
 from ..reports.report import kind_of, prepared, write
+from ..reports.text.screen import plain
 from ..reports.track.report import track_report
 from . import given
 from .fit_result import FitResult
 from .fitting import load as load_fit
 from .gap_result import GapResult
-from .given import Columns, ModelLike, Recordings, VehicleLike
+from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
 from .track_result import TrackResult
 
 Result = Fit | Gap | TrackResult
+
+
+class Exported(list[Path]):
+    """The files of an export.
+
+    Attributes
+    ----------
+    target, name : what they are for, and what functions in them are called after.
+    model : name of the model, or what the result is called.
+    cautions : sentences on what the files do not hold, or take for granted.
+    keys : for files of parameters, what is behind each key.
+    """
+
+    def __init__(
+        self, files: Iterable[Path], target: str, name: str, model: str, cautions: Iterable[str] = (),
+        keys: Iterable[KeyOrigin] = (),
+    ) -> None:  # fmt: skip
+        super().__init__(files)
+        self.target, self.name, self.model = target, name, model
+        self.cautions, self.keys = tuple(cautions), tuple(keys)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `greybox export --json` prints."""
+        keys, written = [key.plain() for key in self.keys], [str(file) for file in self]
+        return {"target": self.target, "name": self.name, "model": self.model, "written": written, "keys": keys}
 
 
 @understood
@@ -46,7 +76,11 @@ def export(
     name: str = "",
     parameters: str | Iterable[str] = "free",
     vehicle: VehicleLike = None,
-) -> list[Path]:
+    effects: Effects = (),
+    fix: str | Iterable[str] | Numbers = (),
+    source: str = "",
+    command: str = "",
+) -> Exported:
     """Write a model for a controller or a simulator elsewhere.
 
     Parameters
@@ -59,11 +93,13 @@ def export(
     name : what functions are called after; by default the folder's name.
     parameters : which can be changed afterwards, others become constants: "free", "all", or a list of names.
     vehicle : whose numbers a model that is named has.
+    effects, fix : effects that are added to it, and parameters that are held, at numbers of one's own.
+    source, command : of the manifest: where the numbers are from, and what reproduces the export.
 
     Returns
     -------
-    list of Path
-        The files written, a manifest among them.
+    Exported
+        A list of the files written, a manifest among them, with `cautions` and `keys`.
 
     Raises
     ------
@@ -80,18 +116,36 @@ def export(
     """
     if not isinstance(to, str | Path):
         raise BadInput(f"to: the path of a folder is needed, not {to!r:.60}.")
+    name = name or identifier(to)
     if isinstance(model, Path) or (isinstance(model, str) and model.endswith(".json")):
-        exporter = exporter_of_file(model)
+        exporter, source = exporter_of_file(model), source or str(model)
         model = load_fit(model) if exporter is None else exporter.load(model)
-    if not isinstance(model, Fit | Model | str):
-        return exporter_of(model).write(model, ForeignResult(name or identifier(to)), target, to)
-    fit = model if isinstance(model, Fit) else None
-    stated = given.vehicle(vehicle)
-    value = given.model(model, stated)
-    subject = Subject(
-        value, name or identifier(to), moving(value, parameters), fit, value.name if fit is None else "fit", "", stated
-    )
-    return export_subject(subject, target, to)
+    if not isinstance(model, Fit | Model | str | RequestedModel):
+        exporter = exporter_of(model)
+        files = exporter.write(model, ForeignResult(name, source, command), target, to)
+        return Exported(files, target, name, exporter.what)
+    fit, stated = model if isinstance(model, Fit) else None, given.vehicle(vehicle)
+    if isinstance(model, RequestedModel):
+        added, stated = dict(model.effects), model.vehicle
+    else:
+        objects, written = given.named_effects(effects)
+        added = magnitudes(written)
+        model = given.added(with_effects(given.model(model, stated), added), objects)
+    exported = with_choices(given.model(model), given.choices(fix))
+    where = source or (exported.name if fit is None else "fit")
+    subject = Subject(exported, name, moving(exported, parameters), fit, where, command, stated)
+    known = (*_assumed(exported, added), *cautions(subject, target))
+    return Exported(export_subject(subject, target, to), target, name, exported.name, known, origins(subject, target))
+
+
+def _assumed(model: Model, stated: Magnitudes) -> list[str]:
+    """Sentences on effects that stand at a magnitude nobody stated."""
+    return [
+        f"{name} is taken at {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, its typical size; "
+        f"state it as {name}=VALUE."
+        for name, magnitude in stated.items()
+        if magnitude is None
+    ]
 
 
 @understood

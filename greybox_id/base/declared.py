@@ -1,4 +1,4 @@
-"""Whether values have the types that are declared: files may be forged or mended by hand, arguments may be mistaken."""
+"""Values of the types that are declared: files may be forged or mended by hand, arguments may be mistaken."""
 
 from __future__ import annotations
 
@@ -11,6 +11,8 @@ from inspect import signature
 from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, Literal, ParamSpec, TypeVar, Union, get_args, get_origin, get_type_hints
+
+import numpy as np
 
 from .errors import BadInput, GreyboxError
 
@@ -85,59 +87,70 @@ def _words(kind: Any) -> list[str]:
     return [WORDS.get(bare) or ("a list" if several else f"a {getattr(bare, '__name__', bare)}")]
 
 
-def must_be(value: Any, kind: Any, name: str) -> None:
-    """Raise `TypeError` where a value, or anything in it, is not of the type that is declared.
+def of_plain(kind: Any, value: Any, name: str, *, null: float | None = None) -> Any:
+    """Plain data of a file as the type that is declared: lists become tuples or arrays, tables become dataclasses.
 
     Parameters
     ----------
-    value : the value; of a dataclass, each field is looked at.
-    kind : a type as annotations state it: plain types, unions, tuples, mappings, dataclasses. Other types are not
-        looked at.
+    kind : a type as annotations state it: plain types, literals, unions, tuples, mappings, arrays of numbers,
+        dataclasses. Other types are not looked at.
+    value : plain data; of a table what a dataclass does not have is left out.
     name : what the value is called in the sentence.
+    null : number that null stands for where a number is declared; None refuses it.
+
+    Raises
+    ------
+    TypeError : the value, or anything in it, is not of that type.
+    ValueError : a dataclass refuses it, or an array is none of numbers.
     """
-    origin = get_origin(kind)
+    origin, inside = get_origin(kind), get_args(kind)
+
+    def of(kind: Any, value: Any, name: str) -> Any:
+        return of_plain(kind, value, name, null=null)
+
     if origin in (Union, types.UnionType):
-        _any_of(value, kind, name)
+        return _first(of, inside, value, name)
+    if origin is Literal:
+        _hold(value in inside, name, " or ".join(map(str, inside)))
     elif kind is float:
+        value = null if value is None else value
         _hold(isinstance(value, (int, float)) and not isinstance(value, bool), name, "a number")
+        return float(value)
     elif kind is int:
         _hold(isinstance(value, int) and not isinstance(value, bool), name, "a whole number")
     elif kind in (str, bool, type(None)):
         _hold(isinstance(value, kind), name, {str: "text", bool: "true or false"}.get(kind, "nothing"))
+    elif origin is np.ndarray:
+        return np.array(value, dtype=float)
     elif origin is tuple:
-        _tuple(value, get_args(kind), name)
+        _hold(isinstance(value, (list, tuple)), name, "a list")
+        kinds = (inside[0],) * len(value) if inside[1:] == (Ellipsis,) else inside
+        _hold(len(value) == len(kinds), name, f"a list of {len(kinds)}")
+        return tuple(of(kind, item, f"{name}[{k}]") for k, (kind, item) in enumerate(zip(kinds, value, strict=True)))
     elif isinstance(origin, type) and issubclass(origin, Mapping):
         _hold(isinstance(value, Mapping), name, "a table")
-        for key, field in value.items():
-            must_be(key, get_args(kind)[0], f"a key of {name}")
-            must_be(field, get_args(kind)[1], f"{name}.{key}")
+        return {
+            of(inside[0], key, f"a key of {name}"): of(inside[1], item, f"{name}.{key}") for key, item in value.items()
+        }
     elif isinstance(kind, type) and is_dataclass(kind):
-        _hold(isinstance(value, kind), name, kind.__name__)
+        _hold(isinstance(value, Mapping), name, kind.__name__)
         hints = get_type_hints(kind)
-        for field in fields(kind):
-            must_be(getattr(value, field.name), hints[field.name], f"{name}.{field.name}")
+        held = {item.name: of(hints[item.name], value[item.name], f"{name}.{item.name}")
+                for item in fields(kind) if item.name in value}  # fmt: skip
+        return kind(**held)
+    return value
 
 
-def _any_of(value: Any, kind: Any, name: str) -> None:
+def _first(of: Callable[[Any, Any, str], Any], kinds: tuple[Any, ...], value: Any, name: str) -> Any:
+    """The value as the first of several types that it suits."""
     refused: TypeError | None = None
-    for get_arg in get_args(kind):
+    for kind in sorted(kinds, key=lambda kind: kind is not type(None)):
         try:
-            must_be(value, get_arg, name)
+            return of(kind, value, name)
         except TypeError as error:
-            refused = refused if get_arg is type(None) and refused else error
-        else:
-            return
+            refused = error
     assert refused is not None
     raise refused
-
-
-def _tuple(value: Any, kinds: tuple[Any, ...], name: str) -> None:
-    _hold(isinstance(value, tuple), name, "a list")
-    if len(kinds) == 2 and kinds[1] is Ellipsis:
-        kinds = (kinds[0],) * len(value)
-    _hold(len(value) == len(kinds), name, f"a list of {len(kinds)}")
-    for k, (item, kind) in enumerate(zip(value, kinds, strict=True)):
-        must_be(item, kind, f"{name}[{k}]")
 
 
 def _hold(condition: bool, name: str, words: str) -> None:

@@ -6,7 +6,6 @@ row) and what to do about it; the command line prints it and exits with 2, witho
 
 import re
 from collections.abc import Callable, Iterable
-from difflib import get_close_matches
 
 _ARGUMENT = re.compile(r"‹(\w+)(?:\|([^›]*))?›")
 """An argument in a sentence: ‹columns›, or ‹own|models=, effects=› where functions call it differently."""
@@ -68,6 +67,8 @@ def near(name: str, known: Iterable[str]) -> str:
 
 def nearest(name: str, known: Iterable[str]) -> str | None:
     """The known name that is most like another; None if nothing is."""
+    from difflib import get_close_matches
+
     lowered = {item.lower(): item for item in known}
     result = get_close_matches(name.lower(), list(lowered), 1)
     return lowered[result[0]] if result else None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
 import errno
 import os
 import shutil
@@ -259,6 +258,8 @@ def _take_place(made: Path, folder: Path, aside: Path) -> None:
 
 def _exchanged(one: Path, other: Path) -> bool:
     """Exchange two folders in one step, where the system and the file system can."""
+    import ctypes
+
     with suppress(AttributeError, OSError):
         system = ctypes.CDLL(None, use_errno=True)
         if sys.platform.startswith("linux"):

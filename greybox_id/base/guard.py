@@ -13,7 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass, field
-from filecmp import cmp
 from pathlib import Path
 
 from .errors import BadInput
@@ -137,6 +136,8 @@ def permit(new: Path, target: Path) -> None:
     if not guard.overwrite and place not in guard.written and target.is_file():
         there = content_of(target)
         same = there.derived and there in (NOTHING, content_of(new))
+        from filecmp import cmp
+
         if not same and not cmp(new, target, shallow=False):
             raise _of_another_kind(target, there, option)
     guard.written.add(place)

@@ -7,21 +7,20 @@ back plain results. Where a system does not fork safely, work is done here, one 
 from __future__ import annotations
 
 import os
-import pickle
 import signal
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from multiprocessing import active_children, get_context
 from types import FrameType
-from typing import Any, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
 from .errors import GreyboxError
+
+if TYPE_CHECKING:  # who forks nothing waits for none of this: a fifth of what greybox --help takes
+    from concurrent.futures import Future, ProcessPoolExecutor
 
 Result = TypeVar("Result")
 FORKS = sys.platform.startswith("linux")
@@ -101,6 +100,8 @@ def elsewhere(work: Callable[[], Result]) -> Result:
     """
     if not FORKS:
         return work()
+    import pickle
+
     reading, writing = os.pipe()
     child = os.fork()
     if child == 0:
@@ -124,6 +125,8 @@ def elsewhere(work: Callable[[], Result]) -> Result:
 
 def _hand_in(work: Callable[[], Any], writing: int) -> None:
     """Do the work in a process of its own, and end it."""
+    import pickle
+
     try:
         for number in (signal.SIGINT, signal.SIGUSR1):
             signal.signal(number, signal.SIG_DFL)
@@ -212,6 +215,10 @@ def _forked(
     jobs: int,
     report: Callable[[int, Result], bool] | None,
 ) -> None:
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from concurrent.futures.process import BrokenProcessPool
+    from multiprocessing import get_context
+
     context = get_context("fork")
     with ProcessPoolExecutor(min(jobs, count), mp_context=context, initializer=_begin, initargs=(work,)) as pool:
         waiting: dict[Future[tuple[Result, float]], int] = {}
@@ -265,6 +272,8 @@ def _take(done: Done[Result], number: int, future: Future[tuple[Result, float]])
 
 def _stop(pool: ProcessPoolExecutor) -> None:
     """Begin nothing more, and interrupt those at work."""
+    from multiprocessing import active_children
+
     pool.shutdown(wait=False, cancel_futures=True)
     for child in active_children():
         os.kill(int(child.pid or 0), signal.SIGUSR1)

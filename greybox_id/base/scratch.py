@@ -6,12 +6,9 @@ the next time something is written to the same folder.
 
 from __future__ import annotations
 
-import hashlib
 import os
 import re
-import secrets
 import shutil
-import socket
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -37,7 +34,7 @@ def scratch_name(folder: Path, suffix: str = "") -> Path:
     """
     sweep(folder)
     process = os.getpid()
-    return folder / f"{PREFIX}{_machine()}-{process}-{_started(process)}-{secrets.token_hex(6)}{suffix}"
+    return folder / f"{PREFIX}{_machine()}-{process}-{_started(process)}-{os.urandom(6).hex()}{suffix}"
 
 
 @contextmanager
@@ -91,6 +88,9 @@ def _dead(process: int, started: str) -> bool:
 @lru_cache
 def _machine() -> str:
     """This machine and its numbering of processes: containers number theirs from 1."""
+    import hashlib
+    import socket
+
     try:
         numbering = os.readlink("/proc/self/ns/pid")
     except OSError:

@@ -7,17 +7,10 @@ from typing import Any
 
 import click
 
-from ..api.handing_over import identifier, moving
+from ..api.handing_over import export as export_model
 from ..base.errors import BadInput
-from ..base.numbers import pretty_unit
-from ..export.elsewhere import Exporter, ForeignResult, exporter_of_file
-from ..export.subject import Subject
-from ..export.verb import ALONE, TARGETS, cautions, origins
-from ..export.verb import export as export_model
-from ..fitting.choices.parameters import Choices, Magnitudes, magnitudes, with_choices
-from ..models.model import Model
-from ..models.registry import with_effects
-from ..reports.text.screen import plain
+from ..export.elsewhere import exporter_of_file
+from ..export.verb import ALONE, TARGETS
 from .completion import names
 from .defaults import command_line
 from .options import fit_of, json_option, own_option, parameter_values, requested, simulated_model_options
@@ -63,69 +56,33 @@ def export(
     greybox export --vehicle roboracer --with steering_delay=30ms --target c --out racer
     greybox export --vehicle full_size_car --with steering_lag=50ms --target fmu --out car
     """  # fmt: skip
-    command = command_line()
     if Path(out).suffix in (".fmu", ".tir", ".yaml", ".mat", ".zip") and Path(out).suffix != ALONE.get(target):
         raise BadInput(f"{out}: a target writes a folder; name one with --out, such as {Path(out).with_suffix('')}.")
-    name = called or identifier(out)
     exporter = exporter_of_file(fit_file) if fit_file is not None and Path(fit_file).is_file() else None
-    if exporter is not None and fit_file is not None:
-        if any(options.values()) or effects or fix or parameters != "free":
-            raise click.UsageError(f"A {exporter.what} is exported as it is: omit the options of models.")
-        _elsewhere(exporter, ForeignResult(name, fit_file, command), target, out, as_json)
-        return
-    if fit_file is not None:
-        if any(options.values()):
-            raise click.UsageError("Name a FIT, or make a model with --model and --vehicle, but not both.")
-        fit = fit_of(fit_file)
-        model = with_choices(with_effects(fit.model, magnitudes(effects)), Choices(**parameter_values(fix)))
-        subject = Subject(model, name, moving(model, parameters), fit, fit_file, command)
+    if exporter is not None and (any(options.values()) or effects or fix or parameters != "free"):
+        raise click.UsageError(f"A {exporter.what} is exported as it is: omit the options of models.")
+    if fit_file is not None and any(options.values()):
+        raise click.UsageError("Name a FIT, or make a model with --model and --vehicle, but not both.")
+    if fit_file is None and not any(options.values()):
+        raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
+    more: dict[str, Any] = {"source": fit_file or options["vehicle"] or ""}
+    if fit_file is None:
+        model: Any = requested(**options, effects=effects, fix=fix).or_single_track()
+    elif exporter is not None:
+        model = Path(fit_file)
     else:
-        if not any(options.values()):
-            raise click.UsageError("Name a FIT, or a model with --vehicle or --model.")
-        meant = requested(**options, effects=effects, fix=fix).or_single_track()
-        model = meant.model()
-        source = options["vehicle"] or model.name
-        subject = Subject(model, name, moving(model, parameters), None, source, command, meant.vehicle)
-    verdict = subject.fit.verdict if subject.fit is not None else None
-    for sentence in (*_assumed(model, magnitudes(effects)), *cautions(subject, target)):
-        tell(f"warning: {sentence}")
+        model, more = fit_of(fit_file), more | {"effects": effects, "fix": parameter_values(fix).get("fix", ())}
     with working(f"writing {out}"):
-        written = export_model(subject, target, out)
-    if as_json:
-        print_json(
-            {
-                "target": target,
-                "name": name,
-                "model": model.name,
-                "written": [str(file) for file in written],
-                "keys": [origin.plain() for origin in origins(subject, target)],
-            }
+        result = export_model(
+            model, out, target=target, name=called or "", parameters=parameters, command=command_line(), **more
         )
-    else:
-        console().print(f"{model.name} for {target}: {TARGETS[target]}")
-        for file in written:
-            console().print(f"written  {file}")
-    end_by(verdict)
-
-
-def _elsewhere(exporter: Exporter, named: ForeignResult, target: str, out: str, as_json: bool) -> None:
-    """Write a result that is no model."""
-    with working(f"writing {out}"):
-        written = exporter.write(exporter.load(named.source), named, target, out)
+    for sentence in result.cautions:
+        tell(f"warning: {sentence}")
     if as_json:
-        files = [str(file) for file in written]
-        print_json({"target": target, "name": named.name, "model": exporter.what, "written": files, "keys": []})
-        return
-    console().print(f"{exporter.what} for {target}: {exporter.targets[target]}")
-    for file in written:
-        console().print(f"written  {file}")
-
-
-def _assumed(model: Model, stated: Magnitudes) -> list[str]:
-    """Sentences on effects that stand at a magnitude nobody told."""
-    return [
-        f"{name} is taken at {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, its typical size; "
-        f"state it with --with {name}=VALUE."
-        for name, magnitude in stated.items()
-        if magnitude is None
-    ]
+        print_json(result.to_json())
+    else:
+        about = TARGETS if exporter is None else exporter.targets
+        console().print(f"{result.model} for {target}: {about[target]}")
+        for file in result:
+            console().print(f"written  {file}")
+    end_by(getattr(model, "verdict", None))

@@ -14,7 +14,7 @@ from rich.console import Console, Group
 from rich.table import Table
 
 from ..api.closed_vehicle import no_place
-from ..api.diagnosing import diagnose, must_be_diagnosable, nominal_model
+from ..api.diagnosing import diagnose, nominal_model, visible
 from ..api.gap_result import ChangeResult, GapResult
 from ..base.errors import BadInput
 from ..base.files import at_once, ensure_writable, write_atomically
@@ -23,7 +23,7 @@ from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit
 from ..fitting.choices.parameters import named_vehicle
 from ..gap.changes.sensitivity import Visible
-from ..gap.changes.verb import Changed, visible_changes
+from ..gap.changes.verb import Changed
 from ..gap.design.arena import arena as arena_of
 from ..gap.gap import Gap
 from ..models.effects import EFFECTS
@@ -177,11 +177,10 @@ def what_would_show(
     """Print from which size on changes would show on one more recording like those from before."""
     if recordings or not since:
         raise BadInput("--sensitivity is asked before a run: name recordings from before with --since, and no other.")
-    nominal, stated = nominal_model(*_simulation(vehicle, fit_file, model))
+    simulation, stated = _simulation(vehicle, fit_file, model)
     before = [read_part(file, columns or "canonical") for file in since]
-    must_be_diagnosable(nominal, before)
     with progress() as say:
-        result = visible_changes(nominal, before, EFFECTS, vehicle=stated, say=say)
+        result = visible(simulation, before, vehicle=stated, progress=say)
     if as_json:
         print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
@@ -194,12 +193,12 @@ def what_would_show(
     console().print(table)
 
 
-def _within_words(visible: Visible, value: float) -> str:
+def _within_words(item: Visible, value: float) -> str:
     """A distance in an effect's unit; of factors in per cent."""
     if not isfinite(value):
         return "at no size"
-    unit = "%" if visible.factor else pretty_unit("" if visible.unit == "1" else visible.unit)
-    return f"± {number(100 * value if visible.factor else value, 2)} {unit}".strip()
+    unit = "%" if item.factor else pretty_unit("" if item.unit == "1" else item.unit)
+    return f"± {number(100 * value if item.factor else value, 2)} {unit}".strip()
 
 
 class _Since(click.Command):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import click
 
@@ -53,27 +52,20 @@ def grid(
     \b
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv
     """
-    from ..api.gridding import grid_parts, kept_table, spanned, written_to
-    from ..base.files import ensure_writable
-    from ..base.guard import claim
-    from ..datasets.result_table import target_of
-    from ..fitting.grid import fit_grid
+    from ..api.gridding import grid as fit_grid
+    from ..api.gridding import grid_parts, spanned
 
-    target = claim(target_of(out, (".parquet",)), becomes="a table of a grid")
     varied, fixed = spanned(settings)
-    train = read_part(file, columns)
     scored = None if validate is None else read_part(validate, columns)
-    ensure_writable(Path(target).parent)
-    done = kept_table(target)
     with progress() as say:
         result = fit_grid(
-            name, train, varied, settings=fixed, validate=scored, strength=strength, jobs=jobs, done=done, say=say,
-            keep=written_to(target),
+            name, read_part(file, columns), varied, settings=fixed, validation=scored, strength=strength, jobs=jobs,
+            to=out, progress=say,
         )  # fmt: skip
     if as_json:
-        print_json(result.as_dict() | {"written": str(target)})
+        print_json(result.as_dict() | {"written": out})
     else:
         show(grid_parts(result))
-        console().print(f"\nwritten  {target}")
+        console().print(f"\nwritten  {out}")
     if result.interrupted:
         raise SystemExit(130)

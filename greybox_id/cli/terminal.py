@@ -15,10 +15,9 @@ from typing import Any, TextIO, cast
 import click
 
 from ..base.processes import interrupt, interrupts_return
-from ..reports.text.screen import Screen
 from ..reports.words import ORDERS, clean
 
-__all__ = ["NotTaken", "Screen", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]
+__all__ = ["NotTaken", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]
 
 
 def clean_json(text: str) -> str:

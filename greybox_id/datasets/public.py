@@ -1,18 +1,15 @@
-"""Public recordings: their authors' addresses and licences, and fetching them, resumed and checked by SHA-256.
-
-Addresses name a commit where one is known: what lies there never changes.
-"""
+"""Public recordings, which `public.toml` lists, and fetching them, resumed and checked by SHA-256."""
 
 from __future__ import annotations
 
 import http.client
 import json
+import tomllib
 import urllib.error
 import urllib.request
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from urllib.parse import quote
 
 import numpy as np
 import pandas as pd
@@ -62,123 +59,19 @@ class PublicDataset:
     source: str
     licence: str
     reference: str
-    columns: str
+    columns: str = ""
     files: tuple[Remote, ...] = field(default=())
     joined: str = ""
 
 
-_ROBORACER = (
-    "https://raw.githubusercontent.com/tonegas/nnodely-applications/ba4e6e4e3125192a37b55eeb90c93112176abbe1/"
-    "vehicle/model_combined_vehicle_dynamics_RoboRacer/Dataset/"
-)
-_APPLICATIONS = "https://raw.githubusercontent.com/tonegas/nnodely-applications/main/vehicle/"
-_REVS = (
-    "https://raw.githubusercontent.com/MBDS/sideslip-angle-vehicle-estimation/"
-    "2a427a76c5eb41321e50c32d14ec54aa05a3b03e/datasets/20140222_01_01_03_250lm/"
-)
+def _dataset(name: str, table: dict[str, Any]) -> PublicDataset:
+    at, files = table.pop("at", ""), table.pop("files", ())
+    remotes = tuple(Remote(file["name"], at + file["path"], file.get("sha256", "")) for file in files)
+    return PublicDataset(name, files=remotes, **table)
 
-_A2RL = _APPLICATIONS + "control_steer_dynamics_A2RL/A2RL_Data/"
 
-PUBLIC: dict[str, PublicDataset] = {
-    dataset.name: dataset
-    for dataset in (
-        PublicDataset(
-            name="roboracer",
-            about="RoboRacer 1:10 car, 20 Hz: training, validation, another tyre set, an added mass",
-            source="https://github.com/tonegas/nnodely-applications",
-            licence="none stated for the recordings: they are their authors'",
-            reference="Mungiello et al., Vehicle dynamics learning from physics priors with model-structured neural "
-            "networks",
-            columns="roboracer",
-            files=(
-                Remote(
-                    "train.csv",
-                    _ROBORACER + quote("Complete Dynamics/training/ftg_stanley_total_training.csv"),
-                    "92989645a9223db3d4881fcd5450fe4885dd9b1fee3bf73cc8b0e2eeb8d19bc2",
-                ),
-                Remote(
-                    "valid.csv", _ROBORACER + quote("Complete Dynamics/validation/ftg_stanley_total_validation.csv")
-                ),
-                Remote(
-                    "tire_set_1.csv",
-                    _ROBORACER + "Robustness/tire_set_1.csv",
-                    "899218c34a55c45e512b2cb36b0fc03903149ff60547634b86b5cae9353ca38e",
-                ),
-                Remote("single_mass.csv", _ROBORACER + "Robustness/single_mass.csv"),
-            ),
-        ),
-        PublicDataset(
-            name="revs_250lm",
-            about="Ferrari 250 LM on a race track, 100 Hz, sideslip measured by GPS-INS",
-            source="https://github.com/MBDS/sideslip-angle-vehicle-estimation",
-            licence="MIT; recorded in Stanford's REVS programme",
-            reference="Kegelman, Harbott, Gerdes, Insights into vehicle trajectories at the handling limits: analysing "
-            "open data from race car drivers, 2017",
-            columns="revs_250lm",
-            files=tuple(
-                Remote(f"{column}.txt", f"{_REVS}{column}.txt")
-                for column in ("t", "delta", "vx", "vy", "beta_true", "yawRate", "axCG", "ayCG")
-            ),
-            joined="run1.csv",
-        ),
-        PublicDataset(
-            name="a2rl",
-            about="full-size autonomous racer, 20 Hz: two laps, steering commanded and measured",
-            source="https://github.com/tonegas/nnodely-applications",
-            licence="none stated for the recordings: they are their authors'",
-            reference="Model-Structured Neural Networks to Control the Steering Dynamics of Autonomous Race Cars, "
-            "arXiv 2507.20427",
-            columns="",
-            files=(
-                Remote("training_lap.csv", _A2RL + "Training/Large/training_single_lap.csv"),
-                Remote("validation_lap.csv", _A2RL + "Validation/Medium/Validation_single_lap.csv"),
-            ),
-        ),
-        PublicDataset(
-            name="revs_telemetry",
-            about="Ferrari 250 LM on a race track, 20 Hz, further drives: hand wheel, accelerations, yaw",
-            source="https://github.com/tonegas/nnodely-applications",
-            licence="none stated there; recorded in Stanford's REVS programme",
-            reference="Kegelman, Harbott, Gerdes, Insights into vehicle trajectories at the handling limits: analysing "
-            "open data from race car drivers, 2017",
-            columns="",
-            files=tuple(
-                Remote(f"{name}.csv", f"{_APPLICATIONS}vehicle_lateral_dynamics_estimation/telemetries/{place}")
-                for name, place in (
-                    ("train_0", "training/telemetry_train_0.csv"),
-                    ("train_1", "training/telemetry_train_1.csv"),
-                    ("valid_0", "validation/telemetry_valid_0.csv"),
-                    ("test_0", "test/telemetry_test_0.csv"),
-                )
-            ),
-        ),
-        PublicDataset(
-            name="abs",
-            about="simulated car with anti-lock brakes on dry road and on ice, 20 Hz",
-            source="https://github.com/tonegas/nnodely-applications",
-            licence="none stated for the recordings: they are their authors'",
-            reference="A Road Friction-Aware Anti-Lock Braking System Based on Model-Structured Neural Networks",
-            columns="",
-            files=tuple(
-                Remote(f"{name}.csv", f"{_APPLICATIONS}road_friction_aware_ABS/datasets/data_{place}.csv")
-                for name, place in (
-                    ("dry", "dry_noise/dry_noise"),
-                    ("ice", "ice_noise/ice_noise"),
-                    ("test", "test/test_noise"),
-                    ("grip", "grip/grip_condition_variation"),
-                )
-            ),
-        ),
-        PublicDataset(
-            name="truck",
-            about="Renault Premium truck, 200 Hz, 10 s trajectories: slalom, avoidance, constant radius",
-            source="https://github.com/N9TT-9G0A-B7FQ-RANC/IEEE_RAL",
-            licence="MIT",
-            reference="Physics-guided approach with transfer learning in vehicle lateral dynamics",
-            columns="truck",
-        ),
-    )
-}
+_TABLES = tomllib.loads(Path(__file__).with_name("public.toml").read_text("utf-8"))
+PUBLIC = {name: _dataset(name, table) for name, table in _TABLES.items()}
 """What `greybox datasets` knows."""
 
 

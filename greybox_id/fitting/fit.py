@@ -10,13 +10,13 @@ import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ..base.condition import span
-from ..base.declared import must_be, understood
+from ..base.declared import of_plain, understood
 from ..base.errors import BadInput
 from ..base.files import write_atomically
 from ..base.origin import Origin
@@ -27,7 +27,7 @@ from ..models.memory_model import MemoryModel
 from ..models.model import Model
 from ..models.parameter import Parameter, Prior
 from .combined import Combined, combined, reach
-from .provenance import Certificate, DataRecord, Stage
+from .provenance import DataRecord, Stage
 from .verdict import Verdict
 from .verdict import from_dict as verdict_from_dict
 
@@ -220,16 +220,6 @@ def load(path: str | Path, build: Build) -> Fit:
 
 def _sound(fit: Fit) -> Fit:
     """The fit, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
-    for parameter in fit.model.parameters:
-        must_be(parameter.scope, str, f"scope of {parameter.name}")
-        if parameter.scope not in ("model", "run"):
-            raise ValueError(f"its scope of {parameter.name} is {parameter.scope!r:.60}, not model or run")
-        if parameter.shape == () and parameter.prior is not None:
-            must_be(parameter.prior.sd, float, f"prior of {parameter.name}, its sd,")
-            must_be(parameter.prior.mean, float | None, f"prior of {parameter.name}, its mean,")
-            must_be(parameter.prior.strength, str, f"prior of {parameter.name}, its strength,")
-    must_be(fit.stages, tuple[Stage, ...], "stages")
-    must_be(fit.data, tuple[DataRecord, ...], "data")
     if not fit.stages and "imported" not in fit.how:
         raise ValueError("it has no stages, and was not imported")
     for k, stage in enumerate(fit.stages):
@@ -241,27 +231,18 @@ def _sound(fit: Fit) -> Fit:
         _sizes(sd, f"standard deviation of {name}")
     if fit.covariance is not None:
         _of_covariance(fit.covariance)
-    for name, kind in (("mode", str), ("command", str), ("version", str), ("seed", int)):
-        must_be(getattr(fit, name), kind, name)
-    must_be(fit.metrics, Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]], "metrics")
-    known = {  # where a prediction diverges is a record of its own
-        role: {protocol: {output: {k: v for k, v in one.items() if k != "diverges"} for output, one in errors.items()}
-               for protocol, errors in protocols.items()}
-        for role, protocols in fit.metrics.items()
-    }  # fmt: skip
-    must_be(known, Mapping[str, Mapping[str, Mapping[str, Mapping[str, float]]]], "metrics")
     for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
-        if not {"rmse", "rmse_sd", "fvu"} <= error.keys():
+        known = {name: value for name, value in error.items() if name != "diverges"}  # where it does is a record
+        if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], known, "metrics").keys():
             raise ValueError("its metrics are not complete")
         _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
     if not isinstance(fit.model, MemoryModel) and any(
         metric and FREE_RUN not in metric for metric in fit.metrics.values()
     ):
         raise ValueError("its metrics are not complete")
-    must_be(fit.how, Mapping[str, Any], "how")
     for name, kind in CHOICES.items():
         if name in fit.how:
-            must_be(fit.how[name], kind, f"how.{name}")
+            of_plain(kind, fit.how[name], f"how.{name}")
     for record in fit.data:
         if record.role not in ("train", "validate") or min(record.samples, record.runs) < 1 or not record.duration >= 0:
             raise ValueError(f"its record of {record.name!r:.60} is none of a recording")
@@ -343,42 +324,22 @@ def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
         if shape != p.shape:
             raise ValueError(f"the standard deviations of {p.name} have shape {shape}, its values {p.shape}")
     model = model.with_parameters(*(_restored(p, stored[p.name]) for p in model.parameters))
-    stages = []
-    for stage in body["stages"]:
-        certificate = stage["certificate"]
-        stages.append(
-            Stage(
-                **{
-                    **stage,
-                    "history": tuple(stage["history"]),
-                    "starts": tuple(stage["starts"]),
-                    "tried": tuple((dict(s), e) for s, e in stage["tried"]),
-                    "certificate": None if certificate is None else Certificate(**certificate),
-                    "ended_at": tuple(_numbers(item) for item in stage.get("ended_at", ())),
-                    "fallbacks": tuple(str(words) for words in stage.get("fallbacks", ())),
-                }
-            )
-        )
     return Fit(
         model=model,
         sd={name: np.asarray(record["sd"], dtype=float) for name, record in stored.items()},
-        stages=tuple(stages),
-        metrics=body["metrics"],
-        data=tuple(DataRecord(**record) for record in body["data"]),
-        mode=body["mode"],
-        seed=body["seed"],
+        stages=of_plain(tuple[Stage, ...], body["stages"], "stages"),
+        metrics=of_plain(Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]], body["metrics"], "metrics"),
+        data=of_plain(tuple[DataRecord, ...], body["data"], "data"),
+        mode=of_plain(str, body["mode"], "mode"),
+        seed=of_plain(int, body["seed"], "seed"),
         dof={name: np.asarray(record["dof"], dtype=float) for name, record in stored.items() if "dof" in record},
         covariance=_covariance_from_dict(body["covariance"], model),
-        how=body["how"],
+        how=of_plain(Mapping[str, Any], body["how"], "how"),
         per_run={name: np.asarray(values, dtype=float) for name, values in body["per_run"].items()},
-        command=body["command"],
-        version=body["version"],
+        command=of_plain(str, body["command"], "command"),
+        version=of_plain(str, body["version"], "version"),
         verdict=verdict_from_dict(body),
     )
-
-
-def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
-    return {str(name): float(value) for name, value in body.items()}
 
 
 def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
@@ -388,10 +349,15 @@ def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
         prior = record["prior"]
         changes |= {
             "bounds": tuple(float(bound) for bound in record["bounds"]),
-            "prior": None if prior is None else Prior(**prior),
-            "scope": record["scope"],
+            "prior": None if prior is None else _prior(prior, f"prior of {parameter.name}"),
+            "scope": of_plain(Literal["model", "run"], record["scope"], f"scope of {parameter.name}"),
         }
     return replace(parameter, value=np.asarray(record["value"], dtype=float).reshape(parameter.shape), **changes)
+
+
+def _prior(record: Mapping[str, Any], name: str) -> Prior:
+    sd, mean = (of_plain(float | None, record.get(key), f"{name}, its {key},") for key in ("sd", "mean"))
+    return Prior(sd, mean=mean, strength=of_plain(str, record.get("strength", ""), f"{name}, its strength,"))
 
 
 def _prior_as_dict(parameter: Parameter) -> dict[str, Any] | None:

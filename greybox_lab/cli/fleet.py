@@ -13,7 +13,8 @@ import click
 from greybox_id.cli.commands import CommandGroup
 from greybox_id.cli.options import json_option
 from greybox_id.cli.output import console, print_json
-from greybox_id.cli.terminal import Screen, tell
+from greybox_id.cli.terminal import tell
+from greybox_id.reports.text.screen import Screen
 
 if TYPE_CHECKING:
     from ..fleet.progress import FleetProgress, Watch

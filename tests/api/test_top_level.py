@@ -75,6 +75,15 @@ def test_importing_it_loads_no_library():
     assert found.stdout.strip() == "[]"
 
 
+def test_help_loads_neither_what_shows_results_nor_what_forks():
+    code = (
+        "import sys; from greybox_id.cli import main\nsys.argv = ['greybox', '--help']\ntry: main()\nfinally: print("
+        "sorted({'numpy', 'rich', 'multiprocessing', 'concurrent', 'difflib', 'hashlib', 'ctypes'} & {*sys.modules}))"
+    )
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[-1] == "[]"
+
+
 def test_reading_and_checking_a_file_in_common_units_load_neither_units_nor_solvers():
     code = (
         "import sys, greybox_id as gb; gb.check(gb.read(gb.shipped('racer_train'), columns='roboracer'));"

@@ -7,8 +7,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from greybox_id.base.declared import must_be, understood
+from greybox_id.base.declared import of_plain, understood
 from greybox_id.base.errors import BadInput
+from greybox_id.base.shorthands import Array
 
 
 @dataclass(frozen=True)
@@ -24,29 +25,39 @@ class Outer:
     pairs: tuple[tuple[Mapping[str, float], bool], ...] = ()
 
 
-def test_what_is_as_declared_passes():
-    must_be(Outer(1, 2, None), Outer, "it")
-    must_be(Outer(1.5, 2, Inner(("a",)), (({"a": 1}, True),)), Outer, "it")
+def test_plain_data_become_what_is_declared():
+    assert of_plain(Outer, {"number": 1, "count": 2, "inner": None}, "it") == Outer(1.0, 2, None)
+    plain = {"number": 1.5, "count": 2, "inner": {"words": ["a"]}, "pairs": [[{"a": 1}, True]], "more": 7}
+    assert of_plain(Outer, plain, "it") == Outer(1.5, 2, Inner(("a",)), (({"a": 1.0}, True),))
+    assert np.array_equal(of_plain(Mapping[str, Array], {"x": [1, 2]}, "it")["x"], [1.0, 2.0])
+    assert of_plain(tuple[float, ...], [None, 1], "it", null=np.inf) == (np.inf, 1.0)
 
 
 @pytest.mark.parametrize(
-    ("made", "says"),
+    ("odd", "says"),
     [
-        (Outer("1", 2, None), "its it.number is not a number"),
-        (Outer(True, 2, None), "its it.number is not a number"),
-        (Outer(1.0, 2.0, None), "its it.count is not a whole number"),
-        (Outer(1.0, 2, Inner(["a"])), "its it.inner.words is not a list"),
-        (Outer(1.0, 2, Inner(("a", 1))), r"its it.inner.words\[1\] is not text"),
-        (Outer(1.0, 2, {}), "its it.inner is not Inner"),
-        (Outer(1.0, 2, None, (({"a": None}, True),)), r"its it.pairs\[0\]\[0\].a is not a number"),
-        (Outer(1.0, 2, None, (({1: 1.0}, True),)), r"a key of it.pairs"),
-        (Outer(1.0, 2, None, (({}, True, 1),)), r"its it.pairs\[0\] is not a list of 2"),
-        (None, "its it is not Outer"),
+        ({"number": "1"}, "its it.number is not a number"),
+        ({"number": True}, "its it.number is not a number"),
+        ({"number": None}, "its it.number is not a number"),
+        ({"count": 2.0}, "its it.count is not a whole number"),
+        ({"inner": {"words": "a"}}, "its it.inner.words is not a list"),
+        ({"inner": {"words": ["a", 1]}}, r"its it.inner.words\[1\] is not text"),
+        ({"inner": 7}, "its it.inner is not Inner"),
+        ({"inner": {}}, "words"),
+        ({"pairs": [[{"a": None}, True]]}, r"its it.pairs\[0\]\[0\].a is not a number"),
+        ({"pairs": [[{}, True, 1]]}, r"its it.pairs\[0\] is not a list of 2"),
     ],
 )
-def test_what_is_not_is_named(made, says):
+def test_what_is_not_is_named(odd, says):
     with pytest.raises(TypeError, match=says):
-        must_be(made, Outer, "it")
+        of_plain(Outer, {"number": 1.0, "count": 2, "inner": None} | odd, "it")
+
+
+def test_what_is_no_table_or_none_of_some_words_is_named():
+    with pytest.raises(TypeError, match="its it is not Outer"):
+        of_plain(Outer, None, "it")
+    with pytest.raises(TypeError, match="its way is not up or down"):
+        of_plain(Literal["up", "down"], "left", "way")
 
 
 @understood

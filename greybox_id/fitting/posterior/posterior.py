@@ -18,7 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from ...base.declared import must_be
+from ...base.declared import of_plain
 from ...base.errors import BadInput
 from ...base.files import replacing, write_atomically
 from ...base.guard import protect
@@ -389,8 +389,7 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
 
 def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
     """The posterior, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
-    must_be(head["coordinates"], list[Mapping[str, Any]], "coordinates")
-    drawn = tuple(DrawnNumber(**item) for item in head["coordinates"])
+    drawn = of_plain(tuple[DrawnNumber, ...], head["coordinates"], "coordinates")
     names = [item.name for item in drawn]
     measured = "distance" if head["method"] == "abc-smc" else "log_posterior"
     if head["method"] not in ("laplace", "mcmc", "abc-smc") or list(frame) != [*OF_DRAWS, measured, *names]:

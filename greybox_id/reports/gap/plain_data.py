@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields, replace
 from math import inf, nan
-from typing import Any
+from typing import Any, cast, get_type_hints
 
-import numpy as np
-
+from ...base.declared import of_plain
 from ...base.json_data import plain
 from ...fitting.scores.horizons import Errors
 from ...gap.estimation.strip import Strip
-from ...gap.estimation.wandering import Wander
-from ...gap.gap import Budget, CauseClass, Closure, Gap, Limit, Moved, Ranked, Share, Unnamed, Where
+from ...gap.gap import Budget, Closure, Gap, Limit, Ranked, Share, Unnamed
 
 
 def as_plain_data(gap: Gap) -> dict[str, Any]:
@@ -29,122 +27,59 @@ def from_plain_data(body: Mapping[str, Any]) -> Gap:
     ------
     KeyError, TypeError, ValueError : `body` was not made by `as_plain_data`.
     """
-    where = body["where"]
-    return Gap(
-        model=str(body["model"]),
-        recordings=_words(body["recordings"]),
-        doubts=_words(body["doubts"]),
-        gap_detected=bool(body["gap_detected"]),
-        p_value=_number(body["p_value"]),
-        unknown_probability=_number(body["unknown_probability"]),
-        unknown=str(body["unknown"]),
-        where=Where(
-            channel=str(where["channel"]),
-            regime=str(where["regime"]),
-            equations=_numbers(where["equations"]),
-            time=_numbers(where["time"]),
-            channels=_numbers(where["channels"]),
-            regimes={str(name): _pair(value) for name, value in where["regimes"].items()},
-        ),
-        ranking=tuple(_ranked(item) for item in body["ranking"]),
-        applied=_words(body["applied"]),
-        gap=_closure(body["gap"]),
-        held_out=None if body["held_out"] is None else _closure(body["held_out"]),
-        not_excited={str(name): str(size) for name, size in body["not_excited"].items()},
-        absorbed=_words(body["absorbed"]),
-        advice=_words(body["advice"]),
-        strip=None if body["strip"] is None else _strip(body["strip"]),
-        noise_stated=bool(body["noise_stated"]),
-        limits={str(name): Limit(**_limit(item)) for name, item in body.get("limits", {}).items()},
-        budget=_budget(body.get("budget", []), body),
-        unnamed=_unnamed(body.get("model_error")),
-        resembles=tuple(_wander(item) for item in body.get("resembles", ())),
-        moved=tuple(_moved(item) for item in body.get("moved", ())),
-        tried=_numbers(body.get("tried", {})),
-        held=str(body.get("held", "")),
-        classes=tuple(_class(item) for item in body.get("classes", ())),
-    )
-
-
-def _class(body: Mapping[str, Any]) -> CauseClass:
-    members, probability = _words(body["members"]), _number(body["probability"])
-    return CauseClass(members, probability, _numbers(body["each"]), str(body["applied"]))
-
-
-def _moved(body: Mapping[str, Any]) -> Moved:
-    stated, sd, value = (_number(body[name]) for name in ("stated", "sd", "value"))
-    return Moved(str(body["name"]), str(body["unit"]), stated, sd, value)
+    kinds, other = get_type_hints(Gap), {
+        "ranking": tuple(_ranked(item) for item in body["ranking"]),
+        "gap": _closure(body["gap"]),
+        "held_out": None if body["held_out"] is None else _closure(body["held_out"]),
+        "closed": None,
+        "strip": None if body["strip"] is None else _strip(body["strip"]),
+        "limits": of_plain(Mapping[str, Limit], body.get("limits", {}), "limits", null=inf),
+        "budget": _budget(body.get("budget", []), body),
+        "unnamed": _unnamed(body.get("model_error")),
+    }  # fmt: skip
+    plain = {
+        item.name: of_plain(kinds[item.name], body[item.name], item.name, null=nan)
+        for item in fields(Gap)
+        if item.name in body and item.name not in other
+    }
+    return Gap(**plain, **other)
 
 
 def _ranked(body: Mapping[str, Any]) -> Ranked:
-    since, until = (None if body.get(end) is None else float(body[end]) for end in ("since", "until"))
-    return Ranked(
-        str(body["effect"]), float(body["probability"]), _number(body["magnitude"], inf), str(body["unit"]),
-        _pair(body["interval"]), _words(body["indistinguishable_from"]), _number(body["gain"]),
-        str(body.get("reason", "")), since, until, str(body.get("within", "")),
-        _numbers(body.get("others", {})),
-    )  # fmt: skip
+    low, high = body["interval"]
+    filled = {**body, "magnitude": _number(body["magnitude"], inf), "interval": _interval(low, high)}
+    return cast(Ranked, of_plain(Ranked, filled, "ranking", null=nan))
+
+
+def _closure(body: Mapping[str, Any]) -> Closure:
+    ends = {name: _number(body[name], inf) for name in ("before", "after")}
+    errors = of_plain(tuple[Errors, ...], body["errors"], "errors", null=inf)
+    rest = {**body, **ends, "closed_interval": _interval(*body["closed_interval"]), "errors": ()}
+    return replace(cast(Closure, of_plain(Closure, rest, "gap", null=nan)), errors=errors)
 
 
 def _budget(rows: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> Budget | None:
     if not rows:
         return None
-    result = [
-        Share(str(row.get("effect", "unnamed")), float(row["share" if "effect" in row else "unnamed"]),
-              float(row["low"]), float(row["high"]))
-        for row in rows
-    ]  # fmt: skip
+    named = [{"effect": "unnamed", "share": row.get("unnamed"), **row} for row in rows]
+    *shares, rest = of_plain(tuple[Share, ...], named, "budget")
     on = body["held_out"] or body["gap"]
-    return Budget(tuple(result[:-1]), result[-1], _words(on["recordings"]), body["held_out"] is not None)
+    recordings = of_plain(tuple[str, ...], on["recordings"], "recordings")
+    return Budget(tuple(shares), rest, recordings, body["held_out"] is not None)
 
 
 def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
     if body is None:
         return None
-    y, x = body["F_y"], body["F_x"]
-    return Unnamed(
-        _number(y["share"]), _number(x["share"]), _number(y["amplitude"]), _number(x["amplitude"]),
-        _number(y["correlation_time"]), _number(x["correlation_time"]), _number(body["tolerances"]),
-        (str(body["worst"]["name"]), _number(body["worst"]["sd"])),
-        _numbers(body["noise"]), _number(body.get("expected") or None),
-    )  # fmt: skip
-
-
-def _wander(body: Mapping[str, Any]) -> Wander:
-    sd, correlation_time, gain = (_number(body[name]) for name in ("sd", "correlation_time", "gain"))
-    return Wander(str(body["effect"]), str(body["unit"]), sd, correlation_time, gain)
-
-
-def _limit(body: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: str(value) if name == "unit" else _number(value, inf) for name, value in body.items()}
-
-
-def _closure(body: Mapping[str, Any]) -> Closure:
-    return Closure(
-        before=_number(body["before"], inf),
-        after=_number(body["after"], inf),
-        floor=_number(body["floor"]),
-        closed=_number(body["closed"]),
-        closed_interval=_pair(body["closed_interval"]),
-        recordings=_words(body["recordings"]),
-        errors=tuple(_errors(item) for item in body["errors"]),
-    )
-
-
-def _errors(body: Mapping[str, Any]) -> Errors:
-    horizon = body["horizon"]
-    return Errors(
-        str(body["channel"]), str(body["unit"]), None if horizon is None else float(horizon),
-        *(_number(body[name], inf) for name in ("before", "after", "floor")),
-    )  # fmt: skip
+    ends = {"share": "share", "floor": "amplitude", "memory": "correlation_time"}
+    forces = {f"{name}_{axis}": body[f"F_{axis}"][key] for name, key in ends.items() for axis in "yx"}
+    worst = (body["worst"]["name"], body["worst"]["sd"])
+    filled = {**body, **forces, "worst": worst, "expected": body.get("expected") or nan}
+    return cast(Unnamed, of_plain(Unnamed, filled, "model_error", null=nan))
 
 
 def _strip(body: Mapping[str, Any]) -> Strip:
-    time, before, after, x, y, frequency = (
-        np.array(body[name], dtype=float) for name in ("time", "before", "after", "x", "y", "frequency")
-    )
-    first, then, cells = (_arrays(body[name]) for name in ("spectrum_before", "spectrum_after", "map"))
-    result = Strip(time, before, after, x, y, frequency, first, then, cells)
+    result = cast(Strip, of_plain(Strip, body, "strip"))
     spectra = [*result.spectrum_before.values(), *result.spectrum_after.values()]
     if result.time.ndim != 1 or not result.time.shape == result.before.shape == result.after.shape:
         raise ValueError("the lines of its picture do not belong together")
@@ -153,25 +88,10 @@ def _strip(body: Mapping[str, Any]) -> Strip:
     return result
 
 
-def _arrays(body: Mapping[str, Any]) -> dict[str, Any]:
-    return {str(name): np.array(item, dtype=float) for name, item in body.items()}
-
-
-def _words(body: Any) -> tuple[str, ...]:
-    if not isinstance(body, list):
-        raise TypeError(f"{body!r} is no list of words")
-    return tuple(str(item) for item in body)
-
-
-def _number(value: Any, unknown: float = nan) -> float:
+def _number(value: Any, unknown: float) -> Any:
     """A number; where it was printed for readers who know none that are not finite, what null stands for."""
-    return unknown if value is None else float(value)
+    return unknown if value is None else value
 
 
-def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
-    return {str(name): _number(value) for name, value in body.items()}
-
-
-def _pair(body: Any) -> tuple[float, float]:
-    low, high = body
+def _interval(low: Any, high: Any) -> tuple[Any, Any]:
     return _number(low, -inf), _number(high, inf)

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ...base.declared import of_plain
 from ...base.saved import Kind
 from ...fitting.provenance import DataRecord
 from ...gap.gap import Gap
@@ -85,14 +86,4 @@ def load_gap(path: str | Path) -> tuple[Gap, Made]:
 
 
 def _from_plain_data(body: Mapping[str, Any]) -> tuple[Gap, Made]:
-    made = Made(
-        vehicle=str(body["vehicle"]),
-        command=str(body["command"]),
-        seed=int(body["seed"]),
-        version=str(body["version"]),
-        data=tuple(DataRecord(**record) for record in body["data"]),
-        settings=dict(body["settings"]),
-        effects={str(name): float(value) for name, value in body.get("effects", {}).items()},
-        stated=tuple(Number(**item) for item in body.get("stated", ())),
-    )
-    return from_plain_data(body), made
+    return from_plain_data(body), of_plain(Made, body, "diagnosis")

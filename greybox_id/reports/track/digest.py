@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.declared import of_plain
 from ...base.saved import Kind
 from ...base.shorthands import Array
 from ...base.statistics import correlation
@@ -364,65 +365,17 @@ def load_track(path: str | Path) -> Digest:
 
 
 def _from_plain_data(body: Mapping[str, Any]) -> Digest:
-    return Digest(
-        model=str(body["model"]),
-        about=str(body["about"]),
-        settings=dict(body["settings"]),
-        effects=_numbers(body["effects"]),
-        made=TrackMade(**body["made"]),
-        data=DataRecord(**body["data"]),
-        filter=str(body["filter"]),
-        smoothed=bool(body["smoothed"]),
-        parameters=_words(body["parameters"]),
-        disturbances=_words(body["disturbances"]),
-        rows=int(body["rows"]),
-        runs=int(body["runs"]),
-        estimates={name: Estimate(**item) for name, item in body["estimates"].items()},
-        truth={name: Measured(**item) for name, item in body["truth"].items()},
-        noise={name: NoiseSize(**item) for name, item in body["noise"].items()},
-        calibrated={name: (float(value), float(sd)) for name, (value, sd) in body["calibrated"].items()},
-        consistency={name: Consistency(**item) for name, item in body["consistency"].items()},
-        signals={
-            name: (str(unit), str(role), tuple(float(end) for end in ends))
-            for name, (unit, role, ends) in body["signals"].items()
-        },
-        widened=float(body["widened"]),
-        log_likelihood=float(body["log_likelihood"]),
-        sentences=_words(body["sentences"]),
-        course=_read_course(body["course"]),
-        innovations={name: _read_innovations(item) for name, item in body["innovations"].items()},
-    )
-
-
-def _read_course(body: Mapping[str, Any]) -> Course:
-    time, run = (np.array(body[name], dtype=float) for name in ("time", "run"))
-    values, sds, measured = (
-        {name: np.array(item, dtype=float) for name, item in body[kind].items()}
-        for kind in ("values", "sds", "measured")
-    )
-    _alike(time, run, *values.values(), *sds.values(), *measured.values())
-    if not sds.keys() <= values.keys():
+    digest: Digest = of_plain(Digest, body, "track")
+    course = digest.course
+    _alike(course.time, course.run, *course.values.values(), *course.sds.values(), *course.measured.values())
+    if not course.sds.keys() <= course.values.keys():
         raise ValueError("its estimates and their standard deviations do not belong together")
-    return Course(int(body["every"]), time, run, values, sds, measured)
-
-
-def _read_innovations(body: Mapping[str, Any]) -> Innovations:
-    time, nis, lags, known = (np.array(body[name], dtype=float) for name in ("time", "nis", "lags", "correlation"))
-    _alike(time, nis)
-    _alike(lags, known)
-    return Innovations(time, nis, float(body["low"]), float(body["high"]), lags, known)
+    for item in digest.innovations.values():
+        _alike(item.time, item.nis)
+        _alike(item.lags, item.correlation)
+    return digest
 
 
 def _alike(*lines: Array) -> None:
     if any(line.ndim != 1 or line.shape != lines[0].shape for line in lines):
         raise ValueError("the lines of its pictures do not belong together")
-
-
-def _numbers(body: Mapping[str, Any]) -> dict[str, float]:
-    return {str(name): float(value) for name, value in body.items()}
-
-
-def _words(body: Any) -> tuple[str, ...]:
-    if not isinstance(body, list):
-        raise TypeError(f"{body!r} is no list of words")
-    return tuple(str(item) for item in body)

@@ -88,6 +88,14 @@ def test_yaw_errors_begin_where_the_angle_was_measured():
     assert np.isnan(biased["yaw angle over 60 s"]).all()
 
 
+def test_the_hand_wheel_counts_from_where_the_car_drives_straight():
+    bends = np.where(np.arange(400) % 100 < 30, 40.0, 0.0)
+    drive = pd.DataFrame({"handwheelAngle": bends - 0.7, "vxCG": 40.0, "axCG": np.where(bends > 0, -1.0, 1.0)})
+    assert ferrari.straightened(drive)["handwheelAngle"].to_numpy() == pytest.approx(bends)
+    slow = drive.assign(vxCG=10.0)
+    assert ferrari.straightened(slow)["handwheelAngle"].to_numpy() == pytest.approx(bends - 0.7)
+
+
 def test_a_car_pulls_to_the_side_its_brakes_do():
     t = 0.05 * np.arange(100)
     straight = gb.Recording(
