@@ -244,7 +244,9 @@ def _sideways(r: Recording) -> list[Explanation]:
         )  # fmt: skip
     result += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
-    gentle = SCALE * np.nanstd(smoothed[0]) < ANGLE * np.nanstd(smoothed[2])  # an IMU that is hardly turned does as much
+    gentle = SCALE * np.nanstd(smoothed[0]) < ANGLE * np.nanstd(
+        smoothed[2]
+    )  # an IMU that is hardly turned does as much
     far = (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
     if far and not gentle and not result:
         result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))

@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-
 from checks import planted
 
 from greybox_id.datasets.checks import Severity, check
