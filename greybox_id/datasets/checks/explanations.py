@@ -529,7 +529,7 @@ def _moves(r: Recording, name: str, a: int, b: int) -> float:
         "yaw": ("yaw_rate",),
     }
     for other in beside[name]:
-        if r.has(other):
+        if r.has(other) and np.any(np.isfinite(r[other][a:b])):
             part, whole = r[other][a:b], r[other]
             usual = float(np.hypot(np.nanstd(whole), np.nanmean(part)))  # a circle that is driven moves nothing
             return float(np.nanstd(part)) / max(usual, 1e-300)
