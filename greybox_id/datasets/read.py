@@ -335,7 +335,8 @@ def _check_columns(result: Contents, mapping: ColumnMap) -> None:
         if not result.find(name):
             raise BadInput(
                 f'{result.where}: there is no column "{name}", which the column map "{mapping.name}" needs.'
-                f"{near(name, result.names)} {_what_there_is(result.names)}{_part_of(name, result)}{_other_map(result, mapping)}"
+                f"{near(name, result.names)} {_what_there_is(result.names)}"
+                f"{_part_of(name, result)}{_other_map(result, mapping)}"
             )
     if not any(result.find(c.column) for c in mapping.channels):
         raise BadInput(

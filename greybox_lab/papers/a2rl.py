@@ -21,7 +21,7 @@ import greybox_id as gb
 from greybox_id.base.shorthands import Array, Say
 
 from .bench import PublishedBench, Row, clocked, frame, rmse
-from .equations import AHEAD, inverse_steering, steering_servo
+from .equations import AHEAD, inverse_steering
 
 COLUMNS = ("ay", "ax", "vx", "curv", "steer_target", "steer_meas")
 STEP = 0.05
@@ -135,7 +135,7 @@ def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], re
     rows: list[Row] = []
     fits: dict[tuple[str, str], gb.Fit] = {}
     for symbol, held in (("steering_delay", {"lag": INSTANT}), ("lag", {"steering_delay": 0.0})):
-        model = steering_servo() + gb.effects.steering_delay.free()
+        model = gb.models.steering() + gb.effects.steering_delay.free()
         for name, lap in laps.items():
             with clocked() as spent:
                 fit = gb.fit(model, [lap], fix=held, options=gb.FitOptions(solver="gauss-newton"))

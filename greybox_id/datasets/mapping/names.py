@@ -50,7 +50,7 @@ RULES: dict[str, tuple[str, ...]] = {
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
               r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
               r"|steered angle",
-              r"steer(ing)?( angle)? (cmd|command|target|ref|reference|setpoint|desired|soll)|(cmd|target) steer(ing)?"),
+              r"steer(ing)?( angle)? (cmd|command|target|ref(erence)?|setpoint|desired|soll)|(cmd|target) steer(ing)?"),
     "steer_measured": (r"steer(ing)?( angle)? (meas|measured|actual|act|feedback|fb)",),
     HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
                  r"|steeringwheelangle|stwhl( ang| angle)?|steering wheel position|lrw|lenkrad",),
