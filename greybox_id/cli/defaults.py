@@ -24,7 +24,6 @@ import click
 from click.core import ParameterSource
 
 from ..base.errors import BadInput, near_or_all
-from ..base.toml_file import read_toml
 from .commands import command_names, entry_of
 from .options import MARK
 from .terminal import tell
@@ -48,6 +47,8 @@ def defaults_of(ctx: click.Context) -> dict[str, Any]:
     file = Path(named or FILE)
     if not named and not file.is_file():
         return {}
+    from ..base.toml_file import read_toml  # not for --help where there is no such file
+
     table = read_toml(file, "file of defaults")
     for name in table:
         if entry_of(name) is None:

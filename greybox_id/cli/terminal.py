@@ -14,7 +14,7 @@ from typing import Any, TextIO, cast
 
 import click
 
-from ..base.processes import interrupt, interrupts_return
+from ..base.interrupts import interrupt, interrupts_return
 from ..reports.words import ORDERS, clean
 
 __all__ = ["NotTaken", "clean", "clean_json", "drop_output", "interrupts", "streams", "tell"]

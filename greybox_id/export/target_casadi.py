@@ -14,6 +14,7 @@ from .memory_equations import MemoryEquations, equations_of
 from .memory_equations import shifts_left_out as cautions
 from .quoting import docstring
 from .subject import Subject
+from .template import filled
 
 __all__ = ["cautions", "files"]
 
@@ -76,12 +77,12 @@ def _entries(named: Sequence[Named]) -> str:
 
 def _module(subject: Subject, equations: Equations | MemoryEquations, functions: Mapping[str, cs.Function]) -> str:
     signatures = "\n".join(f"    {_signature(name, function)}" for name, function in functions.items())
-    text = _HEAD.format(
-        about=docstring(subject.model.about), source=docstring(subject.source), version=__version__,
-        casadi=cs.CasadiMeta.version(), signatures=signatures, time=_time(equations),
-    )  # fmt: skip
     loaded = "".join(f"{name} = _load({name!r})\n" for name in functions)
-    return text + _NAMED + literals(equations) + _timing(equations) + _BODY + loaded
+    return filled(
+        "casadi_module.py.in", subject.name, ABOUT=docstring(subject.model.about), SOURCE=docstring(subject.source),
+        VERSION=__version__, CASADI=cs.CasadiMeta.version(), SIGNATURES=signatures, TIME=_time(equations),
+        ENTRIES=literals(equations) + _timing(equations), LOADED=loaded,
+    )  # fmt: skip
 
 
 def _signature(name: str, function: cs.Function) -> str:
@@ -107,98 +108,3 @@ def _timing(equations: Equations | MemoryEquations) -> str:
     if isinstance(equations, MemoryEquations):
         return f"SAMPLE_TIME = {equations.sample_time!r}\n"
     return f"DELAYED = {tuple(equations.delayed)!r}\nLATE = {tuple(equations.late)!r}\n"
-
-
-_HEAD = '''"""{about}.
-
-From {source}, by greybox-id {version} with CasADi {casadi}; load it with that CasADi or a newer one.
-x, u, p and y are columns; STATES, INPUTS, PARAMETERS and OUTPUTS say what their entries are, in SI units. P holds the
-default parameters. Functions:
-
-{signatures}
-
-{time}
-"""
-
-from pathlib import Path
-from typing import NamedTuple
-
-import casadi as cs
-
-'''
-
-_NAMED = '''
-class Named(NamedTuple):
-    """An entry of a column."""
-
-    name: str
-    unit: str
-    about: str
-
-
-'''
-
-_BODY = '''
-x_index, u_index, p_index, y_index = (
-    {own.name: k for k, own in enumerate(entries)} for entries in (STATES, INPUTS, PARAMETERS, OUTPUTS)
-)
-
-
-class Symbols:
-    """A column of symbols by name: x.v_x or x["v_x"] is an entry, x.column all of it."""
-
-    def __init__(self, entries, kind=cs.SX):
-        if kind is cs.SX:
-            self.column = cs.vertcat(*[cs.SX.sym(own.name) for own in entries])
-        else:
-            self.column = kind.sym("column", len(entries))
-        self._index = {own.name: k for k, own in enumerate(entries)}
-
-    def __getitem__(self, name):
-        if name not in self._index:
-            raise KeyError(f"There is no {name}; there are {', '.join(self._index)}.")
-        return self.column[self._index[name]]
-
-    def __getattr__(self, name):
-        if name.startswith("_"):
-            raise AttributeError(name)
-        try:
-            return self[name]
-        except KeyError as error:
-            raise AttributeError(error.args[0]) from None
-
-
-def symbols(kind=cs.SX):
-    """Symbols x, u, p; kind is cs.SX or cs.MX."""
-    return tuple(Symbols(entries, kind) for entries in (STATES, INPUTS, PARAMETERS))
-
-
-def state(**values):
-    """A column x with these entries, others 0."""
-    return _with(cs.DM.zeros(len(STATES)), x_index, values)
-
-
-def inputs(**values):
-    """A column u with these entries, others 0."""
-    return _with(cs.DM.zeros(len(INPUTS)), u_index, values)
-
-
-def parameters(**values):
-    """The default parameters with these entries in their place."""
-    return _with(cs.DM(P), p_index, values)
-
-
-def _with(column, index, values):
-    for name, value in values.items():
-        if name not in index:
-            raise KeyError(f"There is no {name}; there are {', '.join(index)}.")
-        column[index[name]] = value
-    return column
-
-
-def _load(function):
-    here = Path(__file__)
-    return cs.Function.deserialize(here.with_name(f"{here.stem}_{function}.casadi").read_text(encoding="utf-8"))
-
-
-'''

@@ -15,11 +15,11 @@ from scipy.io import savemat
 
 from ..base.version import __version__
 from .c.motion import MotionC
-from .c.naming import constant
 from .equations import entries
 from .origin import KeyOrigin
 from .quoting import c_comment, matlab_comment, matlab_text
 from .subject import Subject
+from .template import filled
 
 HEAD = 116
 """Bytes of text at the beginning of a MAT-file; a time stands there, which would make every file another one."""
@@ -36,9 +36,9 @@ def files(subject: Subject) -> Mapping[str, bytes]:
     texts = {
         f"{name}.h": written.header,
         f"{name}.c": written.source,
-        f"{name}_mex.c": _filled(_MEX, subject, title),
-        f"{name}_sfun.c": _filled(_LATE if e.delayed else _PLAIN, subject, title),
-        f"{name}_build.m": _filled(_BUILD, subject, title),
+        f"{name}_mex.c": _filled("simulink_mex.c", subject, title),
+        f"{name}_sfun.c": _filled("simulink_sfun.c", subject, title),
+        f"{name}_build.m": _filled("simulink_build.m", subject, title),
         f"{name}_idnlgrey.m": _idnlgrey(subject, title),
     }
     return {file: text.encode() for file, text in texts.items()} | {f"{name}.mat": _mat(subject, title)}
@@ -111,14 +111,10 @@ def _covariance(subject: Subject) -> np.ndarray[Any, Any]:
 
 
 def _filled(template: str, subject: Subject, title: str) -> str:
-    e, value = subject.equations, subject.name
-    sizes = {letters: constant(value, letters) for letters in ("NX", "NU", "NP", "NY")}
-    text = template.replace("TITLE", c_comment(title) if template is not _BUILD else matlab_comment(title))
-    for letters, name in sizes.items():
-        text = text.replace(f"@{letters}@", name)
-    call = f"{value}_settled(x, u, {value}_default_parameters, settled); memcpy(x, settled, sizeof settled);"
-    start = call if e.settles else ""
-    return text.replace("@SETTLE@", start).replace("@NAME@", value)
+    e, name = subject.equations, subject.name
+    call = f"{name}_settled(x, u, {name}_default_parameters, settled); memcpy(x, settled, sizeof settled);"
+    about = c_comment(title) if template.endswith(".c") else matlab_comment(title)
+    return filled(template, name, TITLE=about, LATE=bool(e.delayed), SETTLE=call if e.settles else "")
 
 
 def _idnlgrey(subject: Subject, title: str) -> str:
@@ -166,194 +162,3 @@ end
 def _number(value: float) -> str:
     """As MATLAB has it."""
     return repr(float(value)).replace("inf", "Inf").replace("nan", "NaN")
-
-
-_BUILD = """\
-function @NAME@_build()
-% TITLE
-% Compiles the MEX file for @NAME@_idnlgrey and the S-function for Simulink.
-mex @NAME@_mex.c @NAME@.c
-mex @NAME@_sfun.c @NAME@.c
-end
-"""
-
-_MEX = """\
-/* TITLE
-   [dx, y] = @NAME@_mex(t, x, u, p1, ..., pN, auxiliary), as idnlgrey calls it. */
-
-#include "mex.h"
-
-#include "@NAME@.h"
-
-#include <string.h>
-
-void mexFunction(int nlhs, mxArray *plhs[], int nrhs, const mxArray *prhs[])
-{
-    double x[@NX@], u[@NU@ + 1] = {0.0}, p[@NP@ + 1];
-    int k;
-    if (nrhs < 3 + @NP@ || mxGetNumberOfElements(prhs[1]) != @NX@ || mxGetNumberOfElements(prhs[2]) != @NU@) {
-        mexErrMsgTxt("@NAME@_mex(t, x, u, p1, ..., pN): sizes of x, u or the number of parameters do not fit.");
-        return;
-    }
-    memcpy(x, mxGetPr(prhs[1]), sizeof x);
-    memcpy(u, mxGetPr(prhs[2]), @NU@ * sizeof *u);
-    p[@NP@] = 0.0;
-    for (k = 0; k < @NP@; k++) {
-        p[k] = mxGetScalar(prhs[3 + k]);
-    }
-    plhs[0] = mxCreateDoubleMatrix(@NX@, 1, mxREAL);
-    @NAME@_ode(x, u, p, mxGetPr(plhs[0]));
-    if (nlhs > 1) {
-        plhs[1] = mxCreateDoubleMatrix(@NY@, 1, mxREAL);
-        @NAME@_output(x, u, p, mxGetPr(plhs[1]));
-    }
-}
-"""
-
-_HEAD = """\
-/* TITLE
-   A level-2 S-function: @NU@ inputs, @NY@ outputs, discrete at the sample time that is its first parameter, s; its
-   second is the state at the start, of @NX@ numbers, or []. */
-
-#define S_FUNCTION_NAME @NAME@_sfun
-#define S_FUNCTION_LEVEL 2
-
-#include "simstruc.h"
-
-#include "@NAME@.h"
-
-#include <string.h>
-
-static void mdlInitializeSizes(SimStruct *S)
-{
-    ssSetNumSFcnParams(S, 2);
-    if (ssGetNumSFcnParams(S) != ssGetSFcnParamsCount(S)) {
-        return;
-    }
-    ssSetNumContStates(S, 0);
-    ssSetNumDiscStates(S, @NX@);
-    if (!ssSetNumInputPorts(S, 1)) {
-        return;
-    }
-    ssSetInputPortWidth(S, 0, @NU@);
-    ssSetInputPortRequiredContiguous(S, 0, true);
-    ssSetInputPortDirectFeedThrough(S, 0, 1);
-    if (!ssSetNumOutputPorts(S, 1)) {
-        return;
-    }
-    ssSetOutputPortWidth(S, 0, @NY@);
-    ssSetNumSampleTimes(S, 1);
-"""
-
-_MIDDLE = """\
-}
-
-static void mdlInitializeSampleTimes(SimStruct *S)
-{
-    ssSetSampleTime(S, 0, mxGetScalar(ssGetSFcnParam(S, 0)));
-    ssSetOffsetTime(S, 0, 0.0);
-}
-
-#define MDL_INITIALIZE_CONDITIONS
-static void mdlInitializeConditions(SimStruct *S)
-{
-    double *x = ssGetRealDiscStates(S), u[@NU@ + 1] = {0.0}, settled[@NX@];
-    const mxArray *start = ssGetSFcnParam(S, 1);
-    memset(x, 0, @NX@ * sizeof *x);
-    (void)u;
-    (void)settled;
-    if (mxGetNumberOfElements(start) == @NX@) {
-        memcpy(x, mxGetPr(start), @NX@ * sizeof *x);
-    } else {
-        @SETTLE@
-    }
-"""
-
-_END = """\
-static void mdlTerminate(SimStruct *S)
-{
-    (void)S;
-}
-
-#ifdef MATLAB_MEX_FILE
-#include "simulink.c"
-#else
-#include "cg_sfun.h"
-#endif
-"""
-
-_PLAIN = (
-    _HEAD
-    + _MIDDLE
-    + """\
-}
-
-static void mdlOutputs(SimStruct *S, int_T tid)
-{
-    (void)tid;
-    @NAME@_output(ssGetRealDiscStates(S), (const double *)ssGetInputPortSignal(S, 0), @NAME@_default_parameters,
-        (double *)ssGetOutputPortSignal(S, 0));
-}
-
-#define MDL_UPDATE
-static void mdlUpdate(SimStruct *S, int_T tid)
-{
-    double *x = ssGetRealDiscStates(S);
-    (void)tid;
-    @NAME@_step(x, (const double *)ssGetInputPortSignal(S, 0), @NAME@_default_parameters,
-        mxGetScalar(ssGetSFcnParam(S, 0)), x);
-}
-
-"""
-    + _END
-)
-
-_LATE = (
-    _HEAD
-    + """\
-    ssSetNumDWork(S, 1);
-    ssSetDWorkWidth(S, 0, (int_T)((sizeof(@NAME@_commands) + sizeof(double) - 1) / sizeof(double)));
-    ssSetDWorkDataType(S, 0, SS_DOUBLE);
-"""
-    + _MIDDLE
-    + """\
-    ((@NAME@_commands *)ssGetDWork(S, 0))->count = 0; /* begins with the first command */
-}
-
-/* the line of commands with the one that holds now; a time that was there already is overwritten */
-static const @NAME@_commands *pushed(SimStruct *S)
-{
-    @NAME@_commands *line = (@NAME@_commands *)ssGetDWork(S, 0);
-    const double *u = (const double *)ssGetInputPortSignal(S, 0);
-    if (line->count == 0) {
-        @NAME@_commands_start(line, u);
-    }
-    if (@NAME@_commands_push(line, ssGetT(S), u) != 0) {
-        const size_t held = sizeof line->u / sizeof *line->u;
-        memcpy(line->u[(line->count - 1) % held], u, @NU@ * sizeof *u);
-    }
-    return line;
-}
-
-static void mdlOutputs(SimStruct *S, int_T tid)
-{
-    double u[@NU@ + 1] = {0.0};
-    (void)tid;
-    (void)@NAME@_commands_acting(pushed(S), @NAME@_default_parameters, ssGetT(S) + 1e-9, u);
-    @NAME@_output(ssGetRealDiscStates(S), u, @NAME@_default_parameters, (double *)ssGetOutputPortSignal(S, 0));
-}
-
-#define MDL_UPDATE
-static void mdlUpdate(SimStruct *S, int_T tid)
-{
-    double *x = ssGetRealDiscStates(S);
-    const double dt = mxGetScalar(ssGetSFcnParam(S, 0));
-    (void)tid;
-    if (@NAME@_step_late(pushed(S), x, @NAME@_default_parameters, ssGetT(S), dt, x) != 0) {
-        ssSetErrorStatus(S, "@NAME@: more commands than are remembered lie within the delay; take longer samples.");
-    }
-}
-
-"""
-    + _END
-)

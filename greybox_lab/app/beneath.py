@@ -17,6 +17,7 @@ from greybox_id.base.numbers import counted, number, percent, pretty_unit
 from greybox_id.base.shorthands import Array
 from greybox_id.base.signals import SIGNALS, unit_of
 from greybox_id.datasets.column_map import shipped_maps
+from greybox_id.datasets.mapping.evidence import USUAL
 from greybox_id.datasets.recording import Recording
 from greybox_id.models.motion_model import MotionModel as Model
 from greybox_id.reports.figures.style import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from greybox_id.gap.gap import Gap, Ranked
 
 __all__ = [
-    "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "Array", "GreyboxError",
+    "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "USUAL", "Array", "GreyboxError",
     "cause_words", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "number", "percent",
     "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_maps", "table_html", "unit_of", "write_atomically",
 ]  # fmt: skip

@@ -13,17 +13,11 @@ from typing import Any
 
 import tomli_w
 
-from .beneath import SIGNALS, write_atomically
+from .beneath import SIGNALS, USUAL, write_atomically
 
 Entry = dict[str, Any]
 
-USUAL_UNITS = {
-    "m/s": ("m/s", "km/h", "mph"),
-    "rad/s": ("rad/s", "deg/s", "rpm"),
-    "rad": ("rad", "deg"),
-    "m/s^2": ("m/s^2", "g"),
-    "m": ("m", "mm"),
-}
+USUAL_UNITS = USUAL | {"m/s": ("m/s", "km/h", "mph"), "rad/s": ("rad/s", "deg/s", "rpm"), "m": ("m", "mm")}
 """SI unit -> units that loggers write, where nothing tells which: offered in this order."""
 TIME_UNITS = ("s", "ms", "us", "ns")
 

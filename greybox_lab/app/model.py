@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 import greybox_id as gb
 
 from .beneath import free_runs, sentence
+from .charts import PlottedTrace, StripChart
+from .traces import Shown
 
 Array = NDArray[np.float64]
 MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
@@ -70,52 +72,24 @@ def nearest_vehicle(name: str, recording: gb.Recording) -> str:
     return min(gb.vehicles(), key=error)
 
 
-@dataclass(frozen=True)
-class Slider:
-    """One parameter as a slider.
-
-    Attributes
-    ----------
-    name, unit, about : the parameter's.
-    low, high, step, value : in its unit.
-    prior : mean and standard deviation; None where there is none.
-    fixed : whether a fit holds it unless asked otherwise.
-    """
-
-    name: str
-    unit: str
-    about: str
-    low: float
-    high: float
-    step: float
-    value: float
-    prior: tuple[float, float] | None
-    fixed: bool
+def span_of(parameter: gb.Parameter) -> tuple[float, float] | None:
+    """Where a slider of a parameter goes from and to; None for what is no single number, or has no room to move."""
+    if parameter.shape != () or not np.isfinite(value := float(parameter.array)):
+        return None
+    if (prior := prior_of(parameter)) is not None:
+        low, high = prior[0] - WIDE * prior[1], prior[0] + WIDE * prior[1]
+    else:
+        low, high = sorted((value / WIDE, value * WIDE)) if value != 0.0 else (-0.1, 0.1)
+    low, high = max(min(low, value), parameter.bounds[0]), min(max(high, value), parameter.bounds[1])
+    return (low, high) if high > low else None
 
 
-def sliders(model: gb.MotionModel) -> list[Slider]:
-    """Parameters that are single numbers; those that are estimated first."""
-    rows = []
-    for each in model.parameters:
-        if each.shape != ():
-            continue
-        value = float(each.array)
-        prior = None
-        if each.prior is not None and each.prior.mean is not None and np.ndim(each.prior.mean) == 0:
-            prior = (float(np.asarray(each.prior.mean)), float(np.asarray(each.prior.sd)))
-        if not np.isfinite(value):
-            continue
-        if prior is not None:
-            low, high = prior[0] - WIDE * prior[1], prior[0] + WIDE * prior[1]
-        elif value != 0.0:
-            low, high = sorted((value / WIDE, value * WIDE))
-        else:
-            low, high = -0.1, 0.1
-        low, high = max(min(low, value), each.bounds[0]), min(max(high, value), each.bounds[1])
-        if high > low:
-            step = (high - low) / 200
-            rows.append(Slider(each.name, each.unit, each.about, low, high, step, value, prior, each.fixed))
-    return sorted(rows, key=lambda slider: slider.fixed)
+def prior_of(parameter: gb.Parameter) -> tuple[float, float] | None:
+    """Mean and standard deviation of what is known of a parameter beforehand."""
+    prior = parameter.prior
+    if prior is None or prior.mean is None or np.ndim(prior.mean) != 0:
+        return None
+    return float(np.asarray(prior.mean)), float(np.asarray(prior.sd))
 
 
 def longest(recording: gb.Recording) -> gb.Recording:
@@ -140,15 +114,30 @@ class Playground:
     """
 
     def __init__(self, model: gb.MotionModel, recording: gb.Recording) -> None:
-        self.recording = longest(recording)
-        self.model = model
-        self._runs = free_runs(model, self.recording)
+        self.recording, self.model = longest(recording), model
+        self.over = Shown(self.recording)
         self.outputs = [name for name in model.outputs if self.recording.has(name)]
+        self._runs = free_runs(model, self.recording)
 
     def simulate(self, values: Mapping[str, float]) -> dict[str, Array]:
         """Output -> (n,) what the model makes of the recording's inputs; NaN where that is not finite."""
         traces = self._runs(moved(self.model, values))
         return {name: traces[name] for name in self.outputs}
+
+    def curves(self, traces: Mapping[str, Array], called: str) -> dict[str, Array]:
+        """Points of traces, by the id of their curve."""
+        return {f"{name}/{called}": self.over.points(trace) for name, trace in traces.items()}
+
+    def strips(self, runs: Mapping[str, Mapping[str, Array]]) -> list[StripChart]:
+        """Each output as measured and in simulations by their names; the last one is what it is about."""
+        looks = ["measured", *["before"] * (len(runs) - 1), "simulated"]
+        every = {"measured": {name: np.asarray(self.recording[name]) for name in self.outputs}, **runs}
+
+        def curves(name: str) -> list[PlottedTrace]:
+            named = zip(every.items(), looks, strict=True)
+            return [PlottedTrace(called, self.over.points(run[name]), look) for (called, run), look in named]
+
+        return [StripChart(name, self.recording.unit(name), curves(name)) for name in self.outputs]
 
     def errors(self, traces: Mapping[str, Array]) -> dict[str, float]:
         """Output -> root mean square of simulated less measured, in its unit."""

@@ -5,27 +5,23 @@ from __future__ import annotations
 import asyncio
 import secrets
 import socket
-from collections.abc import Awaitable, Callable, MutableMapping
+from collections.abc import Callable
 from contextlib import suppress
-from http.cookies import SimpleCookie
 from pathlib import Path
-from typing import Any
-from urllib.parse import parse_qs
 
 from nicegui import app, background_tasks, run, ui
+from starlette.datastructures import MutableHeaders
+from starlette.requests import HTTPConnection
+from starlette.responses import PlainTextResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from .session import LARGEST
 from .work import Work
 
 HOST = "127.0.0.1"
-COOKIE = "greybox_app"
 CSS = Path(__file__).with_name("style.css")
 TICK = 0.3
 """Seconds between looks at what runs."""
-
-Scope = MutableMapping[str, Any]
-Receive = Callable[[], Awaitable[MutableMapping[str, Any]]]
-Send = Callable[[MutableMapping[str, Any]], Awaitable[None]]
 
 
 class Guard:
@@ -41,69 +37,41 @@ class Guard:
     port : of the server.
     """
 
-    def __init__(self, inner: Any, token: str, port: int) -> None:
-        self.inner, self.token = inner, token
-        self.hosts = {f"{HOST}:{port}", f"localhost:{port}"}
+    def __init__(self, inner: ASGIApp, token: str, port: int) -> None:
+        self.inner, self.token, self.hosts = inner, token, {f"{HOST}:{port}", f"localhost:{port}"}
+        self.cookie = f"greybox_app_{port}"  # one per port: cookies do not tell ports apart
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request, or refuse it with a sentence."""
         if scope["type"] not in ("http", "websocket"):
             await self.inner(scope, receive, send)
             return
-        headers = {name.decode("latin-1").lower(): value.decode("latin-1") for name, value in scope["headers"]}
-        cookie = SimpleCookie(headers.get("cookie", "")).get(self.cookie)
-        given = parse_qs(scope.get("query_string", b"").decode("latin-1")).get("token", [""])[0]
-        by_cookie = cookie is not None and secrets.compare_digest(cookie.value, self.token)
-        by_address = secrets.compare_digest(given.encode(), self.token.encode())
-        if headers.get("host") not in self.hosts or not (by_cookie or by_address):
-            await self._refuse(
-                scope, send, 403, "This page opens with the address that greybox app printed, token included."
-            )
-            return
-        origin = headers.get("origin")
-        if origin is not None and origin.removeprefix("http://") not in self.hosts:
-            await self._refuse(scope, send, 403, "Another page asked for this one, and is not answered.")
-            return
-        length = headers.get("content-length", "0")
-        if not length.isdecimal() or int(length) > LARGEST + 2**20:
-            await self._refuse(scope, send, 413, f"A file of more than {LARGEST >> 20} MB is not taken here.")
-            return
-        await self.inner(scope, self._counted(receive), send if by_cookie else self._remembering(send))
+        asked = HTTPConnection(scope)
+        by_cookie, by_address = (
+            secrets.compare_digest(place.encode(), self.token.encode())
+            for place in (asked.cookies.get(self.cookie, ""), asked.query_params.get("token", ""))
+        )
+        origin, length = asked.headers.get("origin"), asked.headers.get("content-length", "0")
+        status, words = 403, ""
+        if asked.headers.get("host") not in self.hosts or not (by_cookie or by_address):
+            words = "This page opens with the address that greybox app printed, token included."
+        elif origin is not None and origin.removeprefix("http://") not in self.hosts:
+            words = "Another page asked for this one, and is not answered."
+        elif "transfer-encoding" in asked.headers or not length.isdecimal() or int(length) > LARGEST + 2**20:
+            status, words = 413, f"A file of more than {LARGEST >> 20} MB is not taken here."
 
-    @property
-    def cookie(self) -> str:
-        """The cookie's name, one per port: cookies do not tell ports apart."""
-        return f"{COOKIE}_{min(self.hosts).rpartition(':')[2]}"
-
-    def _remembering(self, send: Send) -> Send:
-        async def sent(message: MutableMapping[str, Any]) -> None:
+        async def remembering(message: Message) -> None:
             if message["type"] == "http.response.start":
                 value = f"{self.cookie}={self.token}; Path=/; HttpOnly; SameSite=Strict"
-                message["headers"] = [*message.get("headers", []), (b"set-cookie", value.encode())]
+                MutableHeaders(scope=message).append("set-cookie", value)
             await send(message)
 
-        return sent
-
-    @staticmethod
-    def _counted(receive: Receive) -> Receive:
-        taken = 0
-
-        async def received() -> MutableMapping[str, Any]:
-            nonlocal taken
-            message = await receive()
-            taken += len(message.get("body", b"")) if message["type"] == "http.request" else 0
-            return {"type": "http.disconnect"} if taken > LARGEST + 2**20 else message
-
-        return received
-
-    @staticmethod
-    async def _refuse(scope: Scope, send: Send, status: int, words: str) -> None:
-        if scope["type"] == "websocket":
+        if not words:
+            await self.inner(scope, receive, send if by_cookie else remembering)
+        elif scope["type"] == "websocket":
             await send({"type": "websocket.close", "code": 1008})
-            return
-        headers = [(b"content-type", b"text/plain; charset=utf-8"), (b"cache-control", b"no-store")]
-        await send({"type": "http.response.start", "status": status, "headers": headers})
-        await send({"type": "http.response.body", "body": words.encode()})
+        else:
+            await PlainTextResponse(words, status, {"cache-control": "no-store"})(scope, receive, send)
 
 
 def free_port() -> int:

@@ -12,11 +12,10 @@ What is in memory is on disk before anybody sees it, so that a process may end a
 
 from __future__ import annotations
 
-import gzip
 import json
 import re
 import shutil
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -32,32 +31,15 @@ STATE = "recordings.json"
 MAP = "map.toml"
 LARGEST = 500 * 2**20
 """Bytes of a file that the page takes: reading one of text takes some three times that in memory."""
-LONGEST_LINE, MOST_COLUMNS = 2**20, 5000
-"""Bytes of the first line of a text file, and separators in it, beyond which it is no recording."""
 ROLES = {"train": "fit", "validate": "held out", "before": "before", "unused": "not used"}
 """Role of a recording -> what the page calls it."""
 
 DEFAULTS: dict[str, Any] = {
-    "recordings": [],
-    "columns": "",
-    "map": {},
-    "entries": [],
-    "others": [],
-    "between": "",
-    "looked": "",
-    "repairs": [],
+    "recordings": [], "columns": "", "map": {}, "entries": [], "others": [], "maps": [], "joining": [], "between": "",
+    "looked": "", "repairs": [], "horizon": None, "fit": "", "gap": "", "requests": {}, "taken": [], "step": 0,
+    "cursor": None, "arena": "disc:10",
     "model": {"name": "", "vehicle": "", "settings": {}, "start": {}, "fix": [], "free": [], "effects": []},
-    "horizon": None,
-    "fit": "",
-    "gap": "",
-    "step": 0,
-    "cursor": None,
-    "maps": [],
-    "joining": [],
-    "requests": {},
-    "taken": [],
-    "arena": "disc:10",
-}
+}  # fmt: skip
 
 
 @dataclass
@@ -131,7 +113,10 @@ class Session:
 
     def link(self, path: Path) -> str:
         """A file that was named on the command line, as a link to it, or a copy where there are no links."""
-        must_be_takeable(path)
+        try:
+            must_be_small(path.name, path.stat().st_size)
+        except OSError as error:
+            raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
         place = self.folder / "recordings" / safe_name(path.name)
         if not (place.exists() and place.samefile(path)):
             with suppress(FileNotFoundError):
@@ -149,13 +134,6 @@ class Session:
         taken += [int(number) for target in planned if (number := target.split("/")[1]).isdecimal()]
         return f"{kind}/{max(taken, default=0) + 1}"
 
-    def read(self, file: str) -> Any:
-        """A JSON file of the session; None where it is not there or is being written."""
-        try:
-            return json.loads((self.folder / file).read_text("utf-8"))
-        except (OSError, ValueError):
-            return None
-
     @property
     def part(self) -> list[str]:
         """Options that say how recordings are read: the same for every command."""
@@ -166,6 +144,12 @@ class Session:
     def columns(self) -> str | Path:
         """The column map as `gb.read` takes it from any working folder."""
         return self.folder / MAP if self["columns"] == MAP else self["columns"] or "canonical"
+
+    def start(self, kind: str, words: Sequence[str], target: str = "") -> PageJob:
+        """Run a command of greybox, and show it on every page."""
+        job = self.jobs.start(kind, words, target)
+        self.version += 1
+        return job
 
     def latest(self, kind: str, target: str = "") -> PageJob | None:
         """The last job of a kind."""
@@ -190,37 +174,6 @@ def safe_name(name: str) -> str:
     if not bare:
         raise BadInput(f"{name!r:.40} is no name of a file; rename the file.")
     return bare
-
-
-def must_be_takeable(path: Path) -> None:
-    """Raise `BadInput` for what is no file, is too large, or cannot be a table of channels."""
-    if path.is_dir():
-        return
-    try:
-        size = path.stat().st_size
-        with path.open("rb") as opened:
-            head = opened.read(LONGEST_LINE + 1)
-    except OSError as error:
-        raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
-    must_be_small(path.name, unpacked(path) if path.suffix.lower() == ".gz" else size)
-    if path.suffix.lower() in (".csv", ".txt"):
-        first = head.split(b"\n", 1)[0]
-        if len(first) > LONGEST_LINE:
-            raise BadInput(f"{path.name}: its first line is longer than 1 MB: this is no table of channels.")
-        if max(first.count(mark) for mark in (b",", b";", b"\t")) > MOST_COLUMNS:
-            raise BadInput(f"{path.name} has more than {MOST_COLUMNS} columns; export fewer channels.")
-
-
-def unpacked(path: Path) -> int:
-    """Bytes of a compressed file once unpacked; counted no further than just beyond `LARGEST`."""
-    size = 0
-    try:
-        with gzip.open(path) as opened:
-            while size <= LARGEST and (block := opened.read(2**22)):
-                size += len(block)
-    except (OSError, EOFError) as error:
-        raise BadInput(f"{path.name} is damaged: {error}.") from error
-    return size
 
 
 def must_be_small(name: str, size: int) -> None:

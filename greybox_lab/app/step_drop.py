@@ -14,8 +14,8 @@ import greybox_id as gb
 from . import charts
 from .beneath import SIGNALS, companion, counted, pretty_unit, sentence
 from .mapping import TIME_UNITS, USUAL_UNITS, Entry, column_of, questions, units_for, write_map
-from .session import LARGEST, MAP, ROLES, must_be_small, must_be_takeable, safe_name
-from .traces import Shown
+from .session import LARGEST, MAP, ROLES, must_be_small, safe_name
+from .traces import Shown, read
 from .widgets import button, choose, heading, quiet, tell, title, verdict
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def _strips(page: Page, entries: list[Entry]) -> dict[int, charts.StripChart]:
         place = session.folder / "jobs" / f"candidates_{Path(file).name}.toml"
         write_map(place, session["map"], known, extra)
         try:
-            recording = page.work.library.read(session.folder / file, place)
+            recording = read(session.folder / file, place)
         except gb.GreyboxError:
             continue
         over = Shown(recording.rows(0, min(len(recording), MOST_ROWS)))
@@ -92,13 +92,8 @@ def _upload(page: Page) -> None:
             name = safe_name(event.file.name)
             must_be_small(name, event.file.size())
             place = page.session.folder / "recordings" / name
-            place.unlink(missing_ok=True)
+            place.unlink(missing_ok=True)  # it may be a link
             await event.file.save(place)
-            try:
-                await page.off(must_be_takeable, place)
-            except gb.GreyboxError:
-                place.unlink(missing_ok=True)
-                raise
             page.session.add(name)
             page.work.look()
         except gb.GreyboxError as error:
@@ -117,6 +112,7 @@ def _files(page: Page) -> None:
     def role(file: str, event: Any) -> None:
         rows = [{**each, "role": event.value} if each["file"] == file else each for each in session["recordings"]]
         session.change(recordings=rows, looked="")
+        page.work.look()
 
     for each in session["recordings"]:
         name = each["file"].removeprefix("recordings/")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
 from functools import partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from nicegui import ui
@@ -18,7 +17,7 @@ import greybox_id as gb
 from . import charts
 from .beneath import report_parts
 from .model import Playground, nominal
-from .traces import Shown
+from .traces import Array
 from .widgets import button, choose, heading, title, verdict
 
 if TYPE_CHECKING:
@@ -28,21 +27,11 @@ if TYPE_CHECKING:
 HORIZONS = {0.0: "whole runs", 0.2: "0.2 s ahead", 0.5: "0.5 s ahead", 1.0: "1 s ahead", 2.0: "2 s ahead"}
 
 
-@dataclass
-class FittedDrive:
-    """A recording with what was measured, simulated before the fit, and by the fit.
-
-    Attributes
-    ----------
-    words : what it is to the fit, and its name.
-    bench : simulates it at other parameters.
-    over : it as it is drawn.
-    strips : its curves.
-    """
+class FittedDrive(NamedTuple):
+    """A recording with what was measured, simulated before the fit, and by the fit: what it is, and its strips."""
 
     words: str
     bench: Playground
-    over: Shown
     strips: list[charts.StripChart]
 
 
@@ -72,19 +61,11 @@ async def prepare(page: Page) -> dict[str, Any]:
 def _drive(
     words: str, model: gb.MotionModel, before: gb.MotionModel, recording: gb.Recording, at: Mapping[str, float]
 ) -> FittedDrive:
-    bench = Playground(model, recording)
-    over, strips = Shown(bench.recording), []
-    runs = {"fit": bench.simulate(at)}
+    bench, runs = Playground(model, recording), dict[str, Mapping[str, Array]]()
     with suppress(gb.GreyboxError):  # a model that runs away before it is fitted
         nominal_run = gb.simulate(before, bench.recording)
-        runs = {"before the fit": {name: np.asarray(nominal_run[name]) for name in bench.outputs}, **runs}
-    for name in bench.outputs:
-        curves = [charts.PlottedTrace("measured", over.points(np.asarray(bench.recording[name])))]
-        for called, run in runs.items():
-            look = "simulated" if called == "fit" else "before"
-            curves.append(charts.PlottedTrace(called, over.points(run[name]), look))
-        strips.append(charts.StripChart(name, bench.recording.unit(name), curves))
-    return FittedDrive(words, bench, over, strips)
+        runs["before the fit"] = {name: np.asarray(nominal_run[name]) for name in bench.outputs}
+    return FittedDrive(words, bench, bench.strips({**runs, "fit": bench.simulate(at)}))
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -124,7 +105,7 @@ def _drives(page: Page, drives: list[FittedDrive]) -> list[tuple[FittedDrive, ui
             with ui.column():
                 title(drive.words)
                 options = charts.strips(
-                    drive.strips, drive.over.span, height=130, legend=True, cursor=page.session["cursor"]
+                    drive.strips, drive.bench.over.span, height=130, legend=True, cursor=page.session["cursor"]
                 )
                 what = f"{drive.words}: measured, before the fit and fitted"
                 element = charts.chart(options, charts.height_of(len(drive.strips), 130, True), what)
@@ -143,7 +124,6 @@ def _live(page: Page, job: PageJob, drives: list[tuple[FittedDrive, ui.echart]])
             last.update(place)
             for drive, element in drives:
                 traces = await page.off(drive.bench.simulate, place)
-                curves = {f"{name}/fit": drive.over.points(trace) for name, trace in traces.items()}
-                await charts.with_curves(element, curves)
+                await charts.with_curves(element, drive.bench.curves(traces, "fit"))
 
     return tick

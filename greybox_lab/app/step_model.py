@@ -5,27 +5,14 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 from nicegui import ui
 
 import greybox_id as gb
 
 from . import charts
 from .beneath import equations, number, pretty_unit
-from .model import (
-    MODELS,
-    TYRES,
-    Array,
-    Playground,
-    Slider,
-    effects_of,
-    lacking,
-    longest,
-    nearest_vehicle,
-    nominal,
-    sliders,
-)
-from .traces import Shown
+from .model import MODELS, TYRES, Playground, effects_of, lacking, longest, nearest_vehicle, nominal, prior_of, span_of
+from .traces import Array
 from .widgets import button, choose, heading, quiet, shown, title
 
 if TYPE_CHECKING:
@@ -95,9 +82,8 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     with ui.element("div").classes("left"):
         rows = ui.column()
         with ui.column():
-            over = Shown(bench.recording)
-            strips = [_strip(bench, over, name, data["traces"]) for name in bench.outputs]
-            options = charts.strips(strips, over.span, height=150, legend=True, cursor=session["cursor"])
+            strips = bench.strips({"simulated": data["traces"]})
+            options = charts.strips(strips, bench.over.span, height=150, legend=True, cursor=session["cursor"])
             words = f"measured and simulated {', '.join(bench.outputs)}"
             element = charts.chart(options, charts.height_of(len(strips), 150, True), words).mark("simulated")
             wrong = ui.label(_errors(bench, data["traces"])).mark("errors")
@@ -106,22 +92,12 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                 lines = "".join(f"<div>{formula}</div>" for formula in data["formulas"])
                 ui.html(f"<div class=formulas>{lines}</div>", sanitize=False).classes("card")
         with rows:
-            drag = Drag(page, bench, over, element, wrong)
-            fixed = None
-            for row in sliders(bench.model):
-                if row.fixed != fixed:
-                    title("Held" if row.fixed else "Estimated")
-                fixed = row.fixed
-                _slider(page, row, drag)
-
-
-def _strip(bench: Playground, over: Shown, name: str, traces: dict[str, Array]) -> charts.StripChart:
-    measured = charts.PlottedTrace("measured", over.points(np.asarray(bench.recording[name])))
-    return charts.StripChart(
-        name,
-        bench.recording.unit(name),
-        [measured, charts.PlottedTrace("simulated", over.points(traces[name]), "simulated")],
-    )
+            drag = Drag(page, bench, element, wrong)
+            for words, fixed in (("Estimated", False), ("Held", True)):
+                title(words)
+                for each in bench.model.parameters:
+                    if each.fixed == fixed and (span := span_of(each)) is not None:
+                        _slider(page, each, span, drag)
 
 
 def _errors(bench: Playground, traces: dict[str, Array]) -> str:
@@ -130,20 +106,20 @@ def _errors(bench: Playground, traces: dict[str, Array]) -> str:
     return f"Root mean square of simulated less measured, free run: {words}"
 
 
-def _slider(page: Page, row: Slider, drag: Drag) -> None:
-    chosen = page.session["model"]
-    value = chosen["start"].get(row.name, row.value)
+def _slider(page: Page, row: gb.Parameter, span: tuple[float, float], drag: Drag) -> None:
+    chosen, (low, high) = page.session["model"], span
+    value = chosen["start"].get(row.name, float(row.array))
     free = row.name in chosen["free"] or (not row.fixed and row.name not in chosen["fix"])
     with ui.element("div").classes("slider"):
         ui.label(row.name).style("font-style: italic").tooltip(row.about)
-        slider = ui.slider(min=row.low, max=row.high, step=row.step, value=value)
+        slider = _Slider(min=low, max=high, step=(high - low) / 200, value=value)
         slider.props(f'aria-label="{row.name}" dense').mark(f"slider-{row.name}")
         words = ui.label(shown(value, row.unit)).style("white-space: nowrap; text-align: right")
         box = ui.checkbox(value=free, on_change=partial(_hold, page, row))
         box.props(f'dense aria-label="estimate {row.name}"').tooltip("estimated by the fit")
-        if row.prior is not None:
-            mean, sd = row.prior
-            left, width = (mean - sd - row.low) / (row.high - row.low), 2 * sd / (row.high - row.low)
+        if (prior := prior_of(row)) is not None:
+            mean, sd = prior
+            left, width = (mean - sd - low) / (high - low), 2 * sd / (high - low)
             band = f"left: {100 * max(left, 0):.1f}%; width: {100 * min(width, 1 - max(left, 0)):.1f}%"
             bar = ui.html(f'<i style="{band}"></i>', sanitize=False).classes("prior")
             bar.tooltip(f"prior: {number(mean)} ± {number(sd, 2)} {pretty_unit(row.unit)}")
@@ -155,11 +131,17 @@ def _slider(page: Page, row: Slider, drag: Drag) -> None:
     slider.on_value_change(moved)
 
 
+class _Slider(ui.slider):
+    """A slider that the browser moves by itself: an echo of each value would have the page rendered anew."""
+
+    LOOPBACK = None
+
+
 class Drag:
     """Simulates anew while a slider moves; what is overtaken by a newer value is left out."""
 
-    def __init__(self, page: Page, bench: Playground, over: Shown, element: ui.echart, wrong: ui.label) -> None:
-        self.page, self.bench, self.over, self.element, self.wrong = page, bench, over, element, wrong
+    def __init__(self, page: Page, bench: Playground, element: ui.echart, wrong: ui.label) -> None:
+        self.page, self.bench, self.element, self.wrong = page, bench, element, wrong
         self.values = dict(page.session["model"]["start"])
         self._busy = self._again = False
 
@@ -173,19 +155,14 @@ class Drag:
         try:
             while self._again:
                 self._again = False
-                points, words = self._simulated(dict(self.values))  # ten ms: a thread would take longer to wake
-                await charts.with_curves(self.element, points)  # so that no more are sent than are drawn
-                self.wrong.set_text(words)
+                traces = self.bench.simulate(self.values)  # a few ms: a thread would take longer to wake
+                await charts.with_curves(self.element, self.bench.curves(traces, "simulated"))  # one after the other
+                self.wrong.set_text(_errors(self.bench, traces))
         finally:
             self._busy = False
         session = self.page.session
         session.change(model={**session["model"], "start": dict(self.values)})
         self.page.changed_here()
-
-    def _simulated(self, values: dict[str, float]) -> tuple[dict[str, Any], str]:
-        traces = self.bench.simulate(values)
-        points = {f"{name}/simulated": self.over.points(trace) for name, trace in traces.items()}
-        return points, _errors(self.bench, traces)
 
 
 def _choose(page: Page, key: str, event: Any) -> None:
@@ -201,7 +178,7 @@ def _choose(page: Page, key: str, event: Any) -> None:
     page.session.change(model=chosen)
 
 
-def _hold(page: Page, row: Slider, event: Any) -> None:
+def _hold(page: Page, row: gb.Parameter, event: Any) -> None:
     chosen = dict(page.session["model"])
     free, fix = ([name for name in chosen[key] if name != row.name] for key in ("free", "fix"))
     start = dict(chosen["start"])
@@ -209,6 +186,6 @@ def _hold(page: Page, row: Slider, event: Any) -> None:
         free.append(row.name)
     if not event.value and not row.fixed:
         fix.append(row.name)
-        start.setdefault(row.name, row.value)
+        start.setdefault(row.name, float(row.array))
     page.session.change(model={**chosen, "free": free, "fix": fix, "start": start})
     page.changed_here()

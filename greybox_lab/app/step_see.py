@@ -10,7 +10,7 @@ from nicegui import ui
 
 from . import charts
 from .beneath import counted, number, pretty_unit
-from .traces import Shown
+from .traces import ASIDE, Shown
 from .widgets import button, choose, heading, quiet, title
 
 if TYPE_CHECKING:
@@ -31,12 +31,8 @@ async def prepare(page: Page) -> tuple[Shown, list[charts.StripChart]]:
 def _strips(over: Shown) -> list[charts.StripChart]:
     recording = over.recording
     names = [name for name in recording.signals if recording.has(name) and not name.startswith("sd_")]
-    return [
-        charts.StripChart(
-            name, recording.unit(name), [charts.PlottedTrace(name, over.points(np.asarray(recording[name])))]
-        )
-        for name in names[:MOST_STRIPS]
-    ]
+    curves = {name: charts.PlottedTrace(name, over.points(np.asarray(recording[name]))) for name in names[:MOST_STRIPS]}
+    return [charts.StripChart(name, recording.unit(name), [curve]) for name, curve in curves.items()]
 
 
 def draw(page: Page, data: tuple[Shown, list[charts.StripChart]]) -> None:
@@ -88,21 +84,19 @@ def _connect(
 ) -> None:
     """Zoom asks for finer curves; the cursor moves a dot through the other pictures."""
     recording = over.recording
-
-    def fine(low: float, high: float) -> dict[str, Any]:
-        named = [(f"{strip.name}/{strip.name}", np.asarray(recording[strip.name])) for strip in strips]
-        return {name: over.points(values, (low, high)) for name, values in named}
+    signals = {strip.name: np.asarray(recording[strip.name]) for strip in strips}
+    coarse = {name: over.points(values, ASIDE) for name, values in signals.items()}
 
     async def zoomed(low: float, high: float) -> None:
-        page.window = (low, high)
-        await charts.with_curves(element, fine(low, high))  # a few ms: a thread would take longer to wake
+        page.window = (low, high)  # a few ms: a thread would take longer to wake
+        fine = {f"{name}/{name}": over.closer(values, page.window, coarse[name]) for name, values in signals.items()}
+        await charts.with_curves(element, fine)
 
     async def cursor(event: Any) -> None:
         row = over.row(float(event.args["t"]))
         page.session.state["cursor"] = round(float(over.time[row]), 4)
         for chart, across, up in planes:
-            point = [float(recording[across][row]), float(recording[up][row])]
-            await charts.with_curves(chart, {"here": [point] if np.isfinite(point).all() else []})
+            await charts.with_curves(chart, {"here": np.array([[recording[across][row], recording[up][row]]])})
         here.set_text(f"cursor at {over.time[row]:.2f} s")
 
     charts.on_zoom(element, over.span, zoomed)

@@ -15,7 +15,7 @@ from . import charts
 from .beneath import cause_words, gap_parts, number, pretty_unit, read_gap, sentence
 from .model import longest
 from .traces import Shown
-from .why import UNNAMED, Step, alone, diagnosed_model, steps
+from .why import Step, alone, diagnosed_model, steps
 from .widgets import button, choose, heading, quiet, shown, table, title, verdict
 
 if TYPE_CHECKING:
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 ARENAS = ("disc:10", "disc:30", "disc:60", "straight:120x8")
 ALONE, POINT = "with this cause alone", "Point at a cause to see it alone."
 MOST_CAUSES = 8
+NOTHING = np.empty((0, 2))
 Show = Callable[[str], Awaitable[None]]
 
 
@@ -46,15 +47,8 @@ def _traces(page: Page, words: tuple[str, ...], file: str) -> dict[str, Any]:
     outputs = list(filter(recording.has, base.outputs))
     channel = gap.where.channel if gap.where.channel in outputs else outputs[0]
     trace = np.asarray(gb.simulate(base, recording)[channel])
-    return {
-        "gap": gap,
-        "said": gap_parts(gap),
-        "base": base,
-        "recording": recording,
-        "over": Shown(recording),
-        "channel": channel,
-        "trace": trace,
-    }
+    drawn = {"recording": recording, "over": Shown(recording), "channel": channel, "trace": trace}
+    return {"gap": gap, "said": gap_parts(gap), "base": base, **drawn}
 
 
 def draw(page: Page, data: dict[str, Any]) -> None:
@@ -134,7 +128,7 @@ def _overlay(page: Page, data: dict[str, Any]) -> tuple[ui.echart, ui.label]:
     curves = [
         charts.PlottedTrace("measured", over.points(np.asarray(recording[channel]))),
         charts.PlottedTrace("simulation", over.points(data["trace"]), "before"),
-        charts.PlottedTrace(ALONE, [], "cause"),
+        charts.PlottedTrace(ALONE, NOTHING, "cause"),
     ]
     strip = charts.StripChart(channel, recording.unit(channel), curves)
     options = charts.strips([strip], over.span, height=250, legend=True, cursor=page.session["cursor"])
@@ -154,8 +148,8 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
 
     async def show(name: str) -> None:
         if name not in known:
-            await charts.with_curves(element, {f"{channel}/{ALONE}": []})
-            words.set_text("This is what no known effect explains." if name == UNNAMED else POINT)
+            await charts.with_curves(element, {f"{channel}/{ALONE}": NOTHING})
+            words.set_text("This is what no known effect explains." if name == charts.UNNAMED else POINT)
             return
         try:
             if name not in kept:

@@ -39,12 +39,8 @@ def commands(session: Session) -> str:
 def cells(session: Session) -> list[str]:
     """The same commands for a notebook, and what they made as the library's objects."""
     jobs = kept_jobs(session)
-    loads = [
-        f'fit = gb.load("{session["fit"]}/fit.json")\nprint(fit.summary())\nfit.params'
-        for job in jobs
-        if job.kind == "fit"
-    ]
-    return [*(f"!{job.command}" for job in jobs), *(["import greybox_id as gb", *loads] if loads else [])]
+    fit = f'import greybox_id as gb\n\nfit = gb.load("{session["fit"]}/fit.json")\nprint(fit.summary())\nfit.params'
+    return [*(f"!{job.command}" for job in jobs), *([fit] if any(job.kind == "fit" for job in jobs) else [])]
 
 
 def notebook(session: Session) -> dict[str, Any]:

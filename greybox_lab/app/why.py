@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, cast
 
 import greybox_id as gb
 
+from .charts import UNNAMED
 from .model import moved
 
 if TYPE_CHECKING:
     from greybox_id.gap.gap import Gap, Ranked
-
-UNNAMED = "unexplained"
 
 
 @dataclass(frozen=True)

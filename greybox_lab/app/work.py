@@ -18,7 +18,7 @@ from .beneath import sentence, shipped_maps
 from .jobs import PageJob
 from .mapping import Entry
 from .session import MAP, Session
-from .traces import Library
+from .traces import read
 
 SMALL = 20 * 2**20
 """Bytes of a recording that every shipped map is tried on: a second or two."""
@@ -35,7 +35,7 @@ class Work:
     """
 
     def __init__(self, session: Session) -> None:
-        self.session, self.library = session, Library()
+        self.session = session
         self.trouble, self._watching, self._ahead = "", Lock(), ""
 
     # ---- drop
@@ -61,8 +61,7 @@ class Work:
 
     def _map(self, files: list[str]) -> None:
         target = self._proposed()
-        self.session.jobs.start("map", ["data", "map", *files, "--out", target], target)
-        self.session.version += 1
+        self.session.start("map", ["data", "map", *files, "--out", target], target)
 
     def _proposed(self) -> str:
         """A map that a command is going to write, for the session to take."""
@@ -86,7 +85,7 @@ class Work:
         fitting = []
         for name in shipped_maps():
             with suppress(gb.GreyboxError):
-                if name != "canonical" and self.library.read(files[0], name).has("v_x"):
+                if name != "canonical" and read(files[0], name).has("v_x"):
                     fitting.append(name)
         return fitting
 
@@ -148,7 +147,7 @@ class Work:
 
     def recording(self, file: str) -> gb.Recording:
         """A recording as it is mapped and cropped. Raises `BadInput`."""
-        return self.library.read(self.session.folder / file, self.session.columns, self.session["between"])
+        return read(self.session.folder / file, self.session.columns, self.session["between"])
 
     # ---- several files of one drive
 
@@ -163,8 +162,7 @@ class Work:
         target = "recordings/joined.parquet"
         words = ["data", "join", *self.session["joining"], "--columns", MAP, "--out", target]
         (self.session.folder / target).unlink(missing_ok=True)
-        self.session.jobs.start("join", words, target)
-        self.session.version += 1
+        self.session.start("join", words, target)
 
     def join_done(self, job: PageJob) -> None:
         """Take the joined recording in place of its parts."""
@@ -178,9 +176,7 @@ class Work:
     def check(self) -> PageJob:
         """Run `greybox data check` on everything that is used."""
         session = self.session
-        job = session.jobs.start("check", ["data", "check", *session.files(), *session.part], session.key)
-        session.version += 1
-        return job
+        return session.start("check", ["data", "check", *session.files(), *session.part], session.key)
 
     def checked(self) -> PageJob | None:
         """The check of the recordings as they now are."""
@@ -189,9 +185,7 @@ class Work:
     def repair(self) -> None:
         """Run `greybox data check --repair`: the map as findings would have it."""
         session, target = self.session, self._proposed()
-        words = ["data", "check", *session.files(), *session.part, "--repair", target]
-        session.jobs.start("repair", words, target)
-        session.version += 1
+        session.start("repair", ["data", "check", *session.files(), *session.part, "--repair", target], target)
 
     def repair_done(self, job: PageJob) -> None:
         """Take the map that was repaired, keep what is open, and check again."""
@@ -213,7 +207,7 @@ class Work:
         """Run `greybox fit`."""
         session, target = self.session, self.session.next_folder("fits")
         self._keep(target)
-        job = session.jobs.start("fit", self.fit_words(target), target)
+        job = session.start("fit", self.fit_words(target), target)
         session.change(fit=target)
         return job
 
@@ -222,7 +216,7 @@ class Work:
         session, target = self.session, self.session.next_folder("gaps")
         self._keep(target)
         words = self.gap_words(session["fit"] if of_fit else "", target, since)
-        job = session.jobs.start("since" if since else "gap", words, target)
+        job = session.start("since" if since else "gap", words, target)
         session.change(gap=target)
         return job
 
@@ -260,25 +254,17 @@ class Work:
     def design(self, arena: str) -> PageJob:
         """Run `greybox design` on the gap."""
         gap = self.session["gap"]
-        job = self.session.jobs.start(
-            "design", ["design", f"{gap}/gap.json", "--arena", arena, "--out", f"{gap}/next"], gap
-        )
-        self.session.version += 1
-        return job
+        words = ["design", f"{gap}/gap.json", "--arena", arena, "--out", f"{gap}/next"]
+        return self.session.start("design", words, gap)
 
     def report(self) -> PageJob:
         """Run `greybox report` on the fit."""
-        words = ["report", f"{self.session['fit']}/fit.json", "--out", REPORT]
-        job = self.session.jobs.start("report", words, REPORT)
-        self.session.version += 1
-        return job
+        return self.session.start("report", ["report", f"{self.session['fit']}/fit.json", "--out", REPORT], REPORT)
 
     def export(self, target: str) -> PageJob:
         """Run `greybox export` on the fit."""
         words = ["export", f"{self.session['fit']}/fit.json", "--target", target, "--out", f"export_{target}"]
-        job = self.session.jobs.start("export", words, f"export_{target}")
-        self.session.version += 1
-        return job
+        return self.session.start("export", words, f"export_{target}")
 
     def result(self, kind: str) -> tuple[PageJob | None, dict[str, Any] | None]:
         """The job of the fit or the gap that is shown, and what it printed."""

@@ -9,14 +9,14 @@ sine and cosine (tests/export/c/test_mathematics.py); what lies beyond their tab
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.polynomial import chebyshev
 
 from ...base.shorthands import Array
+from ..template import filled
 
 PER_UNIT = 32
 """Entries of the tables per unit of the argument; a power of two."""
@@ -29,20 +29,12 @@ TAYLOR = 24
 """Degrees of the polynomials of atan, and of the series that they are made from."""
 
 
-@dataclass(frozen=True)
-class Function:
-    """A function in C.
-
-    Attributes
-    ----------
-    text : its definition.
-    needs : names of those it calls.
-    """
-
-    text: str
-    needs: tuple[str, ...] = ()
-
-
+FUNCTIONS: Mapping[str, tuple[str, ...]] = {
+    "entry": (), "atan_near": ("entry",), "angles": ("entry",), "own_atan": ("atan_near",), "own_atan2": ("atan_near",),
+    "own_sin": ("angles",), "own_cos": ("angles",), "own_sincos": ("angles",), "own_tanh": (), "own_fmin": (),
+    "own_fmax": (), "own_sign": (),
+}  # fmt: skip
+"""Name in `c_mathematics.c` -> what it needs; those called own_ take the place of the C library's."""
 EXACT = """#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST)
 #error "The tables here need sums taken in the order in which they stand: no -ffast-math, -Ofast or /fp:fast."
 #elif defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
@@ -54,16 +46,18 @@ EXACT = """#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || define
 
 def definitions(names: Iterable[str]) -> str:
     """C of the functions named, and of what they need."""
-    result: dict[str, str] = {}
-
-    def add(name: str) -> None:
-        for other in FUNCTIONS[name].needs:
-            add(other)
-        result.setdefault(name, FUNCTIONS[name].text)
-
-    for name in sorted(set(names)):
-        add(name)
-    return "\n".join(result.values())
+    needed, waiting = set[str](), [*names]
+    while waiting:
+        needed.add(name := waiting.pop())
+        waiting += FUNCTIONS[name]
+    words: dict[str, Any] = {name.upper(): name in needed for name in FUNCTIONS}
+    if "angles" in needed:
+        words["ANGLES"] = _table("ANGLES", angles())
+    if "atan_near" in needed:
+        words["ATAN"] = _table("ATAN", atan_polynomials())
+    return filled(
+        "c_mathematics.c", "", PER_UNIT=PER_UNIT, FAR=FAR, ATAN_END=ATAN_END, ANGLE_END=ANGLE_END, **words
+    ).removesuffix("\n")
 
 
 def atan_polynomials() -> Array:
@@ -90,159 +84,6 @@ def angles() -> Array:
     return np.column_stack([np.sin(angle), np.cos(angle)])
 
 
-def _table(name: str, about: str, rows: Array) -> str:
+def _table(name: str, rows: Array) -> str:
     lines = ",\n".join("    {" + ", ".join(float(value).hex() for value in row) + "}" for row in rows)
-    return f"/* {about} */\nstatic const double {name}[{len(rows)}][{rows.shape[1]}] = {{\n{lines}\n}};\n"
-
-
-def _turn(power: int) -> str:
-    """Coefficient of the sine's (odd power) or cosine's (even) series."""
-    return repr((-1.0) ** (power // 2) / math.factorial(power))
-
-
-PLACE = Function(
-    f"""\
-/* the table's entry that is nearest to x >= 0; *beyond is how far beyond it x lies. Numbers from {FAR} on are
-   multiples of 1 / {PER_UNIT}, which the last bits count. */
-static INLINE size_t entry(double x, double *beyond)
-{{
-    const double shifted = x + {FAR};
-    uint64_t bits;
-    memcpy(&bits, &shifted, sizeof bits);
-    *beyond = x - (shifted - {FAR});
-    return (size_t)(bits & 255u);
-}}
-"""
-)
-
-ATAN_NEAR = Function(
-    _table("ATAN", f"atan about k / {PER_UNIT}: polynomials of what is beyond it", atan_polynomials())
-    + f"""
-/* for 0 <= x < {ATAN_END} */
-static INLINE double atan_near(double x)
-{{
-    double t;
-    const double *const a = ATAN[entry(x, &t)];
-    const double t2 = t * t, t4 = t2 * t2;
-    return ((a[0] + a[1] * t) + (a[2] + a[3] * t) * t2) + ((a[4] + a[5] * t) * t4 + (a[6] + a[7] * t) * (t2 * t4));
-}}
-""",
-    ("entry",),
-)
-
-ATAN = Function(
-    f"""\
-static INLINE double own_atan(double x)
-{{
-    const double size = fabs(x);
-    return size < {ATAN_END}.0 ? copysign(atan_near(size), x) : atan(x);
-}}
-""",
-    ("atan_near",),
-)
-
-ATAN2 = Function(
-    f"""\
-static INLINE double own_atan2(double y, double x)
-{{
-    const double size = fabs(y);
-    return x > 1e-290 && x < 1e290 && size < {ATAN_END}.0 * x ? copysign(atan_near(size / x), y) : atan2(y, x);
-}}
-""",
-    ("atan_near",),
-)
-
-ANGLES = Function(
-    _table("ANGLES", f"sine and cosine of k / {PER_UNIT}", angles())
-    + f"""
-/* sine and cosine of |x| < {ANGLE_END}: those of the nearest entry, turned by the rest */
-static INLINE void turned(double x, double *sine, double *cosine)
-{{
-    double t;
-    const double *const a = ANGLES[entry(fabs(x), &t)];
-    const double s = copysign(a[0], x), c = a[1], from = copysign(1.0, x) * t; /* the mirror image for x < 0 */
-    const double t2 = t * t, t4 = t2 * t2;
-    const double across = from * (({_turn(1)} + {_turn(3)} * t2) + ({_turn(5)} + {_turn(7)} * t2) * t4);
-    const double back = t2 * (({_turn(2)} + {_turn(4)} * t2) + {_turn(6)} * t4);
-    *sine = s + (s * back + c * across);
-    *cosine = c + (c * back - s * across);
-}}
-""",
-    ("entry",),
-)
-
-SIN = Function(
-    f"""\
-static INLINE double own_sin(double x)
-{{
-    double sine, cosine;
-    if (!(fabs(x) < {ANGLE_END}.0)) {{
-        return sin(x);
-    }}
-    turned(x, &sine, &cosine);
-    return sine;
-}}
-""",
-    ("angles",),
-)
-
-COS = Function(
-    f"""\
-static INLINE double own_cos(double x)
-{{
-    double sine, cosine;
-    if (!(fabs(x) < {ANGLE_END}.0)) {{
-        return cos(x);
-    }}
-    turned(x, &sine, &cosine);
-    return cosine;
-}}
-""",
-    ("angles",),
-)
-
-BOTH = Function(
-    f"""\
-static INLINE void own_sincos(double x, double *sine, double *cosine)
-{{
-    if (fabs(x) < {ANGLE_END}.0) {{
-        turned(x, sine, cosine);
-    }} else {{
-        *sine = sin(x);
-        *cosine = cos(x);
-    }}
-}}
-""",
-    ("angles",),
-)
-
-TANH = Function(
-    """\
-/* beyond 20 it is one to the last place */
-static INLINE double own_tanh(double x)
-{
-    const double size = fabs(x);
-    return size < 20.0 ? tanh(x) : size >= 20.0 ? copysign(1.0, x) : x;
-}
-"""
-)
-
-FMIN = Function("static INLINE double own_fmin(double a, double b)\n{\n    return a < b ? a : b == b ? b : a;\n}\n")
-FMAX = Function("static INLINE double own_fmax(double a, double b)\n{\n    return a > b ? a : b == b ? b : a;\n}\n")
-SIGN = Function("static INLINE double own_sign(double x)\n{\n    return x < 0.0 ? -1.0 : x > 0.0 ? 1.0 : x;\n}\n")
-
-FUNCTIONS = {
-    "entry": PLACE,
-    "atan_near": ATAN_NEAR,
-    "angles": ANGLES,
-    "own_atan": ATAN,
-    "own_atan2": ATAN2,
-    "own_sin": SIN,
-    "own_cos": COS,
-    "own_sincos": BOTH,
-    "own_tanh": TANH,
-    "own_fmin": FMIN,
-    "own_fmax": FMAX,
-    "own_sign": SIGN,
-}
-"""Name -> function; those called own_ take the place of the C library's."""
+    return f"static const double {name}[{len(rows)}][{rows.shape[1]}] = {{\n{lines}\n}};\n"

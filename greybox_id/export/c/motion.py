@@ -7,135 +7,13 @@ from collections.abc import Collection
 import casadi as cs
 
 from ..equations import Equations
+from ..template import filled
 from .functions import Argument, CFunction, mathematics_of
 from .mathematics import EXACT
 from .naming import constant, names, numbers, vector
 
 CAPACITY = 256
 """Commands that are remembered."""
-
-
-def late_declarations(text: str, equations: Equations, capacity: int = CAPACITY) -> str:
-    """For the header; so many commands are remembered."""
-    n, size = constant(text, "NU"), constant(text, "COMMANDS")
-    signals = ", ".join(equations.delayed)
-    return f"""\
-/* Commands arrive late here: {signals}. {text}_step takes the inputs as they act; {text}_step_late takes them
-   from a line of past commands and cuts its step where a late one arrives, so that a delay of 3.7 samples is exact.
-
-   {text}_commands_start   one command since ever.
-   {text}_commands_push    a command that holds from a time on, later than the one before. Returns 0; -1 if it is not.
-   {text}_commands_acting  the inputs that act at a time.
-   {text}_commands_until   the same, and how many seconds they go on.
-   {text}_step_late        the state at time + dt from that at time; x_next may be x. Returns 0; -1 where the line does
-                          not reach back far enough and its oldest command was taken. */
-#define {size} {capacity}
-
-typedef struct {{
-    double time[{size}];
-    double u[{size}][{n}];
-    size_t count; /* commands so far */
-}} {text}_commands;
-
-void {text}_commands_start({text}_commands *line, const double *u);
-int {text}_commands_push({text}_commands *line, double time, const double *u);
-int {text}_commands_acting(const {text}_commands *line, const double *p, double time, double *u);
-int {text}_commands_until(const {text}_commands *line, const double *p, double time, double *u, double *on);
-int {text}_step_late(const {text}_commands *line, const double *x, const double *p, double time, double dt,
-    double *x_next);
-"""
-
-
-def late_definitions(text: str, equations: Equations) -> str:
-    """For the source."""
-    n, m, size = (constant(text, word) for word in ("NX", "NU", "COMMANDS"))
-    places = [equations.delayed.index(i.name) if i.name in equations.delayed else -1 for i in equations.inputs]
-    count = len(equations.delayed)
-    return f"""\
-/* which delay each input has; -1: none */
-static const int {text}_delay_of[{m}] = {{{", ".join(map(str, places))}}};
-
-void {text}_commands_start({text}_commands *line, const double *u)
-{{
-    line->time[0] = -HUGE_VAL;
-    memcpy(line->u[0], u, sizeof line->u[0]);
-    line->count = 1;
-}}
-
-int {text}_commands_push({text}_commands *line, double time, const double *u)
-{{
-    const size_t place = line->count % {size};
-    if (!(time > line->time[(line->count - 1) % {size}])) {{
-        return -1;
-    }}
-    line->time[place] = time;
-    memcpy(line->u[place], u, sizeof line->u[place]);
-    line->count++;
-    return 0;
-}}
-
-/* what input i is at a time, and when it changes next; -1 where the line does not reach back */
-static int {text}_command_at(const {text}_commands *line, size_t i, double time, double *u, double *until)
-{{
-    const size_t held = line->count < {size} ? line->count : {size};
-    size_t back = 0;
-    *until = HUGE_VAL;
-    while (back + 1 < held && line->time[(line->count - 1 - back) % {size}] > time) {{
-        *until = line->time[(line->count - 1 - back) % {size}];
-        back++;
-    }}
-    *u = line->u[(line->count - 1 - back) % {size}][i];
-    return line->time[(line->count - 1 - back) % {size}] > time ? -1 : 0;
-}}
-
-int {text}_commands_until(const {text}_commands *line, const double *p, double time, double *u, double *on)
-{{
-    double late[{count}];
-    size_t i;
-    int found = 0;
-    {text}_delays(p, late);
-    *on = HUGE_VAL;
-    for (i = 0; i < {m}; i++) {{
-        const double delay = {text}_delay_of[i] < 0 ? 0.0 : late[{text}_delay_of[i]];
-        double until;
-        if ({text}_command_at(line, i, time - delay, &u[i], &until) != 0) {{
-            found = -1;
-        }}
-        if (until - (time - delay) < *on) {{
-            *on = until - (time - delay);
-        }}
-    }}
-    return found;
-}}
-
-int {text}_commands_acting(const {text}_commands *line, const double *p, double time, double *u)
-{{
-    double on;
-    return {text}_commands_until(line, p, time, u, &on);
-}}
-
-int {text}_step_late(const {text}_commands *line, const double *x, const double *p, double time, double dt,
-    double *x_next)
-{{
-    const double end = time + dt, soon = 1e-9 * dt; /* commands a billionth of a step apart act as one */
-    double now[{n}], u[{m}], on;
-    int found = 0;
-    memcpy(now, x, sizeof now);
-    while (end - time > soon) {{
-        double h = end - time;
-        if ({text}_commands_until(line, p, time + soon, u, &on) != 0) {{
-            found = -1;
-        }}
-        if (on + soon < h) {{
-            h = on + soon;
-        }}
-        {text}_step(now, u, p, h, now);
-        time += h;
-    }}
-    memcpy(x_next, now, sizeof now);
-    return found;
-}}
-"""
 
 
 ABOUT = """\
@@ -207,8 +85,8 @@ class MotionC:
                 ),
                 "",
                 *(function.declaration for function in self.functions),
-                *([self._vde[0]] if "ode_jacobian" not in self._left_out else []),
-                *([late_declarations(value, e, self.commands)] if e.delayed else []),
+                *([filled("c_sensitivities.h", value)] if "ode_jacobian" not in self._left_out else []),
+                *([self._late("c_late.h")] if e.delayed else []),
                 "#ifdef __cplusplus\n}\n#endif\n\n#endif",
                 "",
             ]
@@ -231,10 +109,19 @@ class MotionC:
                 names(f"{one}_parameter_names", e.parameters),
                 names(f"{one}_output_names", e.outputs),
                 *(function.definition for function in self.functions),
-                *([self._vde[1]] if "ode_jacobian" not in self._left_out else []),
-                *([late_definitions(one, e)] if e.delayed else []),
+                *([filled("c_sensitivities.c", one)] if "ode_jacobian" not in self._left_out else []),
+                *([self._late("c_late.c")] if e.delayed else []),
             ]
         )
+
+    def _late(self, template: str) -> str:
+        """Of commands that arrive late."""
+        late, inputs = self.equations.delayed, self.equations.inputs
+        places = [late.index(item.name) if item.name in late else -1 for item in inputs]
+        return filled(
+            template, self.name, SIGNALS=", ".join(late), CAPACITY=self.commands, COUNT=len(late),
+            PLACES=", ".join(map(str, places)),
+        )  # fmt: skip
 
     def _functions(self) -> list[CFunction]:
         e, entry = self.equations, self.name
@@ -290,42 +177,3 @@ class MotionC:
                 about = f"By how many seconds these are late: {', '.join(signals)}."
                 result.append(CFunction(f"{entry}_{name}", of, (p,), (Argument("s", str(len(signals))),), about))
         return [item for item in result if item.name.removeprefix(f"{self.name}_") not in self._left_out]
-
-    @property
-    def _vde(self) -> tuple[str, str]:
-        """Forward sensitivities: declaration and definition."""
-        value, n, m = self.name, constant(self.name, "NX"), constant(self.name, "NU")
-        signature = (
-            f"void {value}_vde_forw(const double *x, const double *S_x, const double *S_u, const double *u,\n"
-            "    const double *p, double *x_dot, double *S_x_dot, double *S_u_dot)"
-        )
-        about = (
-            "/* The derivative of the state, and those of its sensitivities by state and inputs at the beginning:\n"
-            f"   by_x S_x, and by_x S_u + by_u. Lengths: S_x {n} x {n}, S_u {n} x {m}. */\n"
-        )
-        definition = f"""{signature}
-{{
-    double by_x[{n} * {n}], by_u[{n} * {m}];
-    int i, j, k;
-    {value}_ode_jacobian(x, u, p, x_dot, by_x, by_u);
-    for (j = 0; j < {n}; j++) {{
-        for (i = 0; i < {n}; i++) {{
-            double sum = 0.0;
-            for (k = 0; k < {n}; k++) {{
-                sum += by_x[i + {n} * k] * S_x[k + {n} * j];
-            }}
-            S_x_dot[i + {n} * j] = sum;
-        }}
-    }}
-    for (j = 0; j < {m}; j++) {{
-        for (i = 0; i < {n}; i++) {{
-            double sum = by_u[i + {n} * j];
-            for (k = 0; k < {n}; k++) {{
-                sum += by_x[i + {n} * k] * S_u[k + {n} * j];
-            }}
-            S_u_dot[i + {n} * j] = sum;
-        }}
-    }}
-}}
-"""
-        return f"{about}{signature};\n", definition

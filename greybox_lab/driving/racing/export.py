@@ -17,13 +17,14 @@ from greybox_id.base.version import __version__
 from greybox_id.export.c.build import cmake, commands
 from greybox_id.export.c.functions import INLINE
 from greybox_id.export.c.mathematics import definitions
-from greybox_id.export.c.naming import constant, numbers, vector
+from greybox_id.export.c.naming import numbers, vector
 from greybox_id.export.c.self_test import table
 from greybox_id.export.elsewhere import ForeignResult
 from greybox_id.export.equations import Named
 from greybox_id.export.folder import write_folder
 from greybox_id.export.quoting import c_comment
 from greybox_id.export.subject import named_in_c
+from greybox_id.export.template import filled
 
 from .policy import POLICY, Layer, Policy, load_policy
 from .world import LARGEST, SEEN
@@ -191,44 +192,29 @@ def _onnx(subject: PolicySubject) -> Mapping[str, bytes]:
 
 
 def _c(subject: PolicySubject) -> Mapping[str, bytes]:
+    name, policy = subject.name, subject.policy
+    about: dict[str, object] = {"TITLE": c_comment(subject.title), "SIZE": policy.size, "ACTIONS": len(DONE)}
+    seen = vector(name, "SEEN", "observation", [Named(item, *_told(item, subject.units)) for item in subject.seen])
+    done = vector(name, "ACTION", "action, -1 to 1", [Named(item, "1", DONE[item]) for item in DONE])
+    points = observations(POINTS, policy.size) / subject.scales
+    actions = policy.act(subject.observation(points))
+    straight = 0.5 * subject.units.get("speed", 1.0)  # at half the top speed
     texts = {
-        f"{subject.name}.h": _header(subject),
-        f"{subject.name}.c": _source(subject),
-        f"{subject.name}_test.c": _self_test(subject),
-        "main.c": _example(subject),
-        "CMakeLists.txt": cmake(subject.name),
-        "README.md": _read_me(subject),
-    }
+        f"{name}.h": _filled("policy.h", name, SEEN=seen, DONE=done, LARGEST=f"{LARGEST:g}", **about),
+        f"{name}.c": _source(subject),
+        f"{name}_test.c": _filled(
+            "policy_test.c", name, SEEN=table("given_seen", points.astype(float)), POINTS=POINTS,
+            EXPECTED=table("expected", actions.astype(float)), TOLERANCE=TOLERANCE, **about,
+        ),
+        "main.c": _filled("policy_main.c", name, SPEED=f"{straight:.9g}", **about),
+        "CMakeLists.txt": cmake(name),
+        "README.md": _filled("policy_readme.md", name, TITLE=subject.title, COMMANDS=commands(name)),
+    }  # fmt: skip
     return {name: text.encode() for name, text in texts.items()}
 
 
-def _header(subject: PolicySubject) -> str:
-    name = subject.name
-    seen = vector(name, "SEEN", "observation", [Named(item, *_told(item, subject.units)) for item in subject.seen])
-    done = vector(name, "ACTION", "action, -1 to 1", [Named(item, "1", DONE[item]) for item in DONE])
-    guard = constant(name, "H")
-    return f"""\
-/* {c_comment(subject.title)}
-   Nothing is kept between calls, nothing allocated, nothing called but the mathematical library. */
-#ifndef {guard}
-#define {guard}
-
-{seen}
-{done}
-#ifdef __cplusplus
-extern "C" {{
-#endif
-
-/* What the policy does who sees that: seen {constant(name, "NSEEN")}, action {constant(name, "NACTION")}.
-   Numbers are scaled and clipped to {LARGEST:g} as in learning, actions are clamped. */
-void {name}_act(const double *seen, double *action);
-
-#ifdef __cplusplus
-}}
-#endif
-
-#endif
-"""
+def _filled(template: str, name: str, **words: object) -> str:
+    return filled(template, name, __package__, **words)
 
 
 def _unit(name: str) -> tuple[str, int, str] | None:
@@ -256,33 +242,11 @@ def _source(subject: PolicySubject) -> str:
     between = "".join(f"    double h{k}[{size}];\n" for k, size in enumerate(sizes[1:-1]))
     places = ["scaled", *(f"h{k}" for k in range(len(layers) - 1)), "action"]
     calls = "".join(f"    layer_{k}({a}, {b});\n" for k, (a, b) in enumerate(pairwise(places)))
-    return f"""\
-/* {c_comment(subject.title)} */
-
-#include "{name}.h"
-
-#include <math.h>
-
-{INLINE}
-{definitions({"own_tanh"})}
-static const float scales[{policy.size}] = {{
-{_singles(subject.scales)}
-}};
-
-{tables}
-{functions}
-void {name}_act(const double *seen, double *action)
-{{
-    double scaled[{policy.size}];
-{between}    int i;
-    for (i = 0; i < {policy.size}; i++) {{
-        scaled[i] = scales[i] * seen[i];
-    }}
-{heading}    for (i = 0; i < {policy.size}; i++) {{
-        scaled[i] = scaled[i] < -{LARGEST:.1f} ? -{LARGEST:.1f} : scaled[i] > {LARGEST:.1f} ? {LARGEST:.1f} : scaled[i];
-    }}
-{calls}}}
-"""
+    return _filled(
+        "policy.c", name, TITLE=c_comment(subject.title), SIZE=policy.size, INLINE=INLINE, TABLES=tables,
+        TANH=definitions({"own_tanh"}), SCALES=_singles(subject.scales), FUNCTIONS=functions, BETWEEN=between,
+        HEADING=heading, LARGEST=f"{LARGEST:.1f}", CALLS=calls,
+    )  # fmt: skip
 
 
 def _tables(k: int, W: Layer, b: Layer) -> str:
@@ -300,25 +264,7 @@ def _singles(row: Layer) -> str:
 
 def _layer(k: int, given: int, results: int, last: bool) -> str:
     bounded = "z[j] < -1.0 ? -1.0 : z[j] > 1.0 ? 1.0 : z[j]" if last else "own_tanh(z[j])"
-    return f"""\
-static void layer_{k}(const double *restrict x, double *restrict y)
-{{
-    double z[{results}];
-    int i, j;
-    for (j = 0; j < {results}; j++) {{
-        z[j] = biases_{k}[j];
-    }}
-    for (i = 0; i < {given}; i++) {{
-        const double given = x[i];
-        for (j = 0; j < {results}; j++) {{
-            z[j] += given * weights_{k}[i][j];
-        }}
-    }}
-    for (j = 0; j < {results}; j++) {{
-        y[j] = {bounded};
-    }}
-}}
-"""
+    return _filled("policy_layer.c", "", LAYER=k, GIVEN=given, RESULTS=results, BOUNDED=bounded)
 
 
 def observations(count: int, size: int, seed: int = 0) -> Layer:
@@ -327,83 +273,6 @@ def observations(count: int, size: int, seed: int = 0) -> Layer:
     spread = generator.choice([0.3, 1.0, 10.0], (count, 1))
     drawn: Array = np.clip(spread * generator.normal(size=(count, size)), -LARGEST, LARGEST)
     return drawn.astype(np.float32)
-
-
-def _self_test(subject: PolicySubject) -> str:
-    seen = observations(POINTS, subject.policy.size) / subject.scales
-    done = subject.policy.act(subject.observation(seen))
-    return f"""\
-/* {c_comment(subject.title)}
-   Compares actions with what Python computed in single precision. */
-
-#include "{subject.name}.h"
-
-#include <math.h>
-#include <stdio.h>
-
-{table("given_seen", seen.astype(float))}
-{table("expected", done.astype(float))}
-int main(void)
-{{
-    double worst = 0.0, action[{len(DONE)}];
-    int i, k;
-    for (k = 0; k < {POINTS}; k++) {{
-        {subject.name}_act(given_seen[k], action);
-        for (i = 0; i < {len(DONE)}; i++) {{
-            const double off = fabs(action[i] - expected[k][i]);
-            if (worst == worst && !(off <= worst)) {{ /* what is no number stays the worst */
-                worst = off;
-            }}
-        }}
-    }}
-    printf("{subject.name}: {POINTS} observations, largest difference %.1e\\n", worst);
-    return worst <= {TOLERANCE} ? 0 : 1;
-}}
-"""
-
-
-def _example(subject: PolicySubject) -> str:
-    straight = 0.5 * subject.units.get("speed", 1.0)  # at half the top speed
-    return f"""\
-/* {c_comment(subject.title)}
-   What is done on a straight, and how long a call takes. */
-
-#include "{subject.name}.h"
-
-#include <stdio.h>
-#include <time.h>
-
-int main(void)
-{{
-    double seen[{subject.policy.size}] = {{{straight:.9g}}}, action[{len(DONE)}], sum = 0.0;
-    const int calls = 200000;
-    clock_t begun;
-    int k;
-    {subject.name}_act(seen, action);
-    printf("steering %.6f, drive %.6f\\n", action[0], action[1]);
-    begun = clock();
-    for (k = 0; k < calls; k++) {{
-        seen[0] = 1e-6 * k;
-        {subject.name}_act(seen, action);
-        sum += action[0];
-    }}
-    printf("%.2f microseconds a call (sum %.3f)\\n", 1e6 * (double)(clock() - begun) / CLOCKS_PER_SEC / calls, sum);
-    return 0;
-}}
-"""
-
-
-def _read_me(subject: PolicySubject) -> str:
-    name = subject.name
-    return f"""\
-# {name}
-
-{subject.title}
-
-{commands(name)}
-`{name}_act(seen, action)`: `{name}.h` says what stands where and in which units; scaling and clamp are inside.
-`manifest.json` adds what it was learned on. Nothing is allocated and nothing is kept between calls.
-"""
 
 
 class PolicyExporter:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import greybox_id as gb
-from greybox_lab.app.model import Playground, lacking, moved, nominal, sliders
+from greybox_lab.app.model import Playground, lacking, moved, nominal, prior_of, span_of
 
 CHOSEN = {"name": "lateral", "vehicle": "roboracer", "settings": {}, "effects": ["steering_delay"], "start": {}}
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -25,12 +25,15 @@ def test_a_bench_simulates_what_the_library_does(lap):
 
 
 def test_sliders_hold_value_and_prior_within_bounds():
-    rows = sliders(nominal(CHOSEN))
-    assert [row.fixed for row in rows] == sorted(row.fixed for row in rows)
-    for row in rows:
-        assert row.low <= row.value <= row.high
-        if row.prior is not None:
-            assert row.low <= row.prior[0] <= row.high
+    parameters = nominal(CHOSEN).parameters
+    spans = {each.name: span for each in parameters if (span := span_of(each)) is not None}
+    assert {"m", "I_z", "steering_delay"} <= spans.keys()
+    for each in parameters:
+        if each.name in spans:
+            low, high = spans[each.name]
+            assert each.bounds[0] <= low <= float(each.array) <= high <= each.bounds[1]
+            prior = prior_of(each)
+            assert prior is None or low <= prior[0] <= high
 
 
 def test_what_a_recording_lacks_is_a_sentence(lap):
