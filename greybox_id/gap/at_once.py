@@ -74,7 +74,7 @@ def select_at_once(
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
-    tried, offered = [best, *_without_each(best, stage, names, gains), *alike], promised(together, stage)
+    tried, offered = [best, *_without_each(search, best, names, gains), *alike], promised(together, stage)
     if len({name for item in tried for name in item.names}) < CAL.listed:
         first = offered[: CAL.listed]
         starts = [
@@ -134,12 +134,17 @@ def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     return settled(search, result[0], 1)
 
 
-def _without_each(best: Hypothesis, stage: JointStage, names: Sequence[str], gains: Array) -> list[Hypothesis]:
-    """The best explanation without each of its effects, and what that costs."""
-    places = {name: k for k, name in enumerate(names)}
-    return [
-        replace(best.only(set(best.names) - {name}), cost=best.cost + float(gains[places[name]])) for name in best.names
-    ]
+def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains: Array) -> list[Hypothesis]:
+    """The best explanation without each of its effects, and what that costs.
+
+    What a trained map leaves is weighed by plain errors, too: there it is simulated without the effect.
+    """
+    places, result = {name: k for k, name in enumerate(names)}, list[Hypothesis]()
+    for name in best.names:
+        rest = best.only(set(best.names) - {name})
+        again = refit(search, [search.start_of(rest)]) if search.bench.learnt else []
+        result.append(replace(again[0] if again else rest, cost=best.cost + float(gains[places[name]])))
+    return result
 
 
 def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:

@@ -249,7 +249,9 @@ class Calibration:
     rough_singles: int = _known(6, "singles refitted while noise is not known yet", SEARCHED)
     much: float = _known(0.01, "of a cost that a second effect must explain there", SEARCHED)
     rather: float = _known(2.0, "times as much a good explanation costs where an observer stays firm", SEARCHED)
-    firm: float = _known(2.0, "rate of that observer, 1/s: slower than a vehicle's yaw, faster than a spin", SEARCHED)
+    firm: tuple[float, ...] = _known(
+        (2.0, 4.0, 8.0, 16.0, 32.0), "rates of an observer, 1/s: the first that keeps a simulation from spinning"
+    )
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
     again: int = _known(3, "times that nuisances are linearised again", SEARCHED)
@@ -283,6 +285,7 @@ class Calibration:
     acts_alike: float = _known(
         0.5, "cosine between what two causes do, all else refitted, from which they act alike", DEFINED
     )
+    exchange_steps: int = _known(6, "steps at most of a cause in another one's place, from nothing: secants halve errors")
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
     as_rough: float = _known(
