@@ -95,11 +95,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(it, held_out, tell) if it.best.candidates else None
-    if shared is not None and not selection.at_once:
-        shared = replace(
-            shared, beside=()
-        )  # effects that were searched one after the other are no causes beside others
-    telling = shared if shared is not None and shared.shows and (shared.held_out or not selection.at_once) else None
+    telling = shared if shared is not None and shared.shows and shared.held_out else None
     best, reasons = _causes(it, telling)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
@@ -399,8 +395,7 @@ def _itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Sprea
 
 def _of_class(examined: Examined, name: str) -> float:
     """The probability that an effect is there, or one that these recordings cannot tell from it."""
-    within = CAL.alike if examined.selection.at_once else CAL.twins
-    return probability(examined.evidence, examined.selection.tried, name, *_alike(examined, name, within))
+    return probability(examined.evidence, examined.selection.tried, name, *_alike(examined, name, CAL.alike))
 
 
 def _classes(examined: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:

@@ -16,7 +16,6 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
-from .at_once import select_at_once
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
 from .estimation.axes import candidates, nuisances, shifting
@@ -40,7 +39,7 @@ from .estimation.wandering import Wander, wandering
 from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
-from .selection import Firmly, Selection, select
+from .selection import Selection, select
 from .unknown import Signs, beyond_what_may_be, signs, unnamed
 
 TINY = 1e-12
@@ -108,7 +107,7 @@ class Examined:
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
         """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
-        if self.selection.at_once and self.rough:  # paid for already
+        if self.rough:  # paid for already
             return {}
         if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
             return {}
@@ -158,7 +157,7 @@ def examine(
     problem = JointProblem(bench, tolerances, everything, good)
     observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
-    selection = select_at_once(together, believed, cost, _unsteadiness, search.trust)
+    selection = select(together, believed, cost, _unsteadiness, search.trust)
     search = selection.search
     selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:

@@ -442,7 +442,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     own = candidate(0)
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
-    selection = SimpleNamespace(tried=[], base=nothing, search=None, at_once=False)
+    selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
     monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.9)
     monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())

@@ -283,7 +283,12 @@ class JointSearch:
         return replace(stage, state=state, there=there, squares=squares, sets=sets, evidence=evidence)
 
     def settled(
-        self, state: JointState, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1,
+        self,
+        state: JointState,
+        rough: float,
+        variance: Array,
+        whitener: Whitener | None = None,
+        rounds: int = 1,
         there: Mask | None = None,
     ) -> JointStage:
         """A stage with its best set of causes, all refitted with it, in the model error that is left.
