@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import datetime
 import json
+import re
 import subprocess
 import sys
 from importlib.metadata import version
@@ -22,10 +23,10 @@ HERE = Path(__file__).parent
 PAGE = HERE.parent / "results.md"
 HEAD = """# Results
 
-Each table is drawn from a file in `docs/results/`, which says what was measured, when, with which version, on how many
-cases and from which seed (`python docs/results/build.py`). `DIR` holds recordings that belong to their authors:
-`greybox datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz with compiled code in its
-cache. A bar that is missed is marked. What was tried and failed is in the [decision notes](decisions/README.md).
+Each table is drawn from a file in `docs/results/` (`python docs/results/build.py`). The line below it says when, with
+which version, from which seed and on how many cases (n) it was measured. `DIR` holds recordings of others: `greybox
+datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz. A bar that is missed is marked. What
+was tried and failed is in the [decision notes](decisions/README.md).
 """
 MOST_TASKS = 1
 """A bench with more shows the first one alone; the file has all."""
@@ -43,11 +44,10 @@ def page() -> str:
 def section(kept: dict[str, Any]) -> str:
     """One section: what was done, commands, table."""
     measured = kept["measured"]
-    said = (
-        f"Measured {measured['date']} with version {measured['version']}; seed {measured['seed']}; n: {measured['n']}."
-    )
+    seed = "" if measured["seed"] == "none" else f", seed {measured['seed']}"
+    said = f"{measured['date']}, version {measured['version']}{seed}, n: {measured['n']}"
     lines = [f"## {kept['title']}", "", kept["about"], "", *(f"    {command}" for command in kept["commands"]), ""]
-    lines += [row(kept["columns"]), row(["---"] * len(kept["columns"])), *map(row, kept["rows"]), "", said]
+    lines += [row(kept["columns"]), "|-" * len(kept["columns"]) + "|", *map(row, kept["rows"]), "", said]
     return "\n".join([*lines, *(["", kept["after"]] if kept.get("after") else []), ""])
 
 
@@ -69,10 +69,14 @@ def of_bench(kept: dict[str, Any]) -> dict[str, Any]:
         ]
         spent = next((one["cpu_seconds"] for one in same if one["cpu_seconds"] is not None), None)
         values = [_value(_of(same, task)) for task in shown]
-        cells.append(
-            [f"{model} (published)" if published else model, *values, "–" if spent is None else number(spent, 2)]
-        )
-    return {**kept, "columns": columns, "rows": cells, "after": " ".join(kept["result"]["answers"][:1])}
+        name = f"{model}, {parameters} parameters (published)" if published else model
+        cells.append([name, *values, "–" if spent is None else number(spent, 2)])
+    return {
+        **kept,
+        "columns": columns,
+        "rows": cells,
+        "after": re.split(r"(?<=\.) (?=[A-Z])", " ".join(kept["result"]["answers"][:1]))[0],
+    }
 
 
 def _of(rows: list[dict[str, Any]], task: str) -> list[dict[str, Any]]:

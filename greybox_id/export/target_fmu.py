@@ -22,6 +22,7 @@ from .fmu.steps import Steps, steps_of
 from .origin import KeyOrigin
 from .quoting import c_comment, c_string, one_line
 from .subject import Subject
+from .template import filled
 
 REMEMBERED = 4096
 """Commands and beginnings of segments that a unit remembers: 0.5 s of steps of a quarter of a millisecond, and cuts."""
@@ -121,47 +122,21 @@ def _shipped(name: str) -> bytes:
 
 def _model(subject: Subject, steps: Steps, token: str) -> str:
     """`model.h`: what the sources that all units share have to know of this one."""
-    e, value = subject.equations, subject.name
-    sizes = "\n".join(f"#define {letters} {constant(value, letters)}" for letters in ("NX", "NU", "NP", "NY"))
-    late = {name: k for k, name in enumerate(e.late)}
-    delays = {name: k for k, name in enumerate(e.delayed)}
+    e, name = subject.equations, subject.name
+    late = {signal: k for k, signal in enumerate(e.late)}
+    delays = {signal: k for k, signal in enumerate(e.delayed)}
     speed, kind = _speed(e)
-    return f"""\
-/* {c_comment(value)} as the sources beside this one see it. */
-
-#ifndef MODEL_H
-#define MODEL_H
-
-#include "{value}.h"
-
-#define MODEL(name) {value}_##name
-#define TOKEN {c_string(token)}
-
-{sizes}
-#define MOVING {len(e.model.states)} /* states that move; behind them actuators and relaxed quantities */
-#define SETTLES {int(e.settles)}
-#define CONTINUOUS {int(continuous(e))} /* a differential equation and nothing besides */
-#define DELAYED {len(e.delayed)}
-#define LATE {len(e.late)}
-#define PAST {REMEMBERED}
-{f"#define MODEL_COMMANDS {constant(value, 'COMMANDS')}" if e.delayed else ""}
-
-#define START_X {{{", ".join(["0.0"] * len(e.states))}}}
-#define START_U {{{", ".join(["0.0"] * (len(e.inputs) + 1))}}}
-#define DELAY_OF {{{", ".join(str(delays.get(i.name, -1)) for i in (*e.inputs, NOBODY))}}}
-#define LATENCY_OF {{{", ".join(str(late.get(i.name, -1)) for i in (*e.outputs, NOBODY))}}}
-
-#define LONGEST_STEP {number(steps.longest)}
-#define STABLE {number(STABLE)} /* longest step times eigenvalue, which is at most STIFF + STIFF_BY_SPEED / speed */
-#define STIFF {number(steps.stiff)}
-#define STIFF_BY_SPEED {number(steps.by_speed)}
-#define SLOWEST {number(steps.slowest)}
-#define SPEED_IS_STATE {int(kind == "state")}
-#define SPEED_IS_INPUT {int(kind == "input")}
-#define SPEED {speed}
-
-#endif
-"""
+    return filled(
+        "fmu_model.h", name, TITLE=c_comment(name), TOKEN=c_string(token), MOVING=len(e.model.states), PAST=REMEMBERED,
+        SETTLES=int(e.settles), CONTINUOUS=int(continuous(e)), DELAYED=len(e.delayed), LATE=len(e.late),
+        COMMANDS=f"#define MODEL_COMMANDS {constant(name, 'COMMANDS')}" if e.delayed else "",
+        START_X=", ".join(["0.0"] * len(e.states)), START_U=", ".join(["0.0"] * (len(e.inputs) + 1)),
+        DELAY_OF=", ".join(str(delays.get(i.name, -1)) for i in (*e.inputs, NOBODY)),
+        LATENCY_OF=", ".join(str(late.get(i.name, -1)) for i in (*e.outputs, NOBODY)),
+        LONGEST=number(steps.longest), STABLE=number(STABLE), STIFF=number(steps.stiff),
+        BY_SPEED=number(steps.by_speed), SLOWEST=number(steps.slowest), SPEED_IS_STATE=int(kind == "state"),
+        SPEED_IS_INPUT=int(kind == "input"), SPEED=speed,
+    )  # fmt: skip
 
 
 def _speed(e: Equations) -> tuple[int, str]:

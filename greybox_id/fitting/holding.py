@@ -88,23 +88,22 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
     (taken,) = holds
     simulator, once = Simulator(model), replace(how, starts=1, solver="gauss-newton")
     here = attempted(simulator, recordings, model.values, once, quiet, model.name, ())
-    there = attempted(
-        simulator,
-        [with_hold(recording, other_than(taken)) for recording in recordings],
-        model.values,
-        once,
-        quiet,
-        model.name,
-        (),
-    )
-    if here is None or there is None or not _ended(here) or not _ended(there):
+    if here is None or not _ended(here):
         return None
-    others = [with_hold(recording, other_than(taken)) for recording in recordings]
-    noise = here.problem.noise
-    gain = misfit(there, simulator, others, noise, once) - misfit(here, simulator, recordings, noise, once)
+    noise, p = here.problem.noise, model.with_values(here.problem.shared(here.solution.x))
+    gain = -misfit(here, simulator, recordings, noise, once)
     errors = here.problem.errors(here.problem.simulated_nodes(here.solution.x))
     rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
-    p, q = (model.with_values(one.problem.shared(one.solution.x)) for one in (here, there))
+    del here  # of hours, one layout at a time is enough
+    others = [with_hold(recording, other_than(taken)) for recording in recordings]
+    there = attempted(simulator, others, model.values, once, quiet, model.name, ())
+    if there is None or not _ended(there):
+        return None
+    gain, q = (
+        gain + misfit(there, simulator, others, noise, once),
+        model.with_values(there.problem.shared(there.solution.x)),
+    )
+    del there
     moved = {
         parameter.name: float(q[parameter.name].array - parameter.array)
         for parameter in p.parameters

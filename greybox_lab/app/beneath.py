@@ -19,6 +19,7 @@ from greybox_id.base.signals import SIGNALS, unit_of
 from greybox_id.datasets.column_map import shipped_maps
 from greybox_id.datasets.mapping.evidence import USUAL
 from greybox_id.datasets.recording import Recording
+from greybox_id.datasets.shipped import named_text
 from greybox_id.models.motion_model import MotionModel as Model
 from greybox_id.reports.figures.style import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
 
@@ -28,8 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "USUAL", "Array", "GreyboxError",
-    "cause_words", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "number", "percent",
-    "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_maps", "table_html", "unit_of", "write_atomically",
+    "cause_words", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "named_text", "number",
+    "percent", "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_maps", "table_html", "unit_of",
+    "write_atomically",
 ]  # fmt: skip
 
 

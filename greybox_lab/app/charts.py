@@ -19,7 +19,7 @@ from .beneath import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY, percent,
 from .traces import Array
 
 if TYPE_CHECKING:
-    from .why import Step
+    from .model import Step
 
 SERIF = '"Libertinus Serif", "STIX Two Text", "Times New Roman", Times, serif'
 BASE = {"animation": False, "textStyle": {"fontFamily": SERIF, "color": INK}}
@@ -119,7 +119,8 @@ def height_of(count: int, height: int = 92, legend: bool = False, zoom: bool = T
 def chart(options: dict[str, Any], height: int, about: str) -> ui.echart:
     """A chart of so many pixels, with words for those who cannot see it."""
     element = ui.echart(options).classes("w-full").style(f"height: {height}px; min-width: 0")
-    return element.props(f'role=img tabindex=0 aria-label="{_attribute(about)}"')
+    words = about.replace("\\", "").replace('"', "'")
+    return element.props(f'role=img tabindex=0 aria-label="{words}"')
 
 
 def on_zoom(element: ui.echart, span: tuple[float, float], zoomed: Callable[[float, float], Any]) -> None:
@@ -195,16 +196,14 @@ def plane(across: str, up: str, points: Array, *, equal: bool = False, dots: boo
 
 
 STRIPED = {"symbol": "rect", "dashArrayX": [1, 0], "dashArrayY": [3, 4], "rotation": 0.7, "color": "rgba(0,0,0,.25)"}
-GREY = "#b9b9b9"
-
-
-UNNAMED = "unexplained"
+GREY, UNNAMED = "#b9b9b9", "unexplained"
 
 
 def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
     """The budget: from the whole excess down, cause by cause, to what nothing explains."""
     base, whiskers = [0.0], []
-    bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}, "label": _label("100 %")}]
+    bars: list[dict[str, Any]] = [{"value": 100.0, "itemStyle": {"color": INK}}]
+    words: list[dict[str, Any]] = [{"value": 0.0, "label": _label("100 %")}]
     for k, step in enumerate(steps, 1):
         low, high = sorted(round(100 * end, 6) for end in (step.start, step.start - step.share))
         named = step.name != UNNAMED
@@ -212,25 +211,27 @@ def waterfall(steps: Sequence[Step]) -> dict[str, Any]:
         if named and not step.applied:
             look["decal"] = STRIPED
         base.append(low)
-        bars.append({"value": high - low, "label": _label(percent(step.share)), "itemStyle": look})
+        bars.append({"value": high - low, "itemStyle": look})
+        ends = [min(100 * (step.start - share), 100.0) for share in (step.high, step.low)]  # beyond, none is drawn
+        words.append({"value": max(0.0, named * (ends[1] - high)), "label": _label(percent(step.share))})
         if named:
-            ends = (min(100 * (step.start - share), 100.0) for share in (step.high, step.low))  # beyond, none is drawn
             whiskers.append([{"coord": [end, k], "symbol": "none"} for end in ends])
     line = {"color": INK, "type": "solid", "width": 1.4}
     marks = {"silent": True, "symbol": "none", "animation": False, "label": {"show": False}, "lineStyle": line}
     percent_axis = _axis("share of the excess error [%]", 26, min="dataMin" if min(base) < 0 else 0)
     percent_axis["axisLabel"] |= {"showMinLabel": True, "showMaxLabel": True}
     names = {"fontSize": 14, "width": 160, "overflow": "truncate", "color": INK}
+    stacked = {"type": "bar", "stack": "all", "stackStrategy": "all"}
+    clear = {"itemStyle": {"color": "transparent"}, "silent": True}
     return {
         **BASE, "grid": {"left": 176, "right": 70, "top": 8, "bottom": 42},
         "xAxis": percent_axis,
         "yAxis": {"type": "category", "inverse": True, "data": ["whole gap", *(step.name for step in steps)],
                   "axisTick": {"show": False}, "axisLabel": names, "axisLine": {"lineStyle": {"color": PALE}}},
         "series": [
-            {"type": "bar", "stack": "all", "data": base, "itemStyle": {"color": "transparent"}, "silent": True,
-             "barWidth": "62%"},
-            {"type": "bar", "stack": "all", "id": "shares", "data": bars, "cursor": "pointer",
-             "markLine": {**marks, "data": whiskers}},
+            {**stacked, **clear, "data": base, "barWidth": "62%"},
+            {**stacked, "id": "shares", "data": bars, "cursor": "pointer", "markLine": {**marks, "data": whiskers}},
+            {**stacked, **clear, "data": words},
         ],
     }  # fmt: skip
 
@@ -247,7 +248,3 @@ def _axis(name: str, gap: int, **more: Any) -> dict[str, Any]:
 
 def _label(text: str) -> dict[str, Any]:
     return {"show": True, "position": "right", "formatter": text, "color": INK, "fontSize": 13}
-
-
-def _attribute(text: str) -> str:
-    return text.replace("\\", "").replace('"', "'")

@@ -37,16 +37,7 @@ RUN = (
 
 @dataclass(frozen=True)
 class PageJob:
-    """A command that runs or has run.
-
-    Attributes
-    ----------
-    kind : what it is for: map, check, fit, gap, since, design, report, export.
-    words : the command's words behind `greybox`.
-    target : what it writes, seen from the session's folder.
-    folder : its own.
-    pid, started : of its process, and when, s since 1970.
-    """
+    """A command that runs or has run: what it is for, its words, what it writes, its folder, its process, its start."""
 
     kind: str
     words: tuple[str, ...]
@@ -104,11 +95,6 @@ class PageJob:
             return sentences[-1]
         return "It was stopped before it had an answer." if sentences else "It ended without an answer; run it again."
 
-    @property
-    def seconds(self) -> float:
-        """For how long it has been running."""
-        return time.time() - self.started
-
     def stop(self) -> None:
         """Interrupt it as Ctrl-C does: what it knows is kept; a second time, end it."""
         flag = self.folder / "stopped"
@@ -121,12 +107,7 @@ _children: dict[int, subprocess.Popen[bytes]] = {}
 
 
 class Jobs:
-    """The jobs of a session.
-
-    Parameters
-    ----------
-    session : the session's folder, in which commands run.
-    """
+    """The jobs of a session, in whose folder commands run."""
 
     def __init__(self, session: Path) -> None:
         self.session = session
@@ -176,10 +157,7 @@ class Jobs:
         if folder not in self._known:
             try:
                 body = json.loads((folder / "job.json").read_text("utf-8"))
-                self._known[folder] = PageJob(
-                    str(body["kind"]), tuple(map(str, body["words"])), str(body["target"]), folder, int(body["pid"]),
-                    float(body["started"]),
-                )  # fmt: skip
+                self._known[folder] = PageJob(**{**body, "folder": folder, "words": tuple(map(str, body["words"]))})
             except (OSError, ValueError, KeyError, TypeError):
                 return None
         return self._known[folder]

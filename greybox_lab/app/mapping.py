@@ -1,8 +1,4 @@
-"""The column map as the page shows it: entries that are decided, questions, answers; written as TOML.
-
-What a column may be is what `greybox data map` says; nothing is guessed here. An entry is what that command prints of a
-signal, and `use`: True where it is in the map, False where it is not, None while it is a question.
-"""
+"""The column map as the page shows it: what `greybox data map` prints of signals, and `use`: True, False, or open."""
 
 from __future__ import annotations
 
@@ -20,11 +16,6 @@ Entry = dict[str, Any]
 USUAL_UNITS = USUAL | {"m/s": ("m/s", "km/h", "mph"), "rad/s": ("rad/s", "deg/s", "rpm"), "m": ("m", "mm")}
 """SI unit -> units that loggers write, where nothing tells which: offered in this order."""
 TIME_UNITS = ("s", "ms", "us", "ns")
-
-
-def entries_of(answer: Mapping[str, Any]) -> list[Entry]:
-    """What `greybox data map --json` says of columns, as entries."""
-    return [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
 
 
 def base_of(proposed: Path, answer: Mapping[str, Any]) -> dict[str, Any]:
@@ -71,16 +62,6 @@ def answered(entries: Sequence[Entry], entry: Entry, **answer: Any) -> list[Entr
     return changed
 
 
-def table_of(
-    base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]]
-) -> dict[str, Any]:
-    """The column map as plain data."""
-    table = {key: value for key, value in base.items() if key not in ("time_units", "extra")}
-    signals = {entry["signal"]: column_of(entry) for entry in entries if entry["use"]}
-    more = {**base.get("extra", {}), **extra}
-    return {"name": "map", **table, "signals": signals, **({"extra": more} if more else {})}
-
-
 def column_of(entry: Entry, unit: str = "") -> dict[str, Any]:
     """One column as a map has it."""
     column: dict[str, Any] = {**entry.get("more", {}), "column": entry["column"], "unit": unit or units_for(entry)[0]}
@@ -95,13 +76,17 @@ def write_map(
     path: Path, base: Mapping[str, Any], entries: Sequence[Entry], extra: Mapping[str, Mapping[str, Any]] | None = None
 ) -> None:
     """Write the column map, atomically."""
+    table = {key: value for key, value in base.items() if key not in ("time_units", "extra")}
+    signals = {entry["signal"]: column_of(entry) for entry in entries if entry["use"]}
+    more = {**base.get("extra", {}), **(extra or {})}
+    table = {"name": "map", **table, "signals": signals, **({"extra": more} if more else {})}
     words = "# Made by greybox app; every command reads it: --columns map.toml\n"
-    write_atomically(path, words + tomli_w.dumps(table_of(base, entries, extra or {})))
+    write_atomically(path, words + tomli_w.dumps(table))
 
 
-def entries_of_map(path: Path) -> tuple[dict[str, Any], list[Entry]]:
-    """Base and entries of a map that lies in a file, such as one that a person edited."""
-    text = tomllib.loads(path.read_text("utf-8"))
+def entries_of_map(written: str) -> tuple[dict[str, Any], list[Entry]]:
+    """Base and entries of a map in TOML, such as one that a person edited."""
+    text = tomllib.loads(written)
     base = {key: value for key, value in text.items() if key not in ("name", "about", "source", "signals")}
     entries = [
         {

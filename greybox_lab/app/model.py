@@ -2,20 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 import greybox_id as gb
 
 from .beneath import free_runs, sentence
-from .charts import PlottedTrace, StripChart
-from .traces import Shown
+from .charts import UNNAMED, PlottedTrace, StripChart
+from .traces import Array, Shown
 
-Array = NDArray[np.float64]
+if TYPE_CHECKING:
+    from greybox_id.gap.gap import Gap, Ranked
+
 MODELS = ("single_track", "lateral", "longitudinal", "kinematic")
 """Models with a page: equations of motion whose parameters mean something one by one."""
 TYRES = ("pacejka", "linear", "dugoff", "brush")
@@ -105,13 +107,7 @@ def effects_of(chosen: Mapping[str, Any]) -> list[str]:
 
 
 class Playground:
-    """A model over the part of a recording that is looked at, simulated anew as often as one likes.
-
-    Parameters
-    ----------
-    model : at its nominal values.
-    recording : cut to its longest run.
-    """
+    """A model over the longest run of a recording, simulated anew as often as one likes."""
 
     def __init__(self, model: gb.MotionModel, recording: gb.Recording) -> None:
         self.recording, self.model = longest(recording), model
@@ -142,3 +138,45 @@ class Playground:
     def errors(self, traces: Mapping[str, Array]) -> dict[str, float]:
         """Output -> root mean square of simulated less measured, in its unit."""
         return {name: float(np.sqrt(np.nanmean((trace - self.recording[name]) ** 2))) for name, trace in traces.items()}
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the waterfall: a share with its interval, the share left before it, whether it is applied."""
+
+    name: str
+    share: float
+    low: float
+    high: float
+    start: float
+    applied: bool
+
+
+def steps(gap: Gap) -> list[Step]:
+    """The budget of a diagnosis as steps down from the whole excess."""
+    budget, left = list[Step](), 1.0
+    shares = [] if gap.budget is None else [*gap.budget.shares, replace(gap.budget.unnamed, effect=UNNAMED)]
+    for each in shares:
+        budget.append(Step(each.effect, each.share, each.low, each.high, left, each.effect in gap.applied))
+        left -= each.share
+    return budget
+
+
+def alone(base: gb.MotionModel, causes: Sequence[Ranked], name: str) -> gb.MotionModel:
+    """The model with one cause, at the magnitude that the diagnosis gives it."""
+    for cause in causes:
+        if cause.effect == name and name not in base.effects:
+            return moved(base + getattr(gb.effects, name).at(float(cause.magnitude)), cause.others)
+    return base
+
+
+def diagnosed_model(folder: Path, words: Sequence[str]) -> gb.MotionModel:
+    """The model that a command `greybox gap WORDS` diagnosed. Raises `BadInput`."""
+
+    def after(option: str) -> str:
+        return words[words.index(option) + 1] if option in words else ""
+
+    if "--fit" in words:
+        return cast(gb.MotionModel, gb.load(folder / after("--fit")).model)  # the page fits no other kind
+    model: gb.MotionModel = getattr(gb.models, after("--model") or "single_track")(vehicle=after("--vehicle") or None)
+    return model

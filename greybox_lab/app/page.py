@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Callable
+from functools import partial
 from types import ModuleType
 from typing import Any
 
@@ -25,12 +27,7 @@ SOON = 0.5
 
 
 class Page:
-    """One open page.
-
-    Parameters
-    ----------
-    work : the session, which all pages share.
-    """
+    """One open page of a session, which all pages share."""
 
     def __init__(self, work: Work) -> None:
         self.work, self.session = work, work.session
@@ -60,10 +57,8 @@ class Page:
         ui.timer(TICK, self._tick)  # which draws the step once the browser is there
 
     def _button(self, k: int, name: str) -> ui.button:
-        async def go() -> None:
-            await self.go(k)
-
-        return ui.button(f"{k + 1} {name}", on_click=go).props("flat dense no-caps").classes("step").mark(f"step-{k}")
+        button = ui.button(f"{k + 1} {name}", on_click=partial(self.go, k)).mark(f"step-{k}")
+        return button.props("flat dense no-caps").classes("step")
 
     @property
     def reach(self) -> int:
@@ -113,8 +108,8 @@ class Page:
 
         def tick() -> None:
             last = next((text for text in reversed(job.lines) if text.strip()), "starting")
-            line.set_text(f"{last.partition('; ')[0][:90]} · {job.seconds:.0f} s")
-            card.set_visibility(job.seconds > SOON)
+            line.set_text(f"{last.partition('; ')[0][:90]} · {time.time() - job.started:.0f} s")
+            card.set_visibility(time.time() - job.started > SOON)
 
         tick()
         self.every_tick(tick)

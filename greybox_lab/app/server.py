@@ -29,12 +29,6 @@ class Guard:
 
     The host's name is looked at as well, so that no page elsewhere can reach this one under a name of its own; bodies
     are no larger than a recording may be.
-
-    Parameters
-    ----------
-    inner : the application.
-    token : what is known to who read the address.
-    port : of the server.
     """
 
     def __init__(self, inner: ASGIApp, token: str, port: int) -> None:

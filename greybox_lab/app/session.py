@@ -1,13 +1,6 @@
 """A session of the page: a folder that holds all that was done, and that the command line reads as well.
 
-    app/NAME/recordings/       files that were dropped (or links to those that were named)
-    app/NAME/map.toml          the column map
-    app/NAME/recordings.json   roles of the recordings, answers to questions, choices of the model
-    app/NAME/fits/N/           what `greybox fit` wrote, N counting up
-    app/NAME/gaps/N/           what `greybox gap` wrote
-    app/NAME/jobs/             every command that was run: its words, its lines of progress, what it printed
-
-What is in memory is on disk before anybody sees it, so that a process may end at any moment.
+docs/app.md says what lies where. What is in memory is on disk before anybody sees it: a process may end at any moment.
 """
 
 from __future__ import annotations
@@ -44,15 +37,7 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclass
 class Session:
-    """Everything about one session; changes are written at once.
-
-    Attributes
-    ----------
-    folder : where it lies.
-    state : what `recordings.json` holds.
-    jobs : commands that run or have run.
-    version : grows with every change, so that every page that is open notices.
-    """
+    """Everything about one session; changes are written at once, and count its version up, which every page watches."""
 
     folder: Path
     state: dict[str, Any] = field(default_factory=dict)
@@ -78,14 +63,9 @@ class Session:
         if not path.is_file():
             return {}
         try:
-            kept = json.loads(path.read_text("utf-8"))
-        except (OSError, ValueError) as error:
-            raise BadInput(
-                f"{path}: this is no session of greybox app ({error}); name another with --session."
-            ) from None
-        if not isinstance(kept, dict):
-            raise BadInput(f"{path}: this is no session of greybox app; name another with --session.")
-        return kept
+            return dict(json.loads(path.read_text("utf-8")))
+        except (OSError, ValueError, TypeError):
+            raise BadInput(f"{path}: this is no session of greybox app; name another with --session.") from None
 
     def __getitem__(self, key: str) -> Any:
         return self.state[key]
@@ -163,12 +143,7 @@ class Session:
 
 
 def safe_name(name: str) -> str:
-    """A file's name without folders and without what no file's name should hold.
-
-    Raises
-    ------
-    BadInput : nothing is left of it.
-    """
+    """A file's name without folders and what no name should hold. Raises `BadInput` where nothing is left of it."""
     bare = re.split(r"[/\\]", name)[-1]
     bare = "".join(letter for letter in bare if letter.isprintable()).strip().lstrip(".-")[-120:]
     if not bare:
@@ -187,7 +162,5 @@ def must_be_small(name: str, size: int) -> None:
 
 def named_session(files: Iterable[Path]) -> str:
     """A session's name, after its first file."""
-    first = next(iter(files), None)
-    if first is None:
-        return "drive"
-    return re.sub(r"[^\w-]+", "_", safe_name(first.name).split(".")[0]).strip("_") or "session"
+    name = next((safe_name(file.name) for file in files), "drive")
+    return re.sub(r"[^\w-]+", "_", name.split(".")[0]).strip("_") or "session"

@@ -25,25 +25,20 @@ ORDER = ("distrust", "warning", "note", "")
 
 async def prepare(page: Page) -> dict[str, Any]:
     """The check of the recordings as they are now; started where there is none."""
-    job = page.work.checked() or page.work.check()
+    job = page.session.latest("check", page.session.key) or page.work.check()
     answer = job.answer if not job.running else None
     data: dict[str, Any] = {"job": job, "answer": answer, "every": [], "strip": None, "channels": []}
     if answer is None:
         return data
     every = [(Path(file["path"]).name, each) for file in answer["files"] for each in file["findings"]]
     data["every"] = every = sorted(every, key=lambda pair: ORDER.index(pair[1]["severity"]))
-    data["channels"] = await page.off(_channels, page)
+    read = [await page.off(page.work.recording, file) for file in page.session.files()]
+    names = [name for recording in read for name in recording.signals if not name.startswith("sd_")]
+    data["channels"] = list(dict.fromkeys(("time", *names)))
     page.picked["finding"] = min(page.picked.get("finding", 0), max(len(every) - 1, 0))
     if every:
         data["strip"] = await page.off(_strip, page, *every[page.picked["finding"]])
     return data
-
-
-def _channels(page: Page) -> list[str]:
-    names = ["time"]
-    for file in page.session.files():
-        names += [name for name in page.work.recording(file).signals if not name.startswith("sd_")]
-    return list(dict.fromkeys(names))
 
 
 def _strip(
@@ -80,8 +75,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     if trusted:
         verdict(f"Can be used; mind {counted(warnings, 'warning')}." if warnings else "Can be used.")
     else:
-        words = "Not to be trusted as it is: repair the map, or fit at your risk."
-        verdict(words, data["every"][0][1]["sentence"], bad=True)
+        verdict("Not to be trusted as it is: repair the map, or fit at your risk.", bad=True)
     for words in session["repairs"]:
         quiet(f"✓ {words}")
 

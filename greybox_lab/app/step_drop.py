@@ -183,10 +183,7 @@ def _time(page: Page) -> None:
             rest = choose(["", *columns], "ns" if "ns" in columns else "", "nanoseconds within the second", 16)
         with ui.row():
             for unit in base.get("time_units") or TIME_UNITS:
-
-                def answer(unit: str = unit) -> None:
-                    page.work.set_time(column.value, unit, rest.value or "")
-
+                answer = lambda unit=unit: page.work.set_time(column.value, unit, rest.value or "")  # noqa: E731
                 button(f"in {unit}", answer, f"time-{unit}", "outline")
 
 
@@ -205,8 +202,7 @@ def _question(page: Page, entry: Entry, strip: charts.StripChart | None) -> None
             for unit in units_for(entry):
 
                 def yes(unit: str = unit) -> None:
-                    divisor = float(factor.value or 1.0)
-                    page.work.answer(entry, use=True, unit=unit, units=[], divide_by=divisor)
+                    page.work.answer(entry, use=True, unit=unit, units=[], divide_by=float(factor.value or 1.0))
 
                 words = f"Yes, {'divided, ' if counts else ''}in {pretty_unit(unit)}"
                 button(words, yes, f"yes-{signal}-{unit}", "outline")
@@ -222,10 +218,7 @@ def _chip(page: Page, entry: Entry) -> None:
         usual = USUAL_UNITS.get(SIGNALS[signal].unit, (unit,))
         units = choose(list(dict.fromkeys((unit, *usual))), unit, "unit", 9)
         turned = ui.checkbox("turn its sign", value=entry["sign"] < 0)
-
-        def change() -> None:
-            page.work.answer(entry, unit=units.value, units=[], sign=-1 if turned.value else 1)
-
+        change = lambda: page.work.answer(entry, unit=units.value, units=[], sign=-1 if turned.value else 1)  # noqa: E731
         with ui.row():
             button("Change", change)
             button("Leave it out", partial(page.work.answer, entry, use=False), kind="flat")

@@ -73,10 +73,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     session, job, answer = page.session, data["job"], data["answer"]
     heading("Fit", "Parameters are moved until the simulation follows what was recorded; what was held out judges it.")
     with ui.row(align_items="center").classes("w-full"):
-
-        def change(event: Any) -> None:
-            session.change(quietly=True, horizon=event.value or None)
-
+        change = lambda event: session.change(quietly=True, horizon=event.value or None)  # noqa: E731
         choose(HORIZONS, session["horizon"] or 0.0, "horizon", 10, change)
         button("Fit again" if session["fit"] else "Fit", page.work.fit, "fit", "outline" if session["fit"] else "")
         made = {f"fits/{each.parent.name}" for each in session.folder.glob("fits/*/fit.json")} | {session["fit"]} - {""}

@@ -18,6 +18,7 @@ from .widgets import button, choose, heading, quiet, shown, title
 if TYPE_CHECKING:
     from .page import Page
 
+HOLDS = {"": "not stated: weigh both", "zero": "commanded: held", "linear": "measured: runs on"}
 USUAL = ("lateral", "kinematic", "single_track", "longitudinal")
 """Models in the order in which the first that suits is proposed."""
 
@@ -65,6 +66,15 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         choose(vehicles, chosen["vehicle"], "vehicle", 11, partial(_choose, page, "vehicle"))
         if "tyre" in bench.model.settings:
             choose(TYRES, bench.model.settings["tyre"], "tyre", 9, partial(_choose, page, "tyre"))
+        if session["columns"] != "canonical":
+            held = choose(
+                HOLDS,
+                page.work.mapped()[0].get("hold", ""),
+                "steering between rows",
+                15,
+                lambda event: page.work.set_hold(event.value),
+            )
+            held.tooltip("whether the column of steering and drive was measured or commanded: hold in the column map")
         extra = choose(data["effects"], list(chosen["effects"]), "with effects", 14, partial(_choose, page, "effects"))
         extra.props("multiple use-chips")
 

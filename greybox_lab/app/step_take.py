@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from nicegui import ui
 
 from .takeaway import COMMANDS, NOTEBOOK, cells, commands, pack, write
 from .widgets import button, choose, heading, quiet, title
-from .work import REPORT
 
 if TYPE_CHECKING:
     from .page import Page
 
+REPORT = "report.html"
 TARGETS = ("c", "casadi", "fmu", "acados", "simulink", "f1tenth", "ros2", "autoware")
 OF_GAP = {"gap.pdf": "The diagnosis as PDF", "closed.toml": "The vehicle with the gap closed"}
 
@@ -25,16 +26,14 @@ async def prepare(page: Page) -> dict[str, Any]:
 
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
-    session, work = page.session, page.work
-    heading(
-        "Take it away", "Everything that was done is a command; elsewhere they make the same fit of the same files."
-    )
+    session = page.session
+    heading("Take it away", "All that was done is a command; elsewhere they make the same fit of the same files.")
     with ui.element("div").classes("two"):
         with ui.column():
             title("Commands")
             ui.code(data["commands"], language="bash").classes("w-full").mark("commands")
             title("Notebook")
-            ui.code(data["cells"], language="python").classes("w-full").mark("notebook")
+            ui.code(data["cells"], language="text").classes("w-full").mark("notebook")
         with ui.column():
             title("Everything in one file")
 
@@ -51,7 +50,13 @@ def draw(page: Page, data: dict[str, Any]) -> None:
             if session["fit"]:
                 with ui.row(align_items="center"):
                     target = choose(TARGETS, "c", "target", 9)
-                    button("Export", lambda: work.export(target.value), "export", "outline")
+                    words = ["export", f"{session['fit']}/fit.json", "--target"]
+
+                    def export() -> None:
+                        out = f"export_{target.value}"
+                        session.start("export", [*words, target.value, "--out", out], out)
+
+                    button("Export", export, "export", "outline")
             for job in session.jobs.all():
                 if job.kind == "export" and not job.running:
                     quiet(job.failure or f"Written: {session.folder.name}/{job.target}")
@@ -64,12 +69,13 @@ def _report(page: Page) -> None:
     if not session["fit"]:
         quiet("There is no fit yet.")
         return
-    button("Write the report", page.work.report, "report")
+    words = ["report", f"{session['fit']}/fit.json", "--out", REPORT]
+    button("Write the report", partial(session.start, "report", words, REPORT), "report")
     job = session.latest("report")
     if job is not None and job.failure:
         quiet(job.failure)
     if job is not None and job.answer is not None:
         ui.link("Open the report", f"/session/{REPORT}?{job.pid}", new_tab=True).mark("open-report")
-    for name, words in OF_GAP.items():
+    for name, called in OF_GAP.items():
         if session["gap"] and (session.folder / session["gap"] / name).is_file():
-            ui.link(words, f"/session/{session['gap']}/{name}", new_tab=True)
+            ui.link(called, f"/session/{session['gap']}/{name}", new_tab=True)

@@ -12,11 +12,10 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import cause_words, gap_parts, number, pretty_unit, read_gap, sentence
-from .model import longest
+from .beneath import cause_words, gap_parts, number, pretty_unit, read_gap, sentence, table_html
+from .model import Step, alone, diagnosed_model, longest, steps
 from .traces import Shown
-from .why import Step, alone, diagnosed_model, steps
-from .widgets import button, choose, heading, quiet, shown, table, title, verdict
+from .widgets import button, choose, heading, quiet, shown, title, verdict
 
 if TYPE_CHECKING:
     from greybox_id.gap.gap import Gap
@@ -85,9 +84,9 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         with ui.column():
             _causes(gap, show)
         with ui.column():
+            _next(page)
             title("What could not have been seen")
             ui.html(silent, sanitize=False).classes("unseen")
-            _next(page)
 
 
 def _diagnose(page: Page, done: bool) -> None:
@@ -194,7 +193,8 @@ def _changed(gap: dict[str, Any]) -> None:
             (each["effect"], shown(each["before"]), after, pretty_unit(each["unit"]), number(each["probability"]))
         )
     if rows:
-        table(("effect", "before", "after, 95 % interval", "unit", "probability"), rows)
+        head = ("effect", "before", "after, 95 % interval", "unit", "probability")
+        ui.html(table_html(head, rows), sanitize=False).classes("w-full")
     else:
         ui.label("Nothing beyond what the drives of before scatter by.")
 
@@ -206,7 +206,8 @@ def _next(page: Page) -> None:
         arena = choose(
             ARENAS, session["arena"], "arena [m]", 11, lambda event: session.change(quietly=True, arena=event.value)
         )
-        act = lambda: page.work.design(arena.value)  # noqa: E731
+        words = ["design", f"{session['gap']}/gap.json", "--out", f"{session['gap']}/next", "--arena"]
+        act = lambda: session.start("design", [*words, arena.value], session["gap"])  # noqa: E731
         button("Compute the manoeuvre that tells most", act, "design", "outline")
     job = session.latest("design", session["gap"])
     if job is None or job.running:

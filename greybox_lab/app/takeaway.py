@@ -11,8 +11,6 @@ from .jobs import PageJob
 from .session import MAP, Session
 
 COMMANDS, NOTEBOOK = "commands.sh", "notebook.ipynb"
-
-
 ORDER = ("join", "check", "fit", "gap", "since", "design", "report", "export")
 """Kinds of jobs that are handed over, in the order in which they are run."""
 
@@ -49,12 +47,9 @@ def notebook(session: Session) -> dict[str, Any]:
     made: list[dict[str, Any]] = [{"cell_type": "markdown", "metadata": {}, "source": words}]
     for source in cells(session):
         made.append({"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source})
-    return {
-        "cells": [{**cell, "id": f"cell-{k}"} for k, cell in enumerate(made)],
-        "metadata": {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}},
-        "nbformat": 4,
-        "nbformat_minor": 5,
-    }
+    about = {"kernelspec": {"display_name": "Python 3", "language": "python", "name": "python3"}}
+    numbered = [{**cell, "id": f"cell-{k}"} for k, cell in enumerate(made)]
+    return {"cells": numbered, "metadata": about, "nbformat": 4, "nbformat_minor": 5}
 
 
 def write(session: Session) -> None:

@@ -23,12 +23,7 @@ DIGITS = 5
 
 
 class Shown:
-    """A recording as it is drawn: its runs one behind the other where clocks begin anew.
-
-    Parameters
-    ----------
-    recording : as `gb.read` gave it.
-    """
+    """A recording as it is drawn: its runs one behind the other where clocks begin anew."""
 
     def __init__(self, recording: gb.Recording) -> None:
         self.recording = recording

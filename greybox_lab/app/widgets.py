@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
 from nicegui import ui
 
 import greybox_id as gb
 
-from .beneath import number, pretty_unit, sentence, table_html
+from .beneath import number, pretty_unit, sentence
 
 
 def tell(words: str) -> None:
@@ -64,11 +64,6 @@ def verdict(head: str, words: str = "", *, bad: bool = False) -> None:
         ui.label(head).classes("sentence").style("font-weight: bold")
         if words:
             ui.label(words)
-
-
-def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> None:
-    """A table as reports have it."""
-    ui.html(table_html(head, rows), sanitize=False).classes("w-full")
 
 
 def shown(value: float | None, unit: str = "", digits: int = 3) -> str:

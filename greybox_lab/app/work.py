@@ -14,7 +14,7 @@ from typing import Any
 import greybox_id as gb
 
 from . import mapping
-from .beneath import sentence, shipped_maps
+from .beneath import named_text, sentence, shipped_maps
 from .jobs import PageJob
 from .mapping import Entry
 from .session import MAP, Session
@@ -23,22 +23,14 @@ from .traces import read
 SMALL = 20 * 2**20
 """Bytes of a recording that every shipped map is tried on: a second or two."""
 STEPS = ("Drop", "See", "Check", "Model", "Fit", "Why not", "Take away")
-REPORT = "report.html"
 
 
 class Work:
-    """What a session does.
-
-    Parameters
-    ----------
-    session : where all of it is kept.
-    """
+    """What a session does, and keeps."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
         self.trouble, self._watching, self._ahead = "", Lock(), ""
-
-    # ---- drop
 
     def take(self, paths: Iterable[Path]) -> None:
         """Take files that were named on the command line, and look at them."""
@@ -72,7 +64,8 @@ class Work:
         answer = job.answer
         if answer is None or self.session["columns"] or job != self.session.latest("map"):
             return  # decided otherwise meanwhile
-        base, entries = mapping.base_of(self.session.folder / job.target, answer), mapping.entries_of(answer)
+        base = mapping.base_of(self.session.folder / job.target, answer)
+        entries = [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
         maps = [] if self.session["joining"] else self._maps_that_fit()
         more = {"others": answer["others"], "maps": maps}
         self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
@@ -120,6 +113,21 @@ class Work:
         others = [each for each in self.session["others"] if each != column]
         self.session.change(entries=[*self.session["entries"], entry], others=others)
 
+    def mapped(self) -> tuple[dict[str, Any], list[Entry]]:
+        """Base and entries of the map, the session's or a shipped one."""
+        name = self.session["columns"]
+        shipped = "" if name == MAP else named_text(name, "columns", "column map")[0]
+        return mapping.entries_of_map(shipped) if shipped else (self.session["map"], self.session["entries"])
+
+    def set_hold(self, hold: str) -> None:
+        """Say in the map how steering and drive run between rows; a shipped map becomes the session's."""
+        session, looked = self.session, self.session["looked"] == self.session.key
+        base, entries = self.mapped()
+        base = {key: value for key, value in base.items() if key != "hold"} | ({"hold": hold} if hold else {})
+        session.change(quietly=True, map=base, entries=entries, columns=MAP)
+        self.write_map()
+        session.change(looked=session.key if looked else "")  # no check is about it
+
     def write_map(self) -> None:
         """Write `map.toml`, where there is a time and a signal."""
         entries, base = self.session["entries"], self.session["map"]
@@ -149,8 +157,6 @@ class Work:
         """A recording as it is mapped and cropped. Raises `BadInput`."""
         return read(self.session.folder / file, self.session.columns, self.session["between"])
 
-    # ---- several files of one drive
-
     def join(self) -> None:
         """Ask `greybox data map` of all files together, to join them on one clock."""
         files = self.session.files()
@@ -171,16 +177,10 @@ class Work:
             recordings = [*unused, {"file": job.target, "role": "train"}]
             self.session.change(recordings=recordings, columns="canonical", looked="", joining=[])
 
-    # ---- check
-
     def check(self) -> PageJob:
         """Run `greybox data check` on everything that is used."""
         session = self.session
         return session.start("check", ["data", "check", *session.files(), *session.part], session.key)
-
-    def checked(self) -> PageJob | None:
-        """The check of the recordings as they now are."""
-        return self.session.latest("check", self.session.key)
 
     def repair(self) -> None:
         """Run `greybox data check --repair`: the map as findings would have it."""
@@ -192,7 +192,7 @@ class Work:
         answer, session = job.answer, self.session
         if answer is None or not answer["repair"]["written"]:
             return
-        base, entries = mapping.entries_of_map(session.folder / job.target)
+        base, entries = mapping.entries_of_map((session.folder / job.target).read_text("utf-8"))
         known = self.recording(session.files()[0])
         entries = [entry for entry in entries if known.has(entry["signal"]) or not entry["more"].get("optional")]
         kept = [entry for entry in session["entries"] if not entry["use"]]
@@ -200,8 +200,6 @@ class Work:
         session.change(map=base, entries=[*entries, *kept], columns=MAP, looked="", repairs=repairs)
         self.write_map()
         self.check()
-
-    # ---- model, fit, gap
 
     def fit(self) -> PageJob:
         """Run `greybox fit`."""
@@ -251,29 +249,12 @@ class Work:
         words += [word for file in session.files("validate") for word in ("--held-out", file)]
         return [*words, *session.part, "--seed", "0", "--out", target]
 
-    def design(self, arena: str) -> PageJob:
-        """Run `greybox design` on the gap."""
-        gap = self.session["gap"]
-        words = ["design", f"{gap}/gap.json", "--arena", arena, "--out", f"{gap}/next"]
-        return self.session.start("design", words, gap)
-
-    def report(self) -> PageJob:
-        """Run `greybox report` on the fit."""
-        return self.session.start("report", ["report", f"{self.session['fit']}/fit.json", "--out", REPORT], REPORT)
-
-    def export(self, target: str) -> PageJob:
-        """Run `greybox export` on the fit."""
-        words = ["export", f"{self.session['fit']}/fit.json", "--target", target, "--out", f"export_{target}"]
-        return self.session.start("export", words, f"export_{target}")
-
     def result(self, kind: str) -> tuple[PageJob | None, dict[str, Any] | None]:
         """The job of the fit or the gap that is shown, and what it printed."""
         target = self.session[kind]
         kinds = ("gap", "since") if kind == "gap" else (kind,)
         jobs = [job for job in self.session.jobs.all() if job.kind in kinds and job.target == target]
         return (jobs[-1], jobs[-1].answer) if jobs and target else (None, None)
-
-    # ---- what runs
 
     DONE = {"map": map_done, "join": join_done, "repair": repair_done}  # noqa: RUF012
 

@@ -50,7 +50,7 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
             result = import_module(f"greybox_lab.papers.{module}").measure(data, quick, say)
             document = result.document()
             written = write_pages(document, pages, _command(name, data is not None, quick))
-        _say(result.as_dict(), on_screen(document), None, written, as_json)
+        _say(result.as_dict(), on_screen(document), data, None, written, as_json)
 
 
 def _command(name: str, data: bool, quick: bool) -> str:
@@ -115,7 +115,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
         document = msnn_report(result) if pages or not as_json else None
         written = [] if document is None else write_pages(document, pages, _command("msnn", True, quick))
     known = {"paper": "msnn", "quick": quick, "rows": result.rows, "comparisons": result.comparisons}
-    _say(known, [] if document is None else on_screen(document), kept.file, written, as_json)
+    _say(known, [] if document is None else on_screen(document), data, kept.file, written, as_json)
 
 
 @bench.command("truck")
@@ -156,7 +156,7 @@ def truck_command(
         result = truck_tables(data, TruckOptions(quick, seeds, curves), say, kept)
         document = truck_report(result) if pages or not as_json else None
         written = [] if document is None else write_pages(document, pages, _command("truck", True, quick))
-    _say(result, [] if document is None else on_screen(document), kept.file, written, as_json)
+    _say(result, [] if document is None else on_screen(document), data, kept.file, written, as_json)
 
 
 @bench.command("loop")
@@ -203,9 +203,19 @@ def loop_command(
         show(tables(result))
 
 
-def _say(known: Mapping[str, Any], parts: Iterable[Any], file: Path | None, pages: list[Path], as_json: bool) -> None:
-    """What was measured, and where it was written."""
+def _say(
+    known: Mapping[str, Any],
+    parts: Iterable[Any],
+    data: Path | None,
+    file: Path | None,
+    pages: list[Path],
+    as_json: bool,
+) -> None:
+    """What was measured, on what, and where it was written."""
     if as_json:
+        from ..papers.bench import hashes
+
+        known = {**known, "data": hashes(data)}
         written = {"written": str(file)} if file else {}
         print_json({**known, **written} | ({"report": [str(page) for page in pages]} if pages else {}))
         return

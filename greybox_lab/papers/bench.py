@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -180,6 +181,14 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
     return values
 
 
+def hashes(data: Path | None) -> dict[str, str]:
+    """File -> SHA-256, hexadecimal, of the recordings in a folder; empty where there is none."""
+    files = sorted(data.iterdir()) if data is not None and data.is_dir() else []
+    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files if file.suffix in RECORDED}
+
+
+RECORDED = (".csv", ".gz", ".parquet", ".json")
+"""Suffixes of what benches read."""
 LEAST_ROWS = 200
 """Ten seconds at 20 Hz."""
 

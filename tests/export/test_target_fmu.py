@@ -1,6 +1,7 @@
 """Functional mock-up units: valid, driven as we simulate, clean under sanitizers, the same bytes every time."""
 
 import os
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -24,6 +25,8 @@ from greybox_id.models.vehicle_file import vehicle
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install fmpy")
 from fmpy.validation import validate_fmu  # noqa: E402
 from units_driven import MINUTE, SETS, VEHICLES, Unit, driven, made, simulated  # noqa: E402
+
+HARNESS = Path(__file__).with_name("harness")
 
 FMUS = ("car.fmu", "car_fmi3.fmu")
 STRICT = ("-std=c99", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
@@ -308,186 +311,25 @@ def test_inner_steps_are_stable_at_a_crawl(tmp_path):
     unit.close()
 
 
-STATES = """
-int GET_STATE(void *, void **);
-int SET_STATE(void *, void *);
-int FREE_STATE(void *, void **);
-int STATE_SIZE(void *, void *, size_t *);
-int TO_BYTES(void *, void *, byte *, size_t);
-int FROM_BYTES(void *, const byte *, size_t, void **);
-void FREE(void *);
-"""
-INTERFACES = {
-    2: """
-typedef char byte;
-#define GET_STATE fmi2GetFMUstate
-#define SET_STATE fmi2SetFMUstate
-#define FREE_STATE fmi2FreeFMUstate
-#define STATE_SIZE fmi2SerializedFMUstateSize
-#define TO_BYTES fmi2SerializeFMUstate
-#define FROM_BYTES fmi2DeSerializeFMUstate
-#define FREE fmi2FreeInstance
-void *fmi2Instantiate(const char *, int, const char *, const char *, const void *, int, int);
-int fmi2SetupExperiment(void *, int, double, double, int, double);
-int fmi2EnterInitializationMode(void *);
-int fmi2ExitInitializationMode(void *);
-int fmi2SetReal(void *, const unsigned *, size_t, const double *);
-int fmi2GetReal(void *, const unsigned *, size_t, double *);
-int fmi2DoStep(void *, double, double, int);
-int fmi2GetRealStatus(void *, int, double *);
-int fmi2GetDirectionalDerivative(
-    void *, const unsigned *, size_t, const unsigned *, size_t, const double *, double *);
-
-static void *made(const char *token) { return fmi2Instantiate("hurt", 1, token, NULL, NULL, 0, 0); }
-static void begun(void *own)
-{
-    fmi2SetupExperiment(own, 0, 0.0, 0.0, 0, 0.0);
-    fmi2EnterInitializationMode(own);
-    fmi2ExitInitializationMode(own);
-}
-static int set(void *own, unsigned which, const double *value) { return fmi2SetReal(own, &which, 1, value); }
-static int get(void *own, unsigned which, double *value) { return fmi2GetReal(own, &which, 1, value); }
-static int stepped(void *own, double *time, double length)
-{
-    fmi2GetRealStatus(own, 2, time);
-    return fmi2DoStep(own, *time, length, 1);
-}
-static int sloped(void *own, unsigned output, const unsigned *known, const double *by, double *slope)
-{
-    return fmi2GetDirectionalDerivative(own, &output, 1, known, 2, by, slope);
-}
-""",
-    3: """
-#include <stdbool.h>
-typedef uint8_t byte;
-#define GET_STATE fmi3GetFMUState
-#define SET_STATE fmi3SetFMUState
-#define FREE_STATE fmi3FreeFMUState
-#define STATE_SIZE fmi3SerializedFMUStateSize
-#define TO_BYTES fmi3SerializeFMUState
-#define FROM_BYTES fmi3DeserializeFMUState
-#define FREE fmi3FreeInstance
-void *fmi3InstantiateCoSimulation(const char *, const char *, const char *, bool, bool, bool, bool, const uint32_t *,
-    size_t, void *, void (*)(void *, int, const char *, const char *), void (*)(void));
-int fmi3EnterInitializationMode(void *, bool, double, double, bool, double);
-int fmi3ExitInitializationMode(void *);
-int fmi3SetFloat64(void *, const uint32_t *, size_t, const double *, size_t);
-int fmi3GetFloat64(void *, const uint32_t *, size_t, double *, size_t);
-int fmi3DoStep(void *, double, double, bool, bool *, bool *, bool *, double *);
-int fmi3GetDirectionalDerivative(
-    void *, const uint32_t *, size_t, const uint32_t *, size_t, const double *, size_t, double *, size_t);
-
-static void *made(const char *token)
-{
-    return fmi3InstantiateCoSimulation("hurt", token, NULL, 0, 0, 0, 0, NULL, 0, NULL, NULL, NULL);
-}
-static void begun(void *own)
-{
-    fmi3EnterInitializationMode(own, false, 0.0, 0.0, false, 0.0);
-    fmi3ExitInitializationMode(own);
-}
-static int set(void *own, unsigned which, const double *value) { return fmi3SetFloat64(own, &which, 1, value, 1); }
-static int get(void *own, unsigned which, double *value) { return fmi3GetFloat64(own, &which, 1, value, 1); }
-static int stepped(void *own, double *time, double length)
-{
-    bool event, terminate, early;
-    return fmi3DoStep(own, *time, length, true, &event, &terminate, &early, time);
-}
-static int sloped(void *own, unsigned output, const unsigned *known, const double *by, double *slope)
-{
-    return fmi3GetDirectionalDerivative(own, &output, 1, known, 2, by, 2, slope, 1);
-}
-""",
-}
-HOSTILE = """
-#include <math.h>
-#include <pthread.h>
-#include <stdint.h>
-#include <stdio.h>
-#include <stdlib.h>
-#include <string.h>
-#include "model.h"
-
-INTERFACE
-static double drawn(uint64_t *seed)
-{
-    static const double strange[] = {0.0, -0.0, 1e-310, 1e308, -1e308, NAN, INFINITY, -INFINITY, 1e-9, -1.0};
-    *seed = *seed * 6364136223846793005ULL + 1442695040888963407ULL;
-    if ((*seed >> 60) < 4) {
-        return strange[(*seed >> 33) % 10];
-    }
-    return ((double)(*seed >> 11) / 9007199254740992.0 - 0.5) * ((*seed >> 59) & 1 ? 2.0 : 2e3);
-}
-
-static void *hurt(void *given)
-{
-    uint64_t seed = *(uint64_t *)given;
-    void *own = made(TOKEN), *kept = NULL, *read = NULL;
-    double value, time = 0.0, by[2] = {1.0, NAN};
-    unsigned known[2], output;
-    size_t size = 0;
-    byte *bytes;
-    int k, done = 0;
-    if (own == NULL || made("{another}") != NULL) {
-        abort();
-    }
-    begun(own);
-    GET_STATE(own, &kept);
-    STATE_SIZE(own, kept, &size);
-    bytes = malloc(size);
-    for (k = 0; k < 10000; k++) {
-        unsigned reference = (unsigned)(seed >> 40) % 8000, input = 1000 + (unsigned)k % 2;
-        output = 2000 + (unsigned)k % 5;
-        value = drawn(&seed);
-        set(own, input, &value);
-        value = drawn(&seed);
-        set(own, reference, &value);
-        done += stepped(own, &time, k % 3 ? 0.01 : drawn(&seed) * 1e-3) == 0;
-        get(own, reference, &value);
-        get(own, output, &value);
-        known[0] = reference;
-        known[1] = 1000;
-        sloped(own, output, known, by, &value);
-        if (k % 7 == 0) {
-            TO_BYTES(own, kept, bytes, size);
-            FROM_BYTES(own, bytes, size, &read);
-            SET_STATE(own, read);
-        }
-    }
-    free(bytes);
-    FREE_STATE(own, &kept);
-    FREE_STATE(own, &read);
-    FREE(own);
-    *(uint64_t *)given = (uint64_t)done;
-    return NULL;
-}
-
-int main(void)
-{
-    uint64_t seeds[2] = {1, 1};
-    pthread_t threads[2];
-    pthread_create(&threads[0], NULL, hurt, &seeds[0]);
-    pthread_create(&threads[1], NULL, hurt, &seeds[1]);
-    pthread_join(threads[0], NULL);
-    pthread_join(threads[1], NULL);
-    printf("%d\\n", (int)seeds[0]);
-    return seeds[0] == seeds[1] && seeds[0] > 1000 ? 0 : 1;
-}
-"""
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("sanitizers", ["address,undefined", "thread"])
 @pytest.mark.parametrize("which", ["busy", "bare"])
-@pytest.mark.parametrize("version", INTERFACES)
+@pytest.mark.parametrize("version", VERSIONS)
 def test_hostile_inputs_in_two_threads_leave_it_clean(request, version, which, sanitizers, tmp_path):
     """10 000 random, huge and missing numbers in inputs, states, parameters and steps; both threads come out alike."""
     with zipfile.ZipFile(request.getfixturevalue(which)[1] / f"car{VERSIONS[version]}.fmu") as held:
         held.extractall(tmp_path)
-    (tmp_path / "hostile.c").write_text(HOSTILE.replace("INTERFACE\n", INTERFACES[version] + STATES))
+    shutil.copy(HARNESS / f"fmi{version}.h", tmp_path / "interface.h")
     sources = [tmp_path / "sources" / name for name in ("car.c", "instance.c", f"fmi{version}.c")]
-    flags = ("-g", "-O1", f"-fsanitize={sanitizers}", "-fno-sanitize-recover=all", f"-I{tmp_path / 'sources'}")
-    run("gcc", *STRICT, *flags, tmp_path / "hostile.c", *sources, "-lm", "-lpthread", "-o", tmp_path / "hostile")
+    flags = (
+        "-g",
+        "-O1",
+        f"-fsanitize={sanitizers}",
+        "-fno-sanitize-recover=all",
+        f"-I{tmp_path / 'sources'}",
+        f"-I{tmp_path}",
+    )
+    run("gcc", *STRICT, *flags, HARNESS / "hostile.c", *sources, "-lm", "-lpthread", "-o", tmp_path / "hostile")
     assert int(run(tmp_path / "hostile")) > 1000
 
 
@@ -504,63 +346,17 @@ def test_there_is_no_heap_in_an_instance_and_interfaces_take_it_to_begin_with(bu
     assert all(line.split()[-1].startswith("fmi3") for line in exported.splitlines())
 
 
-RACE = """
-#include <stdio.h>
-#include <time.h>
-#include "instance.h"
-
-static double now(void)
-{
-    struct timespec t;
-    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
-    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
-}
-
-int main(void)
-{
-    static instance own;
-    double x[NX] = {15.0}, u[NU + 1] = {0.03}, begun, plain = 1e9, unit = 1e9;
-    int k, round;
-    for (round = 0; round < 7; round++) {
-        MODEL(instance_reset)(&own);
-        own.x[0] = 15.0;
-        own.u[0] = 0.03;
-        MODEL(instance_run)(&own);
-        begun = now();
-        for (k = 0; k < 100000; k++) {
-            MODEL(step)(x, u, MODEL(default_parameters), 0.01, x);
-            if (k % 100 == 99) {
-                x[0] = 15.0;
-            }
-        }
-        plain = now() - begun < plain ? now() - begun : plain;
-        begun = now();
-        for (k = 0; k < 100000; k++) {
-            MODEL(instance_advance)(&own, own.time, 0.01);
-            if (k % 100 == 99) {
-                own.x[0] = 15.0;
-            }
-        }
-        unit = now() - begun < unit ? now() - begun : unit;
-    }
-    printf("%g %g %g\\n", plain * 1e4, unit * 1e4, x[0] + own.x[0]);
-    return 0;
-}
-"""
-
-
 @pytest.mark.slow
 def test_a_step_of_a_unit_takes_no_more_than_twice_that_of_the_c(bare, tmp_path):
     with zipfile.ZipFile(bare[1] / "car.fmu") as held:
         held.extractall(tmp_path)
-    (tmp_path / "race.c").write_text("#define _POSIX_C_SOURCE 199309L\n" + RACE)
     sources = [tmp_path / "sources" / name for name in ("car.c", "instance.c")]
     run(
         "gcc",
         *STRICT,
         "-O2",
         f"-I{tmp_path / 'sources'}",
-        tmp_path / "race.c",
+        HARNESS / "race.c",
         *sources,
         "-lm",
         "-o",

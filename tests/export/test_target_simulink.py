@@ -4,6 +4,7 @@ MATLAB itself is not there: the stand-ins have the functions that its documentat
 """
 
 import ctypes
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,94 +19,8 @@ from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 
-MEX = """
-#include <stdlib.h>
-#include <stddef.h>
-typedef struct { size_t count; double *values; } mxArray;
-enum { mxREAL };
-static size_t mxGetNumberOfElements(const mxArray *a) { return a->count; }
-static double *mxGetPr(const mxArray *a) { return a->values; }
-static double mxGetScalar(const mxArray *a) { return a->values[0]; }
-"""
-MEX_ONLY = """
-extern const char *told;
-static void mexErrMsgTxt(const char *text) { told = text; }
-static mxArray *mxCreateDoubleMatrix(size_t m, size_t n, int kind)
-{
-    mxArray *made = malloc(sizeof *made);
-    (void)kind;
-    made->count = m * n;
-    made->values = calloc(m * n, sizeof(double));
-    return made;
-}
-"""
-SIM = (
-    MEX
-    + """
-#include <stdbool.h>
-typedef int int_T;
-enum { SS_DOUBLE };
-typedef struct {
-    mxArray parameters[2];
-    int states, inputs, outputs, work;
-    double period, time, x[64], u[16], y[16], held[200000];
-    const char *error;
-} SimStruct;
-#define ssSetNumSFcnParams(S, n) ((void)(S))
-#define ssGetNumSFcnParams(S) ((void)(S), 2)
-#define ssGetSFcnParamsCount(S) ((void)(S), 2)
-#define ssSetNumContStates(S, n) ((void)(S))
-#define ssSetNumDiscStates(S, n) ((S)->states = (n))
-#define ssSetNumInputPorts(S, n) ((void)(S), 1)
-#define ssSetInputPortWidth(S, p, n) ((S)->inputs = (n))
-#define ssSetInputPortRequiredContiguous(S, p, n) ((void)(S))
-#define ssSetInputPortDirectFeedThrough(S, p, n) ((void)(S))
-#define ssSetNumOutputPorts(S, n) ((void)(S), 1)
-#define ssSetOutputPortWidth(S, p, n) ((S)->outputs = (n))
-#define ssSetNumSampleTimes(S, n) ((void)(S))
-#define ssSetNumDWork(S, n) ((void)(S))
-#define ssSetDWorkWidth(S, k, n) ((S)->work = (n))
-#define ssSetDWorkDataType(S, k, t) ((void)(S))
-#define ssGetDWork(S, k) ((void *)(S)->held)
-#define ssSetSampleTime(S, k, t) ((S)->period = (t))
-#define ssSetOffsetTime(S, k, t) ((void)(S))
-#define ssGetSFcnParam(S, k) (&(S)->parameters[k])
-#define ssGetRealDiscStates(S) ((S)->x)
-#define ssGetInputPortSignal(S, k) ((const void *)(S)->u)
-#define ssGetOutputPortSignal(S, k) ((void *)(S)->y)
-#define ssGetT(S) ((S)->time)
-#define ssSetErrorStatus(S, t) ((S)->error = (t))
-"""
-)
-DRIVE = """
-#include <stdio.h>
-static SimStruct S;
-int main(void)
-{
-    static double period = 0.01, start[64];
-    int k, j;
-    start[0] = 10.0;
-    S.parameters[0] = (mxArray){1, &period};
-    S.parameters[1] = (mxArray){0, start};
-    mdlInitializeSizes(&S);
-    S.parameters[1].count = STARTS ? (size_t)S.states : 0;
-    mdlInitializeSampleTimes(&S);
-    if (S.work * (int)sizeof(double) > (int)sizeof S.held || S.period != 0.01) return 1;
-    mdlInitializeConditions(&S);
-    for (k = 0; k < 40; k++) {
-        S.time = k * 0.01;
-        S.u[0] = k < 5 ? 0.0 : 0.05;
-        S.u[1] = 1.0;
-        mdlOutputs(&S, 0);
-        for (j = 0; j < S.outputs; j++) printf("%.17g ", S.y[j]);
-        printf("\\n");
-        mdlUpdate(&S, 0);
-        if (S.error) return 2;
-    }
-    mdlTerminate(&S);
-    return 0;
-}
-"""
+HARNESS = Path(__file__).with_name("harness")
+"""What MATLAB's own headers declare of what is called, and a program that drives an S-function."""
 
 
 def written(folder, effects=None, moving=None, fit=None, source="a test"):
@@ -149,10 +64,9 @@ def test_the_same_subject_makes_the_same_bytes_and_no_time(tmp_path):
 def test_the_function_that_idnlgrey_calls_is_the_models(tmp_path, effects):
     moving = ("m", "I_z", "B_f")
     meant = written(tmp_path, effects, moving)
-    (tmp_path / "mex.h").write_text(MEX + MEX_ONLY)
     (tmp_path / "told.c").write_text("const char *told = 0;\n")
     sources = [tmp_path / name for name in ("car_mex.c", "car.c", "told.c")]
-    flags = [*STRICT, "-Wno-unused-function", f"-I{tmp_path}", "-shared", "-fPIC"]
+    flags = [*STRICT, "-Wno-unused-function", f"-I{tmp_path}", f"-I{HARNESS}", "-shared", "-fPIC"]
     run(needed("gcc"), *flags, *sources, "-lm", "-o", tmp_path / "mex.so")
     library, e = ctypes.CDLL(str(tmp_path / "mex.so")), Equations(meant.model, moving)
 
@@ -180,9 +94,14 @@ def test_the_function_that_idnlgrey_calls_is_the_models(tmp_path, effects):
 @pytest.mark.parametrize("effects", [{}, {"steering_delay": 0.037, "steering_lag": 0.05}])
 def test_the_s_function_steps_as_the_model_does(tmp_path, effects, starts):
     meant = written(tmp_path, effects)
-    (tmp_path / "simstruc.h").write_text(SIM)
-    (tmp_path / "simulink.c").write_text(DRIVE)
-    flags = ["-DMATLAB_MEX_FILE", f"-DSTARTS={starts}", f"-I{tmp_path}", "-Wno-unused-function", "-Wno-unused-value"]
+    flags = [
+        "-DMATLAB_MEX_FILE",
+        f"-DSTARTS={starts}",
+        f"-I{tmp_path}",
+        f"-I{HARNESS}",
+        "-Wno-unused-function",
+        "-Wno-unused-value",
+    ]
     flags.append("-fsanitize=address,undefined")
     sources = [tmp_path / name for name in ("car_sfun.c", "car.c")]
     run(needed("gcc"), *STRICT, *flags, *sources, "-lm", "-o", tmp_path / "sfun")

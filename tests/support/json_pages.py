@@ -18,12 +18,13 @@ def documented():
     """Section -> its tree of keys: a key as written -> the keys below it."""
     sections = {}
     for title, body in re.findall(r"^## greybox (.*?)\n(.*?)(?=^## |\Z)", page("json.md"), re.MULTILINE | re.DOTALL):
-        tree = sections.setdefault(title, {})
-        for cell in re.findall(r"^\| (`.*?`) \|", body, re.MULTILINE):
-            for path in (own for code in re.findall(r"`(.*?)`", cell) for own in expanded(code)):
-                node = tree
-                for key in path.split("."):
-                    node = node.setdefault(key, {})
+        for command in expanded(title):
+            tree = sections.setdefault(command, {})
+            for cell in re.findall(r"^\| (`.*?`) \|", body, re.MULTILINE):
+                for path in (own for code in re.findall(r"`(.*?)`", cell) for own in expanded(code)):
+                    node = tree
+                    for key in path.split("."):
+                        node = node.setdefault(key, {})
     return sections
 
 

@@ -15,9 +15,10 @@ import numpy as np
 import scipy.sparse as sp
 
 from ...base.shorthands import Array, Index
+from ..against import Against
 from ..least_squares import LeastSquares
 from ..motion.lanes import Lanes
-from ..motion.shooting import MotionProblem, SimulatedRuns
+from ..motion.shooting import LANES, MotionProblem
 from ..series import Run
 from ..shooting import Problem
 
@@ -270,7 +271,7 @@ class MotionProgram:
         self.scale = np.concatenate([of_x, np.tile(np.max(np.abs(nodes.starts), axis=0) + 1e-3, len(self._inner))])
         X, none = cs.MX.sym("X", self.size), cs.MX.sym("none", 0)
         gamma, lam = cs.MX.sym("gamma"), cs.MX.sym("lam", self.constraints)
-        self._callback = _linearised(self, nodes.cut)
+        self._callback = _linearised(problem, self.scale, nodes.cut)
         f, g, df, dg, H = self._callback(X)
         self.nlp = {"x": X, "f": f, "g": g}
         self.derivatives = {
@@ -285,13 +286,6 @@ class MotionProgram:
         del warm
         nodes = self.problem.simulated_nodes(x).starts[self._inner]
         return np.asarray(np.concatenate([x, nodes.ravel()]) / self.scale)
-
-    def evaluate(self, X: Array) -> LiftedMotion:
-        """Everything in the program's own units."""
-        values, scale = X * self.scale, self.scale
-        x, nodes = values[: self.unknowns], values[self.unknowns :].reshape(len(self._inner), self.states)
-        f, gaps, g, gaps_by, H = at_nodes(self.problem, x, nodes)
-        return LiftedMotion(f, gaps, g * scale, gaps_by * scale, H * np.outer(scale, scale))
 
 
 class LiftedMotion(NamedTuple):
@@ -322,18 +316,25 @@ def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> LiftedMotion:
     x : (unknowns,).
     inner : (cuts, nz) states at the cuts.
     """
-    lanes, cut = problem.lanes(x)
+    _, cut = problem.lanes(x)
     p, size, moving = problem.of_intervals(x), problem.trace.size, problem.moving
     starts, starts_by_p = problem.starts(x)
     begin = np.empty((len(cut.interval), size))
     begin[cut.first], begin[~cut.first] = starts, inner
-    z_end, Z_end, y, Y = problem.simulator.kernel.linearise(begin, cut.segments, p[cut.interval], cut.reads, moving)
-    nodes = SimulatedRuns(lanes, cut, begin, cut, y)
-    e, weight = problem.against(cut).weighted(y)
-    total = len(x) + inner.size
+    of_lanes, against, misfit = p[cut.interval], problem.against(cut), 0.0
+    total, z_end = len(x) + inner.size, np.empty_like(begin)
     H, g, gaps_by = np.zeros((total, total)), np.zeros(total), np.zeros((inner.size, total))
     H[: len(x), : len(x)], g[: len(x)] = problem.believed, problem.pull_of_priors(x)
     for lane, variables in enumerate(_variables(problem, cut)):
+        if lane % LANES == 0:  # so many at a time: their derivatives take no more memory in a day than in an hour
+            some = slice(lane, lane + LANES)
+            z_end[some], Z_end, y, Y = problem.simulator.kernel.linearise(
+                begin[some], cut.segments[some], of_lanes[some], cut.reads, moving
+            )
+            held = Against(against.target[some], against.weight[some], against.robust)
+            e, weight = held.weighted(y)
+            misfit += held.misfit(y)
+        k = lane % LANES
         of_p, others = slice(0, len(moving)), slice(len(moving), None)
         by = np.zeros((size, len(variables)))  # the lane's beginning by its variables
         if cut.first[lane]:
@@ -342,17 +343,19 @@ def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> LiftedMotion:
         else:
             by[:, others] = np.eye(size)
             gaps_by[variables[others] - len(x), variables[others]] -= 1.0
-        J = (Y[lane, :, :, :size] @ by).reshape(-1, len(variables))
-        J[:, of_p] += Y[lane, :, :, size:].reshape(len(J), -1)
-        J *= weight[lane].reshape(-1, 1)
+        J = (Y[k, :, :, :size] @ by).reshape(-1, len(variables))
+        J[:, of_p] += Y[k, :, :, size:].reshape(len(J), -1)
+        J *= weight[k].reshape(-1, 1)
         H[np.ix_(variables, variables)] += J.T @ J
-        g[variables] += J.T @ e[lane].ravel()
+        g[variables] += J.T @ e[k].ravel()
         if not cut.first[(lane + 1) % len(cut.first)]:
-            end = Z_end[lane, :, :size] @ by
-            end[:, of_p] += Z_end[lane, :, size:]
+            end = Z_end[k, :, :size] @ by
+            end[:, of_p] += Z_end[k, :, size:]
             gaps_by[np.ix_(np.sum(~cut.first[: lane + 1]) * size + np.arange(size), variables)] += end
     before = np.flatnonzero(~cut.first) - 1
-    return LiftedMotion(problem.objective(x, nodes), (z_end[before] - inner).ravel(), g, gaps_by, H)
+    objective = 0.5 * float(np.sum(problem.prior_residuals(x) ** 2)) + misfit
+    objective = objective if np.isfinite(objective) else np.inf
+    return LiftedMotion(objective, (z_end[before] - inner).ravel(), g, gaps_by, H)
 
 
 def _variables(problem: MotionProblem, cut: Lanes) -> Iterator[Index]:
@@ -367,9 +370,10 @@ def _variables(problem: MotionProblem, cut: Lanes) -> Iterator[Index]:
         yield np.concatenate((index[problem.moving], value))
 
 
-def _linearised(program: MotionProgram, cut: Lanes) -> _Computed:
-    """Everything Ipopt asks for at one point."""
-    problem, n, m = program.problem, program.size, program.constraints
+def _linearised(problem: MotionProblem, scale: Array, cut: Lanes) -> _Computed:
+    """Everything Ipopt asks for at one point, in the program's units; the program, which holds it, is not held."""
+    n, unknowns = len(scale), problem.layout.size
+    m = n - unknowns
     pattern = np.zeros((n, n), dtype=bool)
     pattern[: len(problem.believed), : len(problem.believed)] = problem.believed != 0.0
     pattern[np.arange(n), np.arange(n)] = True
@@ -380,7 +384,9 @@ def _linearised(program: MotionProgram, cut: Lanes) -> _Computed:
     of_H = cs.Sparsity.triplet(n, n, rows.tolist(), columns.tolist())
 
     def values(X: Array) -> list[cs.DM]:
-        *others, H = program.evaluate(X)
-        return [*(cs.DM(value) for value in others), cs.DM(of_H, H[rows, columns])]
+        x = X * scale
+        at = at_nodes(problem, x[:unknowns], x[unknowns:].reshape(-1, problem.trace.size))
+        others = at.objective, at.gaps, at.gradient * scale, at.gaps_by * scale
+        return [*(cs.DM(value) for value in others), cs.DM(of_H, at.H[rows, columns] * (scale[rows] * scale[columns]))]
 
     return _Computed("linearised", n, [*dense, of_H], values)

@@ -1,15 +1,21 @@
 """Motion problems: derivatives, lanes, timing and starts, against an independent simulator."""
 
+import gc
+import weakref
+
 import numpy as np
 import pytest
 from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.engine.motion import shooting
+from greybox_id.engine.motion import shooting, simulator
 from greybox_id.engine.motion.prediction import Predictor
+from greybox_id.engine.motion.runs import motion_runs
+from greybox_id.engine.motion.schedule import schedule
 from greybox_id.engine.motion.shooting import MotionProblem
-from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.engine.motion.simulator import Simulator, observed
+from greybox_id.engine.solvers import programs
 from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
 from greybox_id.engine.solvers.ipopt import ipopt
 from greybox_id.models.effects import EFFECTS
@@ -208,3 +214,38 @@ def test_a_robust_loss_sees_past_outliers():
         ends[robust] = abs(stated.shared(found.x)[free] / FULL_SIZE_CAR["I_z"] - 1)
     assert ends[2.0] < 0.02
     assert ends[2.0] < ends[None]
+
+
+def test_what_ipopt_solved_is_let_go_with_its_last_name():
+    lap = driven(duration=1.0)
+    gc.disable()  # layouts of hours must not wait for it
+    try:
+        asked = problem(car("lateral"), [lap])
+        ipopt(asked, asked.start, warm=True, max_iterations=1)
+        left = weakref.ref(asked)
+        del asked
+        assert left() is None
+    finally:
+        gc.enable()
+
+
+def test_some_lanes_at_a_time_are_as_all_at_once(monkeypatch):
+    asked = problem(car("lateral"), [driven(duration=4.0)])
+    inner = asked.simulated_nodes(asked.start).starts[1:] + 0.01
+    all_at_once = programs.at_nodes(asked, asked.start, inner)
+    monkeypatch.setattr(programs, "LANES", 3)
+    for whole, part in zip(all_at_once, programs.at_nodes(asked, asked.start, inner), strict=True):
+        np.testing.assert_allclose(part, whole, rtol=1e-12, atol=1e-12 * np.max(np.abs(whole)))
+    nodes = asked.simulated_nodes(asked.start)
+    at = programs.at_nodes(asked, asked.start, nodes.starts[1:])
+    assert at.objective == pytest.approx(asked.objective(asked.start, nodes), rel=1e-12)
+
+
+def test_states_along_a_recording_are_the_same_some_rows_at_a_time(monkeypatch):
+    model, lap = car("lateral", ("steering_delay", 0.03)), driven(duration=1.0)
+    plain = Simulator(model, compiled=False)
+    (run,) = motion_runs(model, lap)
+    plan = schedule(plain.trace, run, plain.shifts(model.values), 0.01)
+    whole = observed(plain, run, plan, model.values)
+    monkeypatch.setattr(simulator, "AT_A_TIME", 7)
+    np.testing.assert_array_equal(observed(plain, run, plan, model.values), whole)

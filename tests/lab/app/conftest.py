@@ -23,7 +23,7 @@ class Reader:
 
     @property
     def text(self):
-        return self.driver.find_element("tag name", "body").text
+        return self.driver.execute_script("return document.body.innerText")
 
     def see(self, words, seconds=240):
         until = time.time() + seconds

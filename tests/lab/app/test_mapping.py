@@ -68,7 +68,7 @@ def _map(folder, name, entries):
 def test_a_shipped_map_keeps_all_it_says_when_it_is_mended(tmp_path, name):
     was = column_map(name)
     (tmp_path / "mended.toml").write_text(map_text(was), "utf-8")
-    write_map(tmp_path / "map.toml", *entries_of_map(tmp_path / "mended.toml"))
+    write_map(tmp_path / "map.toml", *entries_of_map((tmp_path / "mended.toml").read_text("utf-8")))
     now = column_map(tmp_path / "map.toml")
     assert (now.signals, now.extra, now.time, now.poses) == (was.signals, was.extra, was.time, was.poses)
     assert (now.hold, now.run_column, now.start_column) == (was.hold, was.run_column, was.start_column)

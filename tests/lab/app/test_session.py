@@ -89,6 +89,24 @@ def test_a_session_is_named_after_its_first_file(tmp_path):
     assert named_session([]) == "drive"
 
 
+def test_how_commands_run_between_rows_is_said_in_the_map(tmp_path):
+    session = Session(tmp_path / "racer")
+    session.link(_shipped("racer_train"))
+    session.change(columns="roboracer")
+    session.change(looked=session.key)
+    work = Work(session)
+    shipped = work.recording("recordings/racer_train.csv")
+    for hold in ("zero", "linear", ""):
+        work.set_hold(hold)
+        assert work.mapped()[0].get("hold", "") == hold
+        assert session["looked"] == session.key  # nothing has to be looked at again
+        mapped = gb.read(session.folder / "recordings" / "racer_train.csv", columns=session.folder / "map.toml")
+        assert mapped.hold_stated == bool(hold)
+        assert mapped.hold == (hold or "zero")
+        assert list(mapped.signals) == list(shipped.signals)
+        assert (mapped["a_y"] == shipped["a_y"]).all()
+
+
 @pytest.mark.slow
 def test_a_command_is_found_again_by_another_process(tmp_path):
     session = Session(tmp_path / "racer")

@@ -7,7 +7,7 @@ import numpy as np
 import greybox_id as gb
 from greybox_id.gap.gap import Budget, Ranked, Share
 from greybox_lab.app.charts import UNNAMED, waterfall
-from greybox_lab.app.why import alone, steps
+from greybox_lab.app.model import alone, steps
 
 SHARES = (Share("steering_delay", 0.62, 0.55, 0.69), Share("grip_scale", 0.18, 0.12, 0.25))
 BUDGET = Budget(SHARES, Share("unnamed", 0.20, 0.14, 0.27), ("lap",), True)

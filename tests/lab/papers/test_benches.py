@@ -63,7 +63,7 @@ def test_the_inverse_of_a_late_car_is_found_and_reads_nothing_but_what_is_ahead(
 @pytest.mark.slow
 def test_a_servo_that_is_late_by_35_ms_is_found_in_both_laps():
     found = {}
-    rows = a2rl.servo(laps(), laps(seed=1), np.ones(600, bool), found)
+    rows = a2rl.servo(laps(2000), laps(2000, seed=1), np.ones(2000, bool), found)
     for lap in ("training lap", "validation lap"):
         low, high = found[f"servo, {lap}, steering_delay"]
         assert 0.02 < low <= high < 0.045
