@@ -278,7 +278,7 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
 
     Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
     little: where it is not known by how much they jump, only the others count. What explains a little leaves more than
-    noise, where jitter leaves noise.
+    noise where jitter leaves noise, and nothing where jitter does not act.
 
     Parameters
     ----------
@@ -291,8 +291,13 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
     gain = 0.5 * float(np.sum(np.where(known, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
     if scatter is None or surely(scatter.gain) <= CAL.present:
         return False
-    left = float(np.mean((best / sd)[good] ** 2)) if np.any(good) else 1.0
-    return scatter.gain >= gain or left - scatter.left > CAL.excess_exact
+    if scatter.gain >= gain:
+        return True
+    use = steady(bench, y, sd, good)[1]
+    elsewhere = known & ~use & (jump == 0 if jump is not None else True)
+    there = 0.5 * float(np.sum(np.where(elsewhere, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
+    left = float(np.mean((best / sd)[use] ** 2)) if np.any(use) else 1.0
+    return there < CAL.cost and left - scatter.left > CAL.excess_exact
 
 
 def sole_jitter(
