@@ -1,6 +1,6 @@
 """Faults that `greybox data check` finds, and clean recordings that it distrusts.
 
-    python benchmarks/checks.py [--json] [--clean 300] [--seeds results] [--only clean|power|bar]
+    python benchmarks/checks.py [--json] [--clean 300] [--seeds results] [--only clean|power|bar|planted]
 
 Every fault of benchmarks/checks_recordings.py is put into every recording that has the channels it spoils. It counts as
 found where the recording is distrusted for something that it is not distrusted for without the fault; as named where a
@@ -16,13 +16,15 @@ import time
 from collections import defaultdict
 from typing import Any
 
-from checks_recordings import FAULTS, clean, possible, twelve
+from checks_recordings import FAULTS, PLANTED, clean, possible, twelve, with_heading
 
 from greybox_id.datasets.checks import Finding, Severity, check
 from greybox_id.datasets.recording import Recording
 
 SEEDS = {"choice": 100_000, "results": 400_000}
 """First seed of each set."""
+KINDS = ("car", "racer", "truck", "sports")
+"""Vehicles that the 31 faults are planted in."""
 EVERY = 20
 """One clean recording in so many is spoilt by every fault that it can have."""
 
@@ -33,7 +35,7 @@ def main() -> int:
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments.add_argument("--clean", type=int, default=300, help="recordings with nothing wrong")
     arguments.add_argument("--seeds", choices=SEEDS, default="results")
-    arguments.add_argument("--only", choices=("clean", "power", "bar"), help="one part of it")
+    arguments.add_argument("--only", choices=("clean", "power", "bar", "planted"), help="one part of it")
     given = arguments.parse_args()
     found: dict[str, Any] = {}
     if given.only in (None, "clean"):
@@ -42,6 +44,8 @@ def main() -> int:
         found |= power(given.clean, SEEDS[given.seeds])
     if given.only in (None, "bar"):
         found |= bar()
+    if given.only in (None, "planted"):
+        found |= {"planted": [planted(kind, SEEDS[given.seeds] + k) for k, kind in enumerate(KINDS)]}
     if given.json:
         sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     else:
@@ -110,6 +114,23 @@ def bar() -> dict[str, Any]:
     return {"before": before, "cases": cases}
 
 
+def planted(kind: str, seed: int) -> dict[str, Any]:
+    """The 31 faults in one drive: which are found, and of which the first finding names the cause."""
+    recording = with_heading(kind, seed)
+    known = {(item.kind, item.where.channel) for item in check(recording) if item.severity is not Severity.NOTE}
+    missed, other = [], {}
+    for name, fault in PLANTED.items():
+        left = [item for item in check(fault.apply(recording)) if item.severity is not Severity.NOTE]
+        new = [item for item in left if (item.kind, item.where.channel) not in known]
+        if not new:
+            missed.append(name)
+        elif not fault.named(new[0].sentence):
+            other[name] = new[0].sentence
+    right = len(PLANTED) - len(missed) - len(other)
+    return {"recording": recording.name, "faults": len(PLANTED), "found": len(PLANTED) - len(missed),
+            "right_first": right, "missed": missed, "other_first": other, "without": len(known)}  # fmt: skip
+
+
 def show(found: dict[str, Any]) -> None:
     """One table."""
     say = sys.stdout.write
@@ -118,6 +139,10 @@ def show(found: dict[str, Any]) -> None:
         say(f"{1000 * found['seconds'] / found['clean']:.0f} ms of the processor each\n")
         for own in found["distrusted"]:
             say(f"    {own['recording']}: {' | '.join(own['sentences'])}\n")
+    for own in found.get("planted", []):
+        say(f"{own['recording']}: {own['found']} of {own['faults']} faults found, {own['right_first']} with the right ")
+        say(f"cause first; missed: {', '.join(own['missed']) or 'none'}\n")
+        say("".join(f"    {name}: {sentence}\n" for name, sentence in own["other_first"].items()))
     cases = found.get("cases", [])
     for own in found.get("before", []):
         if own["sentences"]:

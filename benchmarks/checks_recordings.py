@@ -194,6 +194,78 @@ FAULTS: dict[str, Fault] = {
 }  # fmt: skip
 
 
+def _rotated(degrees: float) -> Callable[[Recording], Recording]:
+    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    return _by(a_x=lambda r: c * r["a_x"] + s * r["a_y"], a_y=lambda r: c * r["a_y"] - s * r["a_x"])
+
+
+def _raised(name: str, by: float) -> Callable[[Recording], Recording]:
+    return lambda r: r.with_signals(**{name: r[name] + by})
+
+
+def _at(name: str, instants: Callable[[Array], Array]) -> Callable[[Recording], Recording]:
+    """A channel read at other instants than its stamps, in s from the start."""
+    return lambda r: r.with_signals(**{name: np.interp(r.time[0] + instants(r.time - r.time[0]), r.time, r[name])})
+
+
+def _frozen(name: str, begin: float, seconds: float) -> Callable[[Recording], Recording]:
+    def apply(r: Recording) -> Recording:
+        values, since = r[name].copy(), r.time - r.time[0]
+        rows = (since > begin) & (since < begin + seconds)
+        values[rows] = values[np.argmax(rows)]
+        return r.with_signals(**{name: values})
+
+    return apply
+
+
+def _second_half(name: str, factor: float) -> Callable[[Recording], Recording]:
+    return lambda r: r.with_signals(**{name: r[name] * np.where(np.arange(len(r)) < len(r) // 2, 1.0, factor)})
+
+
+SIZED: dict[str, Fault] = {
+    own.about: own
+    for own in (
+        Fault("yaw_rate 0.15 rad/s too high", ("yaw_rate",), _raised("yaw_rate", 0.15), "yaw_rate has an offset"),
+        Fault("yaw_rate 0.08 rad/s too low", ("yaw_rate",), _raised("yaw_rate", -0.08), "yaw_rate has an offset"),
+        Fault("IMU turned by 15 degrees", IMU, _rotated(15.0), "The IMU is turned by"),
+        Fault("IMU turned by -25 degrees", IMU, _rotated(-25.0), "The IMU is turned by"),
+        Fault("a_y times 0.8", ("a_y",), _scaled(0.8, "a_y"), "a_y is 0."),
+        Fault("a_y times 1.4", ("a_y",), _scaled(1.4, "a_y"), "a_y is 1."),
+        Fault("yaw_rate times 0.75", ("yaw_rate", "yaw"), _scaled(0.75, "yaw_rate"), "yaw_rate is 0."),
+        Fault("bank of 7 degrees", ("a_y",), _raised("a_y", 9.81 * np.sin(np.radians(7.0))), "banked"),
+        Fault("steer 0.3 s early", ("steer",), _at("steer", lambda t: t + 0.3), "steer is early"),
+        Fault("steer 0.3 s late", ("steer",), _at("steer", lambda t: t - 0.3), "steer is late"),
+        Fault("yaw_rate 0.3 s late", ("yaw_rate",), _at("yaw_rate", lambda t: t - 0.3), "yaw_rate is late"),
+        Fault("a_y 0.25 s early", ("a_y",), _at("a_y", lambda t: t + 0.25), "a_y "),
+        Fault("clock of a_y 2 % fast", ("a_y",), _at("a_y", lambda t: 0.98 * t), "clock of a_y"),
+        Fault("clock of a_x 1 % slow", ("a_x",), _at("a_x", lambda t: 1.01 * t), "clock of a_x"),
+        Fault("gyro frozen for 30 s", ("yaw_rate",), _frozen("yaw_rate", 20.0, 30.0), "yaw_rate is stuck"),
+        Fault("v_x frozen for 10 s", ("v_x",), _frozen("v_x", 20.0, 10.0), "v_x is stuck"),
+        Fault("steer frozen for 8 s", ("steer",), _frozen("steer", 20.0, 8.0), "steer is stuck"),
+        Fault("steer of another scale in the second half", ("steer",), _second_half("steer", 1.5), "another car"),
+        Fault("steer 0.03 rad too high", ("steer",), _raised("steer", 0.03), "steer has an offset"),
+        Fault("gyro without readings for 10 s", ("yaw_rate",), lambda r: r.with_signals(
+              yaw_rate=np.where(np.abs(r.time - r.time[0] - 35.0) < 5.0, np.nan, r["yaw_rate"])), "missing"),
+    )
+}  # fmt: skip
+"""Faults of a size, as sensors, clocks and loggers make them."""
+MAPPED = (
+    "the columns of a_x and a_y are exchanged", "the IMU is turned by 90° to the left",
+    "the IMU is turned by 180° about z", "the IMU is upside down (turned about x)", "yaw_rate has the wrong sign",
+    "steer has the wrong sign", "yaw_rate is in deg/s and called rad/s", "steer is in deg and called rad",
+    "v_x is in km/h and called m/s", "a_y is in g and called m/s²", "time is 2 times as long as it should be",
+)  # fmt: skip
+PLANTED = {**SIZED, **{name: FAULTS[name] for name in MAPPED}}
+"""The 31 faults of the examination of one drive."""
+
+
+def with_heading(kind: str, seed: int) -> Recording:
+    """Ninety seconds of mixed driving with heading, to plant faults in."""
+    recording, truth = drive(random_vehicle(seed, kind), "mixed", 90.0, 50.0, seed=seed)
+    noise = 0.002 * np.random.default_rng((seed, 611)).standard_normal(len(recording))
+    return recording.with_signals(yaw=truth.states["yaw"] + noise)
+
+
 def possible(fault: Fault, recording: Recording) -> bool:
     """Whether a recording has what the fault spoils."""
     drives = any(name in recording for name in ("drive_force", "ax_cmd", "motor_current"))

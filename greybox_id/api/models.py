@@ -27,6 +27,7 @@ __all__ = [
     *("bicycle_mlp", "mlp_lateral"),
     *("hybrid_force", "hybrid_stiffness", "kinematic", "lateral", "longitudinal", "msnn_full", "msnn_full_plus"),
     *("gnn", "msnn_bench_lat", "msnn_bench_long", "msnn_lat", "msnn_long", "names", "own", "single_track"),
+    "steering",
 ]
 
 
@@ -93,6 +94,18 @@ def kinematic(understeer: bool = True, vehicle: VehicleLike = None) -> MotionMod
     False
     """
     return cast(MotionModel, build("kinematic", {"understeer": understeer}, vehicle=given.vehicle(vehicle)))
+
+
+def steering() -> MotionModel:
+    """Steering actuator: the measured road-wheel angle [rad] behind its command [rad].
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> gb.models.steering().outputs
+    ('steer_measured',)
+    """
+    return cast(MotionModel, build("steering"))
 
 
 def _network(name: str, recording: Recording | None, settings: Mapping[str, Any]) -> Model:

@@ -335,13 +335,22 @@ def _check_columns(result: Contents, mapping: ColumnMap) -> None:
         if not result.find(name):
             raise BadInput(
                 f'{result.where}: there is no column "{name}", which the column map "{mapping.name}" needs.'
-                f"{near(name, result.names)} {_what_there_is(result.names)}{_other_map(result, mapping)}"
+                f"{near(name, result.names)} {_what_there_is(result.names)}"
+                f"{_part_of(name, result)}{_other_map(result, mapping)}"
             )
     if not any(result.find(c.column) for c in mapping.channels):
         raise BadInput(
             f'{result.where}: the column map "{mapping.name}" finds none of its signals in this file. '
             f"{_what_there_is(result.names)}{_other_map(result, mapping)}"
         )
+
+
+def _part_of(name: str, result: Contents) -> str:
+    """What to do where a map for several files of one drive is given one of them."""
+    part, _, rest = name.partition("/")
+    if not rest or any(known.partition("/")[0] == part for known in result.names):
+        return ""
+    return f" It stands for {rest} of a file {part}: join the files of the drive first (greybox data join)."
 
 
 def _what_there_is(names: Sequence[str]) -> str:

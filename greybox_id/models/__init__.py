@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 MODEL_NAMES = (
-    *("single_track", "lateral", "longitudinal", "kinematic"),
+    *("single_track", "lateral", "longitudinal", "kinematic", "steering"),
     *("msnn_lat", "msnn_long", "msnn_full"),
     *("gnn", "msnn_bench_lat", "msnn_bench_long"),
     *("hybrid_stiffness", "hybrid_force"),

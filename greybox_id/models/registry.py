@@ -48,6 +48,7 @@ from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .settings import NoSettings, from_mapping
 from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
+from .steering import steering
 from .tyres import TYRES, TyreSettings
 from .vehicle import Stated, Vehicle
 from .vehicles import stated_effect, with_vehicle
@@ -172,6 +173,7 @@ MODELS: dict[str, ModelEntry] = {
     "lateral": ModelEntry(TyreSettings, lambda item: _formed(lateral(item.model), item)),
     "longitudinal": ModelEntry(DriveSettings, lambda item: longitudinal(item.drive, _brake(item)), _braked),
     "kinematic": ModelEntry(KinematicSettings, kinematic),
+    "steering": ModelEntry(NoSettings, lambda settings: steering()),
     "msnn_lat": ModelEntry(LateralSettings, msnn_lat, covering_lat),
     "msnn_long": ModelEntry(LongitudinalSettings, msnn_long, covering_long),
     "msnn_full": ModelEntry(FullSettings, msnn_full, covering_full),

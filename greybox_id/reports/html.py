@@ -23,13 +23,17 @@ def write_html(document: Document, out: str | Path) -> Path:
     return write_atomically(Path(out), page(document))
 
 
-def page(document: Document) -> str:
-    """The page; nothing in names orders a terminal that shows its text."""
-    look = resources.files(__package__).joinpath(STYLE).read_text("utf-8")
+def style() -> str:
+    """The look of every page, light and dark, as CSS."""
     light, dark = (
         f":root{{{''.join(f'--{name}:{colour};' for name, colour in colours.items())}}}" for colours in (LIGHT, DARK)
     )
-    colours = f"{light}@media(prefers-color-scheme:dark){{{dark}}}"
+    look = resources.files(__package__).joinpath(STYLE).read_text("utf-8")
+    return f"{look}{light}@media(prefers-color-scheme:dark){{{dark}}}"
+
+
+def page(document: Document) -> str:
+    """The page; nothing in names orders a terminal that shows its text."""
     body = "\n".join(part_html(part) for part in document.parts)
     return clean(
         '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
@@ -37,7 +41,7 @@ def page(document: Document) -> str:
         f'<meta name="generator" content="{MARK}">\n'
         '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
         f"<title>{escape(document.title)}: report of {escape(document.of)}</title>\n"
-        f"<style>\n{look}{colours}\n</style>\n</head>\n<body>\n<main>\n"
+        f"<style>\n{style()}\n</style>\n</head>\n<body>\n<main>\n"
         f'<h1>{escape(document.title)}</h1>\n<p class="about">{_words(document.about)}</p>\n'
         f"{body}\n<footer>{escape(document.written_by)}, report of {escape(document.of)}</footer>\n"
         "</main>\n</body>\n</html>\n"

@@ -23,7 +23,7 @@ import greybox_id as gb
 from greybox_id.base.shorthands import Array, Say
 
 from .bench import PublishedBench, Row, clocked, frame, rmse
-from .equations import AHEAD, inverse_steering, steering_servo
+from .equations import AHEAD, inverse_steering
 
 COLUMNS = ("ay", "ax", "vx", "curv", "steer_target", "steer_meas")
 STEP = 0.05
@@ -169,7 +169,7 @@ def servo(train: pd.DataFrame, valid: pd.DataFrame, fresh: NDArray[np.bool_], re
 
 def late_by(lap: gb.Recording, held: Mapping[str, float]) -> gb.Fit:
     """The servo fitted to rows, with a lag or a delay held."""
-    model = steering_servo() + gb.effects.steering_delay.free()
+    model = gb.models.steering() + gb.effects.steering_delay.free()
     return gb.fit(model, [lap], fix=held, options=gb.FitOptions(solver="gauss-newton"))
 
 

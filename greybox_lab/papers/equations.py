@@ -1,6 +1,6 @@
 """Models of the benches, as anybody would write their own: equations over names, parameters with units and bounds.
 
-Axes are those of ISO 8855. On the command line each is named by this file: `--model equations.py:steering_servo`.
+Axes are those of ISO 8855. On the command line each is named by this file: `--model equations.py:inverse_steering`.
 """
 
 from __future__ import annotations
@@ -17,24 +17,6 @@ from greybox_id.models.msnn_parts import fading, fading_prior, memberships
 from greybox_id.models.parameter import Parameter, Prior
 
 G = 9.81
-
-
-def steering_servo() -> MotionModel:
-    """Road-wheel angle behind its target: first order, with a gain and an offset; a delay is an effect."""
-
-    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
-        return {"steer_measured": (p.gain * u.steer + p.offset - x.steer_measured) / p.lag}
-
-    return MotionModel(
-        name="steering_servo", about="road-wheel angle behind its target",
-        states=(State("steer_measured", "rad", 0.1),), inputs=("steer",), commands=("steer",),
-        outputs=("steer_measured",), dynamics=dynamics,
-        parameters=(
-            Parameter("lag", "s", 0.03, (1e-3, 0.5), about="time constant"),
-            Parameter("gain", "1", 1.0, (0.5, 1.5), about="measured over commanded"),
-            Parameter("offset", "rad", 0.0, (-0.05, 0.05), about="measured less commanded"),
-        ),
-    )  # fmt: skip
 
 
 AHEAD = 10

@@ -23,6 +23,8 @@ MANY, MANY_RUNS = 0.25, 8
 """Where more than a quarter of 8 runs or more lie apart, no run is odd: the delay as such is not one number."""
 WORTH_TELLING = 0.5
 """Samples of a delay between two ways to the same quantity that a fit should be told of."""
+OF_HELD_COMMANDS = 0.5
+"""Samples that commands held from row to row put between a reading and the difference of readings about it."""
 BLUNT = "The steering signal has a dead zone, which delays it as well."
 PRECISE = 0.5
 """Samples of uncertainty above which a delay is not told."""
@@ -71,7 +73,8 @@ def _usual(pair: Pair, lags: dict[int, Lag], dt: float) -> list[Finding]:
             f"{pair.left} {verb} {pair.right} by {abs(usual):.2f} ± {error:.2f} samples "
             f"({abs(usual) * ms:.0f} ± {error * ms:.0f} ms; {runs}), {why}."
         )
-        severity = Severity.WARNING if pair.kinematic else Severity.NOTE
+        apart = pair.kinematic and abs(usual) > WORTH_TELLING + OF_HELD_COMMANDS
+        severity = Severity.WARNING if apart else Severity.NOTE
         findings.append(Finding("delay", severity, FoundAt(pair.nodes[0]), sentence, usual * dt, error * dt, "s"))
     return findings
 

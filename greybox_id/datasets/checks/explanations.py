@@ -59,12 +59,19 @@ MOST_TRIES, NEAR_TRIES = 100, 4
 RESPONSE, PER_ROOT = 0.12, 0.12
 """s, and s per root of a metre: the longest that yaw_rate follows steer by, over the wheelbase; yaw takes as long as
 tyres take to turn an inertia that grows with length."""
+SIDEWAYS_RESPONSE = 0.5
+"""Share of that by which a_y may come before or after v_x · yaw_rate: v_y answers within it."""
 NEAR_RIGHT = 8.0
 """Degrees about 90 within which an IMU is put right by its map."""
 STEADY = 0.9
 """Share of an unbroken run beyond which a channel that stands still was meant to: a speed that a controller keeps."""
 FROZEN, TIMES = 1.5, 20.0
 """Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
+MOVES = 0.2
+"""Least scatter of what goes with it while a channel is stuck, over its usual size."""
+HOLDS, AS_EVER = 3.0, 0.7
+"""Times the next longest hold from which a channel is stuck as well, where what goes with it moves on by so much of its
+usual scatter: a command may be held for long, but then the vehicle does not go on weaving."""
 
 
 @dataclass(frozen=True)
@@ -237,7 +244,11 @@ def _sideways(r: Recording) -> list[Explanation]:
         )  # fmt: skip
     result += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
-    if (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain] and not result:
+    gentle = SCALE * np.nanstd(smoothed[0]) < ANGLE * np.nanstd(
+        smoothed[2]
+    )  # an IMU that is hardly turned does as much
+    far = (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
+    if far and not gentle and not result:
         result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
     return result
 
@@ -284,7 +295,8 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
         witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
     for name, left, right in witnesses:
         result = _regression(left, [right])
-        if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > 0.5 * SCALE:
+        least = 0.5 * max(SCALE, abs(np.log(scale)))  # what explains less of it is not its cause
+        if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > least:
             blamed = {name: float(result.values[0])}
     (name, by), *_ = blamed.items()
     others = [item for item in ("a_y", "yaw_rate", "v_x") if item != name]
@@ -359,22 +371,7 @@ def _clocks(r: Recording) -> list[Explanation]:
     count = longest[1] - longest[0]
     if count * dt < 12.0:
         return []
-    if r.has("steer", "yaw_rate"):
-        turn, steered = r["yaw_rate"][rows], (r["v_x"] * r["steer"])[rows]
-        lag = estimate_lag(turn, steered, dt, 0.05, 1.0)
-        if lag is not None and lag.error * dt < 0.05 and lag.gain > 0:
-            late = lag.samples * dt
-            most = RESPONSE + PER_ROOT * np.sqrt(np.clip(1.0 / lag.gain, 0.05, 15.0))
-            if late > most or late < -0.03:
-                word = "early" if late > 0 else "late"
-                result.append(
-                    Explanation(
-                        f"steer is {word}: yaw_rate follows v_x · steer by {number(1000 * late, 3)} ms, where up to "
-                        f"{number(1000 * float(most), 2)} ms are a vehicle's response. Delay steer in the map, or "
-                        "fit with steering_delay.",
-                        "steer", late, lag.error * dt, "s", (late / max(lag.error * dt, 1e-3)) ** 2,
-                    )
-                )  # fmt: skip
+    result += _shifted(r, rows)
     r = thinned(r)
     rows = slice(*max(r.runs, key=lambda run: run[1] - run[0]))
     if r.has("a_y", "yaw_rate"):
@@ -382,6 +379,54 @@ def _clocks(r: Recording) -> list[Explanation]:
     if r.has("a_x"):
         result += _runs_fast(r, rows, "a_x", r["a_x"], rate(r, r["v_x"]))
     return result
+
+
+def _shifted(r: Recording, rows: slice) -> list[Explanation]:
+    """Channels that come early or late: steer leads yaw_rate by the vehicle's response, a_y goes with v_x · yaw_rate.
+
+    Of two channels that are apart the one is named that a third is apart from as well.
+    """
+    if not r.has("steer", "yaw_rate"):
+        return []
+    dt, turn = r.sample_time, r["yaw_rate"][rows]
+
+    def late(left: Array, right: Array) -> tuple[float, float, float] | None:
+        lag = estimate_lag(left, right, dt, 0.05, 1.0)
+        told = lag is not None and lag.error * dt < 0.05 and lag.gain > 0
+        return (lag.samples * dt, lag.error * dt, lag.gain) if lag is not None and told else None
+
+    after = late(turn, (r["v_x"] * r["steer"])[rows])
+    if after is None:
+        return []
+    seconds, error, gain = after
+    most = float(RESPONSE + PER_ROOT * np.sqrt(np.clip(1.0 / gain, 0.05, 15.0)))
+    apart = seconds > most or seconds < -0.03
+    aside = late(r["a_y"][rows], r["v_x"][rows] * turn) if r.has("a_y") else None
+    beside = aside is not None and abs(aside[0]) > SIDEWAYS_RESPONSE * most
+    if apart and beside and aside is not None and (seconds > 0) == (aside[0] < 0):
+        name, (seconds, error, _) = "yaw_rate", aside
+        seconds = -seconds
+        sentence = f"a_y, which goes with v_x · yaw_rate, comes {number(1000 * abs(seconds), 3)} ms {{before}} it"
+        sentence = sentence.format(before="before" if seconds > 0 else "after")
+    elif apart:
+        name, seconds = "steer", -seconds
+        sentence = (
+            f"yaw_rate follows v_x · steer by {number(-1000 * seconds, 3)} ms, where up to {number(1000 * most, 2)} ms "
+            "are a vehicle's response"
+        )
+    elif beside and aside is not None:
+        name, (seconds, error, _) = "a_y", aside
+        sentence = f"it comes {number(1000 * abs(seconds), 3)} ms {'after' if seconds > 0 else 'before'} v_x · yaw_rate"
+    else:
+        return []
+    word = "late" if seconds > 0 else "early"
+    fitted = " or fit with steering_delay" if name == "steer" else " or fit with a sensor's latency"
+    return [
+        Explanation(
+            f"{name} is {word}: {sentence}. Shift {name} in time,{fitted}.",
+            name, abs(seconds), error, "s", (seconds / max(error, 1e-3)) ** 2, witnessed=name != "a_y",
+        )
+    ]  # fmt: skip
 
 
 def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) -> list[Explanation]:
@@ -450,13 +495,17 @@ def _frozen(r: Recording) -> list[Finding]:
         longest = int(np.argmax(lengths))
         a, b = int(begins[longest]), int(ends[longest])
         usual = float(np.median(np.delete(lengths, longest))) if len(lengths) > 1 else 1.0
+        next_longest = float(np.max(np.delete(lengths, longest))) if len(lengths) > 1 else 1.0
+        moving = _moves(r, name, a, b)
         seconds = lengths[longest] * r.sample_time
+        long = lengths[longest] > TIMES * max(usual, 1.0)
+        longer = lengths[longest] > HOLDS * max(next_longest, 1.0) and moving > AS_EVER
         if (
             seconds < FROZEN
-            or lengths[longest] < TIMES * max(usual, 1.0)
+            or not (long or longer)
             or values[a] == 0.0
             or any(b - a > STEADY * (end - start) for start, end in r.runs if start <= a < end)
-            or not _moves(r, name, a, b)
+            or moving < MOVES
         ):
             continue
         sentence = (
@@ -468,8 +517,8 @@ def _frozen(r: Recording) -> list[Finding]:
     return findings
 
 
-def _moves(r: Recording, name: str, a: int, b: int) -> bool:
-    """Whether what a channel goes with moves between two rows about as much as elsewhere."""
+def _moves(r: Recording, name: str, a: int, b: int) -> float:
+    """Scatter between two rows of what a channel goes with, over its usual size."""
     beside = {
         "yaw_rate": ("a_y", "steer"),
         "a_y": ("yaw_rate", "steer"),
@@ -480,7 +529,8 @@ def _moves(r: Recording, name: str, a: int, b: int) -> bool:
         "yaw": ("yaw_rate",),
     }
     for other in beside[name]:
-        if r.has(other):
+        if r.has(other) and np.any(np.isfinite(r[other][a:b])):
             part, whole = r[other][a:b], r[other]
-            return bool(np.nanstd(part) > 0.2 * np.nanstd(whole))
-    return False
+            usual = float(np.hypot(np.nanstd(whole), np.nanmean(part)))  # a circle that is driven moves nothing
+            return float(np.nanstd(part)) / max(usual, 1e-300)
+    return 0.0

@@ -13,7 +13,7 @@ from .finding import Finding, FoundAt, Severity, listed
 
 SMALL = 0.05
 """An error beyond this share of the signal's own scatter is more than a note."""
-QUESTION = re.compile(r'^\s*#\?\s*(\w+)\s*=\s*\{\s*column\s*=\s*(?!"\.\.\.")', re.MULTILINE)
+QUESTION = re.compile(r'^\s*#\?\s*(\w+)\s*=\s*\{\s*column\s*=(?!\s*"\.\.\.")', re.MULTILINE)
 """A signal that a proposed map leaves open; one without a column is an offer, no question."""
 
 

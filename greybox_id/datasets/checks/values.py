@@ -71,8 +71,8 @@ def _constant(recording: Recording, name: str, value: float) -> Finding:
         moving = [n for n in ("yaw_rate", "a_y", "a_x", "x") if _moves(recording, n)]
     elif name == "a_x" and _moves(recording, "v_x"):
         moving = ["v_x"]
-    elif name == "steer" and value != 0.0:
-        moving = []  # a circle at constant steering angle is a manoeuvre
+    elif name == "steer" and (value != 0.0 or ("yaw_rate" in recording and "yaw_rate" not in moving)):
+        moving = []  # a circle at constant steering angle is a manoeuvre; straight ahead, side wind and camber move a_y
     dead = bool(moving)
     tail = f" while {', '.join(moving)} moves: the channel is dead." if dead else "."
     sentence = f"{name} is {with_unit(exact(value, 6), recording.unit(name))} in every row{tail}"

@@ -49,7 +49,9 @@ RULES: dict[str, tuple[str, ...]] = {
     "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
               r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
-              r"|steered angle|steer(ing)? (meas|measured|actual|act)"),
+              r"|steered angle",
+              r"steer(ing)?( angle)? (cmd|command|target|ref(erence)?|setpoint|desired|soll)|(cmd|target) steer(ing)?"),
+    "steer_measured": (r"steer(ing)?( angle)? (meas|measured|actual|act|feedback|fb)",),
     HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
                  r"|steeringwheelangle|stwhl( ang| angle)?|steering wheel position|lrw|lenkrad",),
     "motor_current": (r"motor current|current motor|i motor|current|imot|i mot|i q|iq",),

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import BadInput
+from ...base.numbers import number
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS, unit_of
 from ..checks import Finding, Severity, check
@@ -24,6 +25,9 @@ from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
 SIGNALS_OF = {HAND_WHEEL: "steer"}
+MEASURED = "steer_measured"
+ALIKE = 2.0
+"""Largest factor between a steering angle and its command in one unit."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +93,8 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     plain = ColumnMap("none", Column(TIME, TIME, "s", "s"), {})
     result = contents_together(files, plain) if len(files) > 1 else contents(Path(*(files or (str(path),))), plain)
     guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
+    if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command that it is beside
+        guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
     numbers, labels = _numbers(result, guesses)
     clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers))] if not rate else []
     time = _one_time(result, clocks)
@@ -112,6 +118,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
         with_steering(e, known, guesses[e.column].signal == HAND_WHEEL, wheelbase) if e.signal == "steer" else e
         for e in decided
     ]
+    decided = [_as_commanded(entry, decided, raw) for entry in decided]
     decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
     if len(result.groups) == 1:
         unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
@@ -146,6 +153,21 @@ def _candidates(
             else:
                 chosen.append(entry)
     return chosen, rivals
+
+
+def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) -> MapEntry:
+    """The measured steering in the unit of the command that it follows."""
+    steer = next((item for item in entries if item.signal == "steer" and item.decided), None)
+    if entry.signal != MEASURED or entry.decided or steer is None:
+        return entry
+    rows = np.isfinite(raw[MEASURED]) & np.isfinite(raw["steer"])
+    commanded, measured = raw["steer"][rows], raw[MEASURED][rows]
+    gain = float(np.vdot(commanded, measured) / max(float(np.vdot(commanded, commanded)), 1e-300))
+    if not 1 / ALIKE < abs(gain) < ALIKE:
+        return entry
+    why = f"unit: as that of {steer.column}, of which it is {number(gain, 2)} times"
+    return replace(entry, unit=steer.unit, units=(), divide_by=steer.divide_by, sign=steer.sign, decided=True,
+                   reasons=(entry.reasons[0], why))  # fmt: skip
 
 
 def _fits(unit: str, signal: str) -> bool:

@@ -34,6 +34,7 @@ from greybox_id.base.errors import BadInput, GreyboxError
 from greybox_id.base.files import held
 from greybox_id.base.json_data import finite
 from greybox_id.base.version import __version__
+from greybox_id.reports.html import style
 
 from .admission import Admission, Connection, Strangers, Turns
 from .bodies import BodyChecks, json_object
@@ -295,7 +296,8 @@ class Server:
         return await asyncio.shield(asyncio.ensure_future(alone()))
 
 
-PAGE = resources.files(__package__).joinpath("live.html").read_text("utf-8")
+LOOK = "/* the look of reports */"
+PAGE = resources.files(__package__).joinpath("live.html").read_text("utf-8").replace(LOOK, style())
 
 
 class _Uvicorn(uvicorn.Server):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from checks import planted
 
 from greybox_id.datasets.checks import Severity, check
 from greybox_id.datasets.recording import Recording
@@ -85,6 +86,15 @@ def test_a_fault_is_named_first_with_its_size(name):
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_said_of_a_clean_drive(seed):
     assert not [own for own in check(drive(seed)) if own.severity is Severity.DISTRUST]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("kind", "seed"), [("car", 21), ("racer", 22), ("truck", 23), ("sports", 24)])
+def test_of_31_faults_28_are_found_and_24_named_first(kind, seed):
+    found = planted(kind, seed)
+    assert found["faults"] == 31
+    assert found["found"] >= 28
+    assert found["right_first"] >= 24
 
 
 def test_who_drives_ahead_is_never_said_to_reverse():
