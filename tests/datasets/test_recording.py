@@ -162,3 +162,8 @@ def test_a_run_ends_where_a_condition_leaves_rows_out():
 def test_what_is_no_number_is_refused_in_a_sentence(time, v_x, says):
     with pytest.raises(BadInput, match=says):
         Recording("lap", time, {"v_x": v_x})
+
+
+def test_stamps_by_turns_early_and_late_have_the_rate_of_their_rows():
+    time = np.concatenate([[0.0], np.cumsum(np.tile([0.032, 0.048], 100))])
+    assert Recording("by turns", time[:-1], {"v_x": np.ones(200)}).sample_time == pytest.approx(0.04, rel=1e-2)

@@ -173,8 +173,11 @@ def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
         raise ValueError("no")
 
     nothing = np.zeros(3)
-    assert "it is not installed" in emps.tried(peers.by_nnodely, nothing, nothing, nothing, {"M": 1.0})[2]
-    assert emps.tried(broken, nothing, nothing, nothing, {"M": 1.0})[2] == "it fails (ValueError: no)"
+    assert (
+        "it is not installed"
+        in emps.tried(peers.by_nnodely, "no_such_package", nothing, nothing, nothing, {"M": 1.0})[2]
+    )
+    assert emps.tried(broken, "numpy", nothing, nothing, nothing, {"M": 1.0})[2] == "it fails (ValueError: no)"
 
 
 @pytest.mark.slow
