@@ -23,7 +23,6 @@ from .estimation.noise import Whitener
 from .estimation.part_bench import PartBench
 from .estimation.refit import refit, settled
 from .estimation.search import Search
-from .estimation.shortlist import of_gain
 from .evidence import Costs, price
 from .selection import Selection
 
@@ -305,3 +304,8 @@ def as_it_acts(search: Search, hypothesis: Hypothesis) -> Search:
 def _place(bench: Bench, candidate: Candidate) -> int:
     """Where a candidate's magnitude stands among the model's parameters."""
     return [parameter.name for parameter in bench.model.parameters].index(candidate.axes[0].name)
+
+
+def of_gain(step: float, target: float) -> float:
+    """Share of a gain that is left of a step cut short by a bound: beyond it nothing can be promised."""
+    return 1 - (1 - step / target) ** 2 if target != 0 else 1.0

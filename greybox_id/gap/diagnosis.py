@@ -95,11 +95,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(it, held_out, tell) if it.best.candidates else None
-    if shared is not None and not selection.at_once:
-        shared = replace(
-            shared, beside=()
-        )  # effects that were searched one after the other are no causes beside others
-    telling = shared if shared is not None and shared.shows and (shared.held_out or not selection.at_once) else None
+    telling = shared if shared is not None and shared.shows and shared.held_out else None
     best, reasons = _causes(it, telling)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
@@ -311,7 +307,9 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
         share = shared.judged(name) if shared is not None else None
         sure = _of_class(one, name)
         spread = varying.get(name)
-        if spread is not None and spread.relative > CAL.varies:
+        if not one.stands:
+            reasons[name] = "free runs spin beside it as they do without, where the vehicle did not"
+        elif spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
                 f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % "
                 f"{spread.place}, that of a cause does not"
@@ -337,12 +335,30 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             entry = (1.0 - CAL.nothing_unknown) * sure * _itself(one, best, name, spread) * _closes(shared, name)
             if entry <= CAL.present:
                 reasons[name] = f"its probability is {entry:.2f}, no more than one half"
+    reasons |= _beside_mimics(one, best, reasons)
     if not reasons:
         return best, reasons
     kept = frozenset(best.names) - set(reasons)
     known = {frozenset(item.names): item for item in (*one.selection.tried, one.selection.base)}
     search = one.selection.search
     return known.get(kept) or refitted(search, best.only(kept)), reasons
+
+
+def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:
+    """Why effects beside others whose sizes are refuted are no causes, by name, where equations are exact.
+
+    These have an unknown cause to share among them: what more of it went to refuted names than to one may go to it too.
+    """
+    varies = [name for name, spread in one.varying.items() if spread.relative > CAL.varies and name in reasons]
+    refuted = sum(_gain(one, best, name) for name in varies)
+    if not refuted or one.rough:
+        return {}
+    beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
+    return {
+        name: f"an effect that mimics it: it gains less than what stands {beside}"
+        for name in best.names
+        if name not in reasons and _gain(one, best, name) < refuted
+    }
 
 
 def _gain(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
@@ -373,13 +389,13 @@ def by_no_name(examined: Examined) -> float:
 
 def _itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
     """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
-    return _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
+    stands = 1.0 if examined.stands else 1.0 - CAL.present
+    return stands * _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
 
 
 def _of_class(examined: Examined, name: str) -> float:
     """The probability that an effect is there, or one that these recordings cannot tell from it."""
-    within = CAL.alike if examined.selection.at_once else CAL.twins
-    return probability(examined.evidence, examined.selection.tried, name, *_alike(examined, name, within))
+    return probability(examined.evidence, examined.selection.tried, name, *_alike(examined, name, CAL.alike))
 
 
 def _classes(examined: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:
@@ -419,13 +435,12 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         magnitude, interval = _magnitude(examined, most, name)
         part = next(candidate.part for candidate in most.candidates if candidate.effect == name)
         by = 1.0 if name in examined.best.names else weighed.outdone.get(name, 1.0)
+        p = known * probability(weighed, tried, name) * _itself(examined, most, name, varying.get(name))
+        p *= _closes(shared, name)
         ranked.append(
             Ranked(
                 name,
-                known
-                * probability(weighed, tried, name)
-                * _itself(examined, most, name, varying.get(name))
-                * _closes(shared, name),
+                min(p, 1.0 - CAL.present) if name in reasons else p,
                 magnitude,
                 most.main(name)[0].unit,
                 interval,

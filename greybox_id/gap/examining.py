@@ -16,7 +16,6 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
-from .at_once import select_at_once
 from .beginning import as_it_acts, with_beginnings
 from .closing import closed_by
 from .estimation.axes import candidates, nuisances, shifting
@@ -40,7 +39,7 @@ from .estimation.wandering import Wander, wandering
 from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
-from .selection import Firmly, Selection, select
+from .selection import Selection, select
 from .unknown import Signs, beyond_what_may_be, signs, unnamed
 
 TINY = 1e-12
@@ -66,6 +65,7 @@ class Examined:
     unnamed : model error that is left; None for models that know no forces.
     freed : the base and the best, by their names, with tolerances that do all they can for free runs.
     amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
+    stands : whether free runs with the best hypothesis do not spin; where they do, no name is to be trusted.
     """
 
     model: Diagnosed
@@ -90,6 +90,7 @@ class Examined:
     freed: Mapping[frozenset[str], Hypothesis]
     amplitudes: Amplitudes | None
     expected: Believed
+    stands: bool = True
 
     def resembles(self) -> tuple[Wander, ...]:
         """Effects that what is left looks like, if their magnitudes vary all the time."""
@@ -106,7 +107,7 @@ class Examined:
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
         """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
-        if self.selection.at_once:  # paid for already
+        if self.rough:  # paid for already
             return {}
         if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
             return {}
@@ -150,17 +151,14 @@ def examine(
     prior = believed_amplitudes(sd, entry, not rough, known)
     whiten = _whitener(bench, good, prior, sd)
     cost = costs(forces, value)
-    firmly = _firmly(bench, start, sd, good)
-    if rough and forces and not spins(bench, start, good):
-        # model error is annealed: where numbers are exact, or are weights, there is none; and what spins has no columns
-        tolerances = [axis for axis in believed if not axis.narrow]
-        everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
-        problem = JointProblem(bench, tolerances, everything, good)
-        together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
-        selection = select_at_once(together, believed, cost, _unsteadiness, search.trust)
-        search = selection.search
-    else:
-        selection = select(search, value, whiten, cost, firmly)
+    # model error is annealed, if only in what a file states
+    tolerances = [axis for axis in believed if not axis.narrow]
+    everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
+    problem = JointProblem(bench, tolerances, everything, good)
+    observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
+    together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
+    selection = select(together, believed, cost, _unsteadiness, search.trust)
+    search = selection.search
     selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
@@ -208,6 +206,7 @@ def examine(
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, entry, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
+        observer is None or _stands(search, best, observer, good),
     )  # fmt: skip
 
 
@@ -271,11 +270,25 @@ def spins(bench: FreeRuns, e: Array, good: NDArray[np.bool_]) -> bool:
     return bool(np.any(rows) and np.mean(e[rows, at] ** 2) > np.mean(bench.measured[rows, at] ** 2))
 
 
-def _firmly(bench: FreeRuns, e: Array, sd: Array, good: NDArray[np.bool_]) -> Firmly | None:
-    """An observer of the yaw rate, where the nominal model is so far off that it may spin."""
-    name = PULLED.format("yaw_rate")
-    off = np.mean((e / sd)[good] ** 2) if np.any(good) else 0.0
-    if name not in bench.model or off < CAL.far_off:
+def _kept_from_spinning(problem: JointProblem) -> int | None:
+    """Make the observer of the yaw rate so firm that the nominal simulation does not spin; its place, if there is one.
+
+    Without it derivatives tell nothing, and a search through them finds whatever stops the spin.
+    """
+    name, names = PULLED.format("yaw_rate"), [parameter.name for parameter in problem.bench.model.parameters]
+    if name not in names:
         return None
-    index = [parameter.name for parameter in bench.model.parameters].index(name)
-    return Firmly(index, CAL.firm)
+    at = names.index(name)
+    for rate in CAL.firm:
+        problem.nominal[at] = rate
+        if not spins(problem.bench, problem.residuals([problem.nominal])[0], problem.good):
+            break
+    return at
+
+
+def _stands(search: Search, best: Hypothesis, observer: int, good: NDArray[np.bool_]) -> bool:
+    """Whether free runs with the best explanation do without the observer that a search needed."""
+    p = search.vector(best)
+    p[observer] = 0.0
+    (e,) = search.residuals([p])
+    return not spins(search.bench, e, good)

@@ -11,9 +11,9 @@ from ..base.shorthands import Array
 from ..engine.simulation import FreeRuns
 from ..models.effect import Effect
 from .estimation.calibration import CAL
-from .estimation.shortlist import Promise
 from .estimation.strip import running
 from .gap import Where
+from .selection import Promise
 
 EQUATIONS = {
     "steering": "steering", "drive": "F_x", "tyres": "F_y", "body": "inertia and loads", "road": "road and air",

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, candidate
 
-from greybox_id.gap.estimation.shortlist import Promise
 from greybox_id.gap.estimation.strip import running
 from greybox_id.gap.gap import REGIMES
 from greybox_id.gap.regimes import regimes, signals, where
+from greybox_id.gap.selection import Promise
 from greybox_id.models.effects import EFFECTS
 
 ROWS = 3000
@@ -88,7 +88,7 @@ def test_the_channel_that_departs_most_is_named_and_those_never_read_are_not(dri
 
 def test_parts_of_the_equations_share_what_could_be_gained(driven):
     def promise(name, gain):
-        return Promise(candidate(0).__class__(name, candidate(0).axes), gain, (1.0,), np.empty(0))
+        return Promise(candidate(0).__class__(name, candidate(0).axes), gain, (1.0,))
 
     promised = [promise("steering_delay", 30.0), promise("steering_lag", 60.0), promise("mass_change", 20.0),
                 promise("road_slope", 20.0)]  # fmt: skip

@@ -52,7 +52,7 @@ def test_a_bench_becomes_a_table():
         "measured": {"date": "", "version": "", "seed": 0, "n": 1},
     }
     made = build.section(build.of_bench({**kept, "result": {"rows": [row], "answers": ["So."]}}))
-    assert "| m (published) | 0.500 ± 0.10 | – |" in made
+    assert "| m, 4 parameters (published) | 0.500 ± 0.10 | – |" in made
     assert "| model | t [mm] | CPU s |" in made
 
 

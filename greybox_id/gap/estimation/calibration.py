@@ -114,7 +114,6 @@ class Calibration:
     untold: float = _known(1.5, "log-odds where noise is not stated, and for too many effects", BEFORE)
     of_signal: float = _known(0.015, "error of rough equations over what they predict: the same as of curves")
     of_small_signal: float = _known(0.05, "the same of v_y, which is the small difference of what is large")
-    far_off: float = _known(30.0, "mean square of nominal errors over noise's from which on simulations may spin")
     far_reading: float = _known(4.5, "robust sds from those about it, beyond which a reading tells of no closure")
     spike: float = _known(6.0, "robust sds of an outlier, where noise is estimated")
     too_large: float = _known(0.8, "of stated noise, below which residuals say that it is stated too large")
@@ -220,36 +219,17 @@ class Calibration:
     )  # fmt: skip
     delay_starts: tuple[float, ...] = _known((0.47, 1.9), "the same for delays: none a usual sample time", SEARCHED)
     gradual_start: float = _known(0.3, "the same of what a small magnitude does tells of a larger one", SEARCHED)
-    few_starts: int = _known(3, "starts of a candidate not expected to gain alone: beside another it may", SEARCHED)
-    between: float = _known(1.1, "of the factor between starts, by which a better one may lie beside one", SEARCHED)
-    start_near: float = _known(1.2, "factor within which a start stays where it is", SEARCHED)
-    doubt: float = _known(0.3, "share of a gain that is doubted at the furthest from a start", SEARCHED)
-    powers: tuple[float, float] = _known((0.5, 3.0), "of its size that an effect may grow with, as two starts tell it")
-    singles: int = _known(8, "single effects that are refitted: those expected to gain most", SEARCHED)
-    pairs: int = _known(3, "of the best singles that pairs are about", SEARCHED)
-    partners: int = _known(4, "that each of them is given", SEARCHED)
-    triples: int = _known(3, "effects that are tried beside the best pair", SEARCHED)
-    polished: int = _known(3, "of the best are refitted with nuisances linearised beside them", SEARCHED)
-    worthy: float = _known(0.3, "of what an effect must gain: what gains less is not", SEARCHED)
     rivals: int = _known(3, "more are refitted there", SEARCHED)
-    near: float = _known(30.0, "times what an effect must gain: so near to the best are rivals", SEARCHED)
-    close: float = _known(10.0, "the same about the next best", SEARCHED)
-    partner_least: float = _known(1.0, "nats that a partner of the best single is expected to gain", SEARCHED)
     places: int = _known(200, "instants at which an effect may begin or end, to first order: less than a second apart")
     least_part: float = _known(0.05, "of the rows that it acts in at least, and does not: of less, few tell", DEFINED)
     least_told: float = _known(
         0.1, "of what is told of an effect, before and after it begins; nulls' grip had .01, .02, causes .26", BEGUN
     )
     begun: int = _known(3, "effects that begin or end are refitted: those expected to gain most", SEARCHED)
-    replacing: int = _known(4, "effects that are tried in each place of the best pair", SEARCHED)
     nearly: float = _known(0.5, "of the best pair's gain, that one is expected to have: to first order", SEARCHED)
-    fewest: int = _known(4, "singles that are refitted whatever their expected gain", SEARCHED)
-    hope: float = _known(0.1, "of the best expected gain: singles of less are not refitted", SEARCHED)
-    late: int = _known(3, "of the best are refitted from the mean of the prior of lags", SEARCHED)
-    rough_singles: int = _known(6, "singles refitted while noise is not known yet", SEARCHED)
-    much: float = _known(0.01, "of a cost that a second effect must explain there", SEARCHED)
-    rather: float = _known(2.0, "times as much a good explanation costs where an observer stays firm", SEARCHED)
-    firm: float = _known(2.0, "rate of that observer, 1/s: slower than a vehicle's yaw, faster than a spin", SEARCHED)
+    firm: tuple[float, ...] = _known(
+        (2.0, 4.0, 8.0, 16.0, 32.0), "rates of an observer, 1/s: the first that keeps a simulation from spinning"
+    )
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
     again: int = _known(3, "times that nuisances are linearised again", SEARCHED)
@@ -283,6 +263,7 @@ class Calibration:
     acts_alike: float = _known(
         0.5, "cosine between what two causes do, all else refitted, from which they act alike", DEFINED
     )
+    exchange_steps: int = _known(6, "steps at most of a cause in another one's place: secants halve errors")
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
     as_rough: float = _known(

@@ -94,7 +94,9 @@ def _cause(
     rough: bool,
 ) -> PossibleCause:
     main = forms[0].axes[0]
-    usual = main.scale if main.inverse else usual_size(model, effect)
+    usual = usual_size(model, effect)
+    if main.inverse or not np.isfinite(usual):
+        usual = main.scale
     value = tolerated.get(main.index)
     zone = CAL.indifference * usual if rough and (effect.gradual or main.unit in ("s", "m")) else 0.0
     if rough and main.unit == "s":

@@ -1,10 +1,9 @@
-"""The words of a diagnosis' search: hypotheses, where refits of them start, and what projections tell."""
+"""The words of a diagnosis' search: hypotheses, and where refits of them start."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -70,27 +69,6 @@ def parts_of(candidates: Sequence[Candidate]) -> list[tuple[Candidate, slice]]:
 def by_cost(hypothesis: Hypothesis) -> float:
     """What hypotheses are put in order by, best first."""
     return hypothesis.cost
-
-
-class Projection(NamedTuple):
-    """What single columns would gain, (K,) each.
-
-    Attributes
-    ----------
-    gain : in log-likelihood.
-    step : along each.
-    curve : information on each, nuisances refitted.
-    raw : the same with nuisances held.
-    nuisances : (n, K) where nuisances would go, moving ones first, per unit of each column; from `rest`.
-    rest : (n,) where they would go without any.
-    """
-
-    gain: Array
-    step: Array
-    curve: Array
-    raw: Array
-    nuisances: Array
-    rest: Array
 
 
 @dataclass(frozen=True)

@@ -341,6 +341,15 @@ class JointProblem:
             moved=np.concatenate([np.ones(len(T.T)), self.smooth | state.on, np.ones(nx), np.zeros(nf)]).astype(bool),
         )  # fmt: skip
 
+    def formed(self, state: JointState, k: int, form: int) -> JointState:
+        """A state with a cause in one of its forms, switched off; it begins at the form's first start."""
+        if form == state.form[k]:
+            return state
+        self._looking[k] = (form, 0)
+        on = state.on.copy()
+        on[k] = False
+        return self._as_looked_at(replace(state, on=on))
+
     def forget(self) -> None:
         """Forget what causes that are not there would do: it was taken elsewhere."""
         self._slopes.clear()

@@ -20,7 +20,7 @@ from ...engine.simulation import FreeRuns
 from .axes import Axis
 from .calibration import CAL
 from .form import rough_curves
-from .hypothesis import Hypothesis, Projection, Start
+from .hypothesis import Hypothesis, Start
 from .noise import Whitener, blocks
 
 
@@ -223,10 +223,6 @@ class Search:
                 return float(at)
         return axis.null
 
-    def first_order(self, hypothesis: Hypothesis) -> Array:
-        """(N, channels) what the linear nuisances add to a simulation."""
-        return self.first_orders([hypothesis.linear])[:, :, 0]
-
     def first_orders(self, linear: Sequence[Array]) -> Array:
         """(N, channels, K) what K sets of linear nuisances add to simulations."""
         by = self._by.reshape(self.bench.measured.size, self._by.shape[2])[:, len(self.moving) :]
@@ -252,10 +248,6 @@ class Search:
             if item is not None
         )
 
-    def reached(self, here: Array, there: Array) -> Array:
-        """Where nuisances get to from here in one step, moving ones first, within their bounds."""
-        return np.clip(np.clip(there, here - self.stride, here + self.stride), self.low, self.high)
-
     @staticmethod
     def start_of(hypothesis: Hypothesis) -> Start:
         """A start where a hypothesis stands."""
@@ -272,13 +264,6 @@ class Search:
         known = self.gram[np.ix_(held, held)]
         return float(np.trace(np.linalg.solve(known + self.precision[np.ix_(held, held)], known)))
 
-    def far(self, hypothesis: Hypothesis) -> Array:
-        """How far a hypothesis has moving and abrupt nuisances from where they are believed to be, in their sds."""
-        axes = (*self.moving, *self.shifts)
-        at = np.concatenate([hypothesis.theta, hypothesis.linear])[: len(axes)]
-        result: Array = np.abs(at - self.means[: len(axes)]) / np.array([axis.sd for axis in axes])
-        return result
-
     def beliefs(self, released: set[int]) -> Array:
         """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
         held = np.where(self.among(released), 0.0, 1.0)
@@ -292,31 +277,6 @@ class Search:
         self.simulations += len(P)
         y = self.bench.simulate(np.array(P))
         return np.where(self.bench.counted, y - self.bench.measured, 0.0)
-
-    # ---- to first order
-
-    def project(self, e: Array, columns: Array, theta: Array, linear: Array) -> Projection:
-        """What single columns would gain, nuisances refitted to first order.
-
-        Parameters
-        ----------
-        e : (N, channels) residuals.
-        columns : (N, channels, K) their derivatives by K coordinates.
-        theta, linear : where nuisances stand.
-        """
-        W = self.weighed(columns).reshape(-1, columns.shape[2])
-        r = self.weighed(e[:, :, None]).ravel()
-        u = np.concatenate([theta, linear])
-        H = self.gram + self.precision
-        g = self.white.T @ r + self.precision @ (u - self.means)
-        C = (W.T @ self.white).T
-        free = ~(((u <= self.low) & (g > 0)) | ((u >= self.high) & (g < 0)))  # the others would leave their bounds
-        solved = np.zeros((len(g), 1 + W.shape[1]))
-        solved[free] = np.linalg.solve(H[np.ix_(free, free)], np.column_stack([g, C])[free])
-        slope, raw = W.T @ r - C.T @ solved[:, 0], np.sum(W**2, axis=0)
-        curve = np.maximum(raw - np.sum(C * solved[:, 1:], axis=0), 1e-12 * raw + 1e-300)
-        rest = u - solved[:, 0]
-        return Projection(0.5 * slope**2 / curve, -slope / curve, curve, raw, -solved[:, 1:], rest)
 
     def covariance(self, hypothesis: Hypothesis) -> Array:
         """(m, m) of a hypothesis' coordinates, nuisances refitted, if residuals are noise."""

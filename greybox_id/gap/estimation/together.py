@@ -169,25 +169,28 @@ class JointSearch:
         for k in (int(abrupt) for abrupt in np.flatnonzero(stage.there & ~self.problem.smooth)):
             if not better.there[k]:
                 continue
-            for j in self._mates(better, k):
+            for j, form in self._mates(better, k):
                 swap = better.there.copy()
                 swap[k], swap[j] = False, True
-                tried = self.refitted(better, swap, CAL.refits + 1)
+                formed = replace(better, state=self.problem.formed(better.state, j, form))
+                tried = self.refitted(formed, swap, CAL.exchange_steps)
                 if _explains(tried) > _explains(better):  # in the same model error
                     better, k = tried, j
         if better is stage:
             return stage
         self.problem.forget()
-        return self.settled(better.state, better.rough, self.variance(better.there), rounds=2)
+        return self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
 
-    def _mates(self, stage: JointStage, k: int) -> list[int]:
-        """Abrupt causes that are not there and whose columns point as one's does, all else refitted; the nearest."""
-        sets = stage.sets
+    def _mates(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
+        """Causes whose columns point as one's does, all else refitted, in each of their forms; the nearest first."""
+        sets, causes = stage.sets, self.problem.causes
         S = sets.S[np.ix_(sets.main, sets.main)]
         size = np.sqrt(np.maximum(np.diag(S), 1e-300))
         like = np.abs(S[k] / (size * size[k]))
-        others = np.flatnonzero(~stage.there & ~self.problem.smooth & (like > CAL.acts_alike))
-        return sorted((int(j) for j in others), key=lambda j: -like[j])[: CAL.exchanged]
+        others = [int(j) for j in np.flatnonzero(~stage.there & (like > CAL.acts_alike))]
+        others = sorted(others, key=lambda j: -like[j])[: CAL.exchanged]
+        itself = [(k, form) for form in range(len(causes[k].forms)) if form != stage.state.form[k]]
+        return [*itself, *((j, form) for j in others for form in range(len(causes[j].forms)))]
 
     def _settled_as(self, state: JointState, there: Mask, rough: float) -> JointStage:
         """A state where equations are so rough."""
@@ -271,14 +274,22 @@ class JointSearch:
         state, squares, variance = stage.state, stage.squares, self.variance(there)
         self.problem.forget()
         for _ in range(steps):
-            state, _ = self._stepped(state, squares, variance, stage.whitener, there)
+            state, went = self._stepped(state, squares, variance, stage.whitener, there)
             state, squares = self._linear(state, stage.whitener, False, variance)
+            if went < CAL.still:
+                break
         sets = self._sets(squares)
         evidence = stage.evidence + sets.base + sets.score(there) - _explains(stage)
         return replace(stage, state=state, there=there, squares=squares, sets=sets, evidence=evidence)
 
     def settled(
-        self, state: JointState, rough: float, variance: Array, whitener: Whitener | None = None, rounds: int = 1
+        self,
+        state: JointState,
+        rough: float,
+        variance: Array,
+        whitener: Whitener | None = None,
+        rounds: int = 1,
+        there: Mask | None = None,
     ) -> JointStage:
         """A stage with its best set of causes, all refitted with it, in the model error that is left.
 
@@ -287,17 +298,20 @@ class JointSearch:
         state, rough, variance : where everything is, and what is believed.
         whitener : of the first round; None: of what is left there.
         rounds : of refits.
+        there : the set of causes, where it is known.
         """
-        there = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
+        known = there is not None
+        if there is None:
+            there = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
         for _ in range(rounds):
             by = whitener or self._of_what_is_left(state)
             state, squares = self._linear(state, by, False, self.variance(there))
-            there = self._sets(squares).climbed(there)
+            there = there if known else self._sets(squares).climbed(there)
             state, _ = self._stepped(state, squares, self.variance(there), by, there)
         by = self._of_what_is_left(state)
         state, squares = self._linear(state, by, False, self.variance(there))
         sets = self._sets(squares)
-        there = sets.climbed(there)
+        there = there if known else sets.climbed(there)
         evidence = sets.base + sets.score(there) + self._of_whitener(by, rough)
         return JointStage(rough, state, there, by, squares, sets, evidence)
 

@@ -277,7 +277,8 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
     """Whether jitter alone explains more than the best hypothesis does.
 
     Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
-    little: where it is not known by how much they jump, only the others count.
+    little: where it is not known by how much they jump, only the others count. What explains a little leaves more than
+    noise where jitter leaves noise, and nothing where jitter does not act.
 
     Parameters
     ----------
@@ -288,7 +289,15 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
     scatter = sole_jitter(bench, base, y, sd, good, jump)
     known = good if jump is not None else steady(bench, y, sd, good)[1]
     gain = 0.5 * float(np.sum(np.where(known, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
-    return scatter is not None and scatter.gain >= gain and surely(scatter.gain) > CAL.present
+    if scatter is None or surely(scatter.gain) <= CAL.present:
+        return False
+    if scatter.gain >= gain:
+        return True
+    use = steady(bench, y, sd, good)[1]
+    elsewhere = known & ~use & (jump == 0 if jump is not None else True)
+    there = 0.5 * float(np.sum(np.where(elsewhere, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
+    left = float(np.mean((best / sd)[use] ** 2)) if np.any(use) else 1.0
+    return there < CAL.cost and left - scatter.left > CAL.excess_exact
 
 
 def sole_jitter(

@@ -22,7 +22,7 @@ def diagnosis(gain, share, effect="steering_delay"):
 def diagnose(folder):
     """What a diagnoser is asked: the gain shows with which number it was diagnosed."""
     assert (folder / "recording.csv").is_file()
-    return diagnosis(20.0 if CAL.singles >= Calibration.singles else 5.0, 0.01)
+    return diagnosis(20.0 if CAL.refits >= Calibration.refits else 5.0, 0.01)
 
 
 @pytest.fixture
@@ -71,7 +71,7 @@ def test_numbers_of_the_search_are_halved_and_doubled_in_processes_of_their_own(
     halved = {own["draw"] for own in found["rows"]}
     assert found["verdicts changed"] == 2 * len(halved)
     assert 0 < len(halved) < 3
-    assert CAL.singles == Calibration.singles  # here nothing was changed
+    assert CAL.refits == Calibration.refits  # here nothing was changed
 
 
 def test_folders_are_asked_for(capsys):
