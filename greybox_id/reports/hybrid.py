@@ -104,5 +104,5 @@ def _training(fit: Fit) -> tuple[Drawing, ...]:
     figure = convergence(fit.stages[-1])
     if figure is None:
         return ()
-    caption = "Training: the objective over the steps, above the least; beside it, where there are, all trainings."
+    caption = "Training: how far the objective is above its minimum, over the steps; where there were several trainings, all."
     return (Drawing("training", figure, caption, "The objective over the steps of training."),)
