@@ -236,7 +236,7 @@ class _Since(click.Command):
     metavar="NAME",
     shell_complete=names(MODELS),
     callback=named_model,
-    help="Model to simulate with --vehicle; default: the one that the file names, else single_track. FILE.py is executed.",
+    help="Model to simulate with --vehicle; default: that of its file, else single_track. FILE.py is executed.",
 )
 @columns_option
 @click.option(

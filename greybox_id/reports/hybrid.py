@@ -104,5 +104,7 @@ def _training(fit: Fit) -> tuple[Drawing, ...]:
     figure = convergence(fit.stages[-1])
     if figure is None:
         return ()
-    caption = "Training: how far the objective is above its minimum, over the steps; where there were several trainings, all."
+    caption = (
+        "Training: how far the objective is above its minimum, over the steps; where there were several trainings, all."
+    )
     return (Drawing("training", figure, caption, "The objective over the steps of training."),)

@@ -151,8 +151,8 @@ def discriminating(
             )
     if HOPELESS <= worst < ENOUGH:
         stated.append(
-            f"One drive tells them apart by {worst:.1f} nats, and {ENOUGH:g} are needed: drive it several times, or use "
-            "a larger arena."
+            f"One drive tells them apart by {worst:.1f} nats, and {ENOUGH:g} are needed: drive it several times, or "
+            "use a larger arena."
         )
     return finished(
         "discriminate", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],

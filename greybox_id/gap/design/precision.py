@@ -203,8 +203,8 @@ def no_room(nearest: FoundPlan, task: DesignTask, search: PlanSearch) -> BadInpu
     worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))
     kept = search.kept(nearest, search.samples)
     return BadInput(
-        f"Parameters are known too roughly for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} % of the "
-        f"values that are held possible, and the best does for {100 * kept:.0f} %; the others exceed the limit of "
+        f"Parameters are known too roughly for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} % of "
+        f"the values that are held possible, and the best does for {100 * kept:.0f} %; the others exceed the limit of "
         f"{worst}. Raise that limit (‹limits›), or drive something gentle first and fit again."
     )
 

@@ -39,9 +39,7 @@ def network_words(model: HybridModel) -> str:
     if isinstance(network, FeedForwardNetwork):
         units = {"tanh": "hyperbolic tangents", "relu": "rectified linear units"}[network.activation]
         layers = ", ".join(map(str, network.hidden))
-        mirrored = (
-            " It is odd: a right turn gives the mirror image of a left one." if network.mirrored else ""
-        )
+        mirrored = " It is odd: a right turn gives the mirror image of a left one." if network.mirrored else ""
         return (
             f"z is the output of a feed-forward network of {layers} {units} that reads {network.features} features of "
             f"states and inputs; its last layer is linear.{mirrored}"
