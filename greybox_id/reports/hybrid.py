@@ -105,6 +105,6 @@ def _training(fit: Fit) -> tuple[Drawing, ...]:
     if figure is None:
         return ()
     caption = (
-        "Training: how far the objective is above its minimum, over the steps; where there were several trainings, all."
+        "Training: the objective above its best, over the steps; beside it every training, where there were several."
     )
     return (Drawing("training", figure, caption, "The objective over the steps of training."),)

@@ -45,7 +45,7 @@ def network_words(model: HybridModel) -> str:
             f"states and inputs; its last layer is linear.{mirrored}"
         )
     layers = ", ".join(map(str, network.hidden))
-    skip = " and straight from what it reads" if network.skip else ""
+    skip = " and reads the features directly, too" if network.skip else ""
     return (
         f"z is the output of a recurrent network of {layers} rectified linear units. At every row it reads "
         f"{network.features} features of states and inputs, and its layers' outputs of the row before; its last layer "
