@@ -204,8 +204,8 @@ def no_room(nearest: FoundPlan, task: DesignTask, search: PlanSearch) -> BadInpu
     kept = search.kept(nearest, search.samples)
     return BadInput(
         f"Parameters are known too roughly for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} % of "
-        f"the values that are held possible, and the best does for {100 * kept:.0f} %; with the rest, {worst} exceeds its "
-        f"limit. Raise that limit (‹limits›), or drive something gentle first and fit again."
+        f"the values that are held possible, and the best does for {100 * kept:.0f} %; with the rest, {worst} exceeds "
+        "its limit. Raise that limit (‹limits›), or drive something gentle first and fit again."
     )
 
 
