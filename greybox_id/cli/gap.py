@@ -158,7 +158,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         still = [f"{item['effect']} (± {_within(item['effect'], item['within'])})" for item in changed.not_changed]
         out.print(led("Same", f"within two standard deviations: {listed(still)}"))
     if changed.not_seen:
-        out.print(led("Unseen", f"a usual change would not show here: {listed(changed.not_seen)}"))
+        out.print(led("Unknown", f"a usual change is below the detection limit: {listed(changed.not_seen)}"))
     out.print(led("Left", gap.unknown or "nothing unnamed shows"))
 
 
