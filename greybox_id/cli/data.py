@@ -118,9 +118,12 @@ def check_command(
 
 
 def _kept_beside(columns: str, repair: str) -> Path | None:
-    """Where a map that is repaired in its own place is kept as it was; None where the repair goes to another file."""
-    target, place = Path(repair), Path(columns)
-    if not (target.is_file() and place.is_file() and target.samefile(place)):
+    """Where a map that is repaired in its place is kept as it was; None where the repair goes to another file.
+
+    Only the same name means that place: another spelling, or a link, may be a mistake, which the guard refuses.
+    """
+    target = Path(repair)
+    if target != Path(columns) or not target.is_file() or target.is_symlink():
         return None
     names = (target.with_name(f"{target.name}.bak{number or ''}") for number in count())
     return next(name for name in names if not name.exists())
