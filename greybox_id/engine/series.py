@@ -285,23 +285,24 @@ class Run:
         """Derivative of one window's result by the parameters, in pieces: distinct columns and (rows, columns)."""
         trace = self.trace
         usable = len(z) - 1
-        columns = trace.stage_columns[signal]
+        columns, at = trace.stage_columns[signal], trace.stage_at[signal]
         signal_by_p = z_by_p[signal][:usable]
         if u_by_p is not None and z_by_u is not None:
             signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
+            at = tidy(columns)
         if len(columns):
-            yield tidy(columns), weighted_windows(signal_by_p, weights)
+            yield at, weighted_windows(signal_by_p, weights)
         tap_weight = trace.tap_weights[tap]
         if not len(tap_weight.places):
             return
         slopes = self._weights_by_p(p)[tap_weight.places]
         seen = windows(z[:usable, signal], trace.memory)
         if tap_weight.order is not None:
-            yield tidy(tap_weight.columns), seen[:, tidy(tap_weight.lags[tap_weight.order])] * slopes[tap_weight.order]
+            yield tap_weight.at, seen[:, tap_weight.samples] * slopes[tap_weight.order]
         else:
             weights_by_p = np.zeros((trace.memory, len(tap_weight.columns)))
             weights_by_p[tap_weight.lags, tap_weight.among] = slopes
-            yield tidy(tap_weight.columns), seen @ weights_by_p
+            yield tap_weight.at, seen @ weights_by_p
 
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int
