@@ -167,8 +167,10 @@ class Run:
         z, h = self._windows(u, p)
         newest = self._newest(u)
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
-        y_by_h = trace.head_by_h.nonzeros(h, newest, p)
-        by_p = np.zeros((len(h), len(trace.model.outputs), len(p)))
+        direct, outputs = trace.head_by_p, len(trace.model.outputs)
+        edges = [outputs, outputs + len(trace.head_by_h.row)]
+        y, y_by_h, y_by_p = np.split(trace.head_with_slopes(h, newest, p), edges, axis=1)
+        by_p = np.zeros((len(h), outputs, len(p)))
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
         for tap, signal in enumerate(trace.tap_signal):
@@ -176,9 +178,8 @@ class Run:
             for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
                 for output, y_by_tap in reached:
                     by_p[:, output, columns] += h_by_p if np.all(y_by_tap == 1.0) else y_by_tap * h_by_p
-        direct = trace.head_by_p
         if len(direct.row):
-            by_p[:, direct.row, direct.column] += direct.nonzeros(h, newest, p)
+            by_p[:, direct.row, direct.column] += y_by_p
         moved = u_by_p is not None or nodes is not None
         y_by_u = trace.head_by_u.nonzeros(h, newest, p) if moved else np.empty((len(h), 0))
         if u_by_p is not None:
@@ -188,7 +189,7 @@ class Run:
         by_nodes = None
         if nodes is not None and z_by_u is not None:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
-        return Linearisation(trace.head(h, newest, p), by_p, by_nodes)
+        return Linearisation(y, by_p, by_nodes)
 
     def pulled(self, p: Array, weights: Array, nodes: Array | None = None) -> Array | None:
         """Weights (rows, outputs) times the derivative of the predictions by the parameters, (parameters,).

@@ -184,6 +184,14 @@ class Trace:
         return SampledFunction(cs.Function("head", [self.h, self.u, self.p], [cs.densify(self.y)]))
 
     @cached_property
+    def head_with_slopes(self) -> SampledFunction:
+        """(h, u, p) -> y and the nonzeros of `head_by_h` and `head_by_p` side by side; what they share is made once."""
+        arguments = [self.h, self.u, self.p]
+        pieces = (self.head, self.head_by_h.nonzeros, self.head_by_p.nonzeros)
+        several = cs.cse(cs.vertcat(*[one.function(*arguments) for one in pieces]))
+        return SampledFunction(cs.Function("head_with_slopes", arguments, [cs.densify(several)]))
+
+    @cached_property
     def head_by_h(self) -> SparseFunction:
         """Derivative of the outputs by the windows' results."""
         return self._sparse("head_by_h", self.y, self.h, [self.h, self.u, self.p])
