@@ -76,8 +76,8 @@ def diagnose(
     Returns
     -------
     Gap
-        `ranking`, `closed_model`, `plot()`, `summary()`, `to_pandas()`; with `since` also `changed`, `not_changed` and
-        `scatter`.
+        `ranking`, `closed_model`, `plot()`, `summary()`, `to_pandas()`; with `since` also `changed`, `not_changed`,
+        `not_seen` and `scatter`.
 
     Raises
     ------

@@ -16,6 +16,7 @@ from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.scores.misfit import must_tell
 from ..fitting.scores.prediction import must_suit
 from ..fitting.training import TrainedBefore
 from ..fitting.verb import fit as fit_model
@@ -90,7 +91,8 @@ def fit(
 
     Raises
     ------
-    BadInput : a name stands for nothing, a recording lacks a signal, differs in sample time or is too short.
+    BadInput : a name stands for nothing, a recording lacks a signal, differs in sample time or is too short, or nothing
+        moves in any.
 
     Examples
     --------
@@ -149,10 +151,12 @@ def _fitted(
 
     Raises
     ------
-    BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon.
+    BadInput : a recording lacks a signal that the model needs, or is shorter than the horizon; or they can carry no
+        fit.
     """
     seen = (*training, *([validation] if validation is not None else []))
     must_be_recorded(nominal, seen)
+    must_tell(nominal, training)
     models, vehicle, warnings = [requested] if isinstance(requested, Model) else [], None, list[str]()
     if isinstance(requested, RequestedModel):
         models, vehicle = requested.models(join(training, "training data")), requested.vehicle

@@ -178,8 +178,13 @@ class ChangeResult(GapResult):
 
     @property
     def not_changed(self) -> pd.DataFrame:
-        """One row per effect that did not: `effect`, and `within`, twice the standard deviation of its scatter."""
+        """One row per effect that did not: `effect`, and `within`, twice its standard deviation, scatter included."""
         return pd.DataFrame(self._told.not_changed, columns=["effect", "within"])
+
+    @property
+    def not_seen(self) -> tuple[str, ...]:
+        """Effects of which these recordings would not show a usual change."""
+        return tuple(self._told.not_seen)
 
     def summary(self) -> str:
         """What the diagnosis says, as text."""

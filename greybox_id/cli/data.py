@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +25,7 @@ from ..datasets.joining import join_files
 from ..datasets.recording import Recording
 from ..datasets.repair import map_text, repaired
 from ..reports.text.screen import plain_table
-from .commands import CommandGroup
+from .commands import CommandGroup, Guarded
 from .options import columns_option, json_option, part_asked, read_part
 from .output import console, print_json, progress, working
 
@@ -38,6 +39,17 @@ wheelbase_option = click.option(
 )
 MOST_ROWS = 20
 """Row numbers given for one finding in the JSON output; their count is there in full."""
+
+
+class RepairTarget(Guarded):
+    """The map that a repair is written to; claimed once it is known not to be the one of --columns."""
+
+    def __init__(self) -> None:
+        super().__init__(click.STRING, written="--repair")
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The text as it is."""
+        return self.own.convert(value, param, ctx)
 
 
 @click.group(cls=CommandGroup)
@@ -55,7 +67,12 @@ def data() -> None:
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @columns_option
 @wheelbase_option
-@click.option("--repair", metavar="MAP.toml", help="Write the column map with the repairs that the check proposes.")
+@click.option(
+    "--repair",
+    type=RepairTarget(),
+    metavar="MAP.toml",
+    help="Write the column map with the repairs that the check proposes; it may be the one of --columns.",
+)
 @json_option
 def check_command(
     files: Sequence[str], columns: str, wheelbase: float | None, repair: str | None, as_json: bool
@@ -63,13 +80,16 @@ def check_command(
     """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted.
 
     With --repair, signs, units and columns that a finding would have changed are changed, one finding after the other
-    while the check has a remedy; the map is written, and the verdict is that of the FILEs read through it.
+    while the check has a remedy; the map is written, and the verdict is that of the FILEs read through it. Where it
+    is the map of --columns, what that was before, comments and all, is kept beside it as MAP.toml.bak.
 
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml
     greybox data check lap7.csv --columns my_car.toml --repair mended.toml
+    greybox data check lap7.csv --columns my_car.toml --repair my_car.toml
     """  # fmt: skip
-    target = map_target(repair, "‹repair›") if repair else None
+    before = _kept_beside(columns, repair) if repair else None
+    target = None if not repair else Path(repair) if before else map_target(repair, "‹repair›")
     mapping, changes = mended(files, columns, wheelbase) if target else (columns, ())
     results, pace = [], Pace(len(files))
     with progress() as say:
@@ -79,16 +99,34 @@ def check_command(
             say(f"checking {file}, {k + 1} of {len(files)}{pace.left(k)}", passing=True)
             results.append((recording, check(recording, wheelbase)))
     if target and changes:
-        write_atomically(target, map_text(column_map(mapping)))
+        if before:
+            write_atomically(before, target.read_text(encoding="utf-8"))
+        write_atomically(target, map_text(column_map(mapping)), continued=before is not None)
+    kept = str(before) if before and changes else None
     if as_json:
-        known = {"repair": {"written": repair if changes else None, "changes": list(changes)}} if repair else {}
+        done = {"written": repair if changes else None, "kept": kept, "changes": list(changes)}
+        known = {"repair": done} if repair else {}
         print_json({"files": [as_dict(*result) for result in results], **known})
     else:
         for recording, findings in results:
             show(recording, findings, console())
         if repair:
             console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
+            if kept:
+                console().print(f"written  {kept}: the map as it was")
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
+
+
+def _kept_beside(columns: str, repair: str) -> Path | None:
+    """Where a map that is repaired in its place is kept as it was; None where the repair goes to another file.
+
+    Only the same name means that place: another spelling, or a link, may be a mistake, which the guard refuses.
+    """
+    target = Path(repair)
+    if target != Path(columns) or not target.is_file() or target.is_symlink():
+        return None
+    names = (target.with_name(f"{target.name}.bak{number or ''}") for number in count())
+    return next(name for name in names if not name.exists())
 
 
 MOST_REPAIRS = 4

@@ -154,14 +154,17 @@ def show_changed(out: Console, changed: Changed) -> None:
             out.print(led("", f"{item.effect} {number(item.magnitude, 2)} not applied: {item.reason}"))
     if gap.budget is not None:
         out.print(led("Budget", budget(gap)))
-    still = [f"{item['effect']} (± {_within(changed, item['effect'])})" for item in changed.not_changed]
-    out.print(led("Same", f"within two standard deviations of the scatter: {listed(still)}"))
+    if changed.not_changed:
+        still = [f"{item['effect']} (± {_within(item['effect'], item['within'])})" for item in changed.not_changed]
+        out.print(led("Same", f"within two standard deviations: {listed(still)}"))
+    if changed.not_seen:
+        out.print(led("Unknown", f"a usual change is below the detection limit: {listed(changed.not_seen)}"))
     out.print(led("Left", gap.unknown or "nothing unnamed shows"))
 
 
-def _within(changed: Changed, name: str) -> str:
-    """Twice the standard deviation of an effect's scatter, in its unit; factors in per cent."""
-    size, unit = 2 * changed.scatter[name][1], EFFECTS[name].parameter.unit
+def _within(name: str, size: float) -> str:
+    """How far an effect may have changed, in its unit; factors in per cent."""
+    unit = EFFECTS[name].parameter.unit
     return f"{number(100 * size, 2)} %" if unit == "1" else f"{number(size, 2)} {pretty_unit(unit)}"
 
 

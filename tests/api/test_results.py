@@ -277,7 +277,7 @@ def test_what_changed_is_told_with_what_did_not(laps):
     assert isinstance(found, gb.Gap)
     assert found.since == (other.name,)
     assert set(found.changed["effect"]) == set(found.applied)
-    assert set(found.changed["effect"]) | set(found.not_changed["effect"]) == set(found.scatter)
+    assert {*found.changed["effect"], *found.not_changed["effect"], *found.not_seen} == set(found.scatter)
     assert found.closed_model.name == "lateral"
     assert len(repr(found).splitlines()) <= 10
     assert found._repr_html_().startswith("<")

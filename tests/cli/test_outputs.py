@@ -172,6 +172,8 @@ def test_no_output_is_ever_an_input(name, how, files, tmp_path, monkeypatch):
     before = {key: file.read_bytes() for key, file in files.items()}
     for option, suffix in CALLS[name][1].items():
         for k, key in enumerate(named(name)):
+            if (option, key, how) == ("--repair", "map", "as it is"):
+                continue  # a map is repaired in its place, and kept as it was (tests/datasets/test_repair.py)
             folder = tmp_path / f"{option}{k}"
             folder.mkdir()
             out = spelled(how, files[key], suffix, folder, monkeypatch)

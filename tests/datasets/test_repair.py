@@ -63,6 +63,21 @@ def test_a_map_is_mended_and_the_recording_is_then_as_it_was(lap, change, line):
     assert after.hold == "linear"
 
 
+def test_a_map_is_mended_in_its_place_and_each_earlier_one_is_kept(lap):
+    file, mapping, _ = lap(lambda d: d.assign(ay=-d.ay))
+    for name in ("mine.toml.bak", "mine.toml.bak1"):
+        mapping.write_text(MAP + f"# {name}\n")
+        done = greybox("data", "check", file, "--columns", mapping, "--repair", mapping)
+        assert done.code == 0, done.out
+        assert "a_y: sign = -1" in done.out
+        assert name in done.out
+        assert column_map(mapping).signals["a_y"].sign == -1
+        assert mapping.with_name(name).read_text() == MAP + f"# {name}\n"
+    done = greybox("data", "check", file, "--columns", mapping, "--repair", mapping)
+    assert "no finding has a repair" in done.out
+    assert len(list(mapping.parent.glob("*.bak*"))) == 2
+
+
 def test_where_nothing_is_wrong_nothing_is_written(lap):
     file, mapping, _ = lap(lambda table: table)
     assert repaired(column_map(mapping), check(read(file, mapping))) is None

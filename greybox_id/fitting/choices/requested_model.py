@@ -103,8 +103,8 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     suggested = next(
         (f" (the vehicle {name} comes with greybox)" for name in shipped if name in shipped_vehicles()), ""
     )
-    if vehicle is None:
-        start = f"{model.name} starts from {_size(model)}"
+    if vehicle is None and (size := _size(model)):  # an actuator has no mass and no wheelbase: it is no vehicle
+        start = f"{model.name} starts from numbers of its own ({size})"
         result.append(f"No vehicle is named: {start}. Name one{suggested}.")
     if "l_f" in model and "l_r" in model:
         wheelbase = float(model["l_f"].array + model["l_r"].array)
@@ -149,12 +149,13 @@ def _lacking(model: MotionModel, recording: Recording) -> list[str]:
 
 
 def _size(model: MotionModel) -> str:
+    """A vehicle's mass and wheelbase in words; empty where a model has neither."""
     known = []
     if "m" in model:
         known.append(f"m = {float(model['m'].array):g} kg")
     if "l_f" in model and "l_r" in model:
         known.append(f"l_f + l_r = {float(model['l_f'].array + model['l_r'].array):.3g} m")
-    return f"numbers of its own ({', '.join(known)})" if known else "numbers of its own"
+    return ", ".join(known)
 
 
 def _wheelbase(recording: Recording) -> float | None:

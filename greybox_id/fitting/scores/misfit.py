@@ -5,11 +5,18 @@ What is measured stands in `fitting/uncertainty/form.py`; here it becomes senten
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from ...base.errors import BadInput
 from ...base.numbers import quantity
+from ...base.shorthands import Array
 from ...base.signals import unit_of
+from ...base.statistics import white_noise_sd
+from ...datasets.recording import Recording
+from ...models.model import Model
 from ...models.motion_model import MotionModel
 from ..fit import Fit
 from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason
@@ -34,6 +41,41 @@ ALSO = 0.25
 HALVES, SMALL_HALVES, CLEARLY = 0.1, 0.01, 10.0
 """Error over the spread that other parameters in the second half explain: of a fit that is refused, and the least that
 is told; log of how much likelier that has to be."""
+
+
+def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
+    """Raise `BadInput` where recordings can carry no fit of equations of motion: they are too short, or nothing moves.
+
+    Parameters
+    ----------
+    model : that is to be fitted; one with a memory counts its windows itself.
+    recordings : training data.
+    """
+    if not isinstance(model, MotionModel):
+        return
+    names = _listed(list(dict.fromkeys(recording.name for recording in recordings)))
+    rows, seconds = sum(len(one) for one in recordings), sum(one.duration for one in recordings)
+    if rows < FEWEST_ROWS or seconds < SHORTEST:
+        raise BadInput(
+            f"{names}: {rows} rows, {seconds:.2g} s, are too short for a fit of {model.name}: its intervals need "
+            f"{FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
+        )
+    outputs = {
+        name: [one[name][start:stop] for one in recordings if one.has(name) for start, stop in one.runs]
+        for name in model.outputs
+    }
+    outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
+    if outputs and not any(_moves(parts) for parts in outputs.values()):
+        raise BadInput(
+            f"{names}: nothing moves: {_listed(list(outputs))} scatter as their noise does, which tells nothing of "
+            f"{model.name}. Record a drive that excites them."
+        )
+
+
+def _moves(parts: Sequence[Array]) -> bool:
+    """Whether readings, (n,) each unbroken part, scatter by more than their own fast noise."""
+    spread = float(np.nanstd(np.concatenate(parts)))
+    return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
 
 
 def misfit(fit: Fit) -> Iterator[Reason]:

@@ -40,10 +40,13 @@ TIMED = ("steering_delay",)
 
 
 def acts(effect: Effect, model: MotionModel, read: Sequence[str]) -> bool:
-    """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads."""
+    """Whether an effect acts on what is read: that of a sensor needs all that the sensor reads.
+
+    A number of the model's equations that bears an effect's name is that effect.
+    """
     name, whole = effect.parameter.name, {*effect.touches} <= {*read}
     together = name in LATENCIES and "v_y" in read  # poses, inertial navigation: the yaw rate is not late alone
-    return effect.concerns(model) and (name not in SPECIFIED or whole) and not together
+    return (effect.concerns(model) or name in model) and (name not in SPECIFIED or whole) and not together
 
 
 def numbers_of(
@@ -61,7 +64,7 @@ def numbers_of(
         parameter, stated_effect = effect.parameter, vehicle.effects.get(name)
         null = float(parameter.array)
         mean = null if stated_effect is None or stated_effect.value is None else stated_effect.value
-        if name in model.effects:
+        if parameter.name in model:
             mean = float(model[parameter.name].array)
         else:
             full = full + effect.at(mean)

@@ -9,8 +9,8 @@ recording from after is explained by the same; an effect is one of these numbers
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
-from math import exp, log
+from dataclasses import dataclass, field, replace
+from math import exp, inf, isfinite, log
 from typing import Any
 
 import numpy as np
@@ -47,6 +47,8 @@ class Changed:
     scatter : effect -> (mean, standard deviation) between runs; the latter relative where the effect is a factor.
     since : names of the recordings from before.
     drift : sentences on what drifts over the recordings from before, in their order.
+    told : effect -> standard deviation with which the recordings from after tell it, scatter included; infinite where
+        a change as large as they usually are would not show.
     """
 
     gap: Gap
@@ -54,6 +56,7 @@ class Changed:
     scatter: Mapping[str, tuple[float, float]]
     since: tuple[str, ...]
     drift: tuple[str, ...] = ()
+    told: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def changed(self) -> list[dict[str, Any]]:
@@ -72,17 +75,25 @@ class Changed:
 
     @property
     def not_changed(self) -> list[dict[str, Any]]:
-        """Effects that did not, with twice the scatter within which they were; none of which it is doubtful."""
+        """Effects that did not, with twice the standard deviation of that; none that is doubtful or does not show."""
+        return [{"effect": name, "within": 2 * self.told[name]} for name in self._still if isfinite(self.told[name])]
+
+    @property
+    def not_seen(self) -> list[str]:
+        """Effects of which the recordings do not say whether they changed."""
+        return [name for name in self._still if not isfinite(self.told[name])]
+
+    @property
+    def _still(self) -> list[str]:
         doubted = {item.effect for item in self.gap.ranking if item.reason}
-        names = [name for name in self.scatter if name not in self.gap.applied and name not in doubted]
-        return [{"effect": name, "within": 2 * self.scatter[name][1]} for name in names]
+        return [name for name in self.told if name not in self.gap.applied and name not in doubted]
 
     def to_json(self) -> dict[str, Any]:
         """That of the gap, and what changed."""
         scatter = {name: {"mean": mean, "sd": sd} for name, (mean, sd) in self.scatter.items()}
         more = {
             "since": list(self.since), "scatter": scatter, "drift": list(self.drift), "changed": self.changed,
-            "not_changed": self.not_changed,
+            "not_changed": self.not_changed, "not_seen": self.not_seen,
         }  # fmt: skip
         return self.gap.to_json() | more
 
@@ -339,7 +350,26 @@ def _answer(
         effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
-    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since))
+    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
+                   _told(known, [*rides, *others], effects))  # fmt: skip
+
+
+def _told(known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str]) -> dict[str, float]:
+    """Effect -> standard deviation with which recordings tell its change, the scatter between runs included.
+
+    All other numbers are as they are believed of any run. Infinite where it exceeds what changes usually are.
+    """
+    L, V = np.sum([known.weigher.told(ride, known.x).H for ride in rides], axis=0), known.of_a_run
+    result = dict[str, float]()
+    for place in known.varying:
+        number = known.numbers[place]
+        wide = V.copy()
+        wide[place, place] += number.change**2
+        left = float(np.linalg.inv(np.linalg.inv(wide) + L)[place, place])
+        alone = 1.0 / max(1.0 / left - 1.0 / wide[place, place], 1e-12)  # of the readings, without the belief
+        sd = float(np.hypot(np.sqrt(alone), known.scatter[place]))
+        result[effects[number.name]] = sd if sd < number.change else inf
+    return result
 
 
 def by_place(known: Common, value: Mapping[str, Effect], by_columnses: Sequence[ByColumns]) -> dict[int, ByColumns]:

@@ -159,3 +159,7 @@ def test_a_vehicle_ten_times_too_large_is_doubted():
     assert "No vehicle is named" in first
     assert "wheelbase of 0.4 m" in second
     assert doubts(build("lateral"), vehicle("full_size_car"), [driven("lateral")]) == []
+
+
+def test_an_actuator_asks_for_no_vehicle():
+    assert doubts(build("steering"), None, [driven("lateral")]) == []

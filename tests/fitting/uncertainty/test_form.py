@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 from driven import driven
 
+import greybox_id as gb
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.scores.misfit import must_tell
 from greybox_id.fitting.verb import fit
 from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
@@ -87,6 +90,26 @@ def test_poor_data_are_refused_with_their_reason_though_a_good_lap_was_held_out(
     found = fit(model("B_f", "I_z"), [recording()], validate=driven(**LONG, seed=7), how=QUICK)
     assert found.verdict.usability == NOT_USABLE
     assert any(why in own for own in found.verdict.reasons)
+
+
+@pytest.mark.parametrize(
+    ("recording", "why"),
+    [
+        (lambda: driven(**LONG).rows(20, 23), "3 rows, .* too short"),
+        (lambda: driven(**LONG).rows(20, 50), "30 rows, .* too short"),
+        (lambda: changed(driven(**LONG), **UNEXCITED), "nothing moves: v_y, yaw_rate and a_y"),
+        (lambda: changed(driven(**LONG), **STANDING), "nothing moves"),
+        (lambda: changed(driven(**LONG), **dict.fromkeys(STANDING, np.zeros_like)), "nothing moves"),
+    ],
+    ids=["3 rows", "30 rows", "unexcited", "standing", "standing without noise"],
+)
+def test_what_can_carry_no_fit_is_refused_before_one_is_made(recording, why):
+    with pytest.raises(BadInput, match=f"drive: {why}"):
+        gb.fit(model("B_f", "I_z"), recording(), validation=driven(**LONG, seed=7), options=QUICK)
+
+
+def test_a_drive_straight_on_tells_of_what_moves_in_it():
+    must_tell(model("B_f", "I_z"), [changed(driven(**LONG), v_y=noise(0.02), a_y=noise(0.1))])
 
 
 def test_standing_under_the_brake_is_named_and_left_out():

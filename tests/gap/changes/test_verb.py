@@ -50,7 +50,8 @@ def test_grip_that_was_lost_is_what_changed():
     assert own["magnitude"] == pytest.approx(0.6, abs=0.06)
     assert own["before"] == pytest.approx(1.0, abs=0.05)
     assert own["share"] > 0.5
-    assert {each["effect"] for each in found.not_changed} == set(found.scatter) - {"grip_scale"}
+    assert {each["effect"] for each in found.not_changed} | {*found.not_seen} == set(found.scatter) - {"grip_scale"}
+    assert len(found.not_changed) > len(found.not_seen)
     assert found.to_json()["since"] == ["lap1", "lap2"]
 
 
@@ -154,8 +155,10 @@ def test_where_nothing_may_be_named_nothing_is():
 def test_what_is_doubted_is_not_said_to_be_the_same():
     doubted = Ranked("grip_scale", 0.4, 1.7, "1", (1.5, 1.9), (), 12.0, "its probability is 0.40")
     gap = SimpleNamespace(ranking=(doubted,), applied=())
-    found = Changed(gap, TOLERANT, {"grip_scale": (1.0, 0.1), "steering_offset": (0.0, 0.005)}, ("lap1",))
-    assert [own["effect"] for own in found.not_changed] == ["steering_offset"]
+    told = {"grip_scale": 0.1, "steering_offset": 0.006, "yaw_rate_bias": np.inf}
+    found = Changed(gap, TOLERANT, dict.fromkeys(told, (0.0, 0.005)), ("lap1",), told=told)
+    assert found.not_changed == [{"effect": "steering_offset", "within": 0.012}]
+    assert found.not_seen == ["yaw_rate_bias"]  # what is not told is not said to be the same, either
 
 
 def test_where_it_was_driven_otherwise_that_is_said():
