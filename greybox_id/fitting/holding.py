@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.numbers import number
+from ..base.numbers import number, with_unit
 from ..base.shorthands import Array
 from ..base.statistics import correlation_time
 from ..datasets.recording import Recording
@@ -175,7 +175,7 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
     if not most or not (unlikely or (unclear and shares[most] >= 1)):  # what is unlikely has widened its own intervals
         return None
     parameter, what = fit.model[most], " or ".join(getattr(fit.model, "commands", ()))
-    size = f"{most} by {number(held.moved[most], 2)} {parameter.unit}".strip()
+    size = f"{most} by {with_unit(number(held.moved[most], 2), parameter.unit)}"
     if unlikely:
         return Reason(
             WITH_CARE,
@@ -185,6 +185,6 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
         )
     return Reason(
         WITH_CARE,
-        f"Was {what} measured or commanded? The column map does not say, and the recording hardly does; taken as "
-        f'hold = "{held.taken}", the other moves {size}. State hold.',
+        f"Was {what} measured or commanded? The column map does not say, and the recording does not decide. The fit "
+        f'takes hold = "{held.taken}"; the other moves {size}. State hold in the column map.',
     )

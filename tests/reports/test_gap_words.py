@@ -74,7 +74,7 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
     assert where(none()) == ""
     said = where(clear())
     assert said.startswith("steering 78 % and M_z 15 %; 78 % of it in 22 % of the time, while the steering moves")
-    assert said.endswith("half of it between 31.5 and 40 s, 14 % of the time")
+    assert said.endswith("half of it between 31.5 and 40.0 s, 14 % of the time")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
     assert where(everywhere) == "steering 78 % and M_z 15 %; evenly spread"
     thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))

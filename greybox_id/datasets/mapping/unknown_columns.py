@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...base.numbers import signed
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
@@ -117,7 +118,9 @@ def _matches(known: Recording, signal: str, values: Array) -> list[Met]:
 
 def _described(entry: MapEntry, signal: str, best: Met, speed: float) -> MapEntry:
     left = best.pair.nodes[0] == signal
-    why = f"agrees with {best.pair.right if left else best.pair.left} (correlation {best.agreed.correlation:.2f})"
+    why = (
+        f"agrees with {best.pair.right if left else best.pair.left} (correlation {signed(best.agreed.correlation, 2)})"
+    )
     units = tuple(
         unit
         for unit in USUAL.get(SIGNALS[signal].unit, ())

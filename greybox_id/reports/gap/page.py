@@ -28,7 +28,7 @@ from .words import judged, main_words, verdict
 
 BEFORE = look(ORANGE, 1.1, "model as it was")
 AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
-MOVED = "its parameters where the recordings have them"
+MOVED = "with re-estimated parameters"
 FLOOR = look(INK, 1.2, "floor: as well as noise lets a model fit")
 EXCESS = RUST
 """Colour of what is too much, from pale to dark."""
@@ -323,7 +323,7 @@ def _along_path(ax: Axes, strip: Strip) -> None:
     ax.scatter(x, y, DOT**2, facecolors=to_rgba_array(EXCESS, shade), edgecolors=PALE, linewidths=0.25)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
     scale = [(float(np.log(tick) / np.log(top)), f"{tick:g}") for tick in ticks]
-    shades(ax, scale, "before, over the noise's [1]", EXCESS, opacity=PATH_OPACITY)
+    shades(ax, scale, "mean square over noise's [1]", EXCESS, opacity=PATH_OPACITY)
 
 
 LEAST_DENSITY = 3.0

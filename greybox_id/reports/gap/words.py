@@ -229,7 +229,7 @@ def _time(gap: Gap) -> str:
     if not {"from", "to"} <= time.keys():
         return ""
     share = f", {percent(time['share'])} of the time" if isfinite(time.get("share", float("nan"))) else ""
-    return f"half of it between {time['from']:.4g} and {time['to']:.4g} s{share}"
+    return f"half of it between {time['from']:.1f} and {time['to']:.1f} s{share}"
 
 
 def told_apart(gap: Gap, ranked: Ranked) -> str:
@@ -353,10 +353,9 @@ def tells(closure: Closure) -> bool:
 
 def levels(closure: Closure) -> str:
     """Mean squares over the noise's, all channels alike."""
-    return (
-        f"mean square error {number(closure.before)} → {number(closure.after)} times that of the noise, "
-        f"floor {number(closure.floor)}"
-    )
+    before, after = number(closure.before), number(closure.after)
+    change = before if before == after else f"{before} → {after}"
+    return f"mean square error {change} times that of the noise, floor {number(closure.floor)}"
 
 
 def as_it_stands(gap: Gap, closure: Closure) -> str:
