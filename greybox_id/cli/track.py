@@ -96,7 +96,8 @@ def track(
     cat live.csv | greybox track --vehicle car.toml --columns canonical --follow
 
     Forces named as parameters replace the tyre model. An input that was not recorded, such as the driving force,
-    follows from the readings. What is free with a stated belief (sd) is uncertain, and widens the bands.
+    follows from the readings. What is free with a stated belief (sd) is uncertain, and widens the bands. --follow gives
+    its verdict on standard error when the lines end.
 
     Beside the table a .json of the same name is left, of which greybox report makes a report. Exit code 3: the
     estimates are written, but the filter has lost the vehicle; the verdict says where.
@@ -117,9 +118,11 @@ def track(
             )
         from ..filters.live import follow as follow_lines
 
-        follow_lines(
+        judged = follow_lines(
             setup.model, walking, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, setup.uncertain
         )
+        click.echo(f"{judged.usability}: {' '.join(judged.reasons)}", err=True)
+        end_by(judged)
         return
     if file is None:
         raise click.UsageError("Missing argument 'RECORDING'.")

@@ -72,6 +72,59 @@ def consistency(off: Array, spread: Array, per_window: int, gate: float) -> Cons
     )
 
 
+class RunningConsistency:
+    """The innovations of one channel, judged as they come, in constant memory.
+
+    Parameters
+    ----------
+    gate : in standard deviations.
+
+    Attributes
+    ----------
+    windows, lost : how many windows of `WINDOW` seconds there were, and in how many the mean NIS is beyond `LOST`.
+    """
+
+    def __init__(self, gate: float) -> None:
+        self._gate = gate
+        self.windows = self.lost = self._inside = self._count = self._gated = self._pairs = 0
+        self._squares = self._clipped = self._together = 0.0
+        self._before, self._began, self._window = np.nan, np.nan, list[float]()
+
+    def take(self, time: float, off: float, spread: float) -> None:
+        """Take one innovation and its expected variance; NaN where nothing was read."""
+        if not time - self._began < WINDOW:
+            self._close()
+            self._began = time
+        if not (np.isfinite(off) and spread > 0):
+            self._before = np.nan
+            return
+        scaled = off / float(np.sqrt(spread))
+        clipped = float(np.clip(scaled, -self._gate, self._gate))
+        self._count, self._gated = self._count + 1, self._gated + (abs(scaled) > self._gate)
+        self._squares, self._clipped = self._squares + off**2, self._clipped + clipped**2
+        if np.isfinite(self._before):
+            self._pairs, self._together = self._pairs + 1, self._together + clipped * self._before
+        self._before = clipped
+        self._window.append(scaled**2)
+
+    def _close(self) -> None:
+        if len(self._window) > 1:
+            mean, (low, high) = float(np.mean(self._window)), bounds(len(self._window))
+            self.windows, self.lost = self.windows + 1, self.lost + (mean > LOST)
+            self._inside += low < mean < high
+        self._window = []
+
+    def consistency(self) -> Consistency:
+        """What the innovations so far say; the correlation takes their mean for none."""
+        if self._count < 2:
+            return Consistency(self._count, np.nan, np.nan, np.nan, np.nan, 0, np.nan)
+        nis, bound = self._clipped / self._count, 1.96 / float(np.sqrt(self._count))
+        inside = self._inside / self.windows if self.windows else np.nan
+        correlation = self._together / self._pairs / nis if self._pairs and nis > 0 else np.nan
+        rms = float(np.sqrt(self._squares / self._count))
+        return Consistency(self._count, nis, inside, correlation, bound, self._gated, rms)
+
+
 def windowed(values: Array, size: int) -> Array:
     """Means of windows of so many values; what is left over at the end is left out."""
     whole = len(values) // size

@@ -17,13 +17,16 @@ from ..datasets.read import LARGEST
 from ..datasets.recording import Recording
 from ..engine.motion.runs import MotionRun
 from ..engine.motion.schedule import longest_segment
+from ..fitting.verdict import Verdict
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from .filtering import Filtering
+from .findings import RunningConsistency
 from .how import TrackOptions
 from .laid import LONGEST_GAP, LaidRun
 from .noise import start_levels
 from .verb import Tracker
+from .verdict import of_innovations
 
 STEADY = 8.0
 """An input that jumps by more than so many times its largest step of the last seconds is waited with for a row ..."""
@@ -64,6 +67,8 @@ class LiveFilter:
         self._last: tuple[float, Array] | None = None
         self._met: float | None = None
         self._began = np.empty(0)
+        outputs = filtering.space.model.outputs
+        self._judged = {name: RunningConsistency(filtering.gate) for name in outputs}
         self._x = self._P = np.empty(0)
 
     def push(self, time: float, inputs: Array, readings: Array) -> tuple[Array, Array, tuple[str, ...]]:
@@ -98,6 +103,8 @@ class LiveFilter:
         filtering = self._filtering
         _, history = filtering.filter.run(self._x, self._P, segments, y, self._p, filtering.gate, "filtered")
         assert history is not None
+        for judged, off, spread in zip(self._judged.values(), history.off[0], history.spread[0], strict=True):
+            judged.take(time, float(off), float(spread))
         if self._lost(time, history.off[0] ** 2 > filtering.gate**2 * history.spread[0], np.isfinite(readings)):
             self._x = self._P = np.empty(0)
             self._start(row, readings)
@@ -107,6 +114,13 @@ class LiveFilter:
             return nothing, nothing, space.model.inputs
         self._last, self._believed = (time, u), u
         return *self._told(row), glitches
+
+    def verdict(self) -> Verdict:
+        """Whether the estimates so far can be used, and why."""
+        channels = {name: judged.consistency() for name, judged in self._judged.items()}
+        channels = {name: one for name, one in channels.items() if one.count}
+        lost = {name: self._judged[name].lost / max(self._judged[name].windows, 1) for name in channels}
+        return of_innovations(channels, lost, widened=1.0)
 
     def _lost(self, time: float, off: NDArray[np.bool_], read: NDArray[np.bool_]) -> bool:
         """Whether all that was read for `LONGEST_GAP` was off, or a state is unknown, as after what was no reading."""
@@ -200,7 +214,7 @@ def as_row(values: Mapping[str, float], names: Sequence[str]) -> Array:
 def follow(
     model: MotionModel, parameters: Sequence[str], disturbances: Sequence[str], effects: Mapping[str, Effect],
     how: TrackOptions, columns: ColumnMap, lines: TextIO, out: TextIO, uncertain: Array | None = None,
-) -> None:  # fmt: skip
+) -> Verdict:  # fmt: skip
     """Follow a vehicle.
 
     Parameters
@@ -210,6 +224,10 @@ def follow(
     lines : comma-separated text, line by line.
     out : takes a header line, then for every line time, each estimate and its standard deviation, and the names of
         inputs that were held back as glitches; flushed line by line.
+
+    Returns
+    -------
+    Verdict, when the lines end: whether the innovations were what the filter expects.
 
     Raises
     ------
@@ -248,6 +266,7 @@ def follow(
         known = [f"{number:.9g}" for pair in zip(values, sds, strict=True) for number in pair]
         writer.writerow([f"{time:.9g}", *known, " ".join(held)])
         out.flush()
+    return live.verdict()
 
 
 def _rows(lines: TextIO, separator: str) -> Iterator[tuple[int, list[str]]]:
@@ -291,6 +310,4 @@ def _number(row: Sequence[str], place: int, line: int) -> float:
         result = float(text)
     except ValueError as error:
         raise BadInput(f"Line {line} of standard input: {text!r} is no number.") from error
-    if np.isinf(result):
-        raise BadInput(f"Line {line} of standard input: {text!r} is not finite; leave empty what is missing.")
-    return result
+    return result if np.isfinite(result) else np.nan  # an infinite number is no reading

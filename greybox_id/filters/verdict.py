@@ -8,7 +8,7 @@ are wrong by half or more.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
@@ -28,18 +28,34 @@ MOSTLY_LOST = 0.5
 
 def verdict(track: Track) -> Verdict:
     """Whether a track can be used, and why."""
-    reasons = [reason for name, item in track.consistency.items() for reason in _channel(track, name, item)]
     checked = [sentence for sentence in track.sentences if sentence.startswith("Data check:")]
-    reasons += [Reason(WITH_CARE, item) for item in checked]
-    if not track.consistency:
+    lost = {name: _lost(track, name) for name in track.consistency}
+    return of_innovations(track.consistency, lost, track.widened, [Reason(WITH_CARE, item) for item in checked])
+
+
+def of_innovations(
+    channels: Mapping[str, Consistency], lost: Mapping[str, float], widened: float, more: Sequence[Reason] = ()
+) -> Verdict:
+    """The verdict that innovations leave.
+
+    Parameters
+    ----------
+    channels : reading -> what its innovations say.
+    lost : reading -> share of windows in which they are far beyond what is expected.
+    widened : by how much bands were widened for them.
+    more : further reasons.
+    """
+    reasons = [reason for name, item in channels.items() for reason in _channel(name, item, lost[name], widened)]
+    reasons += more
+    if not any(item.count for item in channels.values()):
         reasons.append(Reason(NOT_USABLE, "No reading was taken: nothing is tracked."))
     words = "The innovations are what the filter expects: NIS {} (1 is due)."
-    listed = ", ".join(f"{one.nis:.2g} of {name}" for name, one in track.consistency.items() if np.isfinite(one.nis))
+    listed = ", ".join(f"{one.nis:.2g} of {name}" for name, one in channels.items() if np.isfinite(one.nis))
     return weighed([*reasons, Reason(USABLE, words.format(listed))], {})
 
 
-def _channel(track: Track, name: str, value: Consistency) -> Iterator[Reason]:
-    share = _lost(track, name)
+def _channel(name: str, value: Consistency, share: float, widened: float) -> Iterator[Reason]:
+    bands = f"bands were widened {widened:.2g} times" if widened > 1.0 else "bands are too narrow"
     if share > MOSTLY_LOST:
         yield Reason(
             NOT_USABLE,
@@ -50,7 +66,7 @@ def _channel(track: Track, name: str, value: Consistency) -> Iterator[Reason]:
         yield Reason(
             WITH_CARE,
             f"{name}: innovations scatter {np.sqrt(value.nis):.2g} times as far as expected (NIS {value.nis:.2g}): "
-            f"bands were widened {track.widened:.2g} times. State its noise, or fit the vehicle first.",
+            f"{bands}. State its noise, or fit the vehicle first.",
         )
     elif value.nis < WIDE:
         yield Reason(

@@ -170,6 +170,7 @@ def test_lines_are_followed_through_standard_input(files, monkeypatch):
     monkeypatch.setattr("sys.stdin", io.StringIO((files / "lap.csv").read_text()))
     called = greybox("track", "--vehicle", files / "car.toml", "--follow", *STATED)
     assert called.code == 0, called.err
+    assert called.err.startswith("usable")
     live = pd.read_csv(io.StringIO(called.out))
     track(files)
     table = pd.read_csv(files / "estimates.csv")

@@ -5,7 +5,7 @@ import io
 import numpy as np
 import pandas as pd
 import pytest
-from filter_cases import C_F, C_R, changed, needs_compiler, shaken, simrod, swerving
+from filter_cases import C_F, C_R, NOISES, WALKS, changed, needs_compiler, shaken, simrod, swerving, true_simrod
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
@@ -13,6 +13,8 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.live import follow
 from greybox_id.filters.verb import track
+from greybox_id.filters.verdict import verdict
+from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = needs_compiler
@@ -21,6 +23,7 @@ TWO = ("C_alpha_f", "C_alpha_r")
 NOISE = {"walk_v_y": 0.08, "walk_yaw_rate": 0.03, "walk_C_alpha_f": 0.03, "walk_C_alpha_r": 0.03,
          "noise_yaw_rate": 0.02, "noise_a_y": 0.6}  # fmt: skip
 """Large enough for bands not to be widened."""
+RIGHT = {**WALKS, **NOISES}
 
 
 def wrong():
@@ -165,12 +168,32 @@ def test_a_row_without_a_time_is_a_sentence(row):
     assert "Line 3" in refused(HEADER + ROW + row + "0.04,0.01,14,0.1,1.0\n")
 
 
-@pytest.mark.parametrize("cell", ["inf", "-inf"])
-@pytest.mark.parametrize("column", [1, 3, 4])
-def test_an_infinite_number_is_a_sentence(cell, column):
-    cells = ["0.02", "0.01", "14", "0.1", "1"]
-    cells[column] = cell
-    assert "Line 3" in refused(HEADER + ROW + ",".join(cells) + "\n0.04,0.01,14,0.1,1.0\n")
+@pytest.mark.parametrize("odd", ["inf", "-inf", "nan", "", "60"])
+def test_what_is_no_reading_of_its_sensor_is_gated_and_the_verdict_stands(odd):
+    """60 m/s^2 is hundreds of times the noise of a_y."""
+    recording, _ = shaken(6.0)
+    clean = lines(recording).splitlines()
+    place, spoilt = clean[0].split(",").index("a_y"), list(clean)
+    for number in (200, 201, 202):
+        cells = clean[number].split(",")
+        spoilt[number] = ",".join([*cells[:place], odd, *cells[place + 1 :]])
+    out, how = io.StringIO(), TrackOptions(noise=RIGHT)
+    text = io.StringIO("\n".join(spoilt) + "\n")
+    judged = follow(true_simrod(), (), (), EFFECTS, how, column_map("canonical"), text, out)
+    found = pd.read_csv(io.StringIO(out.getvalue()))
+    assert np.all(np.isfinite(found.drop(columns="held_back")))
+    assert judged.usability != NOT_USABLE, judged.reasons
+
+
+def test_a_vehicle_that_the_filter_has_lost_gets_the_verdict_of_a_track():
+    recording, _ = shaken(6.0)
+    lost = changed(recording, yaw_rate=-recording["yaw_rate"])
+    how = TrackOptions(noise=RIGHT, tune=0)
+    judged = follow(
+        true_simrod(), (), (), EFFECTS, how, column_map("canonical"), io.StringIO(lines(lost)), io.StringIO()
+    )
+    assert judged.usability == verdict(track(true_simrod(), lost, (), how=how)).usability == NOT_USABLE
+    assert "the filter has lost the vehicle" in judged.reasons[0]
 
 
 def test_noise_of_readings_must_be_stated():
