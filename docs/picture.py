@@ -23,7 +23,7 @@ def main() -> None:
     over_time.plot(stretch.time, stretch["yaw_rate"], color="0.45", linewidth=1.0, label="measured")
     over_time.plot(stretch.time, fit.simulate(stretch)["yaw_rate"], linewidth=1.4, label="simulated")
     over_time.set(title="held-out recording, free run", xlabel="time [s]", ylabel="yaw rate [rad/s]")
-    over_time.legend(loc="lower left")
+    over_time.legend(loc="upper left")
     fit.plot.tyres(ax=tyres)
     tyres.set_title("tyres, with 95 % bands")
     figure.savefig(Path(__file__).with_name("fit.png"), dpi=110, metadata={"Software": None})

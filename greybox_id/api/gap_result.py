@@ -204,8 +204,8 @@ def changed_lines(changed: Changed) -> list[str]:
     """What changed in lines: a head, and one per effect."""
     before = ", ".join(changed.since)
     if not changed.changed:
-        return [f"changed  nothing beyond what {before} scatter by"]
-    lines = [f"changed  beyond what {before} scatter by"]
+        return [f"changed  nothing beyond the scatter of {before}"]
+    lines = [f"changed  beyond the scatter of {before}"]
     for each in changed.changed:
         low, high = (number(end) for end in each["interval"])
         lines.append(

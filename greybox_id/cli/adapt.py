@@ -28,7 +28,7 @@ from .output import console, print_json, progress, show
     default="auto",
     show_default=True,
     metavar="WORDS",
-    help="What may move: auto, all, names of parameters; with memory F, few, paper, physical too.",
+    help="Parameters that may change: auto, all or their names; of models with memory also F, few, paper, physical.",
 )
 @click.option("--validate", metavar="RECORDING", type=click.Path(), help="What is scored in place of the rest.")
 @calibrate_option

@@ -129,7 +129,7 @@ GROUPS: Groups = {
     },
     "Gap": {
         "gap": ("greybox_id.cli.gap", "Say where a simulation deviates from the vehicle, and why."),
-        "design": ("greybox_id.cli.design", "Design the manoeuvre to be driven next, so that it tells most."),
+        "design": ("greybox_id.cli.design", "Design the next manoeuvre to drive: the one that tells most."),
     },
     "Estimate": {
         "track": ("greybox_id.cli.track", "Track sideslip, tyres and forces along a recording."),

@@ -179,7 +179,7 @@ def map_command(
 @click.argument("file", metavar="FILE", type=click.Path())
 @columns_option
 @click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
-@click.option("--rate", type=click.FloatRange(0.1, 1e5), help="Resample to so many rows a second, evenly.")
+@click.option("--rate", type=click.FloatRange(0.1, 1e5), help="Resample evenly to this many rows per second.")
 @json_option
 def convert_command(file: str, columns: str, out: str, rate: float | None, as_json: bool) -> None:
     """Write FILE again in SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.

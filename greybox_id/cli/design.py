@@ -22,9 +22,11 @@ from .output import console, print_json, progress, show
     help="Of the covariance: determinant, mean, worst combination, or the first of NAMES alone.",
 )  # fmt: skip
 @click.option("--duration", type=float, default=20.0, show_default=True, metavar="SECONDS", help="At most.")
-@click.option("--rate", type=float, default=50.0, show_default=True, metavar="HZ", help="Rows of the plan a second.")
+@click.option("--rate", type=float, default=50.0, show_default=True, metavar="HZ", help="Rows of the plan per second.")
 @click.option("--limits", metavar="FILE", type=click.Path(), help="TOML file: steer_max, speed_max, sideslip_max ...")
-@click.option("--vehicle", metavar="NAME|FILE", help="Whose steer_max is where the steering stops, unless LIMITS say.")
+@click.option(
+    "--vehicle", metavar="NAME|FILE", help="Vehicle whose steer_max limits the steering where LIMITS state none."
+)
 @click.option("--speed-max", type=float, metavar="M/S", help="Fastest that may be driven.")
 @click.option("--grip", type=float, metavar="SHARE", help="Of an axle's friction, at most; 0.85 unless given.")
 @click.option("--repeat", type=int, default=1, show_default=True, help="How often it is going to be driven.")

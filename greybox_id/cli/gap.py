@@ -147,7 +147,7 @@ def show_changed(out: Console, changed: Changed) -> None:
             mean = number(changed.scatter[item.effect][0], 2)
             table.add_row(item.effect, magnitude_words(item), probability(item.probability), f"before: {mean}")
     before = listed([*changed.since])
-    lead = f"beyond what {before} scatter by" if gap.applied else f"nothing beyond what {before} scatter by"
+    lead = f"{'' if gap.applied else 'nothing '}beyond the scatter of {before}"
     out.print(led("Changed", Group(lead, table) if gap.applied else lead))
     for item in gap.ranking:
         if item.reason:
@@ -239,7 +239,7 @@ class _Since(click.Command):
     metavar="NAME",
     shell_complete=names(MODELS),
     callback=named_model,
-    help="With --vehicle; default: the vehicle's own, else single_track. FILE.py:NAME is run.",
+    help="Model to simulate with --vehicle; default: that of its file, else single_track. FILE.py is executed.",
 )
 @columns_option
 @click.option(

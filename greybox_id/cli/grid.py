@@ -23,7 +23,12 @@ from .output import console, print_json, progress, show
     help="A setting and its values: n_delta=5,6,7, n_x=1:4 (both included), or one value for all.",
 )
 @columns_option
-@click.option("--validate", metavar="RECORDING", type=click.Path(), help="What is scored; the published AIC is its.")
+@click.option(
+    "--validate",
+    metavar="RECORDING",
+    type=click.Path(),
+    help="Recording on which structures are scored; AIC, as published, is computed on it.",
+)
 @click.option(
     "--strength",
     type=click.FloatRange(min=0, min_open=True),

@@ -52,14 +52,14 @@ FROM_STDIN = "-"
     default="60s",
     show_default=True,
     metavar="SECONDS",
-    help="Beginning of the recording on which noise that is not stated is tuned; 0 leaves it as guessed.",
+    help="First seconds of the recording, on which noise that is not stated is tuned; 0 leaves it as guessed.",
 )
 @click.option(
     "--calibrate",
     default="0s",
     show_default=True,
     metavar="SECONDS",
-    help="Beginning of the recording on which the model's free parameters are tuned along.",
+    help="First seconds of the recording, on which the model's free parameters are tuned with the noise.",
 )
 @click.option(
     "--gate",

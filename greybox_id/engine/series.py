@@ -167,8 +167,10 @@ class Run:
         z, h = self._windows(u, p)
         newest = self._newest(u)
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
-        y_by_h = trace.head_by_h.nonzeros(h, newest, p)
-        by_p = np.zeros((len(h), len(trace.model.outputs), len(p)))
+        direct, outputs = trace.head_by_p, len(trace.model.outputs)
+        edges = [outputs, outputs + len(trace.head_by_h.row)]
+        y, y_by_h, y_by_p = np.split(trace.head_with_slopes(h, newest, p), edges, axis=1)
+        by_p = np.zeros((len(h), outputs, len(p)))
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
         for tap, signal in enumerate(trace.tap_signal):
@@ -176,9 +178,8 @@ class Run:
             for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
                 for output, y_by_tap in reached:
                     by_p[:, output, columns] += h_by_p if np.all(y_by_tap == 1.0) else y_by_tap * h_by_p
-        direct = trace.head_by_p
         if len(direct.row):
-            by_p[:, direct.row, direct.column] += direct.nonzeros(h, newest, p)
+            by_p[:, direct.row, direct.column] += y_by_p
         moved = u_by_p is not None or nodes is not None
         y_by_u = trace.head_by_u.nonzeros(h, newest, p) if moved else np.empty((len(h), 0))
         if u_by_p is not None:
@@ -188,7 +189,7 @@ class Run:
         by_nodes = None
         if nodes is not None and z_by_u is not None:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
-        return Linearisation(trace.head(h, newest, p), by_p, by_nodes)
+        return Linearisation(y, by_p, by_nodes)
 
     def pulled(self, p: Array, weights: Array, nodes: Array | None = None) -> Array | None:
         """Weights (rows, outputs) times the derivative of the predictions by the parameters, (parameters,).
@@ -285,23 +286,24 @@ class Run:
         """Derivative of one window's result by the parameters, in pieces: distinct columns and (rows, columns)."""
         trace = self.trace
         usable = len(z) - 1
-        columns = trace.stage_columns[signal]
+        columns, at = trace.stage_columns[signal], trace.stage_at[signal]
         signal_by_p = z_by_p[signal][:usable]
         if u_by_p is not None and z_by_u is not None:
             signal_by_p, columns = self._with_actuators(signal, signal_by_p, columns, z_by_u, u_by_p, usable)
+            at = tidy(columns)
         if len(columns):
-            yield tidy(columns), weighted_windows(signal_by_p, weights)
+            yield at, weighted_windows(signal_by_p, weights)
         tap_weight = trace.tap_weights[tap]
         if not len(tap_weight.places):
             return
         slopes = self._weights_by_p(p)[tap_weight.places]
         seen = windows(z[:usable, signal], trace.memory)
         if tap_weight.order is not None:
-            yield tidy(tap_weight.columns), seen[:, tidy(tap_weight.lags[tap_weight.order])] * slopes[tap_weight.order]
+            yield tap_weight.at, seen[:, tap_weight.samples] * slopes[tap_weight.order]
         else:
             weights_by_p = np.zeros((trace.memory, len(tap_weight.columns)))
             weights_by_p[tap_weight.lags, tap_weight.among] = slopes
-            yield tidy(tap_weight.columns), seen @ weights_by_p
+            yield tap_weight.at, seen @ weights_by_p
 
     def _with_actuators(
         self, signal: int, signal_by_p: Array, columns: Index, z_by_u: Array, u_by_p: Array, usable: int

@@ -209,7 +209,8 @@ class Problem:
         residuals = ((observed - run.measured[run.predicted]) * weight).ravel()
         if observed_by_p is None:
             return residuals, None
-        return residuals, (observed_by_p * weight[:, :, None]).reshape(len(residuals), -1)
+        observed_by_p *= weight[:, :, None]  # made for this call: a copy takes a third as long as J'J does
+        return residuals, observed_by_p.reshape(len(residuals), -1)
 
 
 def _condense(by_p: Array, by_nodes: Array) -> Array:

@@ -61,16 +61,20 @@ class WindowWeights:
     places : which nonzeros of `Trace.weights_by_p` are of this window.
     lags : the sample of the window that each acts on.
     columns : the parameters among them.
+    at : the same to index by, a slice where they follow each other.
     among : the place of each nonzero's parameter among those.
     order : where each parameter is the weight of one sample, parameters and samples in the same order: sorts the
         nonzeros so; else None.
+    samples : the samples in that order, to index by; all without an order.
     """
 
     places: Index
     lags: Index
     columns: Index
+    at: Columns
     among: Index
     order: Index | None
+    samples: Columns
 
 
 class Trace:
@@ -149,6 +153,11 @@ class Trace:
         return [self.stage_by_p.column[places] for places in self.stage_places]
 
     @cached_property
+    def stage_at(self) -> list[Columns]:
+        """The same to index by: slices where they follow each other."""
+        return [tidy(columns) for columns in self.stage_columns]
+
+    @cached_property
     def tap_outputs(self) -> list[list[tuple[int, int]]]:
         """Per window, the outputs it reaches: places among the nonzeros of `head_by_h`, and outputs."""
         by_h = self.head_by_h
@@ -165,13 +174,22 @@ class Trace:
             columns, among = np.unique(self.weights_by_p.column[places], return_inverse=True)
             order = np.argsort(among)
             alone = len(columns) == len(lags) and np.all(np.diff(lags[order]) == 1)
-            result.append(WindowWeights(places, lags, columns, among, order if alone else None))
+            sorting, samples = (order, tidy(lags[order])) if alone else (None, slice(None))
+            result.append(WindowWeights(places, lags, columns, tidy(columns), among, sorting, samples))
         return result
 
     @cached_property
     def head(self) -> SampledFunction:
         """(h, u, p) -> y."""
         return SampledFunction(cs.Function("head", [self.h, self.u, self.p], [cs.densify(self.y)]))
+
+    @cached_property
+    def head_with_slopes(self) -> SampledFunction:
+        """(h, u, p) -> y and the nonzeros of `head_by_h` and `head_by_p` side by side; what they share is made once."""
+        arguments = [self.h, self.u, self.p]
+        pieces = (self.head, self.head_by_h.nonzeros, self.head_by_p.nonzeros)
+        several = cs.cse(cs.vertcat(*[one.function(*arguments) for one in pieces]))
+        return SampledFunction(cs.Function("head_with_slopes", arguments, [cs.densify(several)]))
 
     @cached_property
     def head_by_h(self) -> SparseFunction:

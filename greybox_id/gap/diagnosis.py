@@ -321,7 +321,7 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             )
         elif sure <= CAL.present:
             alike = _alike(one, name, CAL.alike)
-            beside = f", and as much speaks for {listed(alike)}" if alike else ""
+            beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, no size"

@@ -207,7 +207,7 @@ def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], jud
             word = f"{size} {'larger' if ratio > 1 else 'smaller'}" if pair.told else "no different"
             clauses.append(f"{word if np.isfinite(pair.low) else 'indistinguishable'} in {signal_words(output)}")
     how = "in free run" if main == FREE_RUN else _protocol(main)
-    return name, f"On {judged}, its errors {how} are, beside those of {base}, {listed(clauses)}, as far as can be told."
+    return name, f"On {judged}, its errors {how} compare with those of {base} as follows: {listed(clauses)}."
 
 
 def _table(base: str, name: str, pairs: Mapping[tuple[str, str], Paired]) -> Table:

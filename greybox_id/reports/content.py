@@ -54,7 +54,9 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
         if np.isfinite(noise.sd(name))
     ]
     caveat = (
-        " At rest there is no vibration of motor and road: it is a lower bound." if noise.where == "at rest" else ""
+        " At rest neither motor nor road shakes the sensors: while driving, noise is at least this large."
+        if noise.where == "at rest"
+        else ""
     )
     return (
         f"The sensors' noise, heard {noise.where} ({noise.seconds:.1f} s in "

@@ -61,9 +61,9 @@ def residual_drawings(recordings: Sequence[Seen], inputs: Sequence[str]) -> Iter
             "residuals",
             figure,
             f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
-            "prediction, with inputs: right of zero residuals come after the input. What leaves the band is "
-            "something the model could still learn, or a delay that is not right; predictions over a horizon "
-            "correlate for as long as the horizon even where the model is.",
+            "prediction, with inputs. At positive lags the residual comes after the input. Correlations outside the "
+            "band show what the model could still learn, or a wrong delay. Predictions over a horizon correlate for as "
+            "long as the horizon even where the model is right.",
             "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
         )
 
@@ -79,7 +79,7 @@ def spectrum_drawings(recordings: Sequence[Seen], heard: Noise | None) -> Iterat
         "half."
     )
     if heard is None:
-        words = "No stretch lets the sensors' noise be heard alone, so it is left out."
+        words = "No stretch of the recordings shows the sensors' noise alone, so it is left out."
     else:
         caveat = ", where motor and road do not shake the sensors" if heard.where == "at rest" else ""
         words = f"Noise is heard {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."

@@ -104,5 +104,7 @@ def _training(fit: Fit) -> tuple[Drawing, ...]:
     figure = convergence(fit.stages[-1])
     if figure is None:
         return ()
-    caption = "Training: the objective over the steps, above the least; beside it, where there are, all trainings."
+    caption = (
+        "Training: the objective above its best, over the steps; beside it every training, where there were several."
+    )
     return (Drawing("training", figure, caption, "The objective over the steps of training."),)

@@ -229,10 +229,10 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> list[Drawi
             Drawing(
                 "steering",
                 curve,
-                "Steering characteristic: curvature over steering angle in the model's quasi steady state (inputs held "
-                "over the whole window, no longitudinal acceleration) at three speeds, thin where no angle was driven "
-                "at that speed, over the density of measured samples of all speeds, which hold transients too. The "
-                "fit keeps no covariance between parameters, so the curves carry no band.",
+                "Steering characteristic: curvature over steering angle in the model's quasi steady state (inputs "
+                "held over the whole window, no longitudinal acceleration) at three speeds, thin where no such angle "
+                "was driven at that speed. Behind them: the density of measured samples at all speeds, transients "
+                "included. The fit keeps no covariance between parameters, so the curves carry no band.",
                 "Curvature over steering angle at three speeds, over the density of measurements.",
             )
         )

@@ -150,7 +150,7 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
         if name in held.get(protocol, {})
     }
     what = f"over {protocol.removesuffix(' ahead')}" if near else "from a run's first row"
-    return f"Persistence {what} has an RMSE of {_times(ratios, 'that')}"
+    return f"The RMSE of persistence {what} is {_times(ratios, 'that of the model')}"
 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:

@@ -196,7 +196,7 @@ def _changed(gap: dict[str, Any]) -> None:
         head = ("effect", "before", "after, 95 % interval", "unit", "probability")
         ui.html(table_html(head, rows), sanitize=False).classes("w-full")
     else:
-        ui.label("Nothing beyond what the drives of before scatter by.")
+        ui.label("Nothing beyond the scatter of the drives from before.")
 
 
 def _next(page: Page) -> None:

@@ -82,7 +82,7 @@ def test_the_noise_stated_is_the_floor_unless_less_is_left(laps):
 
 def test_a_model_that_leaves_the_range_of_numbers_is_refused(laps, monkeypatch):
     monkeypatch.setattr(Bench, "simulate", lambda own, P: np.full((len(P), *own.measured.shape), np.nan))
-    with pytest.raises(BadInput, match="lateral leaves the range of numbers on drive"):
+    with pytest.raises(BadInput, match="lateral diverges on drive"):
         closed(laps, {})
 
 

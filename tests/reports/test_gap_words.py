@@ -60,7 +60,10 @@ def test_whether_there_is_a_gap():
     assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())
     assert "agree within noise and stated tolerances (p" in whether(none())
     far = replace(none(), where=replace(none().where, channels={"yaw_rate": 1.8}))
-    assert "agree within noise, stated tolerances and unknown forces of 0.40 % (free runs add these up)" in whether(far)
+    assert (
+        "agree within noise, stated tolerances and unknown forces of 0.40 % (their effects add up along a free run)"
+        in whether(far)
+    )
     bare = clear(where=replace(clear().where, channels={}), p_value=NAN)
     assert (
         whether(bare) == "The simulation deviates from the vehicle: its errors are 2.0 times the noise (p not known)."

@@ -60,7 +60,7 @@ def test_the_verdict_names_free_run_and_half_a_second_with_units(motion_report, 
     assert good.startswith("On lap 3, 15.9 s that it has not seen, lateral errs in free run (0.5 s ahead)")
     assert "rad/s in yaw rate" in good
     assert f"{motion_fit.metrics['validate'][FREE_RUN]['yaw_rate']['rmse']:.5f}" in good
-    assert against.startswith("Persistence over 0.5 s has an RMSE of")
+    assert against.startswith("The RMSE of persistence over 0.5 s is")
     assert "times the residuals of the fit in v_y" in against
     assert "converged" in sure
     assert "Ipopt confirmed" in sure

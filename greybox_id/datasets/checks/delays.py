@@ -109,8 +109,8 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
         elsewhere = [f"{lags[n].samples:.2f} in run {n}" for n in compared[number]]
         sentence = (
             f"run {number}: {pair.left} lags {pair.right} by {lag.samples:.2f} ± {lag.error:.2f} samples "
-            f"({lag.samples * ms:.0f} ± {lag.error * ms:.0f} ms), {like} by {listed(elsewhere, 5)}: "
-            f"{abs(distance) * ms:.0f} ± {error * ms:.0f} ms from their middle. "
+            f"({lag.samples * ms:.0f} ± {lag.error * ms:.0f} ms), but {like} by {listed(elsewhere, 5)}: "
+            f"it is {abs(distance) * ms:.0f} ± {error * ms:.0f} ms off their median. "
         )
         sentence += BLUNT if blunt else "No model with one delay fits both; estimate it for each run."
         where = FoundAt(pair.nodes[0], number)

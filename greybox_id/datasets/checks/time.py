@@ -45,8 +45,8 @@ def check_time(recording: Recording) -> list[Finding]:
         likely = min(believable, key=lambda item: abs(np.log(believable[item] / MIDDLE_STEP)), default="")
         remedy = f'as if it were in {likely}: set unit = "{likely}"' if likely else "check its unit"
         sentence = (
-            f"time steps by {exact(dt)} s from row to row ({exact(1 / dt)} Hz), and no vehicle's motion is "
-            f"recorded so; {remedy} under [time] in the column map."
+            f"time steps by {exact(dt)} s from row to row ({exact(1 / dt)} Hz), a rate at which no vehicle's motion is "
+            f"recorded; {remedy} under [time] in the column map."
         )
         findings.append(Finding("time_scale", Severity.DISTRUST, FoundAt("time"), sentence, dt, None, "s"))
     starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a part's gaps are asked for

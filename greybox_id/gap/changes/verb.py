@@ -282,9 +282,7 @@ def _answer(
         if judged.closed_interval[0] <= 0:
             reasons[first.place] = "it does not make predictions better on what chose nothing"
         elif sure[0] <= CAL.present:
-            beside = (
-                f", and as much speaks for {listed(alike)}: these recordings do not tell them apart" if alike else ""
-            )
+            beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
             reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
         elif not number.low < mean[first.place] < number.high:
             reasons[first.place] = "it stands at its bound: a symptom of something else, no size"

@@ -147,11 +147,12 @@ def discriminating(
             impossible = (
                 *impossible,
                 f"No manoeuvre that was found in {design_task.arena.words} tells {item.pair[0]} from {item.pair[1]} "
-                f"({item.nats:.1f} nats; {ENOUGH:g} are enough).",
+                f"({item.nats:.1f} nats, and {ENOUGH:g} are needed).",
             )
     if HOPELESS <= worst < ENOUGH:
         stated.append(
-            f"One drive tells them apart by {worst:.1f} nats; {ENOUGH:g} are enough: repeat it, or use more room."
+            f"One drive tells them apart by {worst:.1f} nats, and {ENOUGH:g} are needed: drive it several times, or "
+            "use a larger arena."
         )
     return finished(
         "discriminate", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],

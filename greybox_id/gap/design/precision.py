@@ -203,9 +203,9 @@ def no_room(nearest: FoundPlan, task: DesignTask, search: PlanSearch) -> BadInpu
     worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))
     kept = search.kept(nearest, search.samples)
     return BadInput(
-        f"No manoeuvre keeps to the limits with {100 * NEEDED:.0f} % of what is held possible "
-        f"({100 * kept:.0f} % do): {worst} forbids it. Raise that limit (‹limits›), or drive something gentle "
-        "and fit again first."
+        f"Parameters are known too roughly for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} % of "
+        f"the values that are held possible, and the best does for {100 * kept:.0f} %; with the rest, {worst} exceeds "
+        "its limit. Raise that limit (‹limits›), or drive something gentle first and fit again."
     )
 
 

@@ -90,7 +90,7 @@ def freed_tolerances(
     value = nuisances(prepared.everything, effects, shifting(prepared.everything))
     start = np.where(bench.counted, bench.simulate(bench.model.values[None])[0] - bench.measured, 0.0)
     if not np.all(np.isfinite(start)):
-        raise BadInput(f"{model.name} leaves the range of numbers on {recordings[0].name}.")
+        raise BadInput(f"{model.name} diverges on {recordings[0].name}: check the numbers of the vehicle.")
     noise, known = stated_noise(bench, vehicle, start)
     sd = noise if known or sd is None else sd
     good = sound(start, fresh(bench), bench.rows)

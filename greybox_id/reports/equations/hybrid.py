@@ -39,16 +39,15 @@ def network_words(model: HybridModel) -> str:
     if isinstance(network, FeedForwardNetwork):
         units = {"tanh": "hyperbolic tangents", "relu": "rectified linear units"}[network.activation]
         layers = ", ".join(map(str, network.hidden))
-        mirrored = (
-            " It is odd: what it says of a left turn, mirrored, it says of a right one." if network.mirrored else ""
-        )
+        mirrored = " It is odd: a right turn gives the mirror image of a left one." if network.mirrored else ""
         return (
-            f"z is what a feed-forward network of {layers} {units} says from {network.features} features of states and "
-            f"inputs; its last layer is linear.{mirrored}"
+            f"z is the output of a feed-forward network of {layers} {units} that reads {network.features} features of "
+            f"states and inputs; its last layer is linear.{mirrored}"
         )
     layers = ", ".join(map(str, network.hidden))
-    skip = " and straight from what it reads" if network.skip else ""
+    skip = " and reads the features directly, too" if network.skip else ""
     return (
-        f"z is what a recurrent network of {layers} rectified linear units says at every row from {network.features} "
-        f"features of states and inputs and from what its layers said a row before; its last layer is linear{skip}."
+        f"z is the output of a recurrent network of {layers} rectified linear units. At every row it reads "
+        f"{network.features} features of states and inputs, and its layers' outputs of the row before; its last layer "
+        f"is linear{skip}."
     )

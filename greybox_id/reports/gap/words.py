@@ -180,7 +180,8 @@ def _unknown_forces(gap: Gap) -> list[str]:
     most = max((ratio for ratio in gap.where.channels.values() if isfinite(ratio)), default=1.0)
     if gap.unnamed is None or most < HARDLY:
         return []
-    return [f"unknown forces of {percent(max(gap.unnamed.share_y, gap.unnamed.share_x))} (free runs add these up)"]
+    share = percent(max(gap.unnamed.share_y, gap.unnamed.share_x))
+    return [f"unknown forces of {share} (their effects add up along a free run)"]
 
 
 def _largest(gap: Gap) -> str:

@@ -323,8 +323,9 @@ READINGS = (
     "they counted as noisier."
 )
 NOISE = (
-    "What walks and how noisy readings are decides how much the filter trusts what. Tuned: the size under which the "
-    "readings are least surprising, and that says nothing of the sideslip."
+    "How fast parameters may walk, beside how noisy readings are, decides whether the filter follows its model or the "
+    "readings. A tuned size is the one under which the readings are most likely; a sideslip that nobody measured does "
+    "not enter it."
 )
 BANDS = (
     "Bands are two standard deviations: of the filter, and of what is stated of the model with a standard deviation. A "
