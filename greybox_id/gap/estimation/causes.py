@@ -53,11 +53,6 @@ class PossibleCause:
     zone: float
     gradual: bool
 
-    @property
-    def cost(self) -> float:
-        """Log-likelihood that it must gain."""
-        return CAL.cost
-
 
 def causes(
     model: Diagnosed,

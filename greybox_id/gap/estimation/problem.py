@@ -7,7 +7,7 @@ row's command enter to first order alone.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -400,7 +400,3 @@ def _at_start(form: Form, s: int) -> tuple[float, ...]:
     if form.starts:
         return form.starts[s][1:]
     return tuple(axis.mean if axis.low < axis.high else axis.low for axis in form.candidate.axes[1:])
-
-
-JointWhitening = Callable[[JointState, Array, float], Whitener]
-"""JointState, residuals, roughness -> how residuals are whitened."""
