@@ -2,9 +2,9 @@
 
 Errors of a model last, for a whole run at times, and a likelihood that counts readings as independent then is too
 narrow along some directions, by different factors. Deviations from the fit are mapped so that its second derivatives
-there are those of the covariance that errors which last, and what the form leaves open, have widened; bends and
-priors are mapped along. No direction gets narrower than the likelihood has it. Positive numbers but lengths, times,
-masses and inertias go by their logarithm: valleys along which a product stays the same are straight there.
+there are those of the covariance that errors which last have widened; bends and priors are mapped along. No direction
+gets narrower than the likelihood has it. Positive numbers but lengths, times, masses and inertias go by their
+logarithm: valleys along which a product stays the same are straight there.
 
 Source: Ribatet, Cooley & Davison, Bayesian inference from composite likelihoods, Statistica Sinica 22 (2012), Sec. 2.3,
 the curvature adjustment.
@@ -33,7 +33,7 @@ class Target:
     ----------
     density : in theta.
     independent : (d, d) covariance of theta about the fit, as the density has it.
-    lasting : (d, d) that covariance with what errors that last, and the form, add.
+    lasting : (d, d) that covariance with what errors that last add.
 
     Attributes
     ----------

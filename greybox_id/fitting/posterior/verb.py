@@ -18,11 +18,10 @@ from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
 from ...models.kinds import must_be
 from ...models.motion_model import MotionModel
-from ..fit import KIND, Fit, conflict
+from ..fit import KIND, Fit
 from ..how import Say, quiet
 from ..restated import restated
 from ..uncertainty import uncertainty
-from ..uncertainty.form import form_error
 from . import abc_smc, mcmc
 from .abc_smc import Distance, Growing, ParticleSet
 from .density import PosteriorDensity
@@ -154,12 +153,9 @@ class _Run:
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())
 
     def _target(self) -> Target:
-        """The density as wide as the fit's intervals: what its form leaves open and conflicts with priors count."""
-        at = self._problem, self._solution.x, self._solution.nodes
-        known, form = uncertainty(*at), form_error(*at)
+        known = uncertainty(self._problem, self._solution.x, self._solution.nodes)
         among = np.ix_(self.density.places, self.density.places)
-        lasting = conflict(self._problem.model) ** 2 * (known.released + form.covariance)
-        return Target(self.density, known.released_independent[among], lasting[among])
+        return Target(self.density, known.released_independent[among], known.released[among])
 
     def laplace(self) -> Posterior:
         target, count = self._target(), self.how.draws

@@ -56,24 +56,16 @@ def test_chains_meet_where_the_fit_is_and_are_as_wide_as_its_covariance(found, l
     assert drawn.ess.min() > 200
     assert 0.3 < drawn.acceptance < 0.9
     assert drawn.evaluations > 800
+    problem, solution = restated(found, [lap])
+    index = problem.parameters.index[0]
+    scatter = uncertainty(problem, solution.x, solution.nodes).sd[index]  # what the form may lack is no part of draws
+    names = [parameter.name for parameter in found.model.parameters]
     for name in FREE:
-        own, sd = drawn.table.loc[name], float(found.sd[name])  # what the form leaves open is part of both
+        own, sd = drawn.table.loc[name], float(scatter[names.index(name)])
+        assert sd <= float(found.sd[name])
         assert own["mean"] == pytest.approx(float(found.model[name].array), abs=0.5 * sd)
         assert own["sd"] == pytest.approx(sd, rel=0.4)
         assert own["low"] < own["mean"] < own["high"]
-
-
-def test_a_steering_offset_that_the_model_lacks_widens_draws_as_it_widens_intervals():
-    lap = driven("lateral", runs=2, seconds=4.0)
-    turned = lap.with_signals(steer=lap["steer"] + 0.03)
-    found = fitted(turned)
-    problem, solution = restated(found, [turned])
-    alone = uncertainty(problem, solution.x, solution.nodes).sd[problem.parameters.index[0]]
-    own = sample(found, [turned], SampleOptions("laplace", 1000)).table
-    names = [parameter.name for parameter in found.model.parameters]
-    wider = max(FREE, key=lambda name: float(found.sd[name]) / float(alone[names.index(name)]))
-    assert float(found.sd[wider]) > 1.5 * float(alone[names.index(wider)])
-    assert own["sd"][wider] == pytest.approx(float(found.sd[wider]), rel=0.3)
 
 
 def test_laplace_and_mcmc_draw_from_the_same(found, lap, drawn):
