@@ -29,6 +29,7 @@ from ..reports.track.digest import as_text
 from .defaults import command_line
 from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, requested
 from .output import console, end_by, print_json, progress, show
+from .terminal import tell
 
 FROM_STDIN = "-"
 
@@ -121,7 +122,7 @@ def track(
         judged = follow_lines(
             setup.model, walking, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, setup.uncertain
         )
-        click.echo(f"{judged.usability}: {' '.join(judged.reasons)}", err=True)
+        tell(f"{judged.usability}: {' '.join(judged.reasons)}")
         end_by(judged)
         return
     if file is None:

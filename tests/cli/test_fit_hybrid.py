@@ -70,7 +70,7 @@ def test_it_stands_beside_equations_of_motion(fitted, files, tmp_path):
     both = greybox("report", tmp_path / "fit.json", path, "--out", target, "--json")
     assert both.code == 0, both.err
     (sentence,) = both.told["verdict"]
-    assert "its errors in free run are" in sentence
+    assert "its errors in free run compare with those of" in sentence
     assert "indistinguishable in yaw rate" in sentence  # three seconds are too few blocks
     said = target.read_text("utf-8")
     assert "hybrid_force" in said

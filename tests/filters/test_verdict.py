@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from greybox_id.filters.findings import consistency
+from greybox_id.filters.findings import consistency, widening
 from greybox_id.filters.verdict import verdict
 from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE
 
@@ -15,7 +15,7 @@ def tracked(**channels):
     judged = {name: consistency(off, np.ones(len(off)), 100, 5.0) for name, off in channels.items()}
     return SimpleNamespace(
         consistency=judged, innovations=channels, expected={name: np.ones(len(off)) for name, off in channels.items()},
-        sentences=(), widened=1.0, recording=SimpleNamespace(sample_time=0.02),
+        sentences=(), widened=widening(judged.values()), recording=SimpleNamespace(sample_time=0.02),
     )  # fmt: skip
 
 

@@ -13,7 +13,7 @@ from greybox_id.models.registry import MODELS, build, candidates, prepared, vehi
 from greybox_id.models.tyres import TYRES
 from greybox_id.models.vehicle import Stated
 
-MOTION = ["single_track", "lateral", "longitudinal", "kinematic"]
+MOTION = ["single_track", "lateral", "longitudinal", "kinematic", "steering"]
 NETWORKS = ["mlp_lateral", "bicycle_mlp"]
 MEMORY = [name for name in MODELS if name not in (*MOTION, *NETWORKS) and not name.startswith("hybrid_")]
 

@@ -23,6 +23,8 @@ from .noise import Whitener
 
 LEAST_ZONE = 1e-4
 """Of its usual size, the zone of a cause where equations are exact: small enough to be none."""
+RIDGE = 1e-10
+"""On the diagonal of matrices scaled to ones: what rounding leaves of a direction that nothing is known of."""
 FORM = "form_"
 """Begins the names of errors of form by regime."""
 
@@ -282,7 +284,7 @@ class JointProblem:
         B = np.concatenate([known, mains[:, there]], axis=1)
         H = B.T @ B + np.diag(np.concatenate([value, precision[there]]))
         scale = 1 / np.sqrt(np.diag(H))
-        solve = np.linalg.inv(H * np.outer(scale, scale)) * np.outer(scale, scale)
+        solve = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H))) * np.outer(scale, scale)
         cross = B.T @ columns
         left = columns.T @ r - cross.T @ (solve @ (B.T @ r))
         curve = np.maximum(np.sum(columns**2, axis=0) - np.sum(cross * (solve @ cross), axis=0), 1e-12)

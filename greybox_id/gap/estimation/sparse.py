@@ -17,11 +17,9 @@ from scipy.linalg import lapack
 from ...base.shorthands import Array, Mask
 from ...engine.solvers.box import least_within
 from .calibration import CAL
-from .problem import Linear
+from .problem import RIDGE, Linear
 
 NEVER = -np.inf
-RIDGE = 1e-10
-"""On the diagonal of matrices scaled to ones: what rounding leaves of a direction that nothing is known of."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +56,7 @@ class Quadratic:
         slope = self.g + prec * (value.at - value.mean)
         step = least_within(H, slope, value.low - value.at, value.high - value.at, np.ones(len(H), dtype=bool))
         scale = 1 / np.sqrt(np.diag(H))
-        inverse = np.linalg.inv(H * np.outer(scale, scale))
+        inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
         return value.at + step, np.diag(inverse) * scale**2
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
@@ -164,7 +162,8 @@ class Sets:
     def sizes(self, on: Mask) -> tuple[Array, Array]:
         """(causes,) magnitudes and their standard deviations where a set is there."""
         H = self.S + np.diag(self._precision(on))
-        inverse = np.linalg.inv(H)
+        scale = 1 / np.sqrt(np.diag(H))
+        inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H))) * np.outer(scale, scale)
         return (self.mean - inverse @ self.b)[self.main], np.sqrt(np.diag(inverse))[self.main]
 
     def climbed(self, on: Mask) -> Mask:

@@ -19,8 +19,8 @@ from .calibration import CAL
 from .constancy import steadily
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
-from .problem import JointProblem, JointState, Linear
-from .sparse import RIDGE, Quadratic, Sets
+from .problem import RIDGE, JointProblem, JointState, Linear
+from .sparse import Quadratic, Sets
 
 
 @dataclass(frozen=True)

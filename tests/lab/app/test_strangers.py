@@ -47,7 +47,8 @@ def test_topics_of_one_drive_are_joined_and_a_turned_imu_is_repaired(server, rea
     reader.driver.get(server[1]["address"])
     topics = ("odomData", "imuData", "commandData", "pfOdomData")
     reader.drop(*(FOLDER / "frictionmaps_ds3" / f"{topic}.csv.gz" for topic in topics))
-    reader.see("pfOdomData")
+    for topic in topics:  # what is clicked before they are all there is drawn anew
+        reader.see(f"{topic}.csv.gz")
     reader.click("They are parts of one drive")
     reader.see("imuData/wx")
     while "Answer" in reader.text:
