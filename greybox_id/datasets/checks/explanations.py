@@ -28,6 +28,8 @@ from .relations import thinned
 
 SMOOTHING = 0.5
 """s, of the moving average under which relations are compared."""
+SLOW = 3.0
+"""s, of one under which the rate of v_y is averaged out: a swing of steering takes a second or two."""
 BLOCKS = 12
 """Stretches of a recording over whose scatter a size is held."""
 SURE = 6.0
@@ -248,9 +250,18 @@ def _sideways(r: Recording) -> list[Explanation]:
         smoothed[2]
     )  # an IMU that is hardly turned does as much
     far = (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
-    if far and not gentle and not result:
+    if far and not gentle and not result and not _vanishes_slowly(r, scale):
         result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
     return result
+
+
+def _vanishes_slowly(r: Recording, scale: float) -> bool:
+    """Whether most of a scale is gone in what is slow: quick steering moves v_y, whose rate a_y holds as well."""
+    if r.has("v_y"):
+        return False
+    left, right = (smooth(r, item, SLOW) for item in (r["a_y"], r["v_x"] * r["yaw_rate"]))
+    slow = _regression(left, [right, np.ones(len(left))])
+    return slow is not None and abs(np.log(max(float(slow.values[0]), 1e-9))) < 0.5 * abs(np.log(max(scale, 1e-9)))
 
 
 def _turned(r: Recording, aside: float | None) -> list[Explanation]:
