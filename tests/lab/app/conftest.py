@@ -35,9 +35,9 @@ class Reader:
         self.see("Drop recordings")
         self.driver.find_element("css selector", "input[type=file]").send_keys("\n".join(map(str, files)))
 
-    def pick(self, label, option):
+    def pick(self, label, option, which=0):
         selects = self.driver.find_elements("css selector", ".q-select")
-        next(each for each in selects if label in each.text).click()
+        [each for each in selects if label in each.text][which].click()
         time.sleep(0.5)
         options = self.driver.find_elements("css selector", ".q-menu .q-item")
         next(each for each in options if each.text == option).click()
