@@ -246,9 +246,8 @@ def _sideways(r: Recording) -> list[Explanation]:
         )  # fmt: skip
     result += _turned(r, float(both.values[turned]))
     relative = abs(np.log(max(scale, 1e-9)))
-    gentle = SCALE * np.nanstd(smoothed[0]) < ANGLE * np.nanstd(
-        smoothed[2]
-    )  # an IMU that is hardly turned does as much
+    turns, brakes = np.nanstd(smoothed[0]), np.nanstd(smoothed[2])
+    gentle = SCALE * turns < ANGLE * brakes  # an IMU that is hardly turned does as much
     far = (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
     if far and not gentle and not result and not _vanishes_slowly(r, scale):
         result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))

@@ -47,8 +47,8 @@ class Changed:
     scatter : effect -> (mean, standard deviation) between runs; the latter relative where the effect is a factor.
     since : names of the recordings from before.
     drift : sentences on what drifts over the recordings from before, in their order.
-    told : effect -> standard deviation with which the recordings from after tell it, scatter included; infinite where
-        a change as large as they usually are would not show.
+    sds : effect -> standard deviation of its change, scatter between runs included; infinite where a change
+        as large as they usually are would not show.
     """
 
     gap: Gap
@@ -56,7 +56,7 @@ class Changed:
     scatter: Mapping[str, tuple[float, float]]
     since: tuple[str, ...]
     drift: tuple[str, ...] = ()
-    told: Mapping[str, float] = field(default_factory=dict)
+    sds: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def changed(self) -> list[dict[str, Any]]:
@@ -76,17 +76,17 @@ class Changed:
     @property
     def not_changed(self) -> list[dict[str, Any]]:
         """Effects that did not, with twice the standard deviation of that; none that is doubtful or does not show."""
-        return [{"effect": name, "within": 2 * self.told[name]} for name in self._still if isfinite(self.told[name])]
+        return [{"effect": name, "within": 2 * self.sds[name]} for name in self._still if isfinite(self.sds[name])]
 
     @property
     def not_seen(self) -> list[str]:
         """Effects of which the recordings do not say whether they changed."""
-        return [name for name in self._still if not isfinite(self.told[name])]
+        return [name for name in self._still if not isfinite(self.sds[name])]
 
     @property
     def _still(self) -> list[str]:
         doubted = {item.effect for item in self.gap.ranking if item.reason}
-        return [name for name in self.told if name not in self.gap.applied and name not in doubted]
+        return [name for name in self.sds if name not in self.gap.applied and name not in doubted]
 
     def to_json(self) -> dict[str, Any]:
         """That of the gap, and what changed."""
@@ -349,10 +349,10 @@ def _answer(
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
     return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
-                   _told(known, [*rides, *others], effects))  # fmt: skip
+                   _sds(known, [*rides, *others], effects))  # fmt: skip
 
 
-def _told(known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str]) -> dict[str, float]:
+def _sds(known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str]) -> dict[str, float]:
     """Effect -> standard deviation with which recordings tell its change, the scatter between runs included.
 
     All other numbers are as they are believed of any run. Infinite where it exceeds what changes usually are.

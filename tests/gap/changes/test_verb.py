@@ -155,8 +155,8 @@ def test_where_nothing_may_be_named_nothing_is():
 def test_what_is_doubted_is_not_said_to_be_the_same():
     doubted = Ranked("grip_scale", 0.4, 1.7, "1", (1.5, 1.9), (), 12.0, "its probability is 0.40")
     gap = SimpleNamespace(ranking=(doubted,), applied=())
-    told = {"grip_scale": 0.1, "steering_offset": 0.006, "yaw_rate_bias": np.inf}
-    found = Changed(gap, TOLERANT, dict.fromkeys(told, (0.0, 0.005)), ("lap1",), told=told)
+    sds = {"grip_scale": 0.1, "steering_offset": 0.006, "yaw_rate_bias": np.inf}
+    found = Changed(gap, TOLERANT, dict.fromkeys(sds, (0.0, 0.005)), ("lap1",), sds=sds)
     assert found.not_changed == [{"effect": "steering_offset", "within": 0.012}]
     assert found.not_seen == ["yaw_rate_bias"]  # what is not told is not said to be the same, either
 
