@@ -21,8 +21,8 @@ MATHEMATICS = {
     "model_error": {"LEAST"},
     "preparing": {"OBSERVED"},
     "columns": {"APART", "BLOCKS", "LAGS", "LEAST"},  # a jackknife and its grid; each says where it comes from
-    "problem": {"LEAST_ZONE"},
-    "sparse": {"NEVER", "RIDGE"},  # guards against numbers without meaning
+    "problem": {"LEAST_ZONE", "RIDGE"},
+    "sparse": {"NEVER"},  # guards against numbers without meaning
     "usual": {"FAST"},  # a percentile that a sentence names
 }
 
