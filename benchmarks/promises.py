@@ -23,7 +23,6 @@ import sys
 import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -180,13 +179,11 @@ def poor(seed: int, k: int) -> Case:
         other = drive(same, "mixed", SECONDS, RATE, seed=int(rng.integers(10**8)))[0]
         half = len(train) // 2
         both = [name for name in train.signals if name in other.signals]
-        train = Recording(
-            "halves", train.time, {name: np.r_[train[name][:half], other[name][half:]] for name in both}
-        )
+        train = Recording("halves", train.time, {name: np.r_[train[name][:half], other[name][half:]] for name in both})
     elif how == "wrong vehicle":
         stated, given = another, virtual.tolerances(another)
     elif how == "wrong model":
-        model = "longitudinal" if "drive_force" == true.drive_channel else "lateral"
+        model = "longitudinal" if true.drive_channel == "drive_force" else "lateral"
         swapped = {"steer": train["v_x"] / 100.0 - np.mean(train["v_x"]) / 100.0}
         train = train.with_signals(**swapped)
         held = held.with_signals(steer=held["v_x"] / 100.0 - np.mean(held["v_x"]) / 100.0)

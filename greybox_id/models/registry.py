@@ -46,8 +46,8 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
-from .settings import NoSettings, from_mapping
 from .roll import with_roll
+from .settings import NoSettings, from_mapping
 from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
 from .steering import steering
 from .tyres import TYRES, TyreSettings
