@@ -184,10 +184,12 @@ def poor(seed: int, k: int) -> Case:
     elif how == "wrong vehicle":
         stated, given = another, virtual.tolerances(another)
     elif how == "wrong model":
-        model = "longitudinal" if true.drive_channel == "drive_force" else "lateral"
-        swapped = {"steer": train["v_x"] / 100.0 - np.mean(train["v_x"]) / 100.0}
-        train = train.with_signals(**swapped)
-        held = held.with_signals(steer=held["v_x"] / 100.0 - np.mean(held["v_x"]) / 100.0)
+        model = ("lateral", "longitudinal")[(k // 9) % 2]  # what drives it is not what it is driven by
+        driven, by = ("steer", "v_x") if model == "lateral" else (true.drive_channel, "yaw_rate")
+        train, held = (
+            one.with_signals(**{driven: np.std(one[driven]) / np.std(one[by]) * (one[by] - np.mean(one[by]))})
+            for one in (train, held)
+        )
     elif how == "noise":
         train, held = (
             one.with_signals(**{
