@@ -92,7 +92,7 @@ class Calibration:
     )
     parts: int = _known(3, "of a drive over which a magnitude must be one: two tell no curvature")
     acts: float = _known(
-        0.1, "of what an effect does in all channels, below which it does not act on one: starts carry .02", DEFINED
+        0.025, "of what an effect does, below which it does not act on a channel: starts that follow a sensor do .02"
     )
     part_least: float = _known(1e-4, "of a magnitude's information, below which a part says nothing of it")
     unnamed_share: float = _known(1.8, "model error over its median that is as likely unnamed as not", DRAWN)
