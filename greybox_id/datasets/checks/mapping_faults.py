@@ -214,7 +214,14 @@ def _faults(r: Recording) -> Iterator[Fault]:
     """Every fault that the channels of a recording allow."""
     yield from _imu(r)
     yield from _velocities(r)
-    for names in (("steer",), ("yaw",), ("yaw_rate", "yaw"), ("sideslip",), ("yaw_rate", "steer"), *((name,) for name in DRIVES)):
+    for names in (
+        ("steer",),
+        ("yaw",),
+        ("yaw_rate", "yaw"),
+        ("sideslip",),
+        ("yaw_rate", "steer"),
+        *((name,) for name in DRIVES),
+    ):
         if r.has(*names):
             yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
     if r.has("x", "y"):

@@ -132,9 +132,13 @@ def town(tmp_path, unit="deg/s", factor=180 / np.pi):
     """A drive in town, as a logger writes it: the hand wheel in degrees, ratio 16, and units in the names."""
     time = np.arange(1500) / 50
     turn = 0.2 * np.sin(0.9 * time) + 0.1 * np.sin(2.3 * time)
-    table = {"Time [s]": time, "Ground Speed [km/h]": 3.6 * (12 + np.sin(0.3 * time)),
-             "Steered Angle [deg]": np.degrees(16 * 2.8 * turn / (12 + np.sin(0.3 * time))),
-             f"Gyro Yaw Velocity [{unit}]": factor * turn, "G Force Lat [G]": (12 + np.sin(0.3 * time)) * turn / 9.80665}
+    table = {
+        "Time [s]": time,
+        "Ground Speed [km/h]": 3.6 * (12 + np.sin(0.3 * time)),
+        "Steered Angle [deg]": np.degrees(16 * 2.8 * turn / (12 + np.sin(0.3 * time))),
+        f"Gyro Yaw Velocity [{unit}]": factor * turn,
+        "G Force Lat [G]": (12 + np.sin(0.3 * time)) * turn / 9.80665,
+    }
     pd.DataFrame(table).to_csv(tmp_path / "town.csv", index=False)
     return propose(tmp_path / "town.csv")
 
