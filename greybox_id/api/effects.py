@@ -14,10 +14,11 @@ from __future__ import annotations
 from ..base.errors import near_or_all
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
+from ..models.effects.stating import alteration
 from ..models.own import own_effect
 from ..models.registry import install
 
-__all__ = ["names", "own"]
+__all__ = ["Effect", "alteration", "names", "own"]
 
 
 def names() -> tuple[str, ...]:

@@ -56,7 +56,7 @@ class FitResult(Fit):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> fit.params.index.tolist()
     ['l_f', 'l_r', 'steer_gain', 'yaw_lag', 'K_us']
@@ -324,7 +324,7 @@ class FitResult(Fit):
         Examples
         --------
         >>> import greybox_id as gb
-        >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+        >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
         >>> fit = gb.fit("lateral", lap, vehicle="roboracer", free=[], options=gb.FitOptions(solver="gauss-newton"))
         >>> fit.linearise(v_x=3.0).state_labels
         ['v_y', 'yaw_rate']

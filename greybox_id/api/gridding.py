@@ -34,7 +34,7 @@ class GridResult(Grid):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> train = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> found = gb.grid("msnn_bench_lat", train, {"q": [9, 19]}, strength=1.0)
     >>> found.table["parameters"].tolist()
     [21, 41]
@@ -87,7 +87,7 @@ def grid(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> train = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> int(gb.grid("msnn_bench_lat", train, {"q": [9, 19]}, strength=1.0).chosen["q"]) in (9, 19)
     True
     """

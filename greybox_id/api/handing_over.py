@@ -184,7 +184,7 @@ def report(
     --------
     >>> import tempfile
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     gb.report(fit, f"{folder}/lap.html").name

@@ -72,7 +72,7 @@ def simulate(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> gb.simulate("kinematic", lap, vehicle="roboracer")
     Recording racer_train, kinematic: 400 rows in 1 run, 19.95 s at 20 Hz
       yaw_rate [rad/s], a_y [m/s²]
@@ -117,7 +117,7 @@ def predict(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> ahead = gb.predict("kinematic", lap, horizon=0.5, vehicle="roboracer")
     >>> len(ahead) == len(lap)
     True
@@ -259,7 +259,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> gb.score(gb.models.kinematic(vehicle="roboracer"), lap)["protocol"].unique().tolist()
     ['0.1 s ahead', '0.5 s ahead', '1 s ahead', '2 s ahead', 'free run']
     """

@@ -142,7 +142,7 @@ def profile(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> found = gb.profile(fit, "yaw_lag")
     >>> bool(found.interval[0] < fit.params["yaw_lag"] < found.interval[1])
