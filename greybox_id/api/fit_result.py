@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from pathlib import Path
@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
+from ..base.condition import span
 from ..base.declared import understood
 from ..base.errors import BadInput
-from ..base.numbers import pretty_unit
+from ..base.numbers import counted, pretty_unit
 from ..base.shorthands import Array
 from ..datasets.read import read
 from ..datasets.recording import Recording
@@ -340,19 +341,43 @@ class FitResult(Fit):
 
         return FitPlots(self)
 
-    def seen(self, role: str = "") -> tuple[Recording, ...]:
+    def seen(
+        self,
+        role: str = "",
+        *,
+        moved: Mapping[str, Sequence[str | Path]] | None = None,
+        columns: Columns | None = None,
+        otherwise: str = "Hand it over.",
+    ) -> tuple[Recording, ...]:
         """The recordings that it was fitted to ("train") and validated on ("validate"), read again where need be.
+
+        Parameters
+        ----------
+        role : of those that are meant; all unless given.
+        moved : role -> where its files lie now, in their order; where the fit found them unless given.
+        columns : column map; the one that the fit names unless given.
+        otherwise : what the sentence tells to do where a recording is not found; ``{role}`` is what it was for.
 
         Raises
         ------
         BadInput : a file is no longer there or has changed, or a recording was made in memory.
         """
         records = [item for item in self.data if role in ("", item.role)]
-        if self.recordings:
+        new = {name: list(files) for name, files in (moved or {}).items() if files}
+        if self.recordings and not new:
             pairs = zip(self.recordings, self.data, strict=True)
             return tuple(as_seen(self, recording) for recording, record in pairs if record in records)
-        result = [read(found_again(record, self.file), record.mapping) for record in records]
-        return tuple(_matched(self, records, result))
+        for name, files in new.items():
+            count = sum(record.role == name for record in self.data)
+            if len(files) != count:
+                made = f"{self.file or 'The fit'} was made with {counted(count, 'recording')} to {name}"
+                raise BadInput(f"{made}, but {len(files)} are named.")
+        result = []
+        for record in records:
+            files = new.get(record.role, [])
+            file = files.pop(0) if files else found_again(record, self.file, otherwise.format(role=record.role))
+            result.append(_as_taken(read(file, columns or record.mapping), record))
+        return matched(replace(self, data=tuple(records)), result)
 
     def __repr__(self) -> str:
         return "\n".join(self._lines())
@@ -414,5 +439,7 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
     raise BadInput(f"{record.path}, which the fit has seen, is no longer there. {otherwise}")
 
 
-def _matched(fit: Fit, records: list[DataRecord], recordings: list[Recording]) -> tuple[Recording, ...]:
-    return matched(replace(fit, data=tuple(records)), recordings)
+def _as_taken(recording: Recording, record: DataRecord) -> Recording:
+    """The rows of a file that a fit took."""
+    recording = recording.between(*span(record.between)) if record.between else recording
+    return recording.where(record.where) if record.where else recording

@@ -12,10 +12,9 @@ from rich.console import RenderableType
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.files import ensure_writable, replacing
-from ..base.guard import claim
 from ..base.numbers import number
 from ..datasets.recording import Recording
-from ..datasets.result_table import target_of
+from ..datasets.result_table import claimed_table
 from ..fitting.grid import Grid, fit_grid, values_of
 from ..fitting.how import quiet
 from ..reports.text.screen import as_text, led, plain_table
@@ -93,7 +92,7 @@ def grid(
     """
     if not isinstance(varied, Mapping) or not varied:
         raise BadInput("varied: settings with their values are needed, such as {'n_delta': [5, 6, 7]}.")
-    target = None if to is None else claim(target_of(str(to), (".parquet",)), becomes="a table of a grid")
+    target = None if to is None else claimed_table(str(to), "a table of a grid", (".parquet",))
     train = given.recording(recording, columns)
     scored = None if validation is None else given.recording(validation, columns, "validation")
     if target is not None:

@@ -38,7 +38,7 @@ def test_editors_see_what_is_loaded_on_demand():
             seen[node.targets[0].id] = seen.pop(node.value.id)
     places = {name: place.partition(":") for name, place in gb._PLACES.items()}
     assert seen == {
-        name: (module, inside) if inside else tuple(module.rsplit(".", 1))
+        name: (module, inside) if inside else (module.rpartition(".")[0] or None, name)
         for name, (module, _, inside) in places.items()
     }
 
