@@ -58,7 +58,7 @@ def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):
     moved = tmp_path / "moved.csv"
     drive.rename(moved)
     try:
-        with pytest.raises(BadInput, match="no longer there.*new place with train"):
+        with pytest.raises(BadInput, match=r"no longer there.*new place with train"):
             CliRunner().invoke(report, [str(elsewhere)], catch_exceptions=False)
         arguments = [str(elsewhere), "--train", str(moved), "--figures", str(tmp_path / "figures"), "--json"]
         result = CliRunner().invoke(report, arguments, catch_exceptions=False)
