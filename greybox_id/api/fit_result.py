@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from pathlib import Path
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from rich.console import RenderableType
 
 from ..base.condition import span
 from ..base.declared import understood
@@ -25,7 +26,7 @@ from ..fitting.provenance import DataRecord
 from ..fitting.restated import as_seen
 from ..fitting.uncertainty.profile import Profile
 from ..reports.recordings import matched
-from ..reports.text.fit import parts
+from ..reports.text.fit import as_dict, parts
 from ..reports.text.screen import as_text
 from . import given, predictions, profiles
 from .given import Columns, Recordings
@@ -236,7 +237,15 @@ class FitResult(Fit):
 
     def summary(self) -> str:
         """What `greybox fit` prints: verdict, data, optimum, parameters with intervals, errors on what was held out."""
-        return as_text(parts(self, self.vehicle))
+        return as_text(self.parts())
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What `greybox fit` prints, part by part."""
+        return parts(self, self.vehicle)
+
+    def as_dict(self) -> dict[str, Any]:
+        """What `greybox fit --json` prints of it."""
+        return as_dict(self)
 
     def score(self, recording: Recording | str | Path, columns: Columns = "canonical") -> pd.DataFrame:
         """Errors on a recording, as `gb.score` gives them: a row per output and horizon."""
