@@ -159,7 +159,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         out.print(led("Same", f"within two standard deviations: {listed(still)}"))
     if changed.not_seen:
         out.print(led("Unknown", f"a usual change is below the detection limit: {listed(changed.not_seen)}"))
-    out.print(led("Left", gap.unknown or "nothing unnamed shows"))
+    out.print(led("Left", gap.unknown or "nothing is left unexplained"))
 
 
 def _within(name: str, size: float) -> str:

@@ -29,6 +29,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from ..base.errors import BadInput
+from ..base.numbers import number
 from ..base.shorthands import Array
 from .column_map import Reference
 from .pose_smoother import log_likelihood, smooth
@@ -113,8 +114,8 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
         if value.evidence > levels.evidence:
             poses, levels = stepped, value
             notes.append(
-                f"the poses' stamps scatter by {1e3 * scatter:.2g} ms about even steps, which explain the poses better "
-                "than the stamps do: time runs in even steps."
+                f"the poses' stamps scatter by {number(1e3 * scatter, 2)} ms about even steps, which explain the "
+                "poses better than the stamps do: time runs in even steps."
             )
     poses, levels, smoothed = _without_glitches(poses, levels, notes)
     return _at_centre(poses, levels, smoothed, reference, notes)

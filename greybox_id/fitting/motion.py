@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import BadInput
+from ..base.numbers import number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
@@ -329,7 +330,7 @@ def _is_confirmed(reached: _Reached | None) -> bool:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * max(share, 0.0):.2g} %"
+    return f"{number(100 * max(share, 0.0), 2)} %"
 
 
 def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from ..base.errors import BadInput
-from ..base.numbers import pretty_unit
+from ..base.numbers import number, pretty_unit
 from ..base.statistics import NORMAL
 from ..datasets.checks import Severity, check
 from ..datasets.checks.finding import listed
@@ -173,7 +173,7 @@ def _held(examined: Examined) -> str:
         return ""
     return (
         f"Free runs spin here, with and without an effect: they were restarted all the time, by an observer that pulls "
-        f"yaw_rate to its reading within {1 / rate:.2g} s; errors are those of predictions about so far ahead"
+        f"yaw_rate to its reading within {number(1 / rate, 2)} s; errors are those of predictions about so far ahead"
     )
 
 
@@ -577,13 +577,15 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
         first, *others = like
         unit = "" if first.unit == "1" else f" {pretty_unit(first.unit)}"
         parts.append(
-            f"like {first.effect} that varies by ± {first.sd:.2g}{unit} within {first.correlation_time:.2g} s"
+            f"like {first.effect} that varies by ± {number(first.sd, 2)}{unit} "
+            f"within {number(first.correlation_time, 2)} s"
             + (f", or {' or '.join(each.effect for each in others)}" if others else "")
         )
     if left is not None:
         lateral, longitudinal = (100 * v for v in (left.share_y, left.share_x))
         parts.append(
-            f"unknown forces of {lateral:.2g} % of the lateral and {longitudinal:.2g} % of the longitudinal ones"
+            f"unknown forces of {number(lateral, 2)} % of the lateral and {number(longitudinal, 2)} % of the "
+            "longitudinal ones"
         )
     if names and value.spread > CAL.form_of_size:
         parts.append(f"{names[0]}, the nearest name, would differ by {100 * value.spread:.0f} % {value.place}")

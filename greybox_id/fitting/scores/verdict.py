@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.numbers import number
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
@@ -184,7 +185,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
                 far.append((away, p.name))
             foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
-        text = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
+        text = _listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
         yield Reason(
             NOT_USABLE if foreign else WITH_CARE,
             f"Estimates conflict with their priors: {text}. Suspect that the data are of another vehicle than stated, "
@@ -358,7 +359,7 @@ def _compared(
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.2g} times" if ratio < MANY else f"over {MANY} times"
+    return f"{number(ratio, 2)} times" if ratio < MANY else f"over {MANY} times"
 
 
 def _beside(times: float) -> str:

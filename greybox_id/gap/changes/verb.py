@@ -320,7 +320,7 @@ def _answer(
         gap_detected=bool(applied) or unknown > 0.5,
         p_value=min([_by_chance(result, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
         unknown_probability=unknown,
-        unknown=f"readings are {loud:.2g} times as far from their predictions as before" if unknown > 0.5 else "",
+        unknown=f"readings are {number(loud, 2)} times as far from predictions as before" if unknown > 0.5 else "",
         where=Where(channel=max(channels, key=lambda name: channels[name]) if applied or unknown > 0.5 else "",
                     channels=channels),
         ranking=tuple(ranking),
@@ -394,11 +394,11 @@ def _budget(
     judged: Closure,
     held_out: bool,
 ) -> Budget | None:
-    """Shares of what is applied, one after the other; what is left of the gap is unnamed."""
+    """Shares of what is applied, one after the other; what is left of the gap is unexplained."""
     if not applied:
         return None
     low, high = judged.closed_interval
-    rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
+    rest = Share("unexplained", 1 - judged.closed, 1 - high, 1 - low)
     shares, before = [], 0.0
     for k, name in enumerate(applied):
         upto = judged.closed
