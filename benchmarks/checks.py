@@ -1,6 +1,6 @@
 """Faults that `greybox data check` finds, and clean recordings that it distrusts.
 
-    python benchmarks/checks.py [--json] [--clean 300] [--seeds results] [--only clean|power|bar|planted]
+    python benchmarks/checks.py [--json] [--clean 300] [--seeds results|NUMBER] [--only clean|power|bar|planted]
 
 Every fault of benchmarks/checks_recordings.py is put into every recording that has the channels it spoils. It counts as
 found where the recording is distrusted for something that it is not distrusted for without the fault; as named where a
@@ -34,18 +34,19 @@ def main() -> int:
     arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
     arguments.add_argument("--clean", type=int, default=300, help="recordings with nothing wrong")
-    arguments.add_argument("--seeds", choices=SEEDS, default="results")
+    arguments.add_argument("--seeds", default="results", help="choice, results, or a first seed")
     arguments.add_argument("--only", choices=("clean", "power", "bar", "planted"), help="one part of it")
     given = arguments.parse_args()
+    first = SEEDS[given.seeds] if given.seeds in SEEDS else int(given.seeds)
     found: dict[str, Any] = {}
     if given.only in (None, "clean"):
-        found |= false_alarms(given.clean, SEEDS[given.seeds])
+        found |= false_alarms(given.clean, first)
     if given.only in (None, "power"):
-        found |= power(given.clean, SEEDS[given.seeds])
+        found |= power(given.clean, first)
     if given.only in (None, "bar"):
         found |= bar()
     if given.only in (None, "planted"):
-        found |= {"planted": [planted(kind, SEEDS[given.seeds] + k) for k, kind in enumerate(KINDS)]}
+        found |= {"planted": [planted(kind, first + k) for k, kind in enumerate(KINDS)]}
     if given.json:
         sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     else:

@@ -24,7 +24,7 @@ from ..gap.design.limits import must_agree, read_limits, stated, usual_limits
 from ..gap.design.plan import KIND, Design
 from ..gap.design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, must_move, precise
 from ..gap.gap import Gap
-from ..models.effects import EFFECTS
+from ..models.effects import EFFECTS, vocabulary
 from ..models.motion_model import MotionModel
 from ..models.registry import build
 from ..models.vehicle import Stated, Vehicle
@@ -203,9 +203,9 @@ def design(
     if isinstance(source, Fit):
         result = precise(source, parameters, criterion, design_task, say)
     elif chosen == "discriminate":
-        result = discriminating(source, model, EFFECTS, design_task, say)
+        result = discriminating(source, model, vocabulary(), design_task, say)
     else:
-        result = detecting(source, model, EFFECTS, parameters, design_task, say)
+        result = detecting(source, model, vocabulary(), parameters, design_task, say)
     return DesignResult.of(result)
 
 

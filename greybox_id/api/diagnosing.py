@@ -24,7 +24,7 @@ from ..gap.diagnosis import diagnose as diagnose_gap
 from ..gap.estimation.memory_bench import must_suit
 from ..gap.gap import Gap
 from ..models.effect import Effect
-from ..models.effects import EFFECTS
+from ..models.effects import vocabulary
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
 from ..models.motion_model import MotionModel
@@ -148,7 +148,7 @@ def visible(
     nominal, stated = nominal_model(model, vehicle)
     before = given.recordings(since, columns, "since")
     must_be_diagnosable(nominal, before)
-    return visible_changes(nominal, before, EFFECTS, vehicle=stated, say=progress)
+    return visible_changes(nominal, before, vocabulary(), vehicle=stated, say=progress)
 
 
 def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> None:
@@ -265,7 +265,7 @@ def nominal_model(model: ModelLike | Fit | Vehicle, vehicle: VehicleLike = None)
 def _candidates(effects: Mapping[str, Effect] | Iterable[Effect | str] | None) -> dict[str, Effect]:
     """What the model may lack, by name."""
     if effects is None:
-        return dict(EFFECTS)
+        return vocabulary()
     if isinstance(effects, Mapping):
         result = dict(effects)
         for name, effect in result.items():

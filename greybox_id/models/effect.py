@@ -42,6 +42,8 @@ class Effect:
     gradual : whether its derivative at the null tells about it; that of a lag, play, limit or square vanishes there.
     instead_of : effects of which it is another form: where one is there, the other is not.
     group : steering, drive, tyres, body, road, sensors or timing.
+    driven_by : what of `needs` a model must have as an input, where actuators read it.
+    by_name : whether a diagnosis tries it only where it is named: on most recordings it looks like another effect.
 
     Examples
     --------
@@ -65,6 +67,8 @@ class Effect:
     gradual: bool = True
     instead_of: tuple[str, ...] = ()
     group: str = ""
+    driven_by: tuple[str, ...] = ()
+    by_name: bool = False
 
     def __post_init__(self) -> None:
         for name in ("parameter", "memory_parameter"):
@@ -125,7 +129,8 @@ class Effect:
         return acting(model, self) is not None
 
     def _needing(self) -> str:
-        return f" and needs {' and '.join(self.needs)}" if self.needs else ""
+        needs = [f"the input {name}" if name in self.driven_by else name for name in self.needs]
+        return f" and needs {' and '.join(needs)}" if needs else ""
 
     def _with(self, change: Callable[[Parameter], Parameter]) -> Effect:
         in_memory = self.memory_parameter and change(self.memory_parameter)
@@ -156,6 +161,7 @@ def acting(model: Model, effect: Effect) -> Acting | None:
 @acting.register(MotionModel)
 def _on_motion(model: MotionModel, effect: Effect) -> Acting | None:
     there = not model.names.isdisjoint(effect.touches) and model.names.issuperset(effect.needs)
+    there = there and set(model.inputs).issuperset(effect.driven_by)
     return None if effect.apply is None or not there else (effect.parameter, effect.apply)
 
 

@@ -69,7 +69,8 @@ class Actuator:
     name : of its state.
     segment : (state, (begin, end) of the command, p, h) -> (state after h, (begin, end) of what the vehicle sees).
         Commands are straight lines over a segment of h seconds, and so is what the vehicle sees: the line of the same
-        mean and first moment as the element's true response.
+        mean and first moment as the element's true response. Here and below p has, beside the parameters, `inputs`:
+        name -> such a line of every input.
     after : (state, command, p, time) -> what is seen so long after the command took this value.
     moves : (state, command, p, time) -> by how much that differs from the state, without cancelling digits.
     beside : name of another actuator, whose state it reads too: `state` is then both of them, its own first. At rest

@@ -46,6 +46,7 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
+from .roll import with_roll
 from .settings import NoSettings, from_mapping
 from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
 from .steering import steering
@@ -163,7 +164,8 @@ class ModelEntry:
 
 
 def _formed(model: MotionModel, settings: TyreSettings) -> MotionModel:
-    return with_form_error(model) if settings.form == "uncertain" else model
+    model = with_form_error(model) if settings.form == "uncertain" else model
+    return with_roll(model) if settings.body == "rolling" else model
 
 
 MODELS: dict[str, ModelEntry] = {
@@ -253,7 +255,7 @@ def vehicle_parameters() -> tuple[str, ...]:
     tyres = [{"tyre": tyre} for tyre in TYRES]
     known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
     known += [
-        build("single_track", {"drive": "motor", "brake": "separate"}),
+        build("single_track", {"drive": "motor", "brake": "separate", "body": "rolling"}),
         *(build(name) for name in ("longitudinal", "kinematic")),
     ]
     return tuple(dict.fromkeys((*(parameter.name for model in known for parameter in model.parameters), *_seconds())))

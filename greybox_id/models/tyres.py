@@ -161,6 +161,7 @@ brush = Tyre(
 TYRES: dict[str, Tyre] = {tyre.name: tyre for tyre in (pacejka, linear, dugoff, brush)}
 """Tyre models by name."""
 FORMS = ("exact", "uncertain")
+BODIES = ("stiff", "rolling")
 
 
 @dataclass(frozen=True)
@@ -171,16 +172,20 @@ class TyreSettings:
     ----------
     tyre : one of `TYRES`.
     form : "exact", or "uncertain": a fit estimates the error of the equations' form along (`models.form`).
+    body : "stiff", or "rolling": with a roll rate among what is predicted (`models.roll`).
     """
 
     tyre: str = "pacejka"
     form: str = "exact"
+    body: str = "stiff"
 
     def __post_init__(self) -> None:
         if self.tyre not in TYRES:
             raise BadInput(f"There is no tyre {self.tyre!r}; there are {', '.join(TYRES)}.{near(self.tyre, TYRES)}")
         if self.form not in FORMS:
             raise BadInput(f"The form is {' or '.join(FORMS)}, not {self.form!r}.{near(self.form, FORMS)}")
+        if self.body not in BODIES:
+            raise BadInput(f"The body is {' or '.join(BODIES)}, not {self.body!r}.{near(self.body, BODIES)}")
         if self.form == "uncertain" and self.tyre == "linear":
             raise BadInput("A linear tyre has no curve whose form could be uncertain; choose another tyre.")
 

@@ -38,7 +38,7 @@ VEHICLE_EFFECTS = {
     "load_sensitivity": 0.0, "longitudinal_load_transfer": 0.0, "tyre_temperature": 0.0, "mass_change": 1.0,
     "cog_shift": 0.0, "yaw_inertia": 1.0, "roll_dynamics": 0.0, "steering_delay": 0.0, "steering_lag": 0.0,
     "steering_bandwidth": np.inf, "steering_rate_limit": np.inf, "steering_offset": 0.0, "steering_ratio": 1.0,
-    "steering_backlash": 0.0,
+    "steering_backlash": 0.0, "steering_jerk_limit": np.inf, "sensor_quantisation": 0.0, "steering_compliance": 0.0,
     "motor_lag": 0.0, "motor_saturation": np.inf, "motor_gain": 1.0, "brake_bias": 0.0, "aero_drag": 0.0,
     "rolling_resistance": 0.0, "road_slope": 0.0, "road_bank": 0.0, "wind_gust": 0.0, "downforce": 0.0,
 }  # fmt: skip
@@ -108,10 +108,16 @@ def first_order(y, u_0, u_1, h, tau):
 
 
 @compiled
+def steering_limit(car, v_x):
+    """Largest rate of the road wheels, rad/s: of the actuator, and of a lateral jerk v^2 / L d(steer)/dt."""
+    return min(car.steering_rate_limit, car.steering_jerk_limit * (car.l_f + car.l_r) / max(v_x**2, SLOW**2))
+
+
+@compiled
 def steer_jumps(car, steering, command):
     """The command has jumped: what follows it at once. `steering` is play, rate limiter, lag, road wheel, its rate."""
     steering[0] = min(max(steering[0], command - car.steering_backlash), command + car.steering_backlash)
-    if car.steering_rate_limit == np.inf:
+    if car.steering_rate_limit == np.inf and car.steering_jerk_limit == np.inf:
         steering[1] = steering[0]
     if car.steering_lag == 0.0:
         steering[2] = steering[1]
@@ -142,9 +148,9 @@ def servo(car, steering, before, after, h):
 
 
 @compiled
-def steer_moves(car, steering, command, h):
+def steer_moves(car, steering, command, h, v_x):
     """The command has moved for h seconds."""
-    before, most, lagged = steering[1], car.steering_rate_limit * h, steering[2]
+    before, most, lagged = steering[1], steering_limit(car, v_x) * h, steering[2]
     steering[0] = min(max(steering[0], command - car.steering_backlash), command + car.steering_backlash)
     steering[1] = before + min(max(steering[0] - before, -most), most)
     steering[2] = first_order(steering[2], before, steering[1], h, car.steering_lag)
@@ -187,12 +193,14 @@ def dynamics(car, tyre, state, steer, force, given, v_dot, rate, seen):
 
     # slip angles; below SLOW the speed they are taken with levels off, and a wheel at rest has no slip from steering
     v = abs(v_x) if abs(v_x) >= SLOW else (v_x**2 + SLOW**2) / (2 * SLOW)
+    if car.sensor_quantisation > 0:
+        steer = car.sensor_quantisation * np.round(steer / car.sensor_quantisation)
+    angle = steer
     slip_f = steer * v_x / v - np.arctan2(v_y + l_f * r, v)
     slip_r = -np.arctan2(v_y - l_r * r, v)
     alpha_f, alpha_r, lag_f, lag_r = slip_f, slip_r, 0.0, 0.0
     if car.tyre_relaxation > 0:
         alpha_f, alpha_r = state[6], state[7]
-        lag_f = abs(v_x) / car.tyre_relaxation * (slip_f - alpha_f)
         lag_r = abs(v_x) / car.tyre_relaxation * (slip_r - alpha_r)
 
     # lateral forces of the axles
@@ -200,7 +208,15 @@ def dynamics(car, tyre, state, steer, force, given, v_dot, rate, seen):
     peak_f = peak(friction * car.D_f, F_zf, static_f / 2, car.load_sensitivity, to_right_f)
     peak_r = peak(friction * car.D_r, F_zr, static_r / 2, car.load_sensitivity, to_right_r)
     steeper = car.grip_scale ** (car.grip_scale_slope - 1) if tyre == 0 else 1.0
-    F_yf = peak_f * shape(tyre, steeper * car.B_f * car.front_stiffness, car.C_f, car.E_f, alpha_f)
+    for _ in range(100 if car.steering_compliance > 0 else 1):  # until the wheels have given way
+        F_yf = peak_f * shape(tyre, steeper * car.B_f * car.front_stiffness, car.C_f, car.E_f, alpha_f)
+        if car.steering_compliance > 0:
+            steer = angle - car.steering_compliance * F_yf / F_zf
+            slip_f = steer * v_x / v - np.arctan2(v_y + l_f * r, v)
+            if car.tyre_relaxation == 0:
+                alpha_f = slip_f
+    if car.tyre_relaxation > 0:
+        lag_f = abs(v_x) / car.tyre_relaxation * (slip_f - alpha_f)
     F_yr = peak_r * shape(tyre, steeper * car.B_r * car.rear_stiffness, car.C_r, car.E_r, alpha_r)
     F_yf *= ellipse(car.combined_slip, F_xf, peak_f)
     F_yr *= ellipse(car.combined_slip, F_xr, peak_r)
@@ -273,7 +289,7 @@ def integrate(car, tyre, events, steer, drive, given, v_dot, fine, states, saw):
                     done, asked_before = (j + REACH[stage]) / pieces, asked
                     asked = drive[k, 0] + done * (drive[k, 1] - drive[k, 0])
                     force = first_order(force, asked_before, asked, h / 2, car.motor_lag)
-                    steer_moves(car, steering, steer[k, 0] + done * (steer[k, 1] - steer[k, 0]), h / 2)
+                    steer_moves(car, steering, steer[k, 0] + done * (steer[k, 1] - steer[k, 0]), h / 2, state[0])
                 for i in range(n):
                     trial[i] = state[i] + REACH[stage] * h * rate[i]
                 dynamics(car, tyre, trial, steering[3], force, given, v_dot[k], rate, seen)

@@ -108,6 +108,7 @@ class MotionTrace:
         relax = moves_just_after(*self._relaxing(relaxed), moved)
         rates, _ = self._evaluate(x, self._seen(z, segment, named), named, relax)
         seen, followed = {name: begin for name, (begin, _) in segment.lines.items()}, list[Symbol]()
+        named = beside_inputs(named, segment)
         for state, actuator in zip(self._standing(actuators), self.model.actuators, strict=True):
             followed.append(actuator.moves(state, seen[actuator.signal], named, JUST_AFTER) / JUST_AFTER)
             seen[actuator.signal] = actuator.after(state, seen[actuator.signal], named, JUST_AFTER)
@@ -210,7 +211,7 @@ class MotionTrace:
         self, states: list[Symbol], segment: _Segment, p: Namespace
     ) -> tuple[list[Symbol], dict[str, tuple[Symbol, Symbol]]]:
         """Actuators' states at the segment's end, and the commands as the vehicle sees them."""
-        lines, moved = dict(segment.lines), []
+        lines, moved, p = dict(segment.lines), [], beside_inputs(p, segment)
         for state, actuator in zip(self._standing(states), self.model.actuators, strict=True):
             after, lines[actuator.signal] = actuator.segment(state, lines[actuator.signal], p, segment.h)
             moved.append(after)
@@ -232,7 +233,7 @@ class MotionTrace:
 
     def _seen(self, z: Symbol, segment: _Segment, p: Namespace) -> dict[str, Symbol]:
         """Inputs as the vehicle sees them just after the segment began."""
-        seen = {name: begin for name, (begin, _) in segment.lines.items()}
+        seen, p = {name: begin for name, (begin, _) in segment.lines.items()}, beside_inputs(p, segment)
         for state, actuator in zip(self._standing(self._split(z)[1]), self.model.actuators, strict=True):
             seen[actuator.signal] = actuator.after(state, seen[actuator.signal], p, JUST_AFTER)
         return seen
@@ -282,6 +283,11 @@ class _Segment:
 
 def _moved(x: list[Symbol], h: Symbol, rates: list[Symbol]) -> list[Symbol]:
     return [value + h * rate for value, rate in zip(x, rates, strict=True)]
+
+
+def beside_inputs(p: Namespace, segment: _Segment) -> Namespace:
+    """Parameters with the lines of all inputs, for actuators that read more than their own."""
+    return SimpleNamespace(**vars(p), inputs=segment.lines)
 
 
 def parameters(model: MotionModel, vector: Symbol) -> Namespace:

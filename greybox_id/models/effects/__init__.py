@@ -23,4 +23,10 @@ EFFECTS: dict[str, Effect] = {
 }
 """Effects by name."""
 
-__all__ = ["EFFECTS", "sensor_latency_imu", "steering_rate_limit"]
+
+def vocabulary() -> dict[str, Effect]:
+    """Effects that a diagnosis tries where none are named."""
+    return {name: effect for name, effect in EFFECTS.items() if not effect.by_name}
+
+
+__all__ = ["EFFECTS", "sensor_latency_imu", "steering_rate_limit", "vocabulary"]

@@ -57,6 +57,7 @@ def alteration(
     others: tuple[Parameter, ...] = (),
     apply_to_memory: Callable[[MemoryModel], MemoryModel] | None = None,
     in_memory: str = "",
+    by_name: bool = False,
     **changes: Callable[[Symbol, Quantities], Symbol],
 ) -> Effect:
     """An effect that alters parameters, inputs or quantities: name=(its value, q) -> its altered value.
@@ -68,6 +69,7 @@ def alteration(
     passes : how often the dynamics are gone through, for changes that read q.before.
     apply_to_memory : what it does to maps with memory, where it is known for them.
     in_memory : what it acts on there, where that has another name.
+    by_name : as of `Effect`.
     changes : those the model has act, the others do nothing.
 
     Returns
@@ -96,7 +98,7 @@ def alteration(
     return effect(
         group, name, unit, null, bounds, about,
         touches=(*changes, *([in_memory] if in_memory else [])), apply=apply, typical=typical, gradual=gradual,
-        needs=needs, others=others, apply_to_memory=apply_to_memory,
+        needs=needs, others=others, apply_to_memory=apply_to_memory, by_name=by_name,
     )  # fmt: skip
 
 

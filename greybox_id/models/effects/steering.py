@@ -2,20 +2,32 @@
 
 The chain is delay, then play, rate limit, lag and servo in the order in which they were added, then ratio and offset.
 For a delay, a lag, a servo and an offset the place in the chain makes no difference; behind a play or a rate limit, a
-ratio other than one scales them too.
+ratio other than one scales them too. Last come the steps of the angle's own sensor, and what the wheels give way.
 """
 
 from __future__ import annotations
 
-from math import inf
+from math import inf, pi
 
-from ..motion_model import MotionModel
+import casadi as cs
+
+from ..model import Namespace, Symbol
+from ..motion_model import MotionModel, Quantities
 from ..parameter import Parameter
+from ..smooth import forward_speed
 from .elements import lag, play, rate_limit, servo
 from .memory import limit_steering_rate, scale_steering, shift_steering
 from .stating import alteration, effect
 
 GROUP = "steering"
+LEAST_STEP = 1e-6
+"""Steps of a sensor below this, rad, are none: they are finer than any sensor's."""
+NO_JERK_LIMIT = 1e15
+"""m/s^3, at which derivatives by the wheelbase are still numbers."""
+SHARPNESS = 0.9999
+"""Of a staircase: its corners are rounded over a ten-thousandth of a step."""
+LEAST_LOAD = 1e-9
+"""N, added where there is no load, nor a force, before the first pass."""
 
 
 def _delay(model: MotionModel) -> MotionModel:
@@ -33,6 +45,28 @@ def _rate_limit(model: MotionModel) -> MotionModel:
 def _servo(model: MotionModel) -> MotionModel:
     both = servo("steer", "steering_bandwidth", lambda p: p.steering_bandwidth, lambda p: p.steering_damping)
     return model.actuated(both[0]).actuated(both[1])
+
+
+def _jerk_limit(model: MotionModel) -> MotionModel:
+    """At a speed v an angle that turns at d'(t) changes the lateral acceleration by v^2 / L d'(t)."""
+
+    def limit(p: Namespace) -> Symbol:
+        v = forward_speed(sum(p.inputs["v_x"]) / 2)
+        return cs.fmin(p.steering_jerk_limit, NO_JERK_LIMIT) * (p.l_f + p.l_r) / v**2
+
+    return model.actuated(rate_limit("steer", "steering_jerk_limit_state", limit))
+
+
+def _in_steps(steer: Symbol, q: Quantities) -> Symbol:
+    """The nearest whole step: less the sawtooth of the rest, by its Fourier series, Im log(1 + s exp(i t))."""
+    step = q.p.sensor_quantisation
+    turn = 2 * pi * steer / cs.fmax(step, LEAST_STEP)
+    return steer - step / pi * cs.atan2(SHARPNESS * cs.sin(turn), 1 + SHARPNESS * cs.cos(turn))
+
+
+def _given_way(steer: Symbol, q: Quantities) -> Symbol:
+    """The tyre's force and its trail turn the wheels back, as far as the force of the pass before says."""
+    return steer - q.p.steering_compliance * q.before.F_yf / (cs.fabs(q.before.F_zf) + LEAST_LOAD)
 
 
 def _backlash(model: MotionModel) -> MotionModel:
@@ -75,7 +109,26 @@ steering_bandwidth = effect(
     others=(Parameter("steering_damping", "1", 0.7, (0.2, 0.98), fixed=True, about="damping ratio of the steering"),),
 )  # fmt: skip
 
+steering_jerk_limit = effect(
+    GROUP, "steering_jerk_limit", "m/s^3", inf, (0.1, inf),
+    "largest lateral jerk v² dδ/dt / L that the steering is let, as by a driver assistance",
+    touches=("steer",), needs=("v_x", "l_f", "l_r"), driven_by=("v_x",), apply=_jerk_limit, typical=5.0, gradual=False,
+    by_name=True,
+)  # fmt: skip
+"""Lane-keeping systems are let 5 m/s^3 (ISO 11270:2014)."""
+
+sensor_quantisation = alteration(
+    GROUP, "sensor_quantisation", "rad", 0.0, (0.0, 0.05), "steps of the sensor by which the steering finds its angle",
+    typical=0.01, gradual=False, by_name=True, steer=_in_steps,
+)  # fmt: skip
+
+steering_compliance = alteration(
+    GROUP, "steering_compliance", "rad", 0.0, (0.0, 0.03),
+    "by how much the front wheels give way under a lateral force as large as their load",
+    typical=0.01, passes=4, needs=("F_yf", "F_zf"), by_name=True, steer=_given_way,
+)  # fmt: skip
+
 ALL = (
     steering_delay, steering_lag, steering_bandwidth, steering_rate_limit, steering_backlash, steering_offset,
-    steering_ratio,
+    steering_ratio, steering_jerk_limit, sensor_quantisation, steering_compliance,
 )  # fmt: skip

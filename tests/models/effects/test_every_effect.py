@@ -23,7 +23,9 @@ TABLE = {
     "roll_dynamics": (0, "rad s^2/m"), "steering_delay": (0, "s"), "steering_lag": (0, "s"),
     "steering_bandwidth": (INF, "Hz"),
     "steering_rate_limit": (INF, "rad/s"), "steering_offset": (0, "rad"), "steering_ratio": (1, "1"),
-    "steering_backlash": (0, "rad"), "motor_lag": (0, "s"), "motor_saturation": (INF, "m/s^2"), "motor_gain": (1, "1"),
+    "steering_backlash": (0, "rad"), "steering_jerk_limit": (INF, "m/s^3"), "sensor_quantisation": (0, "rad"),
+    "steering_compliance": (0, "rad"), "motor_lag": (0, "s"), "motor_saturation": (INF, "m/s^2"),
+    "motor_gain": (1, "1"),
     "brake_bias": (0, "1"), "aero_drag": (0, "N s^2/m^2"), "rolling_resistance": (0, "N"), "road_slope": (0, "rad"),
     "road_bank": (0, "rad"), "wind_gust": (0, "m/s"), "downforce": (0, "N s^2/m^2"), "yaw_rate_bias": (0, "rad/s"),
     "yaw_rate_scale": (1, "1"), "accel_bias_x": (0, "m/s^2"), "accel_bias_y": (0, "m/s^2"),
@@ -42,6 +44,7 @@ EVERY_MODEL = {
 }
 CASES = [(m, e) for m, model in EVERY_MODEL.items() for e, effect in EFFECTS.items() if effect.concerns(model)]
 MAIN_CASES = [(m, e) for m, e in CASES if m in ("single_track pacejka", "longitudinal")]
+MAIN_CASES += [("lateral pacejka", "steering_jerk_limit")]
 FEWER_CASES = [(m, e) for m, e in CASES if m.split()[-1] not in ("dugoff", "brush")]
 NOT_ON_LATERAL = {
     "motor_lag", "motor_gain", "motor_saturation", "brake_bias", "aero_drag", "rolling_resistance", "road_slope",
@@ -56,6 +59,8 @@ RANGES = {
     "v_x": (3.0, 40.0), "v_y": (-1.0, 1.0), "yaw_rate": (-0.6, 0.6), "friction_work": (0.0, 2e4),
     "steer": (-0.15, 0.15), "drive": (-5.0, 4.0), "road_slope": (-0.1, 0.1),
 }  # fmt: skip
+NOT_ON_SINGLE_TRACK = {"steering_jerk_limit"}
+"""Its limit goes with the speed, which has to be an input."""
 LAGS = ("steering_lag", "motor_lag", "tyre_relaxation")
 """A reading just after a command is a step in these at the null: only motion is smooth."""
 
@@ -93,6 +98,7 @@ def test_effects_are_those_specified_and_say_what_they_mean():
         low, high = effect.parameter.bounds
         assert low <= effect.typical <= high
         assert effect.typical != effect.parameter.array
+        assert not effect.by_name or effect.group == "steering"
         assert all(own.fixed and own.about and own.name.startswith(name.split("_")[0]) for own in effect.others)
 
 
@@ -100,7 +106,7 @@ def test_effects_concern_the_models_on_which_they_make_sense():
     def concerned(model):
         return {name for name, effect in EFFECTS.items() if effect.concerns(EVERY_MODEL[model])}
 
-    assert concerned("single_track pacejka") == set(EFFECTS)
+    assert concerned("single_track pacejka") == set(EFFECTS) - NOT_ON_SINGLE_TRACK
     assert concerned("lateral pacejka") == set(EFFECTS) - NOT_ON_LATERAL
     assert concerned("longitudinal") == ON_LONGITUDINAL
 
@@ -120,9 +126,10 @@ def test_a_null_effect_leaves_every_model_unchanged(model, effect):
 
 def test_all_effects_at_once_at_their_null_leave_the_single_track_unchanged():
     full = EVERY_MODEL["single_track pacejka"]
-    for effect in EFFECTS.values():
-        full = full + effect
-    assert full.effects == tuple(EFFECTS)
+    names = [name for name in EFFECTS if name not in NOT_ON_SINGLE_TRACK]
+    for name in names:
+        full = full + EFFECTS[name]
+    assert full.effects == tuple(names)
     bare, more = traced("single_track pacejka"), MotionTrace(full)
     for z, s, p in points(more, 3):
         at = (z[:3], s[:5], p[: bare.model.size])
@@ -158,6 +165,8 @@ def test_the_derivative_by_the_magnitude_is_that_of_differences(model, effect, w
     stacked, slope, k = by_the_magnitude(model, effect)
     magnitude = EFFECTS[effect].parameter
     value = float(magnitude.array) if where == "null" else EFFECTS[effect].typical
+    if (effect, where) == ("sensor_quantisation", "null"):
+        pytest.skip("what is left of steps jumps about ever faster as they vanish")
     states = traced(model, effect).size
     for z, s, p in points(traced(model, effect)):
         p = p.copy()

@@ -1,0 +1,254 @@
+"""Is "usable" kept? Fits whose truth is known: poor ones, good ones, and ones of models that lack something.
+
+    python benchmarks/promises.py [--part poor good lacking wrong] [--seed 0] [--json]
+
+Recordings are of virtual vehicles of four classes (`greybox_lab.virtual`), 40 s at 50 Hz, another 40 s held out. What
+is stated of them are parameters, tolerances and noise, as in a workshop's vehicle file; true ones lie within. In every
+second case all tolerances are ten times as wide, and what is stated is off by as much.
+
+- poor: 3 rows, 30 rows, nothing excited, shuffled, half of another vehicle, another vehicle's file, another model,
+  standing, noise in place of readings. None is "usable" in any form (or it is refused).
+- good: nothing is wrong. "Not usable" is wrong.
+- lacking: one effect that no parameter of the model is. 95 % intervals of usable fits hold the truth.
+- wrong: a mass stated 9 % off, a rack of varying ratio, both with the ratio estimated, and an offset of the steering's
+  sensor. The interval of the ratio (of the understeer gradient for the offset) holds the truth, or the fit is not
+  usable.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+import greybox_id as gb
+from greybox_id.base.errors import BadInput
+from greybox_id.datasets.recording import Recording
+from greybox_lab.virtual import virtual_vehicle as virtual
+from greybox_lab.virtual.virtual_vehicle import EFFECTS, VirtualCar, drive, random_vehicle, steered
+
+KINDS = ("racer", "car", "truck", "sports")
+SECONDS, RATE = 40.0, 50.0
+ROUGH = 10.0
+"""Tolerances of every second case over those usual in a workshop."""
+COUNTS = {"poor": 60, "good": 60, "lacking": 120, "wrong": 60}
+A_PARAMETER = (
+    "grip_scale", "front_stiffness", "rear_stiffness", "mass_change", "cog_shift", "yaw_inertia", "motor_gain",
+    "aero_drag", "rolling_resistance",
+)  # fmt: skip
+"""Effects that are other values of parameters."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """A fit to make.
+
+    Attributes
+    ----------
+    name : what it is.
+    model : name of the model.
+    train, held_out : recordings.
+    stated, true : the vehicle.
+    effects : that are estimated.
+    truth : name -> value, of what has to be held.
+    """
+
+    name: str
+    model: str
+    train: Recording
+    held_out: Recording | None
+    stated: VirtualCar
+    tolerances: virtual.Tolerances
+    truth: Mapping[str, float]
+    effects: tuple[str, ...] = ()
+
+
+def vehicles(seed: int, k: int) -> tuple[VirtualCar, VirtualCar, virtual.Tolerances, np.random.Generator]:
+    """What is stated, what is true, within which tolerances."""
+    rng = np.random.default_rng((seed, k, 515))
+    stated = random_vehicle(int(rng.integers(10**8)), KINDS[k % 4])
+    usual = virtual.tolerances(stated)
+    if (k // 4) % 2:
+        usual = replace(usual, parameters={name: ROUGH * sd for name, sd in usual.parameters.items()})
+        wide = {name: value + usual.parameters.get(name, 0.0) * float(np.clip(rng.standard_normal(), -2.5, 2.5))
+                for name, value in stated.parameters.items()}  # fmt: skip
+        true = replace(virtual.toleranced(stated, rng), parameters={**stated.parameters, **positive(wide, stated)})
+    else:
+        true = virtual.toleranced(stated, rng)
+    return stated, true, usual, rng
+
+
+def positive(drawn: Mapping[str, float], stated: VirtualCar) -> dict[str, float]:
+    """No number changes its sign, no share leaves (0, 1), and the true vehicle understeers as the stated one does."""
+    result = {}
+    for name, value in drawn.items():
+        before = stated.parameters[name]
+        result[name] = value if before == 0 else before * float(np.clip(value / before, 0.5, 1.5))
+    result["brake_split_front"] = float(np.clip(result["brake_split_front"], 0.3, 0.8))
+    for name in ("l_f", "l_r"):
+        result[name] = stated.parameters[name] * float(np.clip(result[name] / stated.parameters[name], 0.98, 1.02))
+    return result
+
+
+def pair(true: VirtualCar, rng: np.random.Generator, effects: Mapping[str, float]) -> tuple[Recording, Recording]:
+    """Two drives."""
+    first, second = (drive(true, "mixed", SECONDS, RATE, effects, seed=int(rng.integers(10**8))) for _ in range(2))
+    return first[0], second[0]
+
+
+def model_of(true: VirtualCar, rng: np.random.Generator) -> str:
+    """A model that the vehicle's channels suit."""
+    return str(rng.choice(("lateral", "single_track")))
+
+
+def good(seed: int, k: int) -> Case:
+    """Nothing is wrong."""
+    stated, true, tolerances, rng = vehicles(seed, k)
+    return Case("good", model_of(true, rng), *pair(true, rng, {}), stated, tolerances, true.parameters)
+
+
+def lacking(seed: int, k: int) -> Case:
+    """One effect is left out."""
+    stated, true, tolerances, rng = vehicles(seed, k)
+    names = [name for name in EFFECTS if name not in A_PARAMETER]
+    name = names[int(rng.integers(len(names)))]
+    effects = {name: true.magnitude(name, rng)}
+    return Case(name, model_of(true, rng), *pair(true, rng, effects), stated, tolerances, true.parameters)
+
+
+def wrong(seed: int, k: int) -> Case:
+    """Something stated or measured is wrong."""
+    kind = ("mass", "rack", "offset")[k % 3]
+    stated, true, tolerances, rng = vehicles(seed, k // 3)
+    if kind == "mass":
+        ratio = float(rng.uniform(0.9, 1.1))
+        factor = 0.91 if rng.random() < 0.5 else 1.09
+        known = replace(stated, parameters={**stated.parameters, "m": factor * stated.parameters["m"]})
+        both = pair(true, rng, {"steering_ratio": ratio})
+        truth = {"steering_ratio": ratio * true.small.get("steering_ratio", 1.0)}
+        return Case("mass 9 % off", "lateral", *both, known, tolerances, truth, ("steering_ratio",))
+    if kind == "rack":
+        effects = {"variable_ratio": true.magnitude("variable_ratio", rng)}
+        train, truth = drive(true, "mixed", SECONDS, RATE, effects, seed=int(rng.integers(10**8)))
+        held = drive(true, "mixed", SECONDS, RATE, effects, seed=int(rng.integers(10**8)))[0]
+        moves = np.abs(train["steer"]) > 0.2 * np.max(np.abs(train["steer"]))
+        gain = np.sort(truth.states["steer"][moves] / train["steer"][moves])
+        least, most = (float(gain[round(share * len(gain))]) for share in (0.25, 0.75))
+        return Case("variable rack", "lateral", train, held, stated, tolerances, {"steering_ratio": least,
+                    " steering_ratio": most}, ("steering_ratio",))  # fmt: skip
+    offset = float(rng.choice((-1, 1)) * rng.uniform(0.006, 0.012))
+    both = pair(true, rng, {"steering_offset": offset})
+    return Case("sensor offset", "lateral", *both, stated, tolerances, {"K_us": understeer(true.parameters)})
+
+
+def understeer(p: Mapping[str, float]) -> float:
+    """Understeer gradient at small slip, rad s^2/m: m/L (l_r/C_f - l_f/C_r), where C = B C D F_z."""
+    front, rear = (p[f"B_{axle}"] * p[f"C_{axle}"] * p[f"D_{axle}"] for axle in "fr")
+    return (1.0 / front - 1.0 / rear) / 9.80665
+
+
+def poor(seed: int, k: int) -> Case:
+    """Nothing that can be used."""
+    stated, true, tolerances, rng = vehicles(seed, k)
+    how = ("3 rows", "30 rows", "unexcited", "shuffled", "half another car", "wrong vehicle", "wrong model",
+           "standing", "noise")[k % 9]  # fmt: skip
+    train, held = pair(true, rng, {})
+    model, given = model_of(true, rng), tolerances
+    another = random_vehicle(int(rng.integers(10**8)), KINDS[(k + 1 + int(rng.integers(3))) % 4])
+    if how in ("3 rows", "30 rows"):
+        begin, rows = int(rng.integers(len(train) - 40)), int(how.split()[0])
+        train = train.rows(begin, begin + rows)
+    elif how in ("unexcited", "standing"):
+        speed = 0.0 if how == "standing" else 0.5 * true.top_speed
+        rows = round(SECONDS * RATE)
+        train, held = (
+            steered(true, how, np.zeros(rows), np.full(rows, speed), RATE, seed=int(rng.integers(10**8)))[0]
+            for _ in range(2)
+        )
+    elif how == "shuffled":
+        order = rng.permutation(len(train))
+        train, held = (one.with_signals(steer=one["steer"][order]) for one in (train, held))
+    elif how == "half another car":
+        same = random_vehicle(int(rng.integers(10**8)), true.kind)
+        other = drive(same, "mixed", SECONDS, RATE, seed=int(rng.integers(10**8)))[0]
+        half = len(train) // 2
+        both = [name for name in train.signals if name in other.signals]
+        train = Recording("halves", train.time, {name: np.r_[train[name][:half], other[name][half:]] for name in both})
+    elif how == "wrong vehicle":
+        stated, given = another, virtual.tolerances(another)
+    elif how == "wrong model":
+        model = "longitudinal" if true.drive_channel == "drive_force" else "lateral"
+        swapped = {"steer": train["v_x"] / 100.0 - np.mean(train["v_x"]) / 100.0}
+        train = train.with_signals(**swapped)
+        held = held.with_signals(steer=held["v_x"] / 100.0 - np.mean(held["v_x"]) / 100.0)
+    elif how == "noise":
+        train, held = (
+            one.with_signals(**{
+                name: np.mean(one[name]) + np.std(one[name]) * rng.standard_normal(len(one))
+                for name in ("yaw_rate", "a_y", "v_y") if one.has(name)
+            })
+            for one in (train, held)
+        )  # fmt: skip
+    return Case(how, model, train, held if rng.random() < 0.7 else None, stated, given, {})
+
+
+def fitted(case: Case) -> dict[str, Any]:
+    """The verdict, and which intervals hold what is true."""
+    result: dict[str, Any] = {"name": case.name, "model": case.model, "vehicle": case.stated.name}
+    about_null = {name: sd for name, sd in case.tolerances.effects.items() if name not in case.effects}
+    text = virtual.vehicle_file_text(case.stated, replace(case.tolerances, effects=about_null))
+    with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
+        file.write(text)
+        file.flush()
+        try:
+            fit = gb.fit(
+                case.model, case.train, validation=case.held_out, vehicle=file.name, effects=list(case.effects)
+            )
+        except BadInput as refusal:
+            return result | {"verdict": "refused", "reasons": [str(refusal)], "missed": {}, "counted": 0}
+    table = fit.conf_int()
+    known = {name: tuple(map(float, table.loc[name])) for name in table.index}
+    known |= {one.name: (one.low, one.high) for one in fit.combined()}
+    held, missed = 0, {}
+    for name, value in case.truth.items():
+        low, high = known.get(name.strip(), (np.nan, np.nan))
+        if np.isfinite(low) and np.isfinite(high):
+            held += 1
+            if not low <= value <= high:
+                missed[name] = [low, value, high]
+    return result | {
+        "verdict": fit.verdict.usability, "reasons": list(fit.verdict.reasons), "missed": missed, "counted": held,
+    }  # fmt: skip
+
+
+PARTS = {"poor": poor, "good": good, "lacking": lacking, "wrong": wrong}
+
+
+def run(part: str, seed: int, count: int) -> Iterator[dict[str, Any]]:
+    """Every case of a part."""
+    for k in range(count):
+        yield {"k": k} | fitted(PARTS[part](seed, k))
+
+
+def main() -> int:
+    """Run the benchmark."""
+    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    arguments.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS))
+    arguments.add_argument("--seed", type=int, default=0)
+    arguments.add_argument("--json", action="store_true", help="one JSON object a line for each fit")
+    given = arguments.parse_args()
+    for part in given.part:
+        for one in run(part, given.seed, COUNTS[part]):
+            sys.stdout.write(json.dumps({"part": part} | one, default=float) + "\n")
+            sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
