@@ -232,7 +232,7 @@ class _Since(click.Command):
     "fit_file",
     metavar="FIT",
     type=click.Path(),
-    help="A fit, whose estimates are the numbers; --vehicle beside it states noise and tolerances.",
+    help="A fit in place of a vehicle file; --vehicle beside it states noise and tolerances.",
 )
 @click.option(
     "--model",

@@ -282,7 +282,7 @@ def _fallbacks(
         ways.append((f"predictions {SHORTER:g} s ahead first", ahead_first))
     for k, p in enumerate(more, 1):
         another = partial(attempted, simulator, recordings, p, how, quiet, model.name)
-        ways.append((f"start {k} of other starts", another))
+        ways.append((f"other start {k}", another))
     if how.solver == "auto" and (reached is None or reached.solution.steps == 0):
         of_ipopt = replace(how, solver="ipopt")
         ways.append(("Ipopt from the start", partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, "")))

@@ -43,7 +43,7 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-DIFFERS = "its magnitude differs between parts of the drive, as errors of the equations' form make it differ"
+DIFFERS = "its magnitude differs between parts of the drive, as it does where the form of equations is wrong"
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 

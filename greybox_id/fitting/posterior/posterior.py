@@ -206,7 +206,7 @@ class Posterior:
         if least < FEW:
             name = str(self.ess.idxmin())
             result.append(
-                f"The draws of {name} are worth {least:.0f} independent ones: the ends of intervals are noise."
+                f"The draws of {name} are worth {least:.0f} independent ones, too few for an interval. Draw more."
             )
         return result
 

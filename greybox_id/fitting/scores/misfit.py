@@ -117,14 +117,14 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
     if gain > CLEARLY and size > HALVES:
         yield Reason(
             NOT_USABLE,
-            "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
-            "or of another. Fit each half, and ask greybox gap what changed.",
+            "The second half of the data needs other parameters than the first: the vehicle has changed, or is "
+            "another. Fit each half, and let greybox gap --since say what changed.",
         )
     elif gain > CLEARLY and size > SMALL_HALVES:
         yield Reason(
             WITH_CARE,
-            f"The second half of the data prefers other parameters than the first (odds e^{gain:.0f}): it may be of "
-            "another vehicle, or one that has changed. Fit each half.",
+            "The second half of the data prefers other parameters than the first "
+            f"(log-likelihood higher by {gain:.0f}): the vehicle may have changed, or be another. Fit each half.",
         )
 
 
@@ -147,16 +147,15 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"That goes with {_listed(on)}"
+        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"It varies with {_listed(on)}"
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
-            f"{name} is missed by {left}{against}. {depends}: the model lacks an effect"
-            f"{' or is of another vehicle' if error > DOUBTFUL else ''}. Intervals count it; greybox gap looks for it.",
+            f"The error of {name} is {left}{against}. {depends}: the model lacks an effect"
+            f"{', or is of another vehicle' if error > DOUBTFUL else ''}. Intervals include it; greybox gap looks for "
+            "the cause.",
         )
     else:
-        yield Reason(
-            USABLE, f"What the model lacks is {100 * error:.0f} % of {name} at most, counted in the intervals."
-        )
+        yield Reason(USABLE, f"What the model lacks is at most {100 * error:.0f} % of {name}; intervals include it.")
 
 
 def _of_form(one: Mapping[str, Any]) -> float:

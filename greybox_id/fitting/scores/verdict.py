@@ -175,7 +175,11 @@ def _found(fit: Fit) -> Iterator[Reason]:
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
         text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
-        yield Reason(NOT_USABLE, f"{text}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{text}.")
+        yield (
+            Reason(NOT_USABLE, f"{text}: a corner of what is allowed, no vehicle.")
+            if corner
+            else Reason(WITH_CARE, f"{text}.")
+        )
     far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
         if p.prior is not None and p.prior.mean is not None:
@@ -188,8 +192,8 @@ def _found(fit: Fit) -> Iterator[Reason]:
         text = _listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
         yield Reason(
             NOT_USABLE if foreign else WITH_CARE,
-            f"Estimates conflict with their priors: {text}. Suspect that the data are of another vehicle than stated, "
-            "or the model structure.",
+            f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
+            "model structure is wrong.",
         )  # fmt: skip
 
 

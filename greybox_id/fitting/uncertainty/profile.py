@@ -104,7 +104,7 @@ class Profile:
             better = self.values[np.argmin(self.rise)]
             stated.append(f"The fit was not at its optimum: {number(better, 4)} is better; fit again from there.")
         if not self.settled:
-            stated.append("Some points of the profile were not optimised to their end: the interval may be too narrow.")
+            stated.append("Some points of the profile did not converge: the interval may be too narrow.")
         return " ".join(stated)
 
 

@@ -280,7 +280,7 @@ def _answer(
     if first is not None:
         number = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
-            reasons[first.place] = "it does not make predictions better on what chose nothing"
+            reasons[first.place] = "it does not improve predictions of recordings that did not choose it"
         elif sure[0] <= CAL.present:
             beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
             reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
@@ -499,7 +499,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         trend = float(np.sum(weights * about * value)) / information
         if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
             stated.append(
-                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: what changed "
-                "since then may be no more than that."
+                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: a change "
+                "since then may be that drift."
             )
     return tuple(stated)
