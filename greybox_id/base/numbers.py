@@ -139,7 +139,15 @@ def percent(share: float) -> str:
     hundred = 100.0 * share
     if hundred == 0.0:
         return "0 %"
-    return f"{hundred:.{max(0, 1 - _power(hundred))}f} %"
+    return _minus(f"{hundred:.{max(0, 1 - _power(hundred))}f} %")
+
+
+def whole_percent(share: float) -> str:
+    """A share in whole percent, without its sign of percent."""
+    if not math.isfinite(share):
+        return number(share)
+    rounded = round(100 * share)
+    return f"−{-rounded}" if rounded < 0 else f"{rounded}"
 
 
 def listed(words: Sequence[str]) -> str:

@@ -26,13 +26,12 @@ from ..gap.changes.sensitivity import Visible
 from ..gap.changes.verb import Changed
 from ..gap.design.arena import arena as arena_of
 from ..gap.gap import Gap
-from ..models.effects import EFFECTS
 from ..models.registry import MODELS
 from ..models.vehicle import Vehicle
 from ..models.vehicle_file import write_vehicle
 from ..reports.gap.plain_data import as_plain_data
 from ..reports.gap.saved import KIND, Made, as_text
-from ..reports.gap.words import budget, magnitude_words
+from ..reports.gap.words import before_words, budget, magnitude_words, unchanged_words
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led
 from .completion import names
@@ -144,28 +143,22 @@ def show_changed(out: Console, changed: Changed) -> None:
         table.add_column(overflow="fold")
     for item in gap.ranking:
         if item.effect in gap.applied:
-            mean = number(changed.scatter[item.effect][0], 2)
+            mean = before_words(item, changed.scatter[item.effect][0])
             table.add_row(item.effect, magnitude_words(item), probability(item.probability), f"before: {mean}")
     before = listed([*changed.since])
     lead = f"{'' if gap.applied else 'nothing '}beyond the scatter of {before}"
     out.print(led("Changed", Group(lead, table) if gap.applied else lead))
     for item in gap.ranking:
         if item.reason:
-            out.print(led("", f"{item.effect} {number(item.magnitude, 2)} not applied: {item.reason}"))
+            out.print(led("", f"{item.effect} {magnitude_words(item)} not applied: {item.reason}"))
     if gap.budget is not None:
         out.print(led("Budget", budget(gap)))
     if changed.not_changed:
-        still = [f"{item['effect']} (± {_within(item['effect'], item['within'])})" for item in changed.not_changed]
+        still = [unchanged_words(item["effect"], item["within"]) for item in changed.not_changed]
         out.print(led("Same", f"within two standard deviations: {listed(still)}"))
     if changed.not_seen:
         out.print(led("Unknown", f"a usual change is below the detection limit: {listed(changed.not_seen)}"))
     out.print(led("Left", gap.unknown or "nothing is left unexplained"))
-
-
-def _within(name: str, size: float) -> str:
-    """How far an effect may have changed, in its unit; factors in per cent."""
-    unit = EFFECTS[name].parameter.unit
-    return f"{number(100 * size, 2)} %" if unit == "1" else f"{number(size, 2)} {pretty_unit(unit)}"
 
 
 def what_would_show(

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from ..base.errors import BadInput
-from ..base.numbers import number, pretty_unit
+from ..base.numbers import number, pretty_unit, whole_percent
 from ..base.statistics import NORMAL
 from ..datasets.checks import Severity, check
 from ..datasets.checks.finding import listed
@@ -328,8 +328,8 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
         elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
             judged = "on what was held out" if shared.held_out else "in free run"
             reasons[name] = (
-                f"a refinement: {judged} it closes {100 * share.share:.0f} % of the excess "
-                f"[{100 * share.low:.0f}, {100 * share.high:.0f}]"
+                f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
+                f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
             )
         else:  # several doubts, each of them below one half
             entry = (1.0 - CAL.nothing_unknown) * sure * _itself(one, best, name, spread) * _closes(shared, name)

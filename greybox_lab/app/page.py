@@ -24,6 +24,8 @@ TICK = 0.25
 """Seconds between looks at whether the session has changed."""
 SOON = 0.5
 """Seconds from which on a job is shown with a stop."""
+GRACE = 5.0
+"""Seconds for which what was drawn anew still answers: a click may be on its way, a selection may be open."""
 
 
 class Page:
@@ -48,9 +50,10 @@ class Page:
                 self.buttons = [self._button(k, name) for k, name in enumerate(STEPS)]
             ui.space()
             quiet(self.session.folder.name).tooltip(str(self.session.folder))
-        with ui.column().classes("page").props("role=main"):
-            self.running = ui.column().classes("w-full")
-            self.body = ui.column().classes("w-full")
+        with ui.column().classes("page").props("role=main") as self.frame:
+            self.running = ui.column().classes("running")
+            self.uploader = step_drop.uploader(self)  # never drawn anew: files may be on their way
+            self.body = ui.column().classes("body")
         with self.body:
             ui.spinner(size="2rem")
         ui.echart({}).style("display: none")  # the browser loads what draws while it waits
@@ -91,7 +94,12 @@ class Page:
         with self.running:
             for job in self.session.jobs.running():
                 self._job(job)
-        self.body.clear()
+        self.uploader.set_visibility(self.step == 0)
+        replaced = self.body
+        replaced.set_visibility(False)
+        with self.frame:
+            ui.timer(GRACE, replaced.delete, once=True)
+            self.body = ui.column().classes("body")
         with self.body:
             if isinstance(data, Exception):
                 verdict("This cannot be shown.", sentence(data), bad=True)

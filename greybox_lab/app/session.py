@@ -12,7 +12,7 @@ from collections.abc import Iterable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import Any
 
 from greybox_id import BadInput
@@ -37,7 +37,10 @@ DEFAULTS: dict[str, Any] = {
 
 @dataclass
 class Session:
-    """Everything about one session; changes are written at once, and count its version up, which every page watches."""
+    """Everything about one session; changes are written at once, and count its version up, which every page watches.
+
+    Who changes what it has read holds `changing` meanwhile: answers of commands are taken in a thread.
+    """
 
     folder: Path
     state: dict[str, Any] = field(default_factory=dict)
@@ -49,7 +52,7 @@ class Session:
             (self.folder / "recordings").mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise BadInput(f"{self.folder}: no session can be kept there: {error.strerror}.") from error
-        self._changing, self._held = Lock(), ExitStack()
+        self.changing, self._held = RLock(), ExitStack()
         try:
             self._held.enter_context(held(self.folder))
         except BadInput as error:
@@ -72,10 +75,15 @@ class Session:
 
     def change(self, *, quietly: bool = False, **changes: Any) -> None:
         """Change some of the state: on disk first, then for every page, unless quietly, as a drag does it."""
-        with self._changing:
+        with self.changing:
             self.state = {**self.state, **changes}
             write_atomically(self.folder / STATE, json.dumps(self.state, indent=1, ensure_ascii=False) + "\n")
             self.version += 0 if quietly else 1
+
+    def redraw(self) -> None:
+        """Have every page draw its step anew."""
+        with self.changing:
+            self.version += 1
 
     def files(self, *roles: str) -> list[str]:
         """Paths of recordings in some roles, seen from the folder; of all that are used where no role is named."""
@@ -85,10 +93,11 @@ class Session:
     def add(self, name: str) -> str:
         """Take a file that lies in `recordings/` into the session: the first is fitted, the second held out."""
         file = f"recordings/{name}"
-        if all(each["file"] != file for each in self["recordings"]):
-            taken = [each["role"] for each in self["recordings"]]
-            role = "train" if "train" not in taken else "validate" if "validate" not in taken else "train"
-            self.change(recordings=[*self["recordings"], {"file": file, "role": role}], looked="")
+        with self.changing:
+            if all(each["file"] != file for each in self["recordings"]):
+                taken = [each["role"] for each in self["recordings"]]
+                role = "train" if "train" not in taken else "validate" if "validate" not in taken else "train"
+                self.change(recordings=[*self["recordings"], {"file": file, "role": role}], looked="")
         return file
 
     def link(self, path: Path) -> str:
@@ -127,8 +136,9 @@ class Session:
 
     def start(self, kind: str, words: Sequence[str], target: str = "") -> PageJob:
         """Run a command of greybox, and show it on every page."""
-        job = self.jobs.start(kind, words, target)
-        self.version += 1
+        with self.changing:
+            job = self.jobs.start(kind, words, target)
+            self.redraw()
         return job
 
     def latest(self, kind: str, target: str = "") -> PageJob | None:

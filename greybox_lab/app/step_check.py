@@ -120,14 +120,15 @@ def _findings(page: Page, data: dict[str, Any]) -> None:
     over, strip, marks = data["strip"]
     options = charts.strips([strip], over.span, height=120, marks=marks, cursor=page.session["cursor"])
     words = f"{strip.name} over time, with the rows of the finding"
-    charts.chart(options, charts.height_of(1, 120), words).mark("finding-strip")
+    with ui.element("div").classes("pinned"):
+        charts.chart(options, charts.height_of(1, 120), words).mark("finding-strip")
     title("Findings")
     several = len({file for file, _ in data["every"]}) > 1
     for k, (file, each) in enumerate(data["every"]):
-        _finding(page, each, file if several else "", k)
+        _finding(page, each, file if several else "", k, each["channel"] in data["channels"])
 
 
-def _finding(page: Page, finding: dict[str, Any], file: str, k: int) -> None:
+def _finding(page: Page, finding: dict[str, Any], file: str, k: int, shows: bool) -> None:
     words, colour = LIGHTS[finding["severity"]]
     with ui.column().classes("card picked" if k == page.picked["finding"] else "card"):
         with ui.row(align_items="center").classes("w-full"):
@@ -135,7 +136,8 @@ def _finding(page: Page, finding: dict[str, Any], file: str, k: int) -> None:
             ui.label(finding["channel"]).style("font-weight: bold")
             quiet(file)
             ui.space()
-            button("Show where", partial(_pick, page, k), f"show-{k}", "flat")
+            if shows:
+                button("Show where", partial(_pick, page, k), f"show-{k}", "flat")
         ui.label(finding["sentence"])
         if finding["repair"]:
             button("Repair the map", page.work.repair, f"repair-{k}")

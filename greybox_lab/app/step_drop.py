@@ -76,7 +76,6 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     heading("Drop recordings", "The first is fitted, the second is held out. Nothing leaves this machine.")
     with ui.element("div").classes("left"):
         with ui.column():
-            _upload(page)
             if not session["recordings"]:
                 button("Take the shipped racer", page.work.take_racer, "racer")
                 quiet("Two drives of a 1:10 car, 182 s at 20 Hz.")
@@ -86,7 +85,9 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                 _columns(page, data)
 
 
-def _upload(page: Page) -> None:
+def uploader(page: Page) -> ui.upload:
+    """Where files are dropped: without it files on their way are lost, so it stays for as long as the page."""
+
     async def take(event: events.UploadEventArguments) -> None:
         try:
             name = safe_name(event.file.name)
@@ -96,7 +97,7 @@ def _upload(page: Page) -> None:
             await event.file.save(place)
             page.session.add(name)
             page.work.look()
-        except gb.GreyboxError as error:
+        except (gb.GreyboxError, OSError) as error:
             tell(sentence(error))
 
     words = f"A file of more than {LARGEST >> 20} MB is not taken here: cut it into parts, or use the command line."
@@ -104,6 +105,15 @@ def _upload(page: Page) -> None:
         multiple=True, max_file_size=LARGEST, auto_upload=True, on_upload=take, on_rejected=lambda: tell(words)
     )
     element.props('flat label="Drop files here, or choose with +" aria-label="recordings"').mark("upload")
+
+    def failed() -> None:
+        tell("A file did not arrive: drop it again.")
+        element.run_method("removeQueuedFiles")
+
+    element.on("failed", failed, [])
+    element.on("uploaded", lambda: element.run_method("removeUploadedFiles"), [])  # the same file may come again
+    element.ignores_events_when_hidden = False  # a file may arrive while another step is shown
+    return element
 
 
 def _files(page: Page) -> None:

@@ -46,8 +46,8 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                     ui.link(name, f"/session/{name}", new_tab=True)
             title("Report")
             _report(page)
-            title("Model for elsewhere")
             if session["fit"]:
+                title("Model for elsewhere")
                 with ui.row(align_items="center"):
                     target = choose(TARGETS, "c", "target", 9)
                     words = ["export", f"{session['fit']}/fit.json", "--target"]

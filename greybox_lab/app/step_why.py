@@ -12,7 +12,7 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import cause_words, gap_parts, number, pretty_unit, read_gap, sentence, table_html
+from .beneath import cause_words, change_parts, gap_parts, read_gap, sentence
 from .model import Step, alone, diagnosed_model, longest, steps
 from .traces import Shown
 from .widgets import button, choose, heading, quiet, shown, title, verdict
@@ -64,14 +64,17 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     gap, (first, silent) = data["gap"], data["said"]
     ui.html(first, sanitize=False).classes("w-full").mark("verdict")
     if answer.get("changed") is not None:
-        _changed(answer)
+        ui.html(change_parts(gap, answer), sanitize=False).classes("w-full").mark("changed")
     budget = steps(gap)
     with ui.element("div").classes("two"):
-        with ui.column():
-            picture = _waterfall(budget)
+        left = ui.column()
         with ui.column():
             element, words = _overlay(page, data)
+            _next(page)
     show = _shower(page, data, element, words)
+    with left:
+        picture = _waterfall(budget)
+        _causes(gap, show)
     names = ["", *(step.name for step in budget)]
     if picture is not None:
 
@@ -80,13 +83,8 @@ def draw(page: Page, data: dict[str, Any]) -> None:
 
         for event in ("chart:mouseover", "chart:click"):
             picture.on(event, hovered, ["dataIndex"])
-    with ui.element("div").classes("two"):
-        with ui.column():
-            _causes(gap, show)
-        with ui.column():
-            _next(page)
-            title("What could not have been seen")
-            ui.html(silent, sanitize=False).classes("unseen")
+    if silent:
+        ui.html(silent, sanitize=False).classes("unseen").mark("unseen")
 
 
 def _diagnose(page: Page, done: bool) -> None:
@@ -99,7 +97,8 @@ def _diagnose(page: Page, done: bool) -> None:
             button(f"Diagnose {vehicle} as it is stated", partial(work.gap, False), "diagnose-vehicle", "outline")
             since = button("What changed since BEFORE?", partial(work.gap, False, True), "since", "outline")
             since.set_enabled(bool(before))
-            since.tooltip("Drives are compared." if before else "Give one the role BEFORE in step 1.")
+            if not before:
+                since.tooltip("Give a drive the role before in step 1.")
         if done:
             button("Take it away", partial(page.go, 6), "onward")
     if before:
@@ -181,22 +180,6 @@ def _causes(gap: Gap, show: Show) -> None:
             quiet(each.reason).classes("under")
         if each.indistinguishable_from:
             quiet(f"cannot be distinguished from {', '.join(each.indistinguishable_from)} here").classes("under")
-
-
-def _changed(gap: dict[str, Any]) -> None:
-    title(f"Changed since {', '.join(gap['since'])}")
-    rows = []
-    for each in gap["changed"]:
-        low, high = each["interval"]
-        after = f"{shown(each['magnitude'])} [{shown(low)}, {shown(high)}]"
-        rows.append(
-            (each["effect"], shown(each["before"]), after, pretty_unit(each["unit"]), number(each["probability"]))
-        )
-    if rows:
-        head = ("effect", "before", "after, 95 % interval", "unit", "probability")
-        ui.html(table_html(head, rows), sanitize=False).classes("w-full")
-    else:
-        ui.label("Nothing beyond the scatter of the drives from before.")
 
 
 def _next(page: Page) -> None:

@@ -61,15 +61,18 @@ class Work:
 
     def map_done(self, job: PageJob) -> None:
         """Take a proposal: what is decided into the map, the rest as questions."""
-        answer = job.answer
-        if answer is None or self.session["columns"] or job != self.session.latest("map"):
-            return  # decided otherwise meanwhile
-        base = mapping.base_of(self.session.folder / job.target, answer)
+        session, answer = self.session, job.answer
+        if answer is None:
+            return
+        base = mapping.base_of(session.folder / job.target, answer)
         entries = [{**each, "use": True if each["decided"] else None} for each in answer["signals"]]
-        maps = [] if self.session["joining"] else self._maps_that_fit()
-        more = {"others": answer["others"], "maps": maps}
-        self.session.change(map=base, entries=entries, columns=MAP, looked="", **more)
-        self.write_map()
+        maps = [] if session["joining"] else self._maps_that_fit()
+        with session.changing:
+            if session["columns"] or job != session.latest("map"):
+                return  # decided otherwise meanwhile
+            more = {"others": answer["others"], "maps": maps}
+            session.change(map=base, entries=entries, columns=MAP, looked="", **more)
+            self.write_map()
 
     def _maps_that_fit(self) -> list[str]:
         files = [self.session.folder / file for file in self.session.files()]
@@ -172,10 +175,12 @@ class Work:
 
     def join_done(self, job: PageJob) -> None:
         """Take the joined recording in place of its parts."""
-        if job.answer is not None:
-            unused = [{**each, "role": "unused"} for each in self.session["recordings"]]
-            recordings = [*unused, {"file": job.target, "role": "train"}]
-            self.session.change(recordings=recordings, columns="canonical", looked="", joining=[])
+        session = self.session
+        if job.answer is not None and session["joining"]:
+            with session.changing:
+                unused = [{**each, "role": "unused"} for each in session["recordings"]]
+                recordings = [*unused, {"file": job.target, "role": "train"}]
+                session.change(recordings=recordings, columns="canonical", looked="", joining=[])
 
     def check(self) -> PageJob:
         """Run `greybox data check` on everything that is used."""
@@ -273,18 +278,19 @@ class Work:
         for job in self.session.jobs.all():
             if job.folder.name in taken or job.running:
                 continue
-            taken.add(job.folder.name)
-            self.session.change(quietly=True, taken=sorted(taken))
             self.trouble = job.failure
             done = self.DONE.get(job.kind)
-            if done is not None:
-                try:
+            try:
+                if done is not None:
                     done(self, job)
-                except gb.GreyboxError as error:
-                    self.trouble = sentence(error)
+            except gb.GreyboxError as error:
+                self.trouble = sentence(error)
+            finally:  # who is killed before takes it the next time
+                taken.add(job.folder.name)
+                self.session.change(quietly=True, taken=sorted(taken))
             ended = True
         if ended:
-            self.session.version += 1
+            self.session.redraw()
         self._read_ahead()
         return ended
 

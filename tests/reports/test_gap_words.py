@@ -14,11 +14,13 @@ from greybox_id.reports.gap.report import evidence, gap_report
 from greybox_id.reports.gap.saved import Made
 from greybox_id.reports.gap.words import (
     as_it_stands,
+    before_words,
     how_far,
     interval_words,
     left,
     magnitude_words,
     told_apart,
+    unchanged_words,
     verdict,
     where,
     whether,
@@ -40,6 +42,7 @@ INF, NAN = float("inf"), float("nan")
         ("steering_rate_limit", 0.62, "rad/s", (-INF, INF), "0.620 rad/s"),
         ("aero_drag", 0.21, "N s^2/m^2", (0.21, 0.21), "0.210 N s²/m² [0.210, 0.210]"),
         ("steering_delay", 0.031, "s", (NAN, NAN), "31.0 ms"),
+        ("sensor_latency_yaw", 0.0, "s", (0.0, 0.0031), "0.00 ms [0.00, 3.10]"),
         ("never_heard_of", 3.0, "N", (2.0, 4.0), "3.0 ± 0.5 N"),
     ],
 )
@@ -49,6 +52,13 @@ def test_magnitudes_have_units_of_handy_size(effect, magnitude, unit, interval, 
 
 def test_intervals_have_the_unit_of_their_estimate():
     assert interval_words(DELAY) == "[25.1, 36.9] ms"
+
+
+def test_what_was_before_has_the_unit_of_what_is_now():
+    assert before_words(DELAY, 0.0123) == "12 ms"
+    assert before_words(Ranked("grip_scale", 0.99, 0.84, "1", (0.8, 0.88)), 1.0) == "× 1.0"
+    assert unchanged_words("steering_delay", 0.009) == "steering_delay (± 9.0 ms)"
+    assert unchanged_words("mass_change", 0.07) == "mass_change (± 7.0 %)"
 
 
 def test_whether_there_is_a_gap():

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ...base.numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, with_sd
+from ...base.numbers import capital, listed, number, percent, pretty_unit, rmse, signal_words, whole_percent, with_sd
 from ...fitting.scores.horizons import Errors
 from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
@@ -33,7 +33,6 @@ from .words import (
     on_these,
     probability_words,
     verdict,
-    whole_percent,
 )
 
 LEAST, FIRST = 0.05, 2
@@ -86,9 +85,9 @@ ERRORS = "RMSE before → after (floor), from measured states over each horizon,
 ERRORS_ALONE = "RMSE (floor), from measured states over each horizon, and in free run."
 LIMITS = (
     "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
-    "all that is stated with a tolerance is refitted; told: the share of what the recordings say of it that "
-    "tolerances do not take up. Effects whose size has a threshold, such as plays, are found by refits alone and left "
-    "out."
+    "all that is stated with a tolerance is refitted; not absorbed: the share of what the recordings say of it that "
+    "parameter tolerances do not absorb. Effects whose size has a threshold, such as plays, are found by refits alone "
+    "and left out."
 )
 CHANNELS = (
     "An error over noise of 1 means that only noise is left. The last two columns give the frequency at which the "
@@ -285,7 +284,9 @@ def limits_table(gap: Gap) -> Table:
         (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _told(limit))
         for name, limit in gap.limits.items()
     )
-    return Table(("effect", "meaning", "would show from", "usual size", "in usual sizes", "told"), rows, "lLrrrr")
+    return Table(
+        ("effect", "meaning", "would show from", "usual size", "in usual sizes", "not absorbed"), rows, "lLrrrr"
+    )
 
 
 def _about(name: str) -> str:

@@ -5,7 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import fsum, inf, isfinite, sqrt
 
-from ...base.numbers import interval, listed, number, percent, pretty_unit, short_with_sd, together
+from ...base.numbers import (
+    interval,
+    listed,
+    number,
+    percent,
+    pretty_unit,
+    short_with_sd,
+    together,
+    whole_percent,
+)
 from ...base.statistics import NORMAL
 from ...fitting.scores.verdict import MANY
 from ...gap.estimation.calibration import CAL
@@ -42,7 +51,8 @@ def handy(unit: str, size: float) -> Handy:
 
 def handy_of(ranked: Ranked) -> Handy:
     """The unit in which an effect's magnitude is best read."""
-    return handy(ranked.unit, ranked.magnitude)
+    ends = [abs(end) for end in ranked.interval if isfinite(end)]
+    return handy(ranked.unit, ranked.magnitude or max(ends, default=0.0))
 
 
 def is_factor(effect: str) -> bool:
@@ -64,6 +74,19 @@ def magnitude_words(ranked: Ranked) -> str:
 def main_words(ranked: Ranked) -> str:
     """31 ± 3 ms with its standard deviation, × 0.84 ± 0.02 from 41 s on, or 18 ms [5, 60] where that is lopsided."""
     return " ".join(filter(None, (_size_words(ranked), when_words(ranked))))
+
+
+def before_words(ranked: Ranked, mean: float) -> str:
+    """What an effect was before, in the unit of what it is now."""
+    entry = handy_of(ranked)
+    return f"{'× ' if is_factor(ranked.effect) else ''}{number(entry.factor * mean, 2)} {entry.unit}".strip()
+
+
+def unchanged_words(name: str, size: float) -> str:
+    """An effect that did not change, and how far it may have, in its unit; factors in per cent."""
+    entry = handy(EFFECTS[name].parameter.unit if name in EFFECTS else "", size)
+    within = percent(size) if is_factor(name) else f"{number(entry.factor * size, 2)} {entry.unit}".strip()
+    return f"{name} (± {within})"
 
 
 def when_words(ranked: Ranked) -> str:
@@ -399,11 +422,3 @@ def probability_words(value: float) -> str:
     if not isfinite(value):
         return "not known"
     return "above 0.99" if value > 0.99 else "below 0.01" if value < 0.01 else f"{value:.2f}"
-
-
-def whole_percent(share: float) -> str:
-    """A share in whole percent, without its sign of percent."""
-    if not isfinite(share):
-        return number(share)
-    rounded = round(100 * share)
-    return f"−{-rounded}" if rounded < 0 else f"{rounded}"

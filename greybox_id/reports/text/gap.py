@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from ...base.numbers import listed, number, pretty_unit, quantity, rmse, short_with_sd
+from ...base.numbers import listed, number, pretty_unit, quantity, rmse, short_with_sd, whole_percent
 from ...fitting.scores.horizons import Errors
 from ...gap.gap import Budget, Closure, Gap
 from ..gap.words import (
@@ -21,7 +21,6 @@ from ..gap.words import (
     told_apart,
     where,
     whether,
-    whole_percent,
 )
 from .screen import WIDTH, led
 

@@ -26,9 +26,12 @@ class Reader:
         return self.driver.execute_script("return document.body.innerText")
 
     def see(self, words, seconds=240):
+        self.wait(lambda: words in self.text, repr(words), seconds)
+
+    def wait(self, condition, words, seconds=240):
         until = time.time() + seconds
-        while words not in self.text:
-            assert time.time() < until, f"{words!r} is not seen in:\n{self.text}"
+        while not condition():
+            assert time.time() < until, f"{words} is not seen in:\n{self.text}"
             time.sleep(0.1)
 
     def drop(self, *files):
@@ -36,11 +39,13 @@ class Reader:
         self.driver.find_element("css selector", "input[type=file]").send_keys("\n".join(map(str, files)))
 
     def pick(self, label, option, which=0):
-        selects = self.driver.find_elements("css selector", ".q-select")
-        [each for each in selects if label in each.text][which].click()
-        time.sleep(0.5)
-        options = self.driver.find_elements("css selector", ".q-menu .q-item")
-        next(each for each in options if each.text == option).click()
+        def named(selector, suits):
+            return [each for each in self.driver.find_elements("css selector", selector) if suits(each.text)]
+
+        named(".q-select", lambda text: label in text)[which].click()
+        self.wait(lambda: named(".q-menu .q-item", lambda text: text == option), f"the option {option}", 20)
+        named(".q-menu .q-item", lambda text: text == option)[0].click()
+        self.wait(lambda: not named(".q-menu .q-item", bool), f"no menu after {option} was picked", 20)
         self.clicks += 2
 
     def click(self, words, seconds=60):

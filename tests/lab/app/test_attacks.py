@@ -5,6 +5,7 @@ import json
 import signal
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import greybox_id as gb
@@ -26,6 +27,22 @@ def test_two_gigabytes_and_a_bomb_are_sentences(server, reader, tmp_path):
     reader.drop(bomb)
     reader.see("This file cannot be read.")
     reader.see("more than 1 GB of text once it is unzipped")
+
+
+def test_files_on_their_way_arrive_although_the_page_is_drawn_anew(server, reader, tmp_path):
+    t = np.arange(0, 40, 0.05)
+    files = [tmp_path / f"part{k}.csv" for k in range(3)]
+    for k, file in enumerate(files):  # each takes longer than the one before
+        rows = np.column_stack((t, 8 + np.sin(t + k), 0.1 * np.sin(t), 0.3 * np.sin(t)))[: len(t) * (k + 1) // 3]
+        np.savetxt(file, rows, delimiter=",", header="time,v_x,steer,yaw_rate", comments="")
+    reader.driver.get(server[1]["address"])
+    reader.see("Take the shipped racer")
+    slow = {"offline": False, "latency": 0, "downloadThroughput": -1, "uploadThroughput": 12_000}
+    reader.driver.execute_cdp_cmd("Network.enable", {})
+    reader.driver.execute_cdp_cmd("Network.emulateNetworkConditions", slow)
+    reader.drop(*files)
+    for file in files:
+        reader.see(file.name, 60)
 
 
 def test_two_pages_show_the_same_and_a_kill_in_the_middle_of_a_fit_loses_nothing(start, reader):

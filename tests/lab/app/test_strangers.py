@@ -47,15 +47,13 @@ def test_topics_of_one_drive_are_joined_and_a_turned_imu_is_repaired(server, rea
     reader.driver.get(server[1]["address"])
     topics = ("odomData", "imuData", "commandData", "pfOdomData")
     reader.drop(*(FOLDER / "frictionmaps_ds3" / f"{topic}.csv.gz" for topic in topics))
-    for topic in topics:  # what is clicked before they are all there is drawn anew
+    for topic in topics:
         reader.see(f"{topic}.csv.gz")
     reader.click("They are parts of one drive")
     reader.see("imuData/wx")
-    while "Answer" in reader.text:
-        open_questions = reader.text.count("No, leave it out")
+    while left := reader.text.count("No, leave it out"):
         reader.click("No, leave it out")
-        while reader.text.count("No, leave it out") >= open_questions:
-            pass
+        reader.wait(lambda left=left: reader.text.count("No, leave it out") < left, "the next question")
     reader.click("Join the files")
     assert "roboracer" in fitted(reader)  # of all shipped vehicles the nearest
     assert "a_x" in (Path(server[1]["session"]) / "map.toml").read_text("utf-8")
