@@ -98,8 +98,8 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
     fresh[known[1:][moved[0] | moved[1] | moved[2]]] = True
     if np.count_nonzero(fresh) < FEWEST:
         raise BadInput(
-            f"{where}: {np.count_nonzero(fresh)} poses that differ are too few to make motion of; "
-            "take the [poses] table out of the column map."
+            f"{where}: {np.count_nonzero(fresh)} poses that differ are too few to estimate motion from; "
+            "remove the [poses] table from the column map."
         )
     notes = []
     if held := len(known) - int(np.count_nonzero(fresh)):

@@ -324,7 +324,7 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
-            reasons[name] = "it stands at its bound: a symptom of something else, no size"
+            reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
         elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
             judged = "on what was held out" if shared.held_out else "in free run"
             reasons[name] = (

@@ -285,7 +285,7 @@ def _answer(
             beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
             reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
         elif not number.low < mean[first.place] < number.high:
-            reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
+            reasons[first.place] = "it stands at its bound: a symptom of something else, not an estimate"
     first_found = first
     if reasons:
         first, mean = None, entry
@@ -298,7 +298,7 @@ def _answer(
         size = _within(value[name], number.value(known.x[one.place] + one.shift[0]))
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
-            reason = "it would be further off than ever changes: a symptom of something else, no size"
+            reason = "it is larger than such a change ever is: a symptom of something else, not an estimate"
         mates = tuple(alike) if first_found is one else ()
         ranking.append(Ranked(name, float(p), size, value[name].parameter.unit, span, mates, one.total, reason))
     ranking = [*(_by_columns(known, value[effects[known.numbers[place].name]], effects, place, by)
