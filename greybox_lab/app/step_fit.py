@@ -59,7 +59,11 @@ async def prepare(page: Page) -> dict[str, Any]:
 
 
 def _drive(
-    words: str, model: gb.MotionModel, before: gb.MotionModel, recording: gb.Recording, at: Mapping[str, float]
+    words: str,
+    model: gb.models.MotionModel,
+    before: gb.models.MotionModel,
+    recording: gb.Recording,
+    at: Mapping[str, float],
 ) -> FittedDrive:
     bench, runs = Playground(model, recording), dict[str, Mapping[str, Array]]()
     with suppress(gb.GreyboxError):  # a model that runs away before it is fitted

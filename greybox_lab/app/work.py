@@ -41,7 +41,7 @@ class Work:
     def take_racer(self) -> None:
         """Take the shipped racer: two drives, the second one held out."""
         for name in ("racer_train", "racer_valid"):
-            self.session.link(Path(gb.shipped(name)))
+            self.session.link(Path(gb.datasets.shipped(name)))
         self.look()
 
     def look(self) -> None:
