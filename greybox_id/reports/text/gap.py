@@ -136,13 +136,13 @@ def _how_far(gap: Gap, width: int) -> Group:
         types.append(warning)
     types += carried_over(gap)
     if not held_out and gap.applied:
-        types.append("what it is worth on other recordings is not known: hold some out")
+        types.append("how far it closes on other recordings is not known: hold some out")
     if gap.moved:
         named = [
             f"{one.name} {short_with_sd(one.stated, one.sd)} → {quantity(one.value, one.unit)}"
             for one in gap.moved[:MOST_WORDS]
         ]
-        types.append(f"parameters further than one sd from where they are stated: {_and_more(named, len(gap.moved))}")
+        types.append(f"parameters more than one sd from their stated values: {_and_more(named, len(gap.moved))}")
     if closure.errors:
         types.append(_errors(closure, width))
     return Group(*types)
