@@ -48,7 +48,7 @@ class Reader:
         self.wait(lambda: not named(".q-menu .q-item", bool), f"no menu after {option} was picked", 20)
         self.clicks += 2
 
-    def click(self, words, seconds=60):
+    def click(self, words, seconds=240):
         until = time.time() + seconds
         while True:
             for button in self.driver.find_elements("tag name", "button"):
