@@ -66,7 +66,7 @@ class Reader:
     def fits(self, name):
         """Nothing scrolls sideways at either size; pictures are kept."""
         for width, height in SIZES:
-            self._resized(width, height)
+            self.resize(width, height)
             time.sleep(0.5)
             across, inner, down = self.driver.execute_script(
                 "const page = document.documentElement; return [page.scrollWidth, window.innerWidth, page.scrollHeight]"
@@ -75,15 +75,15 @@ class Reader:
             folder = os.environ.get("GREYBOX_PICTURES")
             if folder:
                 Path(folder).mkdir(parents=True, exist_ok=True)
-                self._resized(width, max(height, min(down, 3000)))
+                self.resize(width, max(height, min(down, 3000)))
                 time.sleep(0.4)
                 self.driver.save_screenshot(str(Path(folder) / f"{width}_{name}.png"))
-        self._resized(*SIZES[0])
+        self.resize(*SIZES[0])
         logged = [each["message"] for each in self.driver.get_log("browser") if each["level"] == "SEVERE"]
         errors = [message for message in logged if "favicon" not in message]
         assert errors == []
 
-    def _resized(self, width, height):
+    def resize(self, width, height):
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
 
@@ -132,5 +132,7 @@ def reader():
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     service = webdriver.ChromeService(shutil.which("chromedriver"))
     driver = webdriver.Chrome(options=options, service=service)
-    yield Reader(driver)
+    reader = Reader(driver)
+    reader.resize(*SIZES[0])
+    yield reader
     driver.quit()
