@@ -13,6 +13,11 @@ import pytest
 import greybox_id as gb
 
 SIZES = ((1280, 800), (1920, 1080))
+SHOWN = """
+const [selector, words, whole] = arguments;
+return [...document.querySelectorAll(selector)].filter(each => each.getClientRects().length && !each.disabled
+  && (whole ? each.innerText.trim() === words : each.innerText.includes(words)));
+"""
 
 
 class Reader:
@@ -38,28 +43,28 @@ class Reader:
         self.see("Drop recordings")
         self.driver.find_element("css selector", "input[type=file]").send_keys("\n".join(map(str, files)))
 
-    def pick(self, label, option, which=0):
-        def named(selector, suits):
-            return [each for each in self.driver.find_elements("css selector", selector) if suits(each.text)]
+    def shown(self, selector, words="", whole=False):
+        """Elements that are seen and hold some words, looked for in one step: a page may be drawn anew in between."""
+        return self.driver.execute_script(SHOWN, selector, words, whole)
 
-        named(".q-select", lambda text: label in text)[which].click()
-        self.wait(lambda: named(".q-menu .q-item", lambda text: text == option), f"the option {option}", 20)
-        named(".q-menu .q-item", lambda text: text == option)[0].click()
-        self.wait(lambda: not named(".q-menu .q-item", bool), f"no menu after {option} was picked", 20)
+    def pick(self, label, option, which=0):
+        self.shown(".q-select", label)[which].click()
+        self.wait(lambda: self.shown(".q-menu .q-item", option, True), f"the option {option}", 60)
+        self.shown(".q-menu .q-item", option, True)[0].click()
+        self.wait(lambda: not self.shown(".q-menu .q-item"), f"no menu after {option} was picked", 60)
         self.clicks += 2
 
     def click(self, words, seconds=240):
         until = time.time() + seconds
         while True:
-            for button in self.driver.find_elements("tag name", "button"):
-                try:
-                    if words in button.text and button.is_enabled():
-                        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
-                        button.click()
-                        self.clicks += 1
-                        return
-                except Exception:  # drawn anew in between
-                    break
+            try:
+                for button in self.shown("button", words)[:1]:
+                    self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+                    button.click()
+                    self.clicks += 1
+                    return
+            except Exception as error:  # drawn anew in between
+                assert time.time() < until, f"{words!r} cannot be clicked: {error}"
             assert time.time() < until, f"no button {words!r} in:\n{self.text}"
             time.sleep(0.1)
 
