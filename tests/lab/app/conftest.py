@@ -55,8 +55,8 @@ class Reader:
         self.clicks += 2
 
     def click(self, words, seconds=240):
-        until = time.time() + seconds
-        while True:
+        until, trouble = time.time() + seconds, ""
+        while time.time() < until:
             try:
                 for button in self.shown("button", words)[:1]:
                     self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
@@ -64,9 +64,9 @@ class Reader:
                     self.clicks += 1
                     return
             except Exception as error:  # drawn anew in between
-                assert time.time() < until, f"{words!r} cannot be clicked: {error}"
-            assert time.time() < until, f"no button {words!r} in:\n{self.text}"
+                trouble = f"{error} "
             time.sleep(0.1)
+        raise AssertionError(f"no button {words!r}: {trouble}in:\n{self.text}")
 
     def fits(self, name):
         """Nothing scrolls sideways at either size; pictures are kept."""
