@@ -17,7 +17,7 @@ folder = Path(mkdtemp())  # where this page writes
 
 # %%
 # Somebody else's file: km/h, degrees, a gyro mounted upside down.
-lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 800)
+lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 800)
 table = pd.DataFrame(
     {
         "Time": lap.time,

@@ -7,7 +7,7 @@ Intervals of a fit assume that its errors are linear in the parameters. Draws of
 
 import greybox_id as gb
 
-lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
+lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
 fit = gb.fit("kinematic", lap.rows(0, 400), vehicle="roboracer", effects=["steering_delay"])
 
 # %%

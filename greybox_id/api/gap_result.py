@@ -44,7 +44,7 @@ class GapResult(Gap):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> gap = gb.diagnose("kinematic", lap, vehicle="roboracer", effects=["steering_delay"])
     >>> gap.to_pandas().columns.tolist()
     ['effect', 'probability', 'magnitude', 'lower', 'upper', 'unit', 'since', 'until', 'applied']

@@ -59,7 +59,7 @@ class FitPlots:
     >>> import matplotlib
     >>> matplotlib.use("Agg")
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> axes = gb.fit("kinematic", lap, vehicle="roboracer").plot.measured_and_simulated(lap)
     >>> [ax.get_ylabel() for ax in axes]
     ['yaw_rate [rad/s]', 'a_y [m/s²]']

@@ -103,9 +103,13 @@ def select(
     names, unsteady = [item.name for item in problem.causes], np.zeros(len(prices))
     for _ in range(CAL.spreads_weighed):
         by = dict(zip(best.names, unsteadiness(search, best), strict=True))
-        unsteady = np.maximum(unsteady, [by.get(name, 0.0) for name in names])
-        if not np.any(stage.there & (steadily(gains, unsteady) < prices)):
+        seen = np.array([max(by.get(name, 0.0), known) for name, known in zip(names, unsteady, strict=True)])
+        off = np.where(stage.there, steadily(gains, seen) - prices, np.inf)
+        weak = np.argsort(off)[: np.count_nonzero(off < 0)]
+        if not len(weak):
             break
+        worse = weak[: -(-len(weak) // 2)]  # others may differ between parts because these are there
+        unsteady[worse] = seen[worse]
         stage, gains = together.pruned(stage, prices, unsteady)
         best = _refitted(search, _placed(search, together, stage))
     base = _base(search, best)

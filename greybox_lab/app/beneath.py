@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "USUAL", "Array", "GreyboxError",
-    "cause_words", "change_parts", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "named_text",
-    "number", "percent", "pretty_unit", "quantity", "read_gap", "report_parts", "sentence", "shipped_maps", "unit_of",
-    "write_atomically",
+    "Model", "cause_words", "change_parts", "companion", "counted", "equations", "free_runs", "gap_parts", "held",
+    "named_text", "number", "percent", "pretty_unit", "quantity", "read_gap", "report_parts", "sentence",
+    "shipped_maps", "unit_of", "write_atomically",
 ]  # fmt: skip
 
 

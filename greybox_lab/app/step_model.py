@@ -62,7 +62,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         choose(
             [name for name in MODELS if not suits[name]], chosen["name"], "model", 11, partial(_choose, page, "name")
         )
-        vehicles = {"": "none", **{name: name for name in gb.vehicles()}}
+        vehicles = {"": "none", **{name: name for name in gb.models.vehicles()}}
         choose(vehicles, chosen["vehicle"], "vehicle", 11, partial(_choose, page, "vehicle"))
         if "tyre" in bench.model.settings:
             choose(TYRES, bench.model.settings["tyre"], "tyre", 9, partial(_choose, page, "tyre"))
@@ -116,7 +116,7 @@ def _errors(bench: Playground, traces: dict[str, Array]) -> str:
     return f"Root mean square of simulated less measured, free run: {words}"
 
 
-def _slider(page: Page, row: gb.Parameter, span: tuple[float, float], drag: Drag) -> None:
+def _slider(page: Page, row: gb.models.Parameter, span: tuple[float, float], drag: Drag) -> None:
     chosen, (low, high) = page.session["model"], span
     value = chosen["start"].get(row.name, float(row.array))
     free = row.name in chosen["free"] or (not row.fixed and row.name not in chosen["fix"])
@@ -188,7 +188,7 @@ def _choose(page: Page, key: str, event: Any) -> None:
     page.session.change(model=chosen)
 
 
-def _hold(page: Page, row: gb.Parameter, event: Any) -> None:
+def _hold(page: Page, row: gb.models.Parameter, event: Any) -> None:
     chosen = dict(page.session["model"])
     free, fix = ([name for name in chosen[key] if name != row.name] for key in ("free", "fix"))
     start = dict(chosen["start"])

@@ -64,7 +64,7 @@ class Profile:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> found = gb.fit("kinematic", lap, vehicle="roboracer").profile("yaw_lag")
     >>> found.identifiable
     True

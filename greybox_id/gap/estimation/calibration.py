@@ -91,6 +91,9 @@ class Calibration:
         1e-4, "p of a spread by chance from which it counts: a cause had 8e-4, mimics 1e-5", FOREIGN
     )
     parts: int = _known(3, "of a drive over which a magnitude must be one: two tell no curvature")
+    acts: float = _known(
+        0.025, "of what an effect does, below which it does not act on a channel: starts that follow a sensor do .02"
+    )
     part_least: float = _known(1e-4, "of a magnitude's information, below which a part says nothing of it")
     unnamed_share: float = _known(1.8, "model error over its median that is as likely unnamed as not", DRAWN)
     unnamed_slope: float = _known(4.0, "log-odds per logarithm of that", DRAWN)
@@ -256,7 +259,7 @@ class Calibration:
     listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
     much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
     likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
-    spreads_weighed: int = _known(3, "times that causes are weighed by how their magnitudes differ at most", SEARCHED)
+    spreads_weighed: int = _known(6, "times that causes are weighed by how their magnitudes differ at most", SEARCHED)
     doubted: float = _known(
         4.0, "times its price, up to which what a cause gains is looked at from two starts", SEARCHED
     )

@@ -118,7 +118,7 @@ def _products(one: Array, many: Array) -> tuple[Array, Array]:
 
 
 def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array], effect: int = 0) -> list[Spread]:
-    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel.
+    """Magnitudes of one of a hypothesis' effects in thirds of what orders the rows, and by channel that it acts on.
 
     Parameters
     ----------
@@ -128,13 +128,17 @@ def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array],
     """
     at = hypothesis.parts[effect][1].start
     alone = _alone(search, hypothesis, at)
-    return [] if alone is None else _spreads(alone, hypothesis, orders, at)
-
-
-def _spreads(alone: _Alone, hypothesis: Hypothesis, orders: Mapping[str, Array], at: int) -> list[Spread]:
+    if alone is None:
+        return []
     informs = np.sum(alone.itself**2, axis=1)
     cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
-    cuts[BETWEEN_CHANNELS] = np.eye(hypothesis.e.shape[1])
+    does = np.sum((hypothesis.J[:, :, at] / search.colour.stationary_sd) ** 2, axis=0)
+    acted_on = does > CAL.acts**2 * np.sum(does)  # what a sensor does is not for other channels' errors to judge
+    cuts[BETWEEN_CHANNELS] = np.eye(len(does))[:, acted_on]
+    return _spreads(alone, hypothesis, cuts, at)
+
+
+def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], at: int) -> list[Spread]:
     m = float(hypothesis.m[at])
     size = abs(m - hypothesis.axes[at].null) + 1e-300
     result = list[Spread]()

@@ -35,7 +35,7 @@ class JointStage:
     whitener : of its model error.
     squares : the problem about the state.
     sets : scores of sets there.
-    evidence : logarithm of the marginal likelihood, with the odds of what it believes.
+    form : logarithm of what its model error is worth before readings.
     """
 
     rough: float
@@ -44,7 +44,17 @@ class JointStage:
     whitener: Whitener
     squares: Quadratic
     sets: Sets
-    evidence: float
+    form: float
+
+    @property
+    def explains(self) -> float:
+        """Logarithm of the evidence of its causes in its model error."""
+        return self.sets.base + self.sets.score(self.there)
+
+    @property
+    def evidence(self) -> float:
+        """Logarithm of the marginal likelihood, with the odds of what it believes."""
+        return self.form + self.explains
 
 
 class JointWhitening:
@@ -174,7 +184,7 @@ class JointSearch:
                 swap[k], swap[j] = False, True
                 formed = replace(better, state=self.problem.formed(better.state, j, form))
                 tried = self.refitted(formed, swap, CAL.exchange_steps)
-                if _explains(tried) > _explains(better):  # in the same model error
+                if tried.explains > better.explains:  # in the same model error
                     better, k = tried, j
         if better is stage:
             return stage
@@ -223,6 +233,9 @@ class JointSearch:
         looked = np.zeros(len(stage.there), dtype=bool)
         while True:
             gains, beyond = np.zeros(len(stage.there)), stage.sets.beyond(stage.there)
+            if np.any(beyond):  # a step that overshot, or a size that is not there
+                stage = self.refitted(stage, stage.there, CAL.exchange_steps)
+                beyond = stage.sets.beyond(stage.there)
             for k in np.flatnonzero(stage.there & ~beyond):
                 gains[k] = 0.0 if np.any(beyond) else self._gained(stage, int(k), prices[k])
             steady = steadily(gains, unsteady)
@@ -242,7 +255,7 @@ class JointSearch:
             weak.sort(key=lambda k: steady[k] - prices[k])
             there = stage.there.copy()
             there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
-            stage = self.refitted(stage, there)
+            stage = self.refitted(stage, there, CAL.exchange_steps)
 
     def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
         """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at."""
@@ -278,9 +291,7 @@ class JointSearch:
             state, squares = self._linear(state, stage.whitener, False, variance)
             if went < CAL.still:
                 break
-        sets = self._sets(squares)
-        evidence = stage.evidence + sets.base + sets.score(there) - _explains(stage)
-        return replace(stage, state=state, there=there, squares=squares, sets=sets, evidence=evidence)
+        return replace(stage, state=state, there=there, squares=squares, sets=self._sets(squares))
 
     def settled(
         self,
@@ -312,8 +323,7 @@ class JointSearch:
         state, squares = self._linear(state, by, False, self.variance(there))
         sets = self._sets(squares)
         there = there if known else sets.climbed(there)
-        evidence = sets.base + sets.score(there) + self._of_whitener(by, rough)
-        return JointStage(rough, state, there, by, squares, sets, evidence)
+        return JointStage(rough, state, there, by, squares, sets, self._of_whitener(by, rough))
 
     def _of_what_is_left(self, state: JointState) -> Whitener:
         p = self.problem.vector(state)
@@ -399,11 +409,6 @@ class JointSearch:
                     extra += ((at - axis.mean) / axis.sd) ** 2
         total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
         return total if np.isfinite(total) else np.inf
-
-
-def _explains(stage: JointStage) -> float:
-    """Logarithm of the evidence of a stage's causes in its model error."""
-    return stage.sets.base + stage.sets.score(stage.there)
 
 
 class _Profile:

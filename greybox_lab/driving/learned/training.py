@@ -65,7 +65,7 @@ def train_actuator_net(
     --------
     >>> import greybox_id as gb
     >>> from greybox_lab.driving.learned.training import train_actuator_net
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> net = train_actuator_net(lap, steps=3)
     >>> net.inputs, net.outputs, net.history
     (('steer', 'yaw_rate', 'v_x'), ('yaw_rate',), 3)

@@ -72,6 +72,18 @@ def test_a_magnitude_that_differs_from_channel_to_channel_is_seen_between_them()
     assert time.relative < 0.05
 
 
+def test_a_channel_that_an_effect_hardly_acts_on_does_not_judge_it():
+    rng = np.random.default_rng(4)
+    X = rng.standard_normal((ROWS, 2, 1)) * [[1.0], [0.05]]  # of noise, .02
+    measured = X[:, :, 0] * [1.0, 90.0] + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 1), SD)
+    base = search.at_means()
+    (fitted,) = refit(search, [Start((candidate(0),), np.zeros(1), base.theta, base.linear)])
+    _, channels = spreads(search, fitted, {"time": np.arange(ROWS)})
+    assert channels.parts == pytest.approx((1.0,), abs=0.2)
+    assert channels.relative == 0.0
+
+
 def test_a_part_that_says_nothing_has_no_magnitude():
     rng = np.random.default_rng(0)
     X = rng.standard_normal((ROWS, 1, 1))

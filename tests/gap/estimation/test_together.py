@@ -74,3 +74,15 @@ def test_a_bound_that_is_reached_is_widened():
     search = together(bench, [cause(0, low=-1.0, high=1.0), cause(1)])
     assert named(search)["effect_0"] == pytest.approx(1.5, abs=0.05)
     assert search.problem.widened[0] == 1
+
+
+def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
+    X = smooth_columns(2)
+    bench = linear_bench(X, [1.5, 0.6], SD)
+    search = together(bench, [cause(0, low=-1.0, high=1.0), cause(1)])
+    both, second = np.array([True, True]), np.array([False, True])
+    beyond = search.settled(search.problem.begin(), 1.0, search.variance(both), there=both)
+    assert beyond.evidence == -np.inf  # the size of the first lies beyond its bound
+    rest = search.refitted(beyond, second)
+    assert np.isfinite(rest.evidence)
+    assert rest.evidence == rest.form + rest.explains

@@ -152,7 +152,7 @@ def test_a_stop_is_an_interrupt(tmp_path):
 def _shipped(name):
     from pathlib import Path
 
-    return Path(gb.shipped(name))
+    return Path(gb.datasets.shipped(name))
 
 
 def _wait(job, seconds=60):
