@@ -21,7 +21,8 @@ import argparse
 import json
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -183,10 +184,12 @@ def poor(seed: int, k: int) -> Case:
     elif how == "wrong vehicle":
         stated, given = another, virtual.tolerances(another)
     elif how == "wrong model":
-        model = "longitudinal" if true.drive_channel == "drive_force" else "lateral"
-        swapped = {"steer": train["v_x"] / 100.0 - np.mean(train["v_x"]) / 100.0}
-        train = train.with_signals(**swapped)
-        held = held.with_signals(steer=held["v_x"] / 100.0 - np.mean(held["v_x"]) / 100.0)
+        model = ("lateral", "longitudinal")[(k // 9) % 2]  # what drives it is not what it is driven by
+        driven, by = ("steer", "v_x") if model == "lateral" else (true.drive_channel, "yaw_rate")
+        train, held = (
+            one.with_signals(**{driven: np.std(one[driven]) / np.std(one[by]) * (one[by] - np.mean(one[by]))})
+            for one in (train, held)
+        )
     elif how == "noise":
         train, held = (
             one.with_signals(**{
@@ -230,10 +233,21 @@ def fitted(case: Case) -> dict[str, Any]:
 PARTS = {"poor": poor, "good": good, "lacking": lacking, "wrong": wrong}
 
 
-def run(part: str, seed: int, count: int) -> Iterator[dict[str, Any]]:
-    """Every case of a part."""
-    for k in range(count):
-        yield {"k": k} | fitted(PARTS[part](seed, k))
+def show(rows: list[dict[str, Any]]) -> None:
+    """What was promised, part by part."""
+    say = sys.stdout.write
+    for part in dict.fromkeys(row["part"] for row in rows):
+        chosen = [row for row in rows if row["part"] == part]
+        say(f"{part}: {dict(Counter(row['verdict'] for row in chosen))}\n")
+        for verdict in ("usable", "usable with care"):
+            counted = sum(row["counted"] for row in chosen if row["verdict"] == verdict)
+            missed = sum(len(row["missed"]) for row in chosen if row["verdict"] == verdict)
+            if counted:
+                say(f"    {verdict}: {counted - missed} of {counted} intervals hold the truth\n")
+        for row in chosen:
+            if row["verdict"] == "not usable" if part == "good" else row["verdict"].startswith("usable"):
+                reason = f"{row['k']} {row['name']}, {row['model']}, {row['vehicle']}: {row['reasons'][0]}\n"
+                say(f"    {reason}" if part in ("poor", "good") else "")
 
 
 def main() -> int:
@@ -242,11 +256,17 @@ def main() -> int:
     arguments.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS))
     arguments.add_argument("--seed", type=int, default=0)
     arguments.add_argument("--json", action="store_true", help="one JSON object a line for each fit")
+    arguments.add_argument("--cases", type=int, nargs=2, metavar=("FIRST", "END"), help="of each part, these alone")
     given = arguments.parse_args()
+    rows = []
     for part in given.part:
-        for one in run(part, given.seed, COUNTS[part]):
-            sys.stdout.write(json.dumps({"part": part} | one, default=float) + "\n")
-            sys.stdout.flush()
+        for k in range(*(given.cases or (0, COUNTS[part]))):
+            rows.append({"part": part, "k": k} | fitted(PARTS[part](given.seed, k)))
+            if given.json:
+                sys.stdout.write(json.dumps(rows[-1], default=float) + "\n")
+                sys.stdout.flush()
+    if not given.json:
+        show(rows)
     return 0
 
 

@@ -36,7 +36,9 @@ html_theme_options = {
     "show_prev_next": False,
     "header_links_before_dropdown": 3,
 }
-html_sidebars = {page: [] for page in ("*", "decisions/*")}  # pages without pages below them: no empty column beside them
+html_sidebars = {
+    page: [] for page in ("*", "decisions/*")
+}  # pages without pages below them: no empty column beside them
 html_show_sourcelink = False
 
 autosummary_generate = True

@@ -82,7 +82,10 @@ def in_words(recording: Recording, repair: Mapping[str, tuple[str, float, float]
     source = recording.source
     if not source.columns or not repair:
         return ""
-    mapping = column_map(carried_map(source.columns, source.column_map))
+    try:
+        mapping = column_map(carried_map(source.columns, source.column_map))
+    except BadInput:  # one that was made in memory, as a proposal is, has neither text nor file
+        return ""
     if not all(name in (*mapping.signals, TIME) for item, (of, *_) in repair.items() for name in (item, of)):
         return ""
     return "; ".join(_with(mapping, repair).changes)

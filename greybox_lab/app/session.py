@@ -9,7 +9,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import RLock
@@ -108,8 +108,7 @@ class Session:
             raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
         place = self.folder / "recordings" / safe_name(path.name)
         if not (place.exists() and place.samefile(path)):
-            with suppress(FileNotFoundError):
-                place.unlink()
+            place.unlink(missing_ok=True)
             try:
                 place.symlink_to(path.resolve())
             except OSError:

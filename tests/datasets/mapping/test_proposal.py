@@ -128,6 +128,32 @@ def test_a_motors_speed_is_counts_and_asked_for():
     }
 
 
+def town(tmp_path, unit="deg/s", factor=180 / np.pi):
+    """A drive in town, as a logger writes it: the hand wheel in degrees, ratio 16, and units in the names."""
+    time = np.arange(1500) / 50
+    turn = 0.2 * np.sin(0.9 * time) + 0.1 * np.sin(2.3 * time)
+    table = {
+        "Time [s]": time,
+        "Ground Speed [km/h]": 3.6 * (12 + np.sin(0.3 * time)),
+        "Steered Angle [deg]": np.degrees(16 * 2.8 * turn / (12 + np.sin(0.3 * time))),
+        f"Gyro Yaw Velocity [{unit}]": factor * turn,
+        "G Force Lat [G]": (12 + np.sin(0.3 * time)) * turn / 9.80665,
+    }
+    pd.DataFrame(table).to_csv(tmp_path / "town.csv", index=False)
+    return propose(tmp_path / "town.csv")
+
+
+def test_no_wheelbase_is_45_m_long(tmp_path):
+    """Below the pace that tells a car from a model of one, the length alone still tells a hand wheel."""
+    (steer,) = [entry for entry in town(tmp_path).open if entry.signal == "steer"]
+    assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
+
+
+def test_a_wrong_unit_that_the_file_states_is_a_finding_though_no_map_has_a_file_yet(tmp_path):
+    found = town(tmp_path, factor=1.0).findings
+    assert any("yaw_rate is in rad/s and called deg/s" in finding.sentence for finding in found)
+
+
 def test_a_hand_wheel_is_asked_for_its_ratio(disguised):
     names = {**PLAIN, "steer": "SWA [deg]"}
     file = disguised(names, factors=("steer",))
