@@ -243,7 +243,7 @@ class FitResult(Fit):
         """What `greybox fit` prints, part by part."""
         return parts(self, self.vehicle)
 
-    def as_dict(self) -> dict[str, Any]:
+    def to_json(self) -> dict[str, Any]:
         """What `greybox fit --json` prints of it."""
         return as_dict(self)
 
