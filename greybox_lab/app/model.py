@@ -40,12 +40,7 @@ def nominal(chosen: Mapping[str, Any]) -> gb.models.MotionModel:
 
 def moved(model: gb.models.MotionModel, values: Mapping[str, float]) -> gb.models.MotionModel:
     """The model with some parameters elsewhere."""
-    return replace(
-        model,
-        parameters=tuple(
-            each.with_value(values[each.name]) if each.name in values else each for each in model.parameters
-        ),
-    )
+    return model.with_parameters(*(model[name].with_value(value) for name, value in values.items() if name in model))
 
 
 def lacking(name: str, recording: gb.Recording) -> str:
@@ -178,7 +173,5 @@ def diagnosed_model(folder: Path, words: Sequence[str]) -> gb.models.MotionModel
 
     if "--fit" in words:
         return cast(gb.models.MotionModel, gb.load(folder / after("--fit")).model)  # the page fits no other kind
-    model: gb.models.MotionModel = getattr(gb.models, after("--model") or "single_track")(
-        vehicle=after("--vehicle") or None
-    )
-    return model
+    made = getattr(gb.models, after("--model") or "single_track")
+    return cast(gb.models.MotionModel, made(vehicle=after("--vehicle") or None))

@@ -10,10 +10,10 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import equations, number, pretty_unit
+from .beneath import equations, number, pretty_unit, quantity
 from .model import MODELS, TYRES, Playground, effects_of, lacking, longest, nearest_vehicle, nominal, prior_of, span_of
 from .traces import Array
-from .widgets import button, choose, heading, quiet, shown, title
+from .widgets import button, choose, heading, quiet, title
 
 if TYPE_CHECKING:
     from .page import Page
@@ -112,7 +112,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
 
 def _errors(bench: Playground, traces: dict[str, Array]) -> str:
     errors = bench.errors(traces).items()
-    words = ", ".join(f"{name} {shown(value, bench.recording.unit(name))}" for name, value in errors)
+    words = ", ".join(f"{name} {quantity(value, bench.recording.unit(name))}" for name, value in errors)
     return f"Root mean square of simulated less measured, free run: {words}"
 
 
@@ -124,7 +124,7 @@ def _slider(page: Page, row: gb.models.Parameter, span: tuple[float, float], dra
         ui.label(row.name).style("font-style: italic").tooltip(row.about)
         slider = _Slider(min=low, max=high, step=(high - low) / 200, value=value)
         slider.props(f'aria-label="{row.name}" dense').mark(f"slider-{row.name}")
-        words = ui.label(shown(value, row.unit)).style("white-space: nowrap; text-align: right")
+        words = ui.label(quantity(value, row.unit)).style("white-space: nowrap; text-align: right")
         box = ui.checkbox(value=free, on_change=partial(_hold, page, row))
         box.props(f'dense aria-label="estimate {row.name}"').tooltip("estimated by the fit")
         if (prior := prior_of(row)) is not None:
@@ -136,7 +136,7 @@ def _slider(page: Page, row: gb.models.Parameter, span: tuple[float, float], dra
 
     async def moved(event: Any) -> None:
         await drag.to(row.name, float(event.value))
-        words.set_text(shown(float(event.value), row.unit))
+        words.set_text(quantity(float(event.value), row.unit))
 
     slider.on_value_change(moved)
 
