@@ -133,8 +133,13 @@ def test_a_course_tells_the_unit_of_the_steering_as_a_gyro_does(tmp_path):
     time = np.arange(3000) / 50
     steer = 0.05 * np.sin(0.7 * time) + 0.03 * np.sin(0.31 * time)
     yaw = np.cumsum(15.0 * steer / 2.8) / 50
-    table = {"time": time, "speed": np.full(3000, 15.0) + 0.5 * np.sin(0.2 * time), "wheel_angle": np.degrees(steer),
-             "east": np.cumsum(15.0 * np.cos(yaw)) / 50, "north": np.cumsum(15.0 * np.sin(yaw)) / 50}
+    table = {
+        "time": time,
+        "speed": np.full(3000, 15.0) + 0.5 * np.sin(0.2 * time),
+        "wheel_angle": np.degrees(steer),
+        "east": np.cumsum(15.0 * np.cos(yaw)) / 50,
+        "north": np.cumsum(15.0 * np.sin(yaw)) / 50,
+    }
     for factor, unit in ((1.0, "deg"), (np.pi / 180, "rad")):
         pd.DataFrame(table | {"wheel_angle": factor * table["wheel_angle"]}).to_csv(tmp_path / "lap.csv", index=False)
         (entry,) = [entry for entry in propose(tmp_path / "lap.csv", wheelbase=2.8).entries if entry.signal == "steer"]
