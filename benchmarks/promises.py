@@ -154,7 +154,8 @@ def poor(seed: int, k: int) -> Case:
         order = rng.permutation(len(train))
         train, held = (one.with_signals(steer=one["steer"][order]) for one in (train, held))
     elif how == "half another car":
-        same = random_vehicle(int(rng.integers(10**8)), true.kind)
+        drawn = (random_vehicle(int(rng.integers(10**8)), true.kind) for _ in range(1000))
+        same = next(one for one in drawn if one.drive_channel == true.drive_channel)
         other = drive(same, "mixed", SECONDS, RATE, seed=int(rng.integers(10**8)))[0]
         half = len(train) // 2
         both = [name for name in train.signals if name in other.signals]

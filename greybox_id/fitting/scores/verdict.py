@@ -241,7 +241,7 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
         elif float(np.nanmedian(left)) > UNEXPLAINED:
             loose.append((output, float(np.nanmedian(left))))
     lost = [*useless, *(name for name, _ in beaten), *(name for name, share in loose if share >= MEAN)]
-    mostly = len(lost) > 0.5 * len(outputs) > 0.5
+    mostly = len(lost) >= max(0.5 * len(outputs), 2.0)
     if useless:
         yield Reason(
             NOT_USABLE if mostly or len(useless) > 0.5 * len(outputs) else WITH_CARE,
@@ -256,7 +256,7 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     if mostly and not useless:
         yield Reason(
             NOT_USABLE,
-            f"{what}most outputs, {_listed(lost)}, are predicted no better than by their mean or the last reading.",
+            f"{what}half of the outputs or more, {_listed(lost)}, are predicted no better than by their mean or the last reading.",
         )
     for output, share in loose:
         yield Reason(WITH_CARE, f"{what}{output}: {100 * share:.0f} % of the variance is left unexplained.")
