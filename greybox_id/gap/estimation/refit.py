@@ -85,7 +85,7 @@ def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) 
         place = search.place()
         search.about(result, delays=False)
         again = refit(search, [search.start_of(result)])
-        if not again or not again[0].cost < CAL.astray * result.cost:
+        if not again or not again[0].cost < CAL.dearer * result.cost:
             search.back(place)
             break
         before, result = result, again[0]  # the later one even where it costs more: the others will stand beside it
