@@ -103,8 +103,8 @@ def _diagnose(page: Page, done: bool) -> None:
             button("Take it away", partial(page.go, 6), "onward")
     if before:
         roles = (("BEFORE", before), ("AFTER", session.files("train")), ("held out", session.files("validate")))
-        named = [f"{words}: {', '.join(file.removeprefix('recordings/') for file in files)}" for words, files in roles]
-        quiet(" · ".join(named))
+        names = [(words, ", ".join(file.removeprefix("recordings/") for file in files)) for words, files in roles]
+        quiet(" · ".join(f"{words}: {listed}" for words, listed in names if listed))
 
 
 def _waterfall(budget: list[Step]) -> ui.echart | None:

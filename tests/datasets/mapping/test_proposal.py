@@ -237,3 +237,16 @@ def test_omega_is_asked_about_as_yaw_rate(disguised):
     assert (entry.column, entry.signal, entry.unit) == ("omega", "yaw_rate", "rad/s")
     assert "the angular velocity of a wheel or a motor" in " ".join(entry.reasons)
     assert '#? yaw_rate = { column = "omega", unit = "rad/s" }' in as_toml(proposal, "car")
+
+
+def test_counts_of_a_servo_about_their_centre_are_asked_for_as_steering(tmp_path):
+    columns = {"t": TRUE.time, "wheel_kmh": 3.6 * TRUE["v_x"], "gz": TRUE["yaw_rate"], "ax": TRUE["a_x"]}
+    file = tmp_path / "lap.csv"
+    pd.DataFrame({**columns, "servo_us": 1500 + 900 * TRUE["steer"]}).to_csv(file, index=False)
+    proposal = propose(file)
+    asked = {entry.signal: entry for entry in proposal.open}
+    assert asked["v_x"].column == "wheel_kmh"
+    assert asked["steer"].column == "servo_us"
+    text = as_toml(proposal, "car")
+    assert '#? steer = { column = "servo_us", unit = "rad", lookup = [[' in text
+    assert "#? throttle" in text  # no column looks like a drive

@@ -16,6 +16,8 @@ pytest.importorskip("nicegui", reason="The page needs the extra app.")
 
 pytestmark = pytest.mark.slow
 MOST_CLICKS, MOST_SECONDS = 15, 300
+DIAGNOSED = 900
+"""Seconds to wait for a diagnosis, which takes half a minute of a free processor."""
 
 
 def test_from_the_drop_to_the_report_without_typing(server, reader):
@@ -46,7 +48,7 @@ def test_from_the_drop_to_the_report_without_typing(server, reader):
     reader.fits("5_fit")
     reader.click("Why not better?")
     reader.click("Diagnose the fit")
-    reader.see("What could not have been seen")
+    reader.see("What could not have been seen", DIAGNOSED)
     cause = next(b for b in reader.driver.find_elements("css selector", "button.cause") if "probability" in b.text)
     reader.driver.execute_script("arguments[0].dispatchEvent(new Event('mouseenter'))", cause)
     reader.see("alone: ")
@@ -110,6 +112,6 @@ def test_before_and_after_say_what_changed(server, reader):
     reader.click("6 Why not")
     reader.see("BEFORE: racer_train.csv")
     reader.click("What changed since BEFORE?")
-    reader.see("What could not have been seen")
-    reader.see("Changed since")
+    reader.see("Changed since", DIAGNOSED)
+    reader.see("Not changed")
     reader.fits("6_since")
