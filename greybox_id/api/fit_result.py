@@ -15,7 +15,7 @@ from rich.console import RenderableType
 from ..base.condition import span
 from ..base.declared import understood
 from ..base.errors import BadInput
-from ..base.numbers import counted, pretty_unit
+from ..base.numbers import between, counted, pretty_unit
 from ..base.shorthands import Array
 from ..datasets.read import read
 from ..datasets.recording import Recording
@@ -393,11 +393,11 @@ class FitResult(Fit):
 
     def _repr_html_(self) -> str:
         rows = "".join(
-            f"<tr><td>{escape(str(name))}</td><td>{row.estimate:.4g}</td><td>[{row.lower:.4g}, {row.upper:.4g}]</td>"
+            f"<tr><td>{escape(str(name))}</td><td>{between(row.estimate, row.lower, row.upper)}</td>"
             f"<td>{escape(pretty_unit(self.model[str(name)].unit))}</td></tr>"
             for name, row in self._shown().iterrows()
         )
-        head = "<tr><th>parameter</th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
+        head = "<tr><th>parameter</th><th>estimate [95 % interval]</th><th>unit</th></tr>"
         first, *rest = self._lines(table=False)
         return f"<p><b>{escape(first)}</b><br>{'<br>'.join(map(escape, rest))}</p><table>{head}{rows}</table>"
 
@@ -412,7 +412,7 @@ class FitResult(Fit):
             shown = self._shown()
             for name, row in shown.iterrows():
                 unit = pretty_unit(self.model[str(name)].unit)
-                lines.append(f"  {name} = {row.estimate:.4g} [{row.lower:.4g}, {row.upper:.4g}] {unit}")
+                lines.append(f"  {name} = {between(row.estimate, row.lower, row.upper)} {unit}")
             more = self.model.size - sum(p.fixed for p in self.model.parameters) - len(shown)
             if more > 0:
                 lines.append(f"  and {more} more: .summary(), .params, .conf_int()")

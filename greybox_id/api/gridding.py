@@ -12,7 +12,7 @@ from rich.console import RenderableType
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.files import ensure_writable, replacing
-from ..base.numbers import number
+from ..base.numbers import number, with_sd
 from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table
 from ..fitting.grid import Grid, fit_grid, values_of
@@ -158,7 +158,7 @@ def grid_parts(grid: Grid) -> Iterator[RenderableType]:
         row = {str(name): value for name, value in item.items()}
         table.add_row(
             *(str(row[name]) for name in grid.names), str(row["parameters"]),
-            f"{100 * row['cv_error']:.2f} ± {100 * row['cv_se']:.2f}", f"{row['aic']:.1f}",
+            with_sd(100 * row['cv_error'], 100 * row['cv_se']), f"{row['aic']:.1f}",
             f"{row['aic_effective']:.1f}",
         )  # fmt: skip
     yield table

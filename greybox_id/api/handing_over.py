@@ -59,6 +59,12 @@ class Exported(list[Path]):
     keys : for files of parameters, what is behind each key.
     """
 
+    target: str
+    name: str
+    model: str
+    cautions: tuple[str, ...]
+    keys: tuple[KeyOrigin, ...]
+
     def __init__(
         self, files: Iterable[Path], target: str, name: str, model: str, cautions: Iterable[str] = (),
         keys: Iterable[KeyOrigin] = (),

@@ -407,9 +407,9 @@ def _wheels(result: Sequence[Relation]) -> list[Finding]:
     if share > SMALLEST_WHEEL:
         return []
     sentence = (
-        f"v_x against the wheel speeds says a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of "
-        f"the wheelbase that yaw_rate against v_x · steer says; 9 to 18 % are usual. The wheel speeds are in rpm and "
-        f'called rad/s (a factor of {number(RPM)}): set unit = "rpm", or v_x is in another unit.'
+        f"v_x and the wheel speeds give a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of the "
+        f"wheelbase that yaw_rate and v_x · steer give; 9 to 18 % is usual. Either the wheel speeds are in rpm and "
+        f'called rad/s (a factor of {number(RPM)}): set unit = "rpm"; or v_x is in another unit.'
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("wheel_speed_fl"), sentence, rolling.gain, None, "m")]
 

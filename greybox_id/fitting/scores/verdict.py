@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from ...base.numbers import number
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
@@ -174,7 +175,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
         text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
-        yield Reason(NOT_USABLE, f"{text}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{text}.")
+        yield Reason(NOT_USABLE, f"{text}: a corner of what is allowed.") if corner else Reason(WITH_CARE, f"{text}.")
     known = [float(np.max(fit.sd[p.name])) < UNTOLD * abs(float(p.array)) for p in scalars if p.name in fit.sd]
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
     if len(known) == len(scalars) > 0 and not any(known) and not informed:
@@ -188,11 +189,11 @@ def _found(fit: Fit) -> Iterator[Reason]:
                 far.append((away, p.name))
             foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
-        text = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
+        text = _listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
         yield Reason(
             NOT_USABLE if foreign else WITH_CARE,
-            f"Estimates conflict with their priors: {text}. Suspect that the data are of another vehicle than stated, "
-            "or the model structure.",
+            f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
+            "model structure is wrong.",
         )  # fmt: skip
 
 
@@ -369,7 +370,7 @@ def _compared(
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.2g} times" if ratio < MANY else f"over {MANY} times"
+    return f"{number(ratio, 2)} times" if ratio < MANY else f"over {MANY} times"
 
 
 def _beside(times: float) -> str:

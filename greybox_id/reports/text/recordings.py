@@ -94,6 +94,10 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         screen.print(f"unused: {', '.join(proposal.others)}")
         if proposal.lacking:
             screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
+    if proposal.without_drive:
+        screen.print(
+            "no column looks like a drive (throttle, motor_current, drive_force or ax_cmd), which single_track needs"
+        )
     for finding in proposal.findings:
         stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
         screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")

@@ -150,7 +150,7 @@ class _Scaling:
         """By mean and spread of what is read, and of what is to be said."""
         if len(step_windows) < 2:
             raise BadInput(
-                "The recordings hold no two windows without a missing reading: nothing is learned from them."
+                "Fewer than two windows of the recordings have all readings: there is nothing to learn from."
             )
         now, after = step_windows.seen[:, 0], step_windows.following - step_windows.own
         scales, out = np.std(now, axis=0), np.std(after, axis=0)
