@@ -3,8 +3,7 @@
     python benchmarks/promises.py [--part poor good lacking wrong] [--seed 0] [--json]
 
 Recordings are of virtual vehicles of four classes (`greybox_lab.virtual`), 40 s at 50 Hz, another 40 s held out. What
-is stated of them are parameters, tolerances and noise, as in a workshop's vehicle file; true ones lie within. In every
-second case all tolerances are ten times as wide, and what is stated is off by as much.
+is stated of them are parameters, tolerances and noise, as in a workshop's vehicle file; true ones lie within.
 
 - poor: 3 rows, 30 rows, nothing excited, shuffled, half of another vehicle, another vehicle's file, another model,
   standing, noise in place of readings. None is "usable" in any form (or it is refused).
@@ -36,8 +35,6 @@ from greybox_lab.virtual.virtual_vehicle import EFFECTS, VirtualCar, drive, rand
 
 KINDS = ("racer", "car", "truck", "sports")
 SECONDS, RATE = 40.0, 50.0
-ROUGH = 10.0
-"""Tolerances of every second case over those usual in a workshop."""
 COUNTS = {"poor": 60, "good": 60, "lacking": 120, "wrong": 60}
 A_PARAMETER = (
     "grip_scale", "front_stiffness", "rear_stiffness", "mass_change", "cog_shift", "yaw_inertia", "motor_gain",
@@ -75,26 +72,7 @@ def vehicles(seed: int, k: int) -> tuple[VirtualCar, VirtualCar, virtual.Toleran
     rng = np.random.default_rng((seed, k, 515))
     stated = random_vehicle(int(rng.integers(10**8)), KINDS[k % 4])
     usual = virtual.tolerances(stated)
-    if (k // 4) % 2:
-        usual = replace(usual, parameters={name: ROUGH * sd for name, sd in usual.parameters.items()})
-        wide = {name: value + usual.parameters.get(name, 0.0) * float(np.clip(rng.standard_normal(), -2.5, 2.5))
-                for name, value in stated.parameters.items()}  # fmt: skip
-        true = replace(virtual.toleranced(stated, rng), parameters={**stated.parameters, **positive(wide, stated)})
-    else:
-        true = virtual.toleranced(stated, rng)
-    return stated, true, usual, rng
-
-
-def positive(drawn: Mapping[str, float], stated: VirtualCar) -> dict[str, float]:
-    """No number changes its sign, no share leaves (0, 1), and the true vehicle understeers as the stated one does."""
-    result = {}
-    for name, value in drawn.items():
-        before = stated.parameters[name]
-        result[name] = value if before == 0 else before * float(np.clip(value / before, 0.5, 1.5))
-    result["brake_split_front"] = float(np.clip(result["brake_split_front"], 0.3, 0.8))
-    for name in ("l_f", "l_r"):
-        result[name] = stated.parameters[name] * float(np.clip(result[name] / stated.parameters[name], 0.98, 1.02))
-    return result
+    return stated, virtual.toleranced(stated, rng), usual, rng
 
 
 def pair(true: VirtualCar, rng: np.random.Generator, effects: Mapping[str, float]) -> tuple[Recording, Recording]:

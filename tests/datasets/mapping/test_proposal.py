@@ -128,6 +128,25 @@ def test_a_motors_speed_is_counts_and_asked_for():
     }
 
 
+def test_a_course_tells_the_unit_of_the_steering_as_a_gyro_does(tmp_path):
+    """Without a gyro: a wheelbase of 2.8 m is that, and not one over it."""
+    time = np.arange(3000) / 50
+    steer = 0.05 * np.sin(0.7 * time) + 0.03 * np.sin(0.31 * time)
+    yaw = np.cumsum(15.0 * steer / 2.8) / 50
+    table = {
+        "time": time,
+        "speed": np.full(3000, 15.0) + 0.5 * np.sin(0.2 * time),
+        "wheel_angle": np.degrees(steer),
+        "east": np.cumsum(15.0 * np.cos(yaw)) / 50,
+        "north": np.cumsum(15.0 * np.sin(yaw)) / 50,
+    }
+    for factor, unit in ((1.0, "deg"), (np.pi / 180, "rad")):
+        pd.DataFrame(table | {"wheel_angle": factor * table["wheel_angle"]}).to_csv(tmp_path / "lap.csv", index=False)
+        (entry,) = [entry for entry in propose(tmp_path / "lap.csv", wheelbase=2.8).entries if entry.signal == "steer"]
+        assert entry.unit == unit
+        assert any("says a length of 2.8 m" in reason for reason in entry.reasons), entry.reasons
+
+
 def town(tmp_path, unit="deg/s", factor=180 / np.pi):
     """A drive in town, as a logger writes it: the hand wheel in degrees, ratio 16, and units in the names."""
     time = np.arange(1500) / 50
