@@ -27,7 +27,7 @@ def breaks(before: str, now: str, old: object, new: object) -> list[str]:
     import griffe
 
     places, present = public(before), public(now)
-    said = [f"gb.{name} is gone" for name in places if name not in present]
+    said = [f"gb.{name} is no longer at the top level" for name in places if name not in present]
     for change in griffe.find_breaking_changes(old, new):  # type: ignore[arg-type]
         path = change.obj.canonical_path
         for name, place in places.items():

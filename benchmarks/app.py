@@ -28,7 +28,7 @@ RATE, SECONDS = 100.0, 3600
 TIMES = 15
 """How often one zooms and moves a slider."""
 PAINTED = """
-const chart = [...document.querySelectorAll('[role=img] canvas')][0];
+const chart = [...document.querySelectorAll('[role=img] canvas')].find(each => each.getClientRects().length);
 if (!chart) return 0;
 const points = chart.getContext('2d').getImageData(0, 0, chart.width, chart.height).data;
 let inked = 0;
@@ -39,7 +39,8 @@ INKED = 20_000
 """Pixels with ink from which on curves are there, and not axes alone."""
 WATCHED = """
 window.took = [];
-const element = [...document.querySelectorAll('[role=img]')].find(e => e.querySelector('canvas'));
+const drawn_charts = [...document.querySelectorAll("[role=img]")].filter(e => e.getClientRects().length);
+const element = drawn_charts.find(e => e.querySelector("canvas"));
 const chart = getElement(+element.id.slice(1)).chart, drawn = chart.setOption.bind(chart);
 document.addEventListener('keydown', () => { window.began = performance.now(); }, true);
 window.zoomed = (low, high) => {

@@ -91,8 +91,10 @@ def stated(car: VirtualCar) -> gb.Vehicle:
     """The vehicle with its tolerances, nothing but a value of the five."""
     known = tolerances(car)
     sd = {name: own for name, own in known.parameters.items() if name not in NAMES}
-    values = {name: gb.Stated(value, sd=sd.get(name)) for name, value in car.parameters.items()}
-    return gb.Vehicle(car.name, values=values, effects={n: gb.Stated(sd=own) for n, own in known.effects.items()})
+    values = {name: gb.models.Stated(value, sd=sd.get(name)) for name, value in car.parameters.items()}
+    return gb.Vehicle(
+        car.name, values=values, effects={n: gb.models.Stated(sd=own) for n, own in known.effects.items()}
+    )
 
 
 def fitted(car: VirtualCar, recordings: Any, *, form: str = "uncertain") -> Any:

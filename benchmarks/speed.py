@@ -118,7 +118,7 @@ def compared() -> list[tuple[str, str, Callable[[], float], Callable[[], float]]
         ("normal equations", "one simulation", fused, lambda: cpu(lambda: stated.simulated_nodes(stated.start)))
     )
     found.append(("two threads, wall time", "one thread", partial(threaded, fused, "2"), partial(threaded, fused, "1")))
-    lap = gb.shipped("racer_train")
+    lap = gb.datasets.shipped("racer_train")
     check = ["-c", "from greybox_id.cli import main; main()", "data", "check", str(lap), "--columns", "roboracer"]
     pandas = ["-c", "import pandas"]
     found.append(("greybox data check, shipped lap", "import pandas", lambda: process(check), lambda: process(pandas)))

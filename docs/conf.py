@@ -30,7 +30,15 @@ suppress_warnings = ["config.cache", "misc.highlighting_failure"]  # consoles an
 
 html_theme = "pydata_sphinx_theme"
 html_title = f"greybox-id {release}"
-html_theme_options = {"show_toc_level": 2, "navigation_with_keys": False, "show_prev_next": False}
+html_theme_options = {
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "show_prev_next": False,
+    "header_links_before_dropdown": 3,
+}
+html_sidebars = {
+    page: [] for page in ("*", "decisions/*")
+}  # pages without pages below them: no empty column beside them
 html_show_sourcelink = False
 
 autosummary_generate = True

@@ -13,7 +13,7 @@ import greybox_id as gb
 
 def main() -> None:
     """Draw it."""
-    lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
+    lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
     model = gb.models.lateral(tyre="pacejka", vehicle="roboracer") + gb.effects.steering_delay.free(start=0.03)
     fit = gb.fit(model, lap, validation=other, options=gb.FitOptions(seed=0))
     figure = Figure(figsize=(10, 3.6), layout="constrained")

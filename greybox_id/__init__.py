@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING
 from .base.version import __version__ as __version__
 
 if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the table below together
+    from . import datasets as datasets
     from .api import effects as effects
     from .api import models as models
-    from .api.adapting import AdaptationResult
     from .api.adapting import adapt as adapt
     from .api.designing import design as design
     from .api.diagnosing import diagnose as diagnose
@@ -25,7 +25,6 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
     from .api.fitting import fit as fit
     from .api.fitting import load as load
     from .api.gap_result import GapResult
-    from .api.gridding import GridResult
     from .api.gridding import grid as grid
     from .api.handing_over import export as export
     from .api.handing_over import report as report
@@ -36,7 +35,6 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
     from .api.profiles import profile as profile
     from .api.reading import check as check
     from .api.reading import read as read
-    from .api.reading import vehicles as vehicles
     from .api.sampling import PosteriorResult
     from .api.sampling import sample as sample
     from .api.track_result import TrackResult
@@ -44,26 +42,12 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
     from .base.errors import BadInput as BadInput
     from .base.errors import BadModel as BadModel
     from .base.errors import GreyboxError as GreyboxError
-    from .datasets.checks.finding import Finding as Finding
-    from .datasets.checks.finding import Severity as Severity
     from .datasets.recording import Recording as Recording
-    from .datasets.shipped import shipped as shipped
     from .filters.how import TrackOptions as TrackOptions
     from .fitting.how import FitOptions as FitOptions
-    from .fitting.uncertainty.profile import Profile as Profile
-    from .models.effect import Effect as Effect
-    from .models.effects.stating import alteration as alteration
-    from .models.model import Model as Model
-    from .models.motion_model import MotionModel as MotionModel
-    from .models.motion_model import State as State
-    from .models.parameter import Parameter as Parameter
-    from .models.parameter import Prior as Prior
-    from .models.vehicle import Stated as Stated
 
-    Adaptation = AdaptationResult
     Fit = FitResult
     Gap = GapResult
-    Grid = GridResult
     Vehicle = KnownVehicle
     Posterior = PosteriorResult
     Track = TrackResult
@@ -71,8 +55,6 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
 _PLACES = {
     "read": "api.reading:read",
     "check": "api.reading:check",
-    "vehicles": "api.reading:vehicles",
-    "shipped": "datasets.shipped:shipped",
     "fit": "api.fitting:fit",
     "load": "api.fitting:load",
     "simulate": "api.predictions:simulate",
@@ -87,34 +69,35 @@ _PLACES = {
     "design": "api.designing:design",
     "export": "api.handing_over:export",
     "report": "api.handing_over:report",
+    "datasets": "datasets:",
     "models": "api.models:",
     "effects": "api.effects:",
-    "alteration": "models.effects.stating:alteration",
     "Recording": "datasets.recording:Recording",
-    "Parameter": "models.parameter:Parameter",
-    "Prior": "models.parameter:Prior",
-    "Model": "models.model:Model",
-    "MotionModel": "models.motion_model:MotionModel",
-    "State": "models.motion_model:State",
-    "Effect": "models.effect:Effect",
     "Vehicle": "api.known_vehicle:KnownVehicle",
-    "Stated": "models.vehicle:Stated",
     "Fit": "api.fit_result:FitResult",
     "FitOptions": "fitting.how:FitOptions",
-    "Adaptation": "api.adapting:AdaptationResult",
-    "Grid": "api.gridding:GridResult",
     "Gap": "api.gap_result:GapResult",
     "Track": "api.track_result:TrackResult",
     "TrackOptions": "filters.how:TrackOptions",
-    "Profile": "fitting.uncertainty.profile:Profile",
     "Posterior": "api.sampling:PosteriorResult",
-    "Finding": "datasets.checks.finding:Finding",
-    "Severity": "datasets.checks.finding:Severity",
     "GreyboxError": "base.errors:GreyboxError",
     "BadInput": "base.errors:BadInput",
     "BadModel": "base.errors:BadModel",
 }
 """Name at the top level -> module and name within it; nothing behind the colon is the module itself."""
+
+_MOVED = {
+    "shipped": "datasets.shipped",
+    **{
+        name: f"models.{name}" for name in ("Parameter", "Prior", "Model", "MotionModel", "State", "Stated", "vehicles")
+    },
+    **{name: f"effects.{name}" for name in ("Effect", "alteration")},
+    **{name: f"datasets.checks.{name}" for name in ("Finding", "Severity")},
+    "Adaptation": "api.adapting.AdaptationResult",
+    "Grid": "api.gridding.GridResult",
+    "Profile": "fitting.uncertainty.profile.Profile",
+}
+"""Name that stood at the top level before its room did -> where it stands in its room."""
 
 __all__ = list(_PLACES)
 
@@ -124,6 +107,8 @@ for _room in ("export", "models"):  # once these rooms are imported, the verb an
 
 
 def __getattr__(name: str) -> object:
+    if name in _MOVED:
+        return _moved(name)
     if name not in _PLACES:
         from .base.errors import near
 
@@ -131,6 +116,15 @@ def __getattr__(name: str) -> object:
     module, _, inside = _PLACES[name].partition(":")
     loaded = _import_module(f".{module}", __name__)
     return globals().setdefault(name, getattr(loaded, inside) if inside else loaded)
+
+
+def _moved(name: str) -> object:
+    from warnings import warn
+
+    room, _, inside = _MOVED[name].rpartition(".")
+    place = f"{'gb' if room in _PLACES else 'greybox_id'}.{_MOVED[name]}"
+    warn(f"gb.{name} is {place} now.", DeprecationWarning, stacklevel=3)
+    return getattr(__getattr__(room) if room in _PLACES else _import_module(f".{room}", __name__), inside)
 
 
 def __dir__() -> list[str]:

@@ -35,5 +35,6 @@ def test_what_lacks_is_found(docstrings, monkeypatch):
 
 
 def test_the_reference_lists_every_name():
-    listed = re.findall(r"^   (?:api\.)?(\w+)$", (DOCS / "reference.md").read_text(encoding="utf-8"), re.MULTILINE)
+    page = (DOCS / "reference.md").read_text(encoding="utf-8").partition("## Models and effects of one's own")[0]
+    listed = re.findall(r"^   (?:api\.)?(\w+)$", page, re.MULTILINE)
     assert sorted(listed) == sorted(gb.__all__)

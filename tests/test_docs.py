@@ -8,7 +8,7 @@ from pathlib import Path
 
 import matplotlib as mpl
 import pytest
-from documents import DOCS, fenced, page, run_page
+from documents import DOCS, page, run_page
 
 from greybox_id.fitting.uncertainty.identifiability import TOGETHER
 from greybox_lab.virtual.synthetic_racer.car import Car
@@ -54,18 +54,9 @@ def test_an_effect_of_ones_own_closes_a_fifth_of_the_error():
 @pytest.mark.slow
 def test_the_readmes_python_runs():
     mpl.use("Agg")
-    first, *others = [own.text for own in fenced(page("../README.md"))]
-    names = {}
-    exec(compile(first, "README.md", "exec"), names)
+    names = run_page("../README.md")
     assert 0.02 < names["fit"].params["steering_delay"] < 0.2
     assert Path("run/fit.json").exists()
-    assert others
-
-
-@pytest.mark.slow
-def test_all_of_the_readmes_python_runs():
-    mpl.use("Agg")
-    names = run_page("../README.md")
     assert "C_alpha_f_sd" in names["track"]
     assert Path("car/car.c").exists()
     assert Path("lap.pdf").read_bytes().startswith(b"%PDF")

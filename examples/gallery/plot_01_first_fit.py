@@ -7,7 +7,7 @@ Read a recording, fit a single track, and look at the verdict before the numbers
 
 import greybox_id as gb
 
-lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
+lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
 lap, other = lap.rows(0, 800), other.rows(0, 400)
 
 # %%

@@ -7,7 +7,7 @@ A fit has one number for a recording. A filter says how a parameter moves along 
 
 import greybox_id as gb
 
-lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
+lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
 fit = gb.fit("lateral", lap.rows(0, 600), vehicle="roboracer", effects=["steering_lag"])
 
 # %%

@@ -16,16 +16,16 @@ def dynamics(x, u, p, q):
     return {"angle": x.rate, "rate": (u.torque - p.friction * x.rate) / p.inertia - 9.81 / p.length * cs.sin(x.angle)}
 
 
-pendulum = gb.MotionModel(
+pendulum = gb.models.MotionModel(
     name="pendulum",
     about="a pendulum with viscous friction, driven by a torque",
-    states=(gb.State("angle", "rad"), gb.State("rate", "rad/s")),
+    states=(gb.models.State("angle", "rad"), gb.models.State("rate", "rad/s")),
     inputs=("torque",),
     outputs=("angle",),
     parameters=(
-        gb.Parameter("length", "m", 0.5, (0.1, 2.0), about="distance of the mass from the pivot"),
-        gb.Parameter("inertia", "kg m^2", 0.3, (0.01, 2.0), about="inertia about the pivot"),
-        gb.Parameter("friction", "N m s/rad", 0.1, (0.0, 2.0), about="viscous friction of the bearing"),
+        gb.models.Parameter("length", "m", 0.5, (0.1, 2.0), about="distance of the mass from the pivot"),
+        gb.models.Parameter("inertia", "kg m^2", 0.3, (0.01, 2.0), about="inertia about the pivot"),
+        gb.models.Parameter("friction", "N m s/rad", 0.1, (0.0, 2.0), about="viscous friction of the bearing"),
     ),
     dynamics=dynamics,
 )

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import greybox_id as gb
 from greybox_id.models.effects.stating import speed
 
-soft_steering = gb.alteration(
+soft_steering = gb.effects.alteration(
     "steering",
     "soft_steering",
     "s^2/m^2",
@@ -23,7 +23,7 @@ soft_steering = gb.alteration(
 )
 
 # %%
-lap, other = (gb.read(gb.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
+lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
 rigid = gb.models.kinematic(understeer=False, vehicle="roboracer")
 errors = {}
 for name, model in {"rigid": rigid, "soft": rigid + soft_steering.free()}.items():

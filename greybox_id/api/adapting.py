@@ -39,7 +39,7 @@ class AdaptationResult(Adaptation):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 1000)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 1000)
     >>> fit = gb.fit("msnn_bench_lat", lap.rows(0, 500), options=gb.FitOptions(strengths=1.0))
     >>> found = gb.adapt(fit, lap.rows(500, 1000), seconds=20)
     >>> found.fit.model.name
@@ -109,9 +109,9 @@ def adapt(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 800)
+    >>> train = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 800)
     >>> fit = gb.fit("msnn_bench_lat", train, options=gb.FitOptions(strengths=1.0, solver="gauss-newton"))
-    >>> other = gb.read(gb.shipped("racer_valid"), columns="roboracer").rows(0, 700)
+    >>> other = gb.read(gb.datasets.shipped("racer_valid"), columns="roboracer").rows(0, 700)
     >>> found = gb.adapt(fit, other, seconds=20)
     >>> sorted(found.chosen.rest)
     ['yaw_rate']

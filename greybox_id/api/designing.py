@@ -165,7 +165,7 @@ def design(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("single_track", lap, vehicle="roboracer")
     >>> limits = {"speed_max": 4.0, "sideslip_max": 0.4}
     >>> design = gb.design(fit, arena="disc:12", parameters=["I_z"], duration=6.0, limits=limits, effort=0.05)

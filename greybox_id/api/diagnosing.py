@@ -87,7 +87,7 @@ def diagnose(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> gap = gb.diagnose(fit, lap, effects=["steering_delay", "steering_lag"])
     >>> isinstance(gap, gb.Gap)

@@ -5,8 +5,8 @@ Examples
 >>> import greybox_id as gb
 >>> gb.effects.steering_lag.at(0.05)
 Effect steering_lag: first-order time constant of the steering [s], nothing changes at 0; here 0.05 (fixed)
->>> len(gb.effects.names())
-44
+>>> "steering_lag" in gb.effects.names()
+True
 """
 
 from __future__ import annotations
@@ -14,10 +14,11 @@ from __future__ import annotations
 from ..base.errors import near_or_all
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
+from ..models.effects.stating import alteration
 from ..models.own import own_effect
 from ..models.registry import install
 
-__all__ = ["names", "own"]
+__all__ = ["Effect", "alteration", "names", "own"]
 
 
 def names() -> tuple[str, ...]:

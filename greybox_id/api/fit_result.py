@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from pathlib import Path
@@ -10,10 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from rich.console import RenderableType
 
+from ..base.condition import span
 from ..base.declared import understood
 from ..base.errors import BadInput
-from ..base.numbers import pretty_unit
+from ..base.numbers import between, counted, pretty_unit
 from ..base.shorthands import Array
 from ..datasets.read import read
 from ..datasets.recording import Recording
@@ -24,7 +26,7 @@ from ..fitting.provenance import DataRecord
 from ..fitting.restated import as_seen
 from ..fitting.uncertainty.profile import Profile
 from ..reports.recordings import matched
-from ..reports.text.fit import parts
+from ..reports.text.fit import as_dict, parts
 from ..reports.text.screen import as_text
 from . import given, predictions, profiles
 from .given import Columns, Recordings
@@ -56,7 +58,7 @@ class FitResult(Fit):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> fit.params.index.tolist()
     ['l_f', 'l_r', 'steer_gain', 'yaw_lag', 'K_us']
@@ -235,7 +237,15 @@ class FitResult(Fit):
 
     def summary(self) -> str:
         """What `greybox fit` prints: verdict, data, optimum, parameters with intervals, errors on what was held out."""
-        return as_text(parts(self, self.vehicle))
+        return as_text(self.parts())
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What `greybox fit` prints, part by part."""
+        return parts(self, self.vehicle)
+
+    def to_json(self) -> dict[str, Any]:
+        """What `greybox fit --json` prints of it."""
+        return as_dict(self)
 
     def score(self, recording: Recording | str | Path, columns: Columns = "canonical") -> pd.DataFrame:
         """Errors on a recording, as `gb.score` gives them: a row per output and horizon."""
@@ -324,7 +334,7 @@ class FitResult(Fit):
         Examples
         --------
         >>> import greybox_id as gb
-        >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+        >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
         >>> fit = gb.fit("lateral", lap, vehicle="roboracer", free=[], options=gb.FitOptions(solver="gauss-newton"))
         >>> fit.linearise(v_x=3.0).state_labels
         ['v_y', 'yaw_rate']
@@ -340,30 +350,54 @@ class FitResult(Fit):
 
         return FitPlots(self)
 
-    def seen(self, role: str = "") -> tuple[Recording, ...]:
+    def seen(
+        self,
+        role: str = "",
+        *,
+        moved: Mapping[str, Sequence[str | Path]] | None = None,
+        columns: Columns | None = None,
+        otherwise: str = "Hand it over.",
+    ) -> tuple[Recording, ...]:
         """The recordings that it was fitted to ("train") and validated on ("validate"), read again where need be.
+
+        Parameters
+        ----------
+        role : of those that are meant; all unless given.
+        moved : role -> where its files lie now, in their order; where the fit found them unless given.
+        columns : column map; the one that the fit names unless given.
+        otherwise : what the sentence tells to do where a recording is not found; ``{role}`` is what it was for.
 
         Raises
         ------
         BadInput : a file is no longer there or has changed, or a recording was made in memory.
         """
         records = [item for item in self.data if role in ("", item.role)]
-        if self.recordings:
+        new = {name: list(files) for name, files in (moved or {}).items() if files}
+        if self.recordings and not new:
             pairs = zip(self.recordings, self.data, strict=True)
             return tuple(as_seen(self, recording) for recording, record in pairs if record in records)
-        result = [read(found_again(record, self.file), record.mapping) for record in records]
-        return tuple(_matched(self, records, result))
+        for name, files in new.items():
+            count = sum(record.role == name for record in self.data)
+            if len(files) != count:
+                made = f"{self.file or 'The fit'} was made with {counted(count, 'recording')} to {name}"
+                raise BadInput(f"{made}, but {len(files)} are named.")
+        result = []
+        for record in records:
+            files = new.get(record.role, [])
+            file = files.pop(0) if files else found_again(record, self.file, otherwise.format(role=record.role))
+            result.append(_as_taken(read(file, columns or record.mapping), record))
+        return matched(replace(self, data=tuple(records)), result)
 
     def __repr__(self) -> str:
         return "\n".join(self._lines())
 
     def _repr_html_(self) -> str:
         rows = "".join(
-            f"<tr><td>{escape(str(name))}</td><td>{row.estimate:.4g}</td><td>[{row.lower:.4g}, {row.upper:.4g}]</td>"
+            f"<tr><td>{escape(str(name))}</td><td>{between(row.estimate, row.lower, row.upper)}</td>"
             f"<td>{escape(pretty_unit(self.model[str(name)].unit))}</td></tr>"
             for name, row in self._shown().iterrows()
         )
-        head = "<tr><th>parameter</th><th>estimate</th><th>95 % interval</th><th>unit</th></tr>"
+        head = "<tr><th>parameter</th><th>estimate [95 % interval]</th><th>unit</th></tr>"
         first, *rest = self._lines(table=False)
         return f"<p><b>{escape(first)}</b><br>{'<br>'.join(map(escape, rest))}</p><table>{head}{rows}</table>"
 
@@ -378,7 +412,7 @@ class FitResult(Fit):
             shown = self._shown()
             for name, row in shown.iterrows():
                 unit = pretty_unit(self.model[str(name)].unit)
-                lines.append(f"  {name} = {row.estimate:.4g} [{row.lower:.4g}, {row.upper:.4g}] {unit}")
+                lines.append(f"  {name} = {between(row.estimate, row.lower, row.upper)} {unit}")
             more = self.model.size - sum(p.fixed for p in self.model.parameters) - len(shown)
             if more > 0:
                 lines.append(f"  and {more} more: .summary(), .params, .conf_int()")
@@ -414,5 +448,7 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
     raise BadInput(f"{record.path}, which the fit has seen, is no longer there. {otherwise}")
 
 
-def _matched(fit: Fit, records: list[DataRecord], recordings: list[Recording]) -> tuple[Recording, ...]:
-    return matched(replace(fit, data=tuple(records)), recordings)
+def _as_taken(recording: Recording, record: DataRecord) -> Recording:
+    """The rows of a file that a fit took."""
+    recording = recording.between(*span(record.between)) if record.between else recording
+    return recording.where(record.where) if record.where else recording

@@ -97,7 +97,7 @@ def fit(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer", fix={"l_f": "16 cm"})
     >>> float(fit.params["l_f"])
     0.16
@@ -217,7 +217,7 @@ def load(
     --------
     >>> import tempfile
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     again = gb.load(fit.save(f"{folder}/fit.json"))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..base.errors import BadInput
-from ..base.numbers import number, percent, pretty_unit
+from ..base.numbers import between, number, percent, pretty_unit
 from ..base.version import __version__
 from ..gap.changes.verb import Changed
 from ..gap.gap import Gap
@@ -44,7 +44,7 @@ class GapResult(Gap):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> gap = gb.diagnose("kinematic", lap, vehicle="roboracer", effects=["steering_delay"])
     >>> gap.to_pandas().columns.tolist()
     ['effect', 'probability', 'magnitude', 'lower', 'upper', 'unit', 'since', 'until', 'applied']
@@ -112,9 +112,8 @@ class GapResult(Gap):
     def __repr__(self) -> str:
         lines = [f"Gap of {self.model} on {', '.join(self.recordings)}", f"  {whether(self)}"]
         for item in self.ranking[:MOST_SHOWN]:
-            low, high = (number(end) for end in item.interval)
             lines.append(
-                f"  {item.effect}: probability {item.probability:.2f}, {number(item.magnitude)} [{low}, {high}]"
+                f"  {item.effect}: probability {item.probability:.2f}, {between(item.magnitude, *item.interval)}"
                 f" {pretty_unit(item.unit)}{', applied' if item.effect in self.applied else ''}"
             )
         closure, held_out = judged(self)
@@ -125,7 +124,7 @@ class GapResult(Gap):
     def _repr_html_(self) -> str:
         head = escape(f"Gap of {self.model} on {', '.join(self.recordings)}: {whether(self)}")
         table: Any = self.to_pandas()
-        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda item: f'{item:.4g}')}"
+        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=number)}"
 
 
 @dataclass(frozen=True, repr=False)
@@ -197,7 +196,7 @@ class ChangeResult(GapResult):
     def _repr_html_(self) -> str:
         head = escape(f"Change of {self.model} on {', '.join(self.recordings)}: {changed_lines(self._told)[0]}")
         table: Any = self.changed
-        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=lambda item: f'{item:.4g}')}"
+        return f"<p><b>{head}</b></p>{table.to_html(index=False, float_format=number)}"
 
 
 def changed_lines(changed: Changed) -> list[str]:

@@ -12,10 +12,9 @@ from rich.console import RenderableType
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.files import ensure_writable, replacing
-from ..base.guard import claim
-from ..base.numbers import number
+from ..base.numbers import number, with_sd
 from ..datasets.recording import Recording
-from ..datasets.result_table import target_of
+from ..datasets.result_table import claimed_table
 from ..fitting.grid import Grid, fit_grid, values_of
 from ..fitting.how import quiet
 from ..reports.text.screen import as_text, led, plain_table
@@ -34,7 +33,7 @@ class GridResult(Grid):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> train = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> found = gb.grid("msnn_bench_lat", train, {"q": [9, 19]}, strength=1.0)
     >>> found.table["parameters"].tolist()
     [21, 41]
@@ -87,13 +86,13 @@ def grid(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> train = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> train = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> int(gb.grid("msnn_bench_lat", train, {"q": [9, 19]}, strength=1.0).chosen["q"]) in (9, 19)
     True
     """
     if not isinstance(varied, Mapping) or not varied:
         raise BadInput("varied: settings with their values are needed, such as {'n_delta': [5, 6, 7]}.")
-    target = None if to is None else claim(target_of(str(to), (".parquet",)), becomes="a table of a grid")
+    target = None if to is None else claimed_table(str(to), "a table of a grid", (".parquet",))
     train = given.recording(recording, columns)
     scored = None if validation is None else given.recording(validation, columns, "validation")
     if target is not None:
@@ -159,7 +158,7 @@ def grid_parts(grid: Grid) -> Iterator[RenderableType]:
         row = {str(name): value for name, value in item.items()}
         table.add_row(
             *(str(row[name]) for name in grid.names), str(row["parameters"]),
-            f"{100 * row['cv_error']:.2f} ± {100 * row['cv_se']:.2f}", f"{row['aic']:.1f}",
+            with_sd(100 * row['cv_error'], 100 * row['cv_se']), f"{row['aic']:.1f}",
             f"{row['aic_effective']:.1f}",
         )  # fmt: skip
     yield table

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ..base.declared import understood
 from ..base.errors import BadInput
+from ..base.files import at_once
+from ..base.guard import claim
 from ..base.numbers import pretty_unit
+from ..base.saved import format_of
 from ..datasets.recording import Recording
 from ..export.elsewhere import ForeignResult, exporter_of, exporter_of_file
 from ..export.origin import KeyOrigin
@@ -26,11 +30,13 @@ from ..models.effect import Effect
 from ..models.model import Model
 from ..models.registry import known, with_effects
 from ..reports.comparison import NamedFit, comparison
-from ..reports.document import Document, Part, Section
+from ..reports.document import Document, Part, Section, write_drawings
 from ..reports.gap.report import gap_report
+from ..reports.gap.saved import load_gap
 from ..reports.recordings import matched
 from ..reports.report import kind_of, prepared, write
 from ..reports.text.screen import plain
+from ..reports.track.digest import Digest, load_track
 from ..reports.track.report import track_report
 from . import given
 from .fit_result import FitResult
@@ -39,7 +45,7 @@ from .gap_result import GapResult
 from .given import Columns, Effects, ModelLike, Numbers, Recordings, VehicleLike
 from .track_result import TrackResult
 
-Result = Fit | Gap | TrackResult
+Result = Fit | Gap | TrackResult | Digest
 
 
 class Exported(list[Path]):
@@ -52,6 +58,12 @@ class Exported(list[Path]):
     cautions : sentences on what the files do not hold, or take for granted.
     keys : for files of parameters, what is behind each key.
     """
+
+    target: str
+    name: str
+    model: str
+    cautions: tuple[str, ...]
+    keys: tuple[KeyOrigin, ...]
 
     def __init__(
         self, files: Iterable[Path], target: str, name: str, model: str, cautions: Iterable[str] = (),
@@ -150,11 +162,11 @@ def _assumed(model: Model, stated: Magnitudes) -> list[str]:
 
 @understood
 def report(
-    results: Result | Sequence[Result],
+    results: Result | str | Path | Sequence[Result | str | Path],
     out: str | Path,
     *,
     recordings: Recordings | None = None,
-    columns: Columns = "canonical",
+    columns: Columns | None = None,
     effects: Iterable[Effect] = (),
     posterior: Posterior | str | Path | None = None,
 ) -> Path:
@@ -162,11 +174,12 @@ def report(
 
     Parameters
     ----------
-    results : a fit, a gap or a track; several fits are set side by side, other lists one after the other.
+    results : a fit, a gap or a track, or the file of one; several fits are set side by side, other lists one after the
+        other.
     out : file to write, .pdf or .html, atomically.
     recordings : those that the fits have seen, where they do not know them: those that `gb.fit` returned do, and loaded
         ones read them again from where they were.
-    columns : column map, where files are named.
+    columns : column map, where files are named; of recordings that fits read again the one they name unless given.
     effects : of one's own that a diagnosis has tried.
     posterior : of a single fit of equations of motion, draws of `gb.sample` or their file: their table, a corner plot
         and bands of predictions.
@@ -184,33 +197,106 @@ def report(
     --------
     >>> import tempfile
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> with tempfile.TemporaryDirectory() as folder:
     ...     gb.report(fit, f"{folder}/lap.html").name
     'lap.html'
     """
-    several: list[Result] = [results] if isinstance(results, Result) else list(results)
-    if not several or not all(isinstance(item, Result) for item in several):
-        raise BadInput(f"results: a Fit, a Gap, a Track or a list of them is needed, not {results!r:.60}.")
     if not isinstance(out, str | Path):
         raise BadInput(f"out: the path of a file is needed, not {out!r:.60}.")
-    kind_of(out)
-    if posterior is not None and (len(several) > 1 or not isinstance(several[0], Fit)):
-        raise BadInput("posterior: it belongs to one fit; hand over that fit alone.")
-    models = [model for result in several if (model := _model_of(result)) is not None]
-    with known(*models, *effects):
-        if len(several) > 1 and all(isinstance(item, Fit) for item in several):
-            fits = [item for item in several if isinstance(item, Fit)]
-            named = [
-                NamedFit(f"{k} {one.model.name}", one, _seen(one, recordings, columns)) for k, one in enumerate(fits, 1)
-            ]
-            return write(comparison(named), out)
-        if posterior is not None and isinstance(several[0], Fit):
+    return reported(
+        results, out, recordings=recordings, columns=columns, effects=effects, posterior=posterior
+    ).file  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Report:
+    """A report that was written.
+
+    Attributes
+    ----------
+    file : the report.
+    figures : those that were written beside it.
+    verdict : its first sentences.
+    """
+
+    file: Path
+    figures: tuple[Path, ...]
+    verdict: tuple[str, ...]
+
+
+def reported(
+    results: Result | str | Path | Sequence[Result | str | Path],
+    out: str | Path,
+    kind: str | None = None,
+    *,
+    recordings: Recordings | None = None,
+    columns: Columns | None = None,
+    effects: Iterable[Effect] = (),
+    posterior: Posterior | str | Path | None = None,
+    moved: Mapping[str, Sequence[str | Path]] | None = None,
+    figures: str | Path | None = None,
+) -> Report:
+    """Write a report. Other arguments and errors are those of `report`.
+
+    Parameters
+    ----------
+    kind : "pdf" or "html"; as the name of `out` says unless given.
+    moved : role -> where the recordings of fits lie now, as of `FitResult.seen`.
+    figures : folder that the figures are written to as well, as SVG.
+    """
+    kind = kind_of(out, kind)
+    claim(out, becomes="a report")
+    listed = [results] if isinstance(results, Result | str | Path) else list(results)
+    several = [opened(item) if isinstance(item, str | Path) else item for item in listed]
+    if not several or not all(isinstance(item, Result) for item in several):
+        raise BadInput(f"results: a Fit, a Gap, a Track or a list of them is needed, not {results!r:.60}.")
+    fits = [item for item in several if isinstance(item, Fit)]
+    if posterior is not None and len(fits) + len(several) != 2:
+        raise BadInput("‹posterior› belongs to one fit; name that fit alone.")
+    seen = partial(_seen, recordings=recordings, columns=columns, moved=moved)
+    with known(*(model for result in several if (model := _model_of(result)) is not None), *effects):
+        if len(fits) == len(several) > 1:
+            documents = [comparison([NamedFit(name, fit, seen(fit)) for name, fit in _names(fits).items()])]
+        elif posterior is not None:
             draws = posterior if isinstance(posterior, Posterior) else load_posterior(posterior)
-            return write(prepared(several[0], _seen(several[0], recordings, columns), draws), out)
-        documents = [_document(item, recordings, columns) for item in several]
-        return write(documents[0] if len(documents) == 1 else _one_after_the_other(documents), out)
+            documents = [prepared(fits[0], seen(fits[0]), draws)]
+        else:
+            documents = [_document(item, seen) for item in several]
+        document = documents[0] if len(documents) == 1 else _one_after_the_other(documents)
+        with at_once():
+            file = write(document, out, kind)
+            drawn = write_drawings(document.drawings, figures) if figures else []
+    return Report(file, tuple(drawn), tuple(sentence for _, sentence in document.verdict))
+
+
+def opened(file: str | Path) -> Result:
+    """The fit, the gap or the track that a file holds. Raises `BadInput` where it holds none."""
+    kind = format_of(Path(file))
+    if kind == "greybox-gap":
+        return GapResult.of(*load_gap(file))
+    return load_track(file) if kind == "greybox-track" else load_fit(file)
+
+
+def beside(files: Sequence[str | Path], kind: str) -> Path:
+    """Where the report of some files is written unless a place is named: beside the first."""
+    first = Path(files[0])
+    return first.with_suffix(f".{kind}") if len(files) == 1 else first.with_name(f"comparison.{kind}")
+
+
+def _names(fits: Sequence[Fit]) -> dict[str, Fit]:
+    """Short names that differ: of the fits' files where that suffices, with their folders otherwise."""
+    files = [fit.file for fit in fits if isinstance(fit, FitResult) and fit.file is not None]
+    if len(files) < len(fits):
+        return {f"{k} {fit.model.name}": fit for k, fit in enumerate(fits, 1)}
+    if len({file.resolve() for file in files}) < len(files):
+        raise BadInput(f"{', '.join(map(str, files))}: one fit is named twice; name each once.")
+    for parts in (1, 2, None):
+        names = [str(file) if parts is None else "/".join(file.with_suffix("").parts[-parts:]) for file in files]
+        if len(set(names)) == len(names):
+            break
+    return dict(zip(names, fits, strict=True))
 
 
 def identifier(folder: str | Path) -> str:
@@ -234,24 +320,29 @@ def moving(model: Model, text: str | Iterable[str]) -> tuple[str, ...] | None:
 
 
 def _model_of(result: Result) -> Model | None:
-    return result.closed if isinstance(result, Gap) else result.model
+    return result.closed if isinstance(result, Gap) else None if isinstance(result, Digest) else result.model
 
 
-def _document(result: Result, recordings: Recordings | None, columns: Columns) -> Document:
+def _document(result: Result, seen: Callable[[Fit], tuple[Recording, ...]]) -> Document:
     if isinstance(result, Fit):
-        return prepared(result, _seen(result, recordings, columns))
-    if isinstance(result, TrackResult):
-        return track_report(result.digest)
+        return prepared(result, seen(result))
+    if isinstance(result, TrackResult | Digest):
+        return track_report(result if isinstance(result, Digest) else result.digest)
     if not isinstance(result, GapResult):
         raise BadInput("This diagnosis does not know what it was made with; make it with gb.diagnose.")
     return gap_report(result, result.made)
 
 
-def _seen(fit: Fit, recordings: Recordings | None, columns: Columns) -> tuple[Recording, ...]:
+def _seen(
+    fit: Fit,
+    recordings: Recordings | None,
+    columns: Columns | None,
+    moved: Mapping[str, Sequence[str | Path]] | None,
+) -> tuple[Recording, ...]:
     if recordings is not None:
-        return matched(fit, given.recordings(recordings, columns))
+        return matched(fit, given.recordings(recordings, columns or "canonical"))
     if isinstance(fit, FitResult):
-        return fit.seen()
+        return fit.seen(moved=moved, columns=columns, otherwise="Name the file's new place with ‹{role}›.")
     raise BadInput("recordings: hand over those that the fit has seen.")
 
 

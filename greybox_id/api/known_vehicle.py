@@ -29,7 +29,7 @@ class KnownVehicle(Vehicle):
     >>> car = gb.Vehicle.load("roboracer")
     >>> car.values["m"].value
     3.6
-    >>> gb.Vehicle("my car", values={"m": gb.Stated(3.5, sd=0.1)}).values["m"].sd
+    >>> gb.Vehicle("my car", values={"m": gb.models.Stated(3.5, sd=0.1)}).values["m"].sd
     0.1
     """
 

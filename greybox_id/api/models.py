@@ -1,5 +1,7 @@
 """Models by name: `gb.models.single_track(tyre="pacejka", vehicle=car)`; those of installed packages among them.
 
+And what a model of one's own is made of: `MotionModel`, `State`, `Parameter`, `Prior`.
+
 Examples
 --------
 >>> import greybox_id as gb
@@ -17,18 +19,21 @@ from ..datasets.recording import Recording
 from ..models.hybrid_model import HybridModel
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
-from ..models.motion_model import MotionModel
+from ..models.motion_model import MotionModel, State
 from ..models.own import own_model
+from ..models.parameter import Parameter, Prior
 from ..models.registry import MODELS, build, install, prepared
+from ..models.vehicle import Stated
+from ..models.vehicle_file import shipped_vehicles
 from . import given
 from .given import VehicleLike
 
 __all__ = [
-    *("bicycle_mlp", "mlp_lateral"),
-    *("hybrid_force", "hybrid_stiffness", "kinematic", "lateral", "longitudinal", "msnn_full", "msnn_full_plus"),
-    *("gnn", "msnn_bench_lat", "msnn_bench_long", "msnn_lat", "msnn_long", "names", "own", "single_track"),
-    "steering",
-]
+    "Model", "MotionModel", "Parameter", "Prior", "State", "Stated",
+    "bicycle_mlp", "gnn", "hybrid_force", "hybrid_stiffness", "kinematic", "lateral", "longitudinal", "mlp_lateral",
+    "msnn_bench_lat", "msnn_bench_long", "msnn_full", "msnn_full_plus", "msnn_lat", "msnn_long",
+    "names", "own", "single_track", "steering", "vehicles",
+]  # fmt: skip
 
 
 def single_track(tyre: str = "pacejka", vehicle: VehicleLike = None) -> MotionModel:
@@ -217,6 +222,22 @@ def names() -> tuple[str, ...]:
     """
     install()
     return tuple(MODELS)
+
+
+def vehicles() -> tuple[str, ...]:
+    """Names of the vehicles that come with the package.
+
+    Returns
+    -------
+    tuple of str
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> "roboracer" in gb.models.vehicles()
+    True
+    """
+    return shipped_vehicles()
 
 
 def __getattr__(name: str) -> Callable[..., Model]:

@@ -12,7 +12,7 @@ from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
 from ..base.errors import BadInput, near_or_all
-from ..base.numbers import pretty_unit
+from ..base.numbers import number, pretty_unit
 from ..base.shorthands import Array
 from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
@@ -59,7 +59,7 @@ class FitPlots:
     >>> import matplotlib
     >>> matplotlib.use("Agg")
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> axes = gb.fit("kinematic", lap, vehicle="roboracer").plot.measured_and_simulated(lap)
     >>> [ax.get_ylabel() for ax in axes]
     ['yaw_rate [rad/s]', 'a_y [m/s²]']
@@ -207,7 +207,7 @@ class FitPlots:
             ax.plot([low / scale, high / scale], [k, k], **look(BLUE, 2.0))
             ax.plot(at / scale, k, **look(BLUE, dots=3.0))
         units = [pretty_unit(self._fit.model[name].unit) for name in chosen]
-        entry = [f"{name} = {params[name]:.4g} {unit}" for name, unit in zip(chosen, units, strict=True)]
+        entry = [f"{name} = {number(params[name])} {unit}" for name, unit in zip(chosen, units, strict=True)]
         ax.set_yticks(range(len(chosen)), entry)
         ax.invert_yaxis()
         ax.set(xlabel=f"{100 * level:g} % interval over |estimate|", title=f"parameters of {self._fit.model.name}")
@@ -274,7 +274,7 @@ def budget(gap: GapResult, ax: Axes | None) -> Axes:
         rows = _shares(shares)
         below = 0.0
         for k, (name, share) in enumerate(rows):
-            ax.barh(k, 100 * share, left=100 * below, color=PALE if name == "unnamed" else BLUE)
+            ax.barh(k, 100 * share, left=100 * below, color=PALE if name == "unexplained" else BLUE)
             below += share
         ax.set_yticks(range(len(rows)), [name for name, _ in rows])
         ax.set_xlabel("share of the excess error [%]")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -12,17 +13,19 @@ import pandas as pd
 
 from ..base.declared import understood
 from ..base.errors import BadInput
+from ..base.numbers import counted, pretty_unit, with_sd
 from ..base.quantity import Quantity
 from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
+from ..datasets.result_table import claimed_table, write_table
 from ..engine.simulation import Prediction
-from ..fitting.choices.parameters import state_values
+from ..fitting.choices.parameters import state_values, with_choices
 from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded
 from ..fitting.fit import Fit
-from ..fitting.posterior.posterior import Posterior
+from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.posterior.predictive import banded_table, predictive_band
 from ..fitting.restated import as_fitted
-from ..fitting.scores.metrics import FREE_RUN
+from ..fitting.scores.metrics import FREE_RUN, Error, as_dict, prediction_errors
 from ..fitting.scores.metrics import score as score_model
 from ..fitting.scores.prediction import as_table, assumed, predicted_how
 from ..fitting.scores.prediction import predict as predict_rows
@@ -35,8 +38,11 @@ from ..fitting.scores.timing import (
     must_have_timing,
 )
 from ..models.model import Model
+from ..reports.text.memory import timing_lines
 from . import given
-from .given import Columns, Effects, ModelLike, VehicleLike
+from .given import Columns, Effects, ModelLike, Numbers, VehicleLike
+
+PREDICTIONS, SIMULATIONS = "a table of predictions", "a table of simulations"
 
 
 @understood
@@ -72,7 +78,7 @@ def simulate(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> gb.simulate("kinematic", lap, vehicle="roboracer")
     Recording racer_train, kinematic: 400 rows in 1 run, 19.95 s at 20 Hz
       yaw_rate [rad/s], a_y [m/s²]
@@ -117,7 +123,7 @@ def predict(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> ahead = gb.predict("kinematic", lap, horizon=0.5, vehicle="roboracer")
     >>> len(ahead) == len(lap)
     True
@@ -140,6 +146,7 @@ class Predicted:
     called : what the recording of it is named after.
     facts : further plain data: timing, posterior, start, warnings.
     table : time, run, and every output as read and as predicted.
+    words : what a table of it is, in sentences.
     """
 
     model: Model
@@ -149,10 +156,54 @@ class Predicted:
     called: str
     facts: Mapping[str, Any]
     table: pd.DataFrame
+    words: str = PREDICTIONS
 
     def as_recording(self) -> Recording:
         """The outputs on the recording's time."""
         return _as_recording(self.model, self.recording, self.prediction, self.called)
+
+    @cached_property
+    def errors(self) -> dict[str, Error]:
+        """Output -> its errors."""
+        return prediction_errors(self.model.outputs, self.prediction, self.recording.sample_time)
+
+    @property
+    def runs(self) -> int:
+        """Unbroken runs that were predicted."""
+        return len(np.unique(self.prediction.run))
+
+    @property
+    def not_finite(self) -> int:
+        """Rows without a finite value of every output."""
+        return int(np.sum(~np.all(np.isfinite(self.prediction.predicted), axis=1)))
+
+    def save(self, path: Path) -> Path:
+        """Write the table as the file's name says."""
+        write_table(self.table, path, self.words)
+        return path
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it but the rows, as plain data."""
+        counts = {"rows": len(self.prediction.rows), "runs": self.runs, "not_finite": self.not_finite}
+        return counts | dict(self.facts) | {"errors": as_dict({self.how: self.errors})[self.how]}
+
+    def parts(self) -> Iterator[str]:
+        """What it says, line by line, the first one behind the file's name."""
+        yield f"{counted(len(self.prediction.rows), 'row')} in {counted(self.runs, 'run')}, {self.how}"
+        for name, error in self.errors.items():
+            yield f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit_of(name))}"
+        for line in timing_lines(self.facts["timing"]) if "timing" in self.facts else ():
+            yield f"timing   {line}"
+        for name, share in self.facts.get("posterior", {}).get("coverage", {}).items():
+            if np.isfinite(share):
+                yield f"         {name}: {100 * share:.1f} % of the readings within the 95 % band"
+        if self.not_finite:
+            yield f"         {counted(self.not_finite, 'row')} without a finite value of every output"
+
+
+def prediction_target(out: str, words: str = PREDICTIONS) -> Path:
+    """Where predictions are to be written. Raises `BadInput` for another kind of file."""
+    return claimed_table(out, words)
 
 
 def simulated(
@@ -162,14 +213,22 @@ def simulated(
     vehicle: VehicleLike = None,
     effects: Effects = (),
     columns: Columns = "canonical",
+    fix: str | Iterable[str] | Numbers = (),
 ) -> Predicted:
-    """The free run of every unbroken run. Arguments and errors are those of `simulate`."""
+    """The free run of every unbroken run. Other arguments and errors are those of `simulate`.
+
+    Parameters
+    ----------
+    fix : parameters that are held at numbers of one's own.
+    """
     chosen, value = _both(model, recording, vehicle, effects, columns)
+    chosen = with_choices(chosen, given.choices(fix))
     states = state_values(start or {}, chosen)
     warnings = [*assumed(chosen, value, states), *doubts_of_drive(chosen, [value])]
     result = simulate_runs(chosen, value, states)
     table = as_table(chosen, value, result, "simulated")
-    return Predicted(chosen, value, result, "free run", chosen.name, {"start": states, "warnings": warnings}, table)
+    return Predicted(chosen, value, result, "free run", chosen.name, {"start": states, "warnings": warnings}, table,
+                     SIMULATIONS)  # fmt: skip
 
 
 def predicted(
@@ -179,7 +238,7 @@ def predicted(
     *,
     open_loop: bool = False,
     calibrate: str | None = None,
-    posterior: Posterior | None = None,
+    posterior: Posterior | str | Path | None = None,
     vehicle: VehicleLike = None,
     effects: Effects = (),
     columns: Columns = "canonical",
@@ -188,7 +247,7 @@ def predicted(
 
     Parameters
     ----------
-    posterior : of a fit: the mean over its draws is predicted, and a 95 % band stands in the table.
+    posterior : of a fit, or its file: the mean over its draws is predicted, and a 95 % band stands in the table.
     """
     must_be_horizon(horizon)
     seconds = calibrated_seconds(calibrate)
@@ -212,9 +271,11 @@ def predicted(
         facts, called = facts | {"timing": timing.as_dict()}, f"{chosen.name}, {calibration_words(seconds)}"
     elif posterior is not None:
         assert isinstance(model, Fit)
-        band = predictive_band(model, posterior, value, horizon)
+        draws = posterior if isinstance(posterior, Posterior) else load_posterior(posterior)
+        band = predictive_band(model, draws, value, horizon)
         covered = dict(zip(chosen.outputs, band.coverage().tolist(), strict=True))
-        facts = facts | {"posterior": {"draws": band.draws, "level": band.level, "coverage": covered}}
+        file = {} if posterior is draws else {"file": str(posterior)}
+        facts = facts | {"posterior": {**file, "draws": band.draws, "level": band.level, "coverage": covered}}
         return Predicted(chosen, value, band.mean, how, called, facts, banded_table(chosen, value, band))
     else:
         result = predict_rows(chosen, value, None if horizon is None else float(horizon), open_loop=open_loop)
@@ -259,7 +320,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> gb.score(gb.models.kinematic(vehicle="roboracer"), lap)["protocol"].unique().tolist()
     ['0.1 s ahead', '0.5 s ahead', '1 s ahead', '2 s ahead', 'free run']
     """

@@ -6,6 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from ..base.errors import BadInput
 from ..base.numbers import interval, number, pretty_unit
 from ..base.processes import Pace, apart, side_by_side
 from ..datasets.recording import Recording
+from ..datasets.result_table import PLAIN, claimed_table, write_table
 from ..engine.least_squares import LeastSquares
 from ..engine.solvers.gauss_newton import Solution
 from ..fitting.fit import Fit
@@ -40,6 +42,8 @@ ENDS = {
     End.NOT_FINITE: "end is where the model is finite no more",
 }
 """How one side of a profile ends, where the recording does not limit it."""
+WORDS = "a table of profiles"
+"""What their file is, in sentences."""
 MOVED = 0.1
 """An optimum so many standard deviations from where a fit ended is another one."""
 
@@ -77,8 +81,8 @@ class Profiles:
         if self.moved:
             most = max(self.moved, key=lambda name: abs(self.moved[name]))
             yield (
-                f"The fit was not at its optimum: optimised again, {most} moved by {abs(self.moved[most]):.2g} sd. "
-                "Fit again.\n"
+                f"The fit was not at its optimum: optimised again, {most} moved by "
+                f"{number(abs(self.moved[most]), 2)} sd. Fit again.\n"
             )
         yield _table(self.fit, self.found, self.confidence)
         for name, one in self.found.items():
@@ -98,6 +102,11 @@ class Profiles:
             for name, o in ((name, one.profile) for name, one in self.found.items())
         ]
         return pd.concat(tables, ignore_index=True)
+
+    def save(self, path: Path) -> Path:
+        """Write the curves as .csv or .parquet."""
+        write_table(self.to_pandas(), path, WORDS)
+        return path
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain data."""
@@ -142,7 +151,7 @@ def profile(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> found = gb.profile(fit, "yaw_lag")
     >>> bool(found.interval[0] < fit.params["yaw_lag"] < found.interval[1])
@@ -188,6 +197,11 @@ def profiles(
     result = {names[k]: done.by_number[k] for k in sorted(done.by_number)}
     missed = [name for name in names if name not in result]
     return Profiles(fit, confidence, result, missed, _moved(fit, problem, solution, known))
+
+
+def profiles_target(out: str) -> Path:
+    """Where profiles are to be written. Raises `BadInput` for another kind of file."""
+    return claimed_table(out, WORDS, PLAIN)
 
 
 def trained(fit: Fit) -> Fit:

@@ -1,4 +1,4 @@
-"""Recordings and vehicles from files, and whether recordings can be trusted."""
+"""Recordings from files, and whether they can be trusted."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def read(path: str | Path | Sequence[str | Path], columns: Columns = "canonical"
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     >>> lap.unit("yaw_rate")
     'rad/s'
     """
@@ -79,8 +79,8 @@ def check(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
-    >>> [finding.sentence for finding in gb.check(lap) if finding.severity is gb.Severity.DISTRUST]
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
+    >>> [finding.sentence for finding in gb.check(lap) if finding.severity.value == "distrust"]
     []
     """
     from ..datasets.checks import check as check_recording  # reading alone needs none of them
@@ -88,22 +88,3 @@ def check(
     if wheelbase is not None and not (isinstance(wheelbase, int | float) and 0 < wheelbase < 100):
         raise BadInput(f"wheelbase: metres are needed, such as 0.32, not {wheelbase!r:.40}.")
     return check_recording(given.recording(recording, columns), wheelbase)
-
-
-@understood
-def vehicles() -> tuple[str, ...]:
-    """Names of the vehicles that come with the package.
-
-    Returns
-    -------
-    tuple of str
-
-    Examples
-    --------
-    >>> import greybox_id as gb
-    >>> "roboracer" in gb.vehicles()
-    True
-    """
-    from ..models.vehicle_file import shipped_vehicles
-
-    return shipped_vehicles()

@@ -53,7 +53,7 @@ class PosteriorResult(Posterior):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> found = gb.sample(fit, method="laplace", draws=1000)
     >>> found.frame.columns.tolist()[:5]
@@ -201,7 +201,7 @@ def sample(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> fit = gb.fit("kinematic", lap, vehicle="roboracer")
     >>> found = gb.sample(fit, draws=640)
     >>> len(found), bool(found.r_hat.max() < 1.1)

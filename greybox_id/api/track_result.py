@@ -2,26 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
 from functools import cached_property
 from html import escape
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from rich.console import RenderableType
 
+from ..base.errors import BadInput
+from ..base.files import at_once, write_atomically
+from ..base.guard import claim
 from ..base.numbers import pretty_unit, with_sd
 from ..base.version import __version__
 from ..datasets.recording import Recording
+from ..datasets.result_table import claimed_table, write_table
 from ..filters.how import TrackOptions
-from ..filters.track import Track
+from ..filters.track import Track, tracked_vehicle
+from ..filters.verdict import verdict
+from ..fitting.verdict import Verdict
+from ..models.effects import EFFECTS
+from ..models.vehicle import Vehicle
+from ..models.vehicle_file import write_vehicle
+from ..reports.document import write_drawings
 from ..reports.text.screen import as_text
-from ..reports.text.track import parts
+from ..reports.text.track import as_dict, parts
 from ..reports.track.digest import Digest, TrackMade, digest
+from ..reports.track.digest import as_text as text_of
+from . import given
+from .given import VehicleLike
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+WORDS = "a table of estimates"
+"""What its file is, in sentences."""
 MOST_SHOWN = 6
 """Estimates that a track's `repr` shows."""
 
@@ -38,11 +56,12 @@ class TrackResult(Track):
     as_read : the recording before glitches of inputs were bridged.
     how : filter, readings and noise as they were asked for.
     made : what it was made with, for its report.
+    named : parameters and disturbances as they were named.
 
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 300)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 300)
     >>> track = gb.track("lateral", lap, ["C_alpha_f"], vehicle="roboracer", options=gb.TrackOptions(tune=0.0))
     >>> len(track.to_pandas()) == len(track.rows)
     True
@@ -51,21 +70,84 @@ class TrackResult(Track):
     as_read: Recording | None = field(default=None, compare=False)
     how: TrackOptions = field(default_factory=TrackOptions, compare=False)
     made: TrackMade = field(default_factory=lambda: TrackMade("", "", __version__), compare=False)
+    named: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
 
     @classmethod
-    def of(cls, track: Track, as_read: Recording, how: TrackOptions, made: TrackMade) -> TrackResult:
+    def of(cls, track: Track, **more: Any) -> TrackResult:
         """A track with what it can do."""
-        value = {one.name: getattr(track, one.name) for one in fields(Track)}
-        return cls(**value, as_read=as_read, how=how, made=made)
+        return cls(**{one.name: getattr(track, one.name) for one in fields(Track)}, **more)
+
+    @cached_property
+    def verdict(self) -> Verdict:
+        """Whether it can be used, and why."""
+        return verdict(self)
 
     @cached_property
     def digest(self) -> Digest:
         """What its summary, its file and its report are made from."""
         return digest(self, self.as_read if self.as_read is not None else self.recording, self.made)
 
+    def parts(self) -> Iterator[RenderableType]:
+        """What it says, part by part."""
+        return parts(self, self.digest)
+
     def summary(self) -> str:
         """What `greybox track` prints: estimates, innovations, what must be known of them."""
-        return as_text(parts(self, self.digest))
+        return as_text(self.parts())
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it but the rows, as plain data."""
+        return as_dict(self, self.digest)
+
+    def vehicle(self, before: VehicleLike) -> Vehicle:
+        """The vehicle with its numbers as calibrated, their uncertainty, and the noise.
+
+        Parameters
+        ----------
+        before : the vehicle that the model started from.
+
+        Raises
+        ------
+        BadInput : there is no such vehicle.
+        """
+        stated = given.vehicle(before)
+        if stated is None:
+            raise BadInput("before: the vehicle that the model started from is needed.")
+        return tracked_vehicle(stated, self, *self.named, EFFECTS)
+
+    def save(
+        self, path: str | Path, *, figures: str | Path | None = None, vehicle: VehicleLike = None,
+        to: str | Path | None = None,
+    ) -> list[Path]:  # fmt: skip
+        """Write the table, and beside it a .json file of which `gb.report` makes a report: all or none of them.
+
+        Parameters
+        ----------
+        path : a .csv, .parquet, .mf4 or .mcap file.
+        figures : folder for pictures, as SVG.
+        vehicle, to : write that vehicle with what was tuned to that file.
+
+        Returns
+        -------
+        list of Path
+            What was written.
+
+        Raises
+        ------
+        BadInput : it cannot be written there.
+        """
+        target, beside = track_target(path)
+        with at_once():
+            write_atomically(beside, text_of(self.digest))
+            write_table(self.table(), target, WORDS)
+            written = [target, beside]
+            if to is not None:
+                written.append(write_vehicle(self.vehicle(vehicle), to))
+            if figures is not None:
+                from ..reports.track.report import drawings  # matplotlib
+
+                written += write_drawings(drawings(self.digest), figures)
+        return written
 
     def to_pandas(self) -> pd.DataFrame:
         """A row per sample: time [s], run, and every estimate in its SI unit as NAME, its standard deviation as
@@ -118,3 +200,9 @@ class TrackResult(Track):
         if self.sentences:
             lines.append(f"  {self.sentences[0]:.120}")
         return lines
+
+
+def track_target(out: str | Path) -> tuple[Path, Path]:
+    """The files of a track's table and of what its report is made of. Raises `BadInput` for another kind of file."""
+    target = claimed_table(str(out), WORDS)
+    return target, claim(target.with_suffix(".json"), "‹out›", "a track")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TextIO
 
 import numpy as np
 
@@ -12,12 +13,14 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.shorthands import Array
 from ..base.version import __version__
+from ..datasets.column_map import column_map
 from ..datasets.recording import Recording
 from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
 from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
 from ..fitting.restated import as_fitted
+from ..fitting.verdict import Verdict
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.kinds import must_be
@@ -72,7 +75,7 @@ def track(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 300)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 300)
     >>> track = gb.track("lateral", lap, ["C_alpha_f"], vehicle="roboracer", options=gb.TrackOptions(tune=0.0))
     >>> "C_alpha_f_sd" in track.to_pandas()
     True
@@ -91,7 +94,31 @@ def track(
         say=progress or (lambda line: None),
     )  # fmt: skip
     made = TrackMade(meant.model.name, "", __version__, how.tune, how.calibrate)
-    return TrackResult.of(result, read, how, made)
+    return TrackResult.of(result, as_read=read, how=how, made=made, named=(walking, others))
+
+
+def follow(
+    model: ModelLike | Fit | Vehicle, lines: TextIO, out: TextIO, parameters: Iterable[str] = (),
+    disturbances: Iterable[str] = (), columns: str = "canonical", options: TrackOptions | None = None,
+) -> Verdict:  # fmt: skip
+    """Estimate line by line as comma-separated text comes in; the verdict, when it ends.
+
+    Parameters
+    ----------
+    lines, out : text that is read, and that takes the estimates, flushed line by line.
+    model, parameters, disturbances, columns, options : as of `track`; noise is as stated, nothing is tuned.
+
+    Raises
+    ------
+    BadInput : a column is missing, a line cannot be read, or the noise of a reading is not stated.
+    """
+    from ..filters.live import follow as follow_lines
+
+    meant = track_setup(model)
+    walking, others = meant.names(tuple(parameters), tuple(disturbances))
+    how = options or TrackOptions(known=meant.plan.noise)
+    mapping = column_map(columns)
+    return follow_lines(meant.model, walking, others, EFFECTS, how, mapping, lines, out, meant.uncertain)
 
 
 def stiffnesses(model: Model) -> tuple[str, ...]:

@@ -99,6 +99,11 @@ def with_interval(value: float, low: float, high: float, sd: float) -> str:
     return f"{shown.words[0]} [{shown.words[1]}, {shown.words[2]}]{times}"
 
 
+def between(value: float, low: float, high: float) -> str:
+    """An estimate with its 95 % interval, to two digits of the standard deviation that its width stands for."""
+    return with_interval(value, low, high, (high - low) / 4.0)
+
+
 class together:  # noqa: N801 - reads as a word where it is used
     """Numbers written with a common power of ten and common decimals.
 
@@ -113,8 +118,9 @@ class together:  # noqa: N801 - reads as a word where it is used
         power = _power(largest)
         self.power = 0 if SMALLEST <= power < LARGEST else power
         most = MOST_DIGITS - 1 - (power - self.power)
-        decimals = max(0, min(1 - (_power(by) - self.power), most))
-        self.words = tuple(_minus(f"{value / 10.0**self.power:.{decimals}f}") for value in values)
+        decimals = min(1 - (_power(by) - self.power), most)  # negative where tens or hundreds are beyond what is known
+        shown = (round(value / 10.0**self.power, decimals) for value in values)
+        self.words = tuple(_minus(f"{value:.{max(0, decimals)}f}") for value in shown)
 
 
 def alike(*values: float, by: float) -> tuple[str, ...]:

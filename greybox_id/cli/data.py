@@ -6,39 +6,28 @@ import sys
 from collections.abc import Sequence
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
-from rich.console import Console
-from rich.text import Text
 
 from ..base.errors import BadInput
 from ..base.files import write_atomically
 from ..base.guard import claim
-from ..base.numbers import counted
 from ..base.processes import Pace
-from ..datasets.checks import Finding, Severity, check, distrusted
+from ..datasets.checks import check, distrusted
 from ..datasets.clocks import at_rate
-from ..datasets.column_map import ColumnMap, column_map
+from ..datasets.column_map import column_map
 from ..datasets.formats import WRITTEN, write
 from ..datasets.joining import join_files
-from ..datasets.recording import Recording
-from ..datasets.repair import map_text, repaired
-from ..reports.text.screen import plain_table
+from ..datasets.repair import map_text, mended
+from ..reports.text.recordings import as_dict, header, proposal_as_dict, show_findings, show_proposal
 from .commands import CommandGroup, Guarded
 from .options import columns_option, json_option, part_asked, read_part
 from .output import console, print_json, progress, working
 
-if TYPE_CHECKING:
-    from ..datasets.mapping import MapEntry, Proposal
-
-
-COLOURS = {Severity.NOTE: "dim", Severity.WARNING: "yellow", Severity.DISTRUST: "bold red"}
 wheelbase_option = click.option(
     "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; sharpens the check of the steering."
 )
-MOST_ROWS = 20
-"""Row numbers given for one finding in the JSON output; their count is there in full."""
 
 
 class RepairTarget(Guarded):
@@ -90,7 +79,11 @@ def check_command(
     """  # fmt: skip
     before = _kept_beside(columns, repair) if repair else None
     target = None if not repair else Path(repair) if before else map_target(repair, "‹repair›")
-    mapping, changes = mended(files, columns, wheelbase) if target else (columns, ())
+    mapping, changes = (
+        mended(lambda mapping: (read_part(file, mapping) for file in files), columns, wheelbase)
+        if target
+        else (columns, ())
+    )
     results, pace = [], Pace(len(files))
     with progress() as say:
         for k, file in enumerate(files):
@@ -109,7 +102,7 @@ def check_command(
         print_json({"files": [as_dict(*result) for result in results], **known})
     else:
         for recording, findings in results:
-            show(recording, findings, console())
+            show_findings(recording, findings, console())
         if repair:
             console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
             if kept:
@@ -127,22 +120,6 @@ def _kept_beside(columns: str, repair: str) -> Path | None:
         return None
     names = (target.with_name(f"{target.name}.bak{number or ''}") for number in count())
     return next(name for name in names if not name.exists())
-
-
-MOST_REPAIRS = 4
-"""Repairs that are taken one after the other."""
-
-
-def mended(files: Sequence[str], columns: str, wheelbase: float | None) -> tuple[ColumnMap, tuple[str, ...]]:
-    """The column map with what checks of the files would have changed, and the changes."""
-    mapping, changes = column_map(columns), tuple[str, ...]()
-    for _ in range(MOST_REPAIRS):
-        result = (repaired(mapping, check(read_part(file, mapping), wheelbase)) for file in files)
-        better = next(filter(None, result), None)
-        if better is None:
-            break
-        mapping, changes = better.mapping, (*changes, *better.changes)
-    return mapping, changes
 
 
 @data.command("map")
@@ -227,9 +204,9 @@ def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) ->
         known = [
             {
                 "file": offset.file, "against": offset.against, "signal": offset.signal or None,
-                "offset_s": _number(offset.seconds), "sd_s": _number(offset.sd),
-                "rate": _number(offset.alignment.rate if offset.alignment else None),
-                "left_s": _number(offset.alignment.left if offset.alignment else None), "taken_off": offset.taken_off,
+                "offset_s": offset.seconds, "sd_s": offset.sd,
+                "rate": offset.alignment.rate if offset.alignment else None,
+                "left_s": offset.alignment.left if offset.alignment else None, "taken_off": offset.taken_off,
             }
             for offset in offsets
         ]  # fmt: skip
@@ -241,68 +218,6 @@ def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) ->
         screen.print(f"         {note}")
 
 
-def show(recording: Recording, findings: Sequence[Finding], out: Console) -> None:
-    """Print one recording's header line and its table of findings."""
-    out.print(Text(recording.source.path or recording.name, style="bold"), header(recording), sep=": ")
-    if not findings:
-        out.print("nothing noteworthy found\n")
-        return
-    table = plain_table("severity", "channel", "run", "finding", fold=True)
-    for finding in findings:
-        run = "all" if finding.where.run is None else str(finding.where.run)
-        words = (finding.severity.value, finding.where.channel, run, finding.sentence)
-        table.add_row(*words, style=COLOURS[finding.severity] if finding.severity is Severity.DISTRUST else None)
-    out.print(table)
-    verdict = "not to be trusted as it is" if distrusted(findings) else "can be used, mind the warnings"
-    if not any(finding.severity is not Severity.NOTE for finding in findings):
-        verdict = "can be used"
-    out.print(f"{recording.name}: {verdict}\n")
-
-
-def header(recording: Recording) -> str:
-    """Rows, runs, duration and sample rate in one line."""
-    runs = f"{len(recording.runs)} run{'s' if len(recording.runs) != 1 else ''}"
-    dt = recording.sample_time
-    rate = f"{1 / dt:.4g} Hz" if dt > 0 else "no sample rate"
-    return f"{len(recording)} rows, {runs}, {recording.duration:.1f} s at {rate}"
-
-
-def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]:
-    """One recording's header and findings as plain data."""
-    dt = recording.sample_time
-    return {
-        "path": recording.source.path,
-        "sha256": recording.source.sha256,
-        "columns": recording.source.columns,
-        "rows": len(recording),
-        "runs": len(recording.runs),
-        "duration_s": _number(recording.duration),
-        "sample_rate_hz": _number(1 / dt) if dt > 0 else None,
-        "trusted": not distrusted(findings),
-        "findings": [
-            {
-                "kind": finding.kind,
-                "severity": finding.severity.value,
-                "channel": finding.where.channel,
-                "run": finding.where.run,
-                "rows": list(finding.where.rows[:MOST_ROWS]),
-                "row_count": len(finding.where.rows),
-                "sentence": finding.sentence,
-                "value": _number(finding.value),
-                "uncertainty": _number(finding.uncertainty),
-                "unit": finding.unit,
-                "repair": {name: list(source) for name, source in finding.repair.items()},
-            }
-            for finding in findings
-        ],
-    }
-
-
-def _number(value: float | None) -> float | None:
-    """JSON knows no NaN."""
-    return float(value) if value is not None and abs(value) < float("inf") else None
-
-
 def map_target(out: str, option: str = "‹out›") -> Path:
     """Where a map is to be written. Raises `BadInput` for another kind of file, and for one that is there.
 
@@ -312,69 +227,3 @@ def map_target(out: str, option: str = "‹out›") -> Path:
     if target.suffix.lower() != ".toml":
         raise BadInput(f"{out}: a column map is a .toml file; name one with --out.")
     return claim(target, option, becomes="a column map")
-
-
-def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
-    """Print the proposal as a table, with what is not sure and what to do next."""
-    table = plain_table("signal", "column", "unit", "why", fold=True)
-    if proposal.time:
-        table.add_row(*_row(proposal.time))
-    for entry in sorted(proposal.entries, key=lambda item: not item.decided):
-        table.add_row(*_row(entry), style=None if entry.decided else "yellow")
-    screen.print(Text(proposal.file, style="bold"))
-    screen.print(table)
-    if proposal.time is None and not proposal.rate:
-        screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
-    if proposal.others:
-        screen.print(f"unused: {', '.join(proposal.others)}")
-        if proposal.lacking:
-            screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
-    for finding in proposal.findings:
-        stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
-        screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
-    requested = {entry.signal for entry in proposal.open}
-    if requested:
-        screen.print(f"{counted(len(requested), 'signal')} left to you (marked ?): {', '.join(sorted(requested))}")
-    if out:
-        joined = f"join {proposal.file} --columns {out} --out drive.csv"
-        then = joined if proposal.files else f"check {proposal.file} --columns {out}"
-        screen.print(f"written  {out}; then: greybox data {then}")
-
-
-def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
-    """The proposal as plain data."""
-    return {
-        "path": proposal.file,
-        "written": out,
-        "time": _as_dict(proposal.time) if proposal.time else None,
-        "rate_hz": proposal.rate or None,
-        "runs": proposal.run or None,
-        "signals": [_as_dict(entry) for entry in proposal.entries],
-        "others": list(proposal.others),
-        "findings": [{"kind": f.kind, "channel": f.where.channel, "sentence": f.sentence} for f in proposal.findings],
-    }
-
-
-def _row(entry: MapEntry) -> tuple[str, str, str, str]:
-    unit = entry.unit if entry.decided else " or ".join(entry.units or (entry.unit,)) or "?"
-    if entry.divide_by != 1.0:
-        unit += f" · {entry.divide_by:g}"
-    return (
-        ("" if entry.decided else "? ") + entry.signal,
-        entry.column,
-        ("− " if entry.sign < 0 else "") + unit,
-        ("; ".join(entry.reasons)),
-    )
-
-
-def _as_dict(entry: MapEntry) -> dict[str, Any]:
-    return {
-        "signal": entry.signal,
-        "column": entry.column,
-        "unit": entry.unit or None,
-        "units": list(entry.units),
-        "sign": entry.sign,
-        "divide_by": entry.divide_by,
-        "decided": entry.decided,
-        "reasons": list(entry.reasons),
-    }

@@ -135,12 +135,11 @@ def fit(
     seconds that tell its runs' delays. Ctrl-C keeps the best so far. Exit code 3: the fit is written, but is not
     usable; the verdict says why.
     """  # fmt: skip
+    from .. import FitOptions
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers
     from ..base.files import ensure_writable
     from ..base.guard import claim
     from ..base.quantity import pairs
-    from ..fitting.how import FitOptions
-    from ..reports.text.fit import as_dict, parts
 
     if options.get("name") == TYRE:
         from .tyre import fit_tyre_command
@@ -184,9 +183,9 @@ def fit(
     path = replace(result, command=command_line()).save(target)
     if as_json:
         entry = {"vehicle": result.vehicle or None, "warnings": list(result.warnings), "written": str(path)}
-        print_json(as_dict(result) | entry)
+        print_json(result.to_json() | entry)
     else:
-        show(parts(result, result.vehicle))
+        show(result.parts())
         console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
         console().print(f"         on other recordings: greybox validate {path}")
     end_by(result.verdict)

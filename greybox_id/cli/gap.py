@@ -158,7 +158,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         out.print(led("Same", f"within two standard deviations: {listed(still)}"))
     if changed.not_seen:
         out.print(led("Unknown", f"a usual change is below the detection limit: {listed(changed.not_seen)}"))
-    out.print(led("Left", gap.unknown or "nothing unnamed shows"))
+    out.print(led("Left", gap.unknown or "nothing is left unexplained"))
 
 
 def what_would_show(
@@ -225,7 +225,7 @@ class _Since(click.Command):
     "fit_file",
     metavar="FIT",
     type=click.Path(),
-    help="A fit, whose estimates are the numbers; --vehicle beside it states noise and tolerances.",
+    help="A fit in place of a vehicle file; --vehicle beside it states noise and tolerances.",
 )
 @click.option(
     "--model",

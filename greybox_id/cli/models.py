@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import click
@@ -10,6 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from ..base.errors import BadInput, near_or_all
+from ..base.files import write_atomically
 from ..base.numbers import pretty_unit
 from ..base.signals import unit_of
 from ..fitting.choices.parameters import named_vehicle
@@ -18,6 +20,8 @@ from ..models.effects import EFFECTS
 from ..models.model import Model
 from ..models.parameter import Parameter
 from ..models.registry import MODELS, build
+from ..models.vehicle import ChosenModel, Stated, Vehicle
+from ..models.vehicle_file import vehicle_text
 from ..reports.text.screen import plain, plain_table
 from .completion import names
 from .options import VEHICLES, json_option, named_effect, named_model, settings_of
@@ -28,17 +32,26 @@ from .output import console, print_json
 @click.argument("name", required=False, metavar="[NAME]", shell_complete=names(MODELS), callback=named_model)
 @click.option("--vehicle", metavar="VEHICLE", shell_complete=VEHICLES, help="Show a model with a vehicle's numbers.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as tyre=brush.")
+@click.option("--out", metavar="FILE", help="Write these numbers as a vehicle file (.toml), to be edited.")
 @json_option
-def models(name: str | None, vehicle: str | None, settings: Sequence[str], as_json: bool) -> None:
+def models(name: str | None, vehicle: str | None, settings: Sequence[str], out: str | None, as_json: bool) -> None:
     """List the models there are; with NAME, what that one is made of and which effects can be added to it.
 
     \b
     greybox models single_track --set tyre=brush --vehicle full_size_car
+    greybox models single_track --vehicle roboracer --out car.toml
     """
+    if out is not None and name is None:
+        raise BadInput(f"‹out›: which model is {out} for? Name it: greybox models single_track --out {out}.")
     if name is not None:
-        model = build(name, settings_of(settings), vehicle=named_vehicle(vehicle))
+        like = named_vehicle(vehicle)
+        model = build(name, settings_of(settings), vehicle=like)
+        if out is not None:
+            _write_vehicle(model, like, Path(out))
         if as_json:
             print_json(_described(model))
+        elif out is not None:
+            console().print(f"written  {out}; replace its numbers by yours, then: greybox fit lap.csv --vehicle {out}")
         else:
             _show_model(model)
         return
@@ -108,6 +121,25 @@ def _show_model(model: Model) -> None:
         bounds = f"[{plain(p.bounds[0])}, {plain(p.bounds[1])}]"
         table.add_row(p.name, value, pretty_unit(p.unit), bounds, _prior(p), "held" if p.fixed else "free", p.about)
     out.print(table)
+
+
+def _write_vehicle(model: Model, like: Vehicle | None, out: Path) -> None:
+    """A vehicle file of a model's numbers, each with what it means behind it."""
+    numbers = [p for p in model.parameters if p.shape == () and not (p.fixed and float(p.array) == 0.0)]
+    values = {
+        p.name: Stated(float(p.array), None if p.prior is None else float(np.asarray(p.prior.sd))) for p in numbers
+    }
+    comments = {p.name: p.about if p.unit == "1" else f"{p.unit}: {p.about}" for p in numbers}
+    comments |= {
+        "parameters": "in SI units; sd says how well a number is known: a fit keeps it within that",
+        "effects": "how much of each may be there without being a gap",
+        "noise": "standard deviations of the sensors",
+    }
+    chosen = ChosenModel(model.name, dict(model.settings))
+    known = Vehicle(out.stem, values, like.effects if like else {}, like.noise if like else {}, model=chosen)
+    if out.suffix.lower() != ".toml":
+        raise BadInput(f"‹out› {out}: a vehicle file that is to be edited ends in .toml; name it so.")
+    write_atomically(out, vehicle_text(known, comments))
 
 
 def _show_effect(effect: Effect, applies_to: Sequence[str]) -> None:

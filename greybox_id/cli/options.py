@@ -33,6 +33,8 @@ def _maps() -> tuple[str, ...]:
     return shipped_maps()
 
 
+MOVED = "Name the file's new place with RECORDING."
+"""What to do where a recording of a fit is not found, in commands that take it as an argument."""
 VEHICLES = names(_vehicles, files=".toml")
 """What completes the name of a vehicle."""
 PART = "part of each recording"
@@ -91,13 +93,8 @@ def part_asked(recording: Recording) -> Recording:
     """The part of a recording for which the running command was asked."""
     ctx = click.get_current_context(silent=True)
     requested = ctx.meta.get(PART, {}) if ctx is not None else {}
-    return part(recording, requested.get("between"), requested.get("where"))
-
-
-def part(recording: Recording, between: tuple[float | None, float | None] | None, where: str | None) -> Recording:
-    """The rows that lie between two times and at which a condition holds."""
-    if between is not None:
-        recording = recording.between(*between)
+    between, where = requested.get("between"), requested.get("where")
+    recording = recording if between is None else recording.between(*between)
     return recording if where is None else recording.where(where)
 
 

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import click
 
-from ..api.profiles import profiles, trained
-from ..base.guard import claim
-from ..datasets.result_table import PLAIN, target_of, write_table
+from ..api.profiles import profiles, profiles_target
 from ..fitting.restated import profiled
-from .options import fit_of, jobs_option, json_option, own_option
+from .options import MOVED, fit_of, jobs_option, json_option, own_option
 from .output import console, print_json, progress, show
-from .report import recordings_of
 
 
 @click.command(name="profile")
@@ -52,14 +48,14 @@ def profile(
     \b
     greybox profile run/fit.json --parameter I_z --parameter B_f --out profiles.csv
     """  # fmt: skip
-    target = None if out is None else claim(target_of(out, PLAIN), becomes="a table of profiles")
+    target = None if out is None else profiles_target(out)
     fit = fit_of(fit_file)
     entry = profiled(fit, names, everything)
-    read = recordings_of(trained(fit), Path(fit_file), files, columns=columns, option="RECORDING")
+    read = fit.seen("train", moved={"train": files}, columns=columns, otherwise=MOVED)
     with progress() as say:
         result = profiles(fit, entry, read, confidence, jobs, say)
     if target is not None:
-        write_table(result.to_pandas(), target, "a table of profiles")
+        result.save(target)
     if as_json:
         print_json(result.as_dict() | ({"written": str(target)} if target is not None else {}))
         return

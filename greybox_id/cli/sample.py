@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import click
@@ -66,17 +65,15 @@ def sample(
     greybox sample run/fit.json --draws 2000 --out posterior.parquet
     greybox sample run/fit.json --method laplace --draws 10000
     """  # fmt: skip
-    from ..api.profiles import trained
     from ..api.sampling import posterior_target, sampled
     from ..fitting.posterior.verb import SampleOptions, must_suit_sampling
-    from .options import fit_of
-    from .report import recordings_of
+    from .options import MOVED, fit_of
 
     target = posterior_target(out)
     options = SampleOptions(method, draws, seed, distance)
     fit = fit_of(fit_file)
     must_suit_sampling(fit)
-    read = recordings_of(trained(fit), Path(fit_file), files, columns=columns, option="RECORDING")
+    read = fit.seen("train", moved={"train": files}, columns=columns, otherwise=MOVED)
     with progress() as say:
         result = sampled(fit, read, options, target, say)
     if as_json:

@@ -5,31 +5,23 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
+from .. import Fit, TrackOptions
+from ..api.track_result import track_target
+from ..api.tracking import follow, track_setup
 from ..api.tracking import track as track_recording
-from ..api.tracking import track_setup
 from ..base.errors import BadInput
-from ..base.files import at_once, write_atomically
-from ..base.guard import claim
 from ..base.quantity import number, pairs
-from ..datasets.column_map import column_map
-from ..datasets.result_table import target_of, write_table
-from ..filters.how import TrackOptions
-from ..filters.track import tracked_vehicle
-from ..filters.verdict import verdict
-from ..fitting.choices.requested_model import RequestedModel
-from ..fitting.fit import Fit
-from ..models.effects import EFFECTS
-from ..models.vehicle_file import write_vehicle
-from ..reports.text.track import as_dict, parts
-from ..reports.track.digest import as_text
 from .defaults import command_line
 from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, requested
 from .output import console, end_by, print_json, progress, show
 from .terminal import tell
+
+if TYPE_CHECKING:
+    from ..fitting.choices.requested_model import RequestedModel
 
 FROM_STDIN = "-"
 
@@ -79,13 +71,15 @@ FROM_STDIN = "-"
 )
 @click.option("--figures", metavar="FOLDER", help="Write pictures there, as SVG.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with what was tuned.")
-@click.option("--follow", is_flag=True, help="Read CSV lines from standard input and write estimates line by line.")
+@click.option(
+    "--follow", "live", is_flag=True, help="Read CSV lines from standard input and write estimates line by line."
+)
 @own_option
 @json_option
 def track(
     file: str | None, fit_file: str | None, columns: str, parameters: Sequence[str], disturbances: Sequence[str],
     readings: str, coloured: str, kind: Literal["ekf", "ukf"], smooth: bool, noise: Sequence[str], tune: str,
-    calibrate: str, gate: float, out: str, figures: str | None, apply: str | None, follow: bool, as_json: bool,
+    calibrate: str, gate: float, out: str, figures: str | None, apply: str | None, live: bool, as_json: bool,
     **options: Any,
 ) -> None:  # fmt: skip
     """Estimate sideslip, cornering stiffness and tyre forces along RECORDING.
@@ -105,23 +99,18 @@ def track(
     """  # fmt: skip
     chosen = requested(**options)
     tracked = _tracked(chosen, fit_file)
-    setup = track_setup(tracked)
-    walking, others = setup.names(_names(parameters), _names(disturbances))
+    walking, others = _names(parameters), _names(disturbances)
     how = TrackOptions(
         filter=kind, smooth=smooth, readings=_names([readings]), coloured=_names([coloured]), gate=gate,
-        noise=_noise(noise), known=setup.plan.noise, tune=_seconds(tune, "--tune"),
+        noise=_noise(noise), known=track_setup(tracked).plan.noise, tune=_seconds(tune, "--tune"),
         calibrate=_seconds(calibrate, "--calibrate"),
     )  # fmt: skip
-    if follow:
+    if live:
         if file not in (None, FROM_STDIN) or smooth or how.calibrate or figures or apply:
             raise click.UsageError(
                 "--follow reads standard input: no RECORDING, --smooth, --calibrate, --figures or --apply."
             )
-        from ..filters.live import follow as follow_lines
-
-        judged = follow_lines(
-            setup.model, walking, others, EFFECTS, how, column_map(columns), sys.stdin, sys.stdout, setup.uncertain
-        )
+        judged = follow(tracked, sys.stdin, sys.stdout, walking, others, columns, how)
         tell(f"{judged.usability}: {' '.join(judged.reasons)}")
         end_by(judged)
         return
@@ -129,32 +118,20 @@ def track(
         raise click.UsageError("Missing argument 'RECORDING'.")
     if apply is not None and chosen.vehicle is None:
         raise click.UsageError("--apply needs --vehicle, the file that it continues.")
-    target = claim(target_of(out), becomes="a table of estimates")
-    kept = claim(target.with_suffix(".json"), "‹out›", "a track")
+    target, _ = track_target(out)
     recording = read_part(file, columns)
     with progress() as say:
         result = track_recording(tracked, recording, walking, disturbances=others, options=how, progress=say)
     vehicle = chosen.vehicle.name if chosen.vehicle is not None else ""
     result = replace(result, made=replace(result.made, vehicle=fit_file or vehicle, command=command_line()))
-    digest = result.digest
-    written = [str(target), str(kept)]
-    with at_once():
-        write_atomically(kept, as_text(digest))
-        write_table(result.table(), target, "a table of estimates")
-        if apply is not None and chosen.vehicle is not None:
-            written.append(str(write_vehicle(tracked_vehicle(chosen.vehicle, result, walking, others, EFFECTS), apply)))
-        if figures is not None:
-            from ..reports.document import write_drawings
-            from ..reports.track.report import drawings
-
-            written += [str(path) for path in write_drawings(drawings(digest), figures)]
+    written = [str(path) for path in result.save(target, figures=figures, vehicle=chosen.vehicle, to=apply)]
     if as_json:
-        print_json(as_dict(result, digest) | {"written": written})
+        print_json(result.as_dict() | {"written": written})
     else:
-        show(parts(result, digest))
+        show(result.parts())
         for path in written:
             console().print(f"written  {path}")
-    end_by(verdict(result))
+    end_by(result.verdict)
 
 
 def _tracked(chosen: RequestedModel, fit_file: str | None) -> Fit | RequestedModel:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 
 import click
 
+from ..api.fitting import load
 from ..api.validating import validation
 from ..base.numbers import counted
-from ..fitting.fit import load
-from ..models.registry import build
 from .options import columns_option, json_option, own_option, read_part
 from .output import end_by, print_json, show, working
 
@@ -29,7 +28,7 @@ def validate(fit_file: str, files: Sequence[str], columns: str, as_json: bool) -
     \b
     greybox validate run/fit.json lap7.csv lap8.csv --columns roboracer
     """
-    fit = load(fit_file, build)
+    fit = load(fit_file)
     with working(f"scoring {fit_file} on {counted(len(files), 'recording')}"):
         result = validation(fit, {file: read_part(file, columns) for file in files})
     if as_json:

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import BadInput
+from ..base.numbers import number, short_with_sd, with_sd
 from ..base.signals import ANGLES_AROUND, COMMANDS
 from .alignment import ClockAlignment, aligned
 from .column_map import Column, ColumnMap, column_map
@@ -71,15 +72,14 @@ class Offset:
             )
             return f"{self.file}: taken at its stamps; {why}."
         clock = self.alignment
-        result = f"{1e3 * clock.seconds:.1f} ± {1e3 * clock.sd:.1f} ms late against {self.against} by {self.signal}"
+        result = f"{with_sd(1e3 * clock.seconds, 1e3 * clock.sd)} ms late against {self.against} by {self.signal}"
         if clock.rate:
             way = "fast" if clock.rate > 0 else "slow"
-            digits = max(0, -int(np.floor(np.log10(max(100 * clock.rate_sd, 1e-9)))))
-            rate = f"{100 * abs(clock.rate):.{digits}f} ± {100 * clock.rate_sd:.{digits}f} %"
-            result += f" where it begins, and its clock runs {rate} {way}"
+            rate = short_with_sd(100 * abs(clock.rate), 100 * clock.rate_sd)
+            result += f" where it begins, and its clock runs {rate} % {way}"
         if not self.taken_off:
-            return f"{self.file}: {result}; no more than chance, left."
-        return f"{self.file}: {result}; taken off, to {1e3 * clock.left:.2g} ms anywhere."
+            return f"{self.file}: {result}; that may be chance: its stamps are kept."
+        return f"{self.file}: {result}; removed; what remains is at most {number(1e3 * clock.left, 2)} ms."
 
 
 def join_files(

@@ -29,6 +29,7 @@ from scipy.optimize import minimize
 from scipy.special import ndtri
 
 from ..base.errors import BadInput
+from ..base.numbers import number
 from ..base.shorthands import Array
 from .column_map import Reference
 from .pose_smoother import log_likelihood, smooth
@@ -97,8 +98,8 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
     fresh[known[1:][moved[0] | moved[1] | moved[2]]] = True
     if np.count_nonzero(fresh) < FEWEST:
         raise BadInput(
-            f"{where}: {np.count_nonzero(fresh)} poses that differ are too few to make motion of; "
-            "take the [poses] table out of the column map."
+            f"{where}: {np.count_nonzero(fresh)} poses that differ are too few to estimate motion from; "
+            "remove the [poses] table from the column map."
         )
     notes = []
     if held := len(known) - int(np.count_nonzero(fresh)):
@@ -113,8 +114,8 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
         if value.evidence > levels.evidence:
             poses, levels = stepped, value
             notes.append(
-                f"the poses' stamps scatter by {1e3 * scatter:.2g} ms about even steps, which explain the poses better "
-                "than the stamps do: time runs in even steps."
+                f"the poses' stamps scatter by {number(1e3 * scatter, 2)} ms about even steps, which explain the "
+                "poses better than the stamps do: time runs in even steps."
             )
     poses, levels, smoothed = _without_glitches(poses, levels, notes)
     return _at_centre(poses, levels, smoothed, reference, notes)

@@ -234,7 +234,7 @@ class Recording:
         Examples
         --------
         >>> import greybox_id as gb
-        >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+        >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
         >>> lap.to_pandas()[["time", "run", "v_x"]].shape == (len(lap), 3)
         True
         """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from typing import TYPE_CHECKING
@@ -21,6 +21,8 @@ SAME = 1e-3
 """Relative difference of two factors that mean the same unit."""
 UNITS = ("m/s", "km/h", "rad/s", "deg/s", "rpm", "rad", "deg", "m/s^2", "g", "m", "mm", "s", "ms", "us", "min")
 TIME = "time"
+MOST_REPAIRS = 4
+"""Repairs that are taken one after the other."""
 
 
 @dataclass(frozen=True)
@@ -51,12 +53,39 @@ def repaired(mapping: ColumnMap, findings: Sequence[Finding]) -> Repaired | None
     return None
 
 
+def mended(
+    read: Callable[[ColumnMap], Iterable[Recording]], columns: str, wheelbase: float | None
+) -> tuple[ColumnMap, tuple[str, ...]]:
+    """The column map with what checks of some recordings would have changed, one finding after the other, and the
+    changes.
+
+    Parameters
+    ----------
+    read : the recordings as a column map reads them.
+    columns : the column map to begin with.
+    wheelbase : m, as of `check`.
+    """
+    from .checks import check
+
+    mapping, changes = column_map(columns), tuple[str, ...]()
+    for _ in range(MOST_REPAIRS):
+        result = (repaired(mapping, check(recording, wheelbase)) for recording in read(mapping))
+        better = next(filter(None, result), None)
+        if better is None:
+            break
+        mapping, changes = better.mapping, (*changes, *better.changes)
+    return mapping, changes
+
+
 def in_words(recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:
     """What a repair changes in the column map that a recording was read through; empty where that is not known."""
     source = recording.source
     if not source.columns or not repair:
         return ""
-    mapping = column_map(carried_map(source.columns, source.column_map))
+    try:
+        mapping = column_map(carried_map(source.columns, source.column_map))
+    except BadInput:  # one that was made in memory, as a proposal is, has neither text nor file
+        return ""
     if not all(name in (*mapping.signals, TIME) for item, (of, *_) in repair.items() for name in (item, of)):
         return ""
     return "; ".join(_with(mapping, repair).changes)

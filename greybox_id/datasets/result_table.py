@@ -12,7 +12,7 @@ import pandas as pd
 
 from ..base.errors import BadInput
 from ..base.files import replacing
-from ..base.guard import MARK
+from ..base.guard import MARK, claim
 from ..base.signals import unit_of, unit_of_quantity
 from .formats import mdf
 from .formats.contents import BETWEEN_RUNS, Columns, needed
@@ -36,6 +36,11 @@ def target_of(out: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
     if target.suffix == ".mcap":
         needed("mcap.writer", "mcap", out, "MCAP")
     return target
+
+
+def claimed_table(out: str, words: str, suffixes: tuple[str, ...] = SUFFIXES) -> Path:
+    """Where a table of `words` is to be written, claimed before long work. Raises `BadInput` where it may not be."""
+    return claim(target_of(out, suffixes), becomes=words)
 
 
 def write_table(table: pd.DataFrame, target: Path, words: str) -> None:

@@ -35,7 +35,7 @@ def shipped(name: str) -> Path:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> gb.shipped("racer_train").name
+    >>> gb.datasets.shipped("racer_train").name
     'racer_train.csv'
     """
     if name not in SHIPPED:

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.special import chdtri
 
 from ..base.errors import BadInput
-from ..base.numbers import exact
+from ..base.numbers import exact, number
 from ..base.shorthands import Array, Mask
 from ..base.signals import unit_of
 from ..datasets.recording import Recording
@@ -217,8 +217,9 @@ def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[s
         size = noise.get(f"noise_{name}", np.inf)
         if size < FLOORED * floor:
             result.append(
-                f"noise_{name} = {size:.2g} {unit_of(name)} is less than the recording resolves ({floor:.2g}, by its "
-                "steps and its scatter): the filter takes these readings for exact. State how large it is."
+                f"noise_{name} = {number(size, 2)} {unit_of(name)} is less than the recording resolves ("
+                f"{number(floor, 2)}, by its steps and its scatter): the filter trusts these readings too much. "
+                "State how large it is."
             )
     return result
 

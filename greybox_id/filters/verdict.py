@@ -12,6 +12,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from ..base.numbers import number
 from ..fitting.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
 from .findings import LOST, Consistency, window_rows, windowed
 from .track import Track
@@ -50,12 +51,12 @@ def of_innovations(
     if not any(item.count for item in channels.values()):
         reasons.append(Reason(NOT_USABLE, "No reading was taken: nothing is tracked."))
     words = "The innovations are what the filter expects: NIS {} (1 is due)."
-    listed = ", ".join(f"{one.nis:.2g} of {name}" for name, one in channels.items() if np.isfinite(one.nis))
+    listed = ", ".join(f"{number(one.nis, 2)} of {name}" for name, one in channels.items() if np.isfinite(one.nis))
     return weighed([*reasons, Reason(USABLE, words.format(listed))], {})
 
 
 def _channel(name: str, value: Consistency, share: float, widened: float) -> Iterator[Reason]:
-    bands = f"bands were widened {widened:.2g} times" if widened > 1.0 else "bands are too narrow"
+    bands = f"bands were widened {number(widened, 2)} times" if widened > 1.0 else "bands are too narrow"
     if share > MOSTLY_LOST:
         yield Reason(
             NOT_USABLE,
@@ -65,13 +66,15 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
     elif value.nis > NARROW:
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations scatter {np.sqrt(value.nis):.2g} times as far as expected (NIS {value.nis:.2g}): "
+            f"{name}: innovations scatter {number(np.sqrt(value.nis), 2)} times as far as expected "
+            f"(NIS {number(value.nis, 2)}): "
             f"{bands}. State its noise, or fit the vehicle first.",
         )
     elif value.nis < WIDE:
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations scatter {np.sqrt(value.nis):.2g} times as far as expected (NIS {value.nis:.2g}): "
+            f"{name}: innovations scatter {number(np.sqrt(value.nis), 2)} times as far as expected "
+            f"(NIS {number(value.nis, 2)}): "
             f"its noise is overstated and bands are too wide. State noise_{name}, or tune it (‹tune›).",
         )
     elif value.inside < INSIDE:

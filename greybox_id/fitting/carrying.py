@@ -7,6 +7,7 @@ road may beat every baseline on a winding one, and be far from what the model ca
 from __future__ import annotations
 
 from ..base.errors import BadInput
+from ..base.numbers import number
 from ..datasets.recording import Recording
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
@@ -52,7 +53,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
     return [
         Reason(
             WITH_CARE,
-            f"{what}, errors are {best:.2g} times those of the same model fitted to that recording: the parameters do "
-            "not carry over.",
+            f"{what}, errors are {number(best, 2)} times those of the same model fitted to that recording: the "
+            "parameters do not carry over.",
         )
     ]

@@ -180,11 +180,11 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
         return Reason(
             WITH_CARE,
             f'The column map says hold = "{held.taken}": commands are {WORDS[held.taken]}. That they are '
-            f"{WORDS[other_than(held.taken)]} is likelier (odds e^{-held.gain:.0f}) and moves {size}: was {what} "
-            f'measured or commanded? Set hold = "{other_than(held.taken)}" if so.',
+            f"{WORDS[other_than(held.taken)]} is likelier (log-likelihood +{-held.gain:.0f}) and moves {size}: was "
+            f'{what} measured or commanded? Set hold = "{other_than(held.taken)}" if so.',
         )
     return Reason(
         WITH_CARE,
         f"Was {what} measured or commanded? The column map does not say, and the recording does not decide. The fit "
-        f'takes hold = "{held.taken}"; the other moves {size}. State hold in the column map.',
+        f'takes hold = "{held.taken}"; "{other_than(held.taken)}" would move {size}. State hold in the column map.',
     )

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import BadInput
+from ..base.numbers import number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
@@ -281,7 +282,7 @@ def _fallbacks(
         ways.append((f"predictions {SHORTER:g} s ahead first", ahead_first))
     for k, p in enumerate(more, 1):
         another = partial(attempted, simulator, recordings, p, how, quiet, model.name)
-        ways.append((f"start {k} of other starts", another))
+        ways.append((f"other start {k}", another))
     if how.solver == "auto" and (reached is None or reached.solution.steps == 0):
         of_ipopt = replace(how, solver="ipopt")
         ways.append(("Ipopt from the start", partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, "")))
@@ -329,7 +330,7 @@ def _is_confirmed(reached: _Reached | None) -> bool:
 
 
 def _percent(share: float) -> str:
-    return f"{100 * max(share, 0.0):.2g} %"
+    return f"{number(100 * max(share, 0.0), 2)} %"
 
 
 def _certified(problem: MotionProblem, result: Solution, say: Say) -> tuple[Solution, Certificate]:

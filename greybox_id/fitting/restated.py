@@ -85,8 +85,8 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
     model = fit.model
     if fit.mode == "early stopping":
         raise BadInput(
-            f"The fit of {model.name} was stopped by what was held out: it is at no optimum that a profile could be "
-            "about. Trainings from several seeds tell how far its numbers scatter."
+            f"Held-out data stopped the training of {model.name} early: it is at no optimum, and has no profile. "
+            "Train it from several seeds to see how far its numbers scatter."
         )
     free = [p.name for p in model.parameters if p.shape == () and not p.fixed and p.scope == "model"]
     if not free:

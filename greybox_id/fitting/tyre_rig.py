@@ -43,7 +43,7 @@ DISPLAYED: Mapping[str, Callable[[Array], Array]] = {
 NEEDED = ("slip", "load", "force")
 UPRIGHT = 0.01
 """Camber, rad, that counts as none."""
-MOST_SLIP, LARGEST_PRESSURE = 1.2, 1e3
+MOST_SLIP = 1.2
 FEWEST = 200
 """Rows below which nothing is fitted."""
 SWEPT = 0.03
@@ -135,7 +135,7 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     rows = known & upright
     if np.count_nonzero(rows) < FEWEST:
         raise BadInput(
-            f"{files[0]}: {np.count_nonzero(rows)} rows at no camber have slip, load and force; record {FEWEST}."
+            f"{files[0]}: {np.count_nonzero(rows)} rows at no camber have slip, load and force; {FEWEST} are needed."
         )
     slip, load, force = (data[name][rows] for name in NEEDED)
     load = np.abs(load)

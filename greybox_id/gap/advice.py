@@ -7,6 +7,7 @@ from math import inf, isfinite
 
 import numpy as np
 
+from ..base.numbers import number
 from ..models.effect import Effect
 from .estimation.calibration import CAL
 from .examining import TINY, Examined
@@ -100,7 +101,7 @@ def not_excited(examined: Examined) -> tuple[dict[str, str], tuple[str, ...]]:
         elif 2 * item.sd > axis.high - axis.low:
             weak[name] = "any size"
         elif not axis.inverse:
-            weak[name] = f"±{2 * item.sd:.2g} {axis.unit}".replace(" 1", "").strip()
+            weak[name] = f"±{number(2 * item.sd, 2)} {axis.unit}".replace(" 1", "").strip()
     return weak, tuple(absorbed)
 
 

@@ -1,8 +1,8 @@
-"""The budget of a gap: which share of the excess error each effect closes, and what is left unnamed.
+"""The budget of a gap: which share of the excess error each effect closes, and what is left unexplained.
 
 The value of a set of effects is how far it lowers the mean square of free-run errors; an effect's share is its Shapley
-value, the mean of what it adds to every set of the others, over the excess above noise. Shares and the unnamed rest add
-up to one. Source: Shapley, A value for n-person games, 1953.
+value, the mean of what it adds to every set of the others, over the excess above noise. Shares and the
+unexplained rest add up to one. Source: Shapley, A value for n-person games, 1953.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def budget(
     low, high = resampled(sums, shares, CAL.draws)
     result = [
         Share(name, float(s), float(a), float(b))
-        for name, s, a, b in zip((*names, "unnamed", *names), shares(whole), low, high, strict=True)
+        for name, s, a, b in zip((*names, "unexplained", *names), shares(whole), low, high, strict=True)
     ]
     n = len(names)
     shows = bool(max(E[0], E[-1]) - floor >= CAL.shows)

@@ -11,7 +11,7 @@ from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
 from ..base.errors import BadInput
-from ..base.numbers import pretty_unit, whole_percent
+from ..base.numbers import number, pretty_unit, whole_percent
 from ..base.statistics import NORMAL
 from ..datasets.checks import Severity, check
 from ..datasets.checks.finding import listed
@@ -43,7 +43,7 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-DIFFERS = "its magnitude differs between parts of the drive, as errors of the equations' form make it differ"
+DIFFERS = "its magnitude differs between parts of the drive, as it does where the form of equations is wrong"
 OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
 
 
@@ -173,7 +173,7 @@ def _held(examined: Examined) -> str:
         return ""
     return (
         f"Free runs spin here, with and without an effect: they were restarted all the time, by an observer that pulls "
-        f"yaw_rate to its reading within {1 / rate:.2g} s; errors are those of predictions about so far ahead"
+        f"yaw_rate to its reading within {number(1 / rate, 2)} s; errors are those of predictions about so far ahead"
     )
 
 
@@ -324,7 +324,7 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
-            reasons[name] = "it stands at its bound: a symptom of something else, no size"
+            reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
         elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
             judged = "on what was held out" if shared.held_out else "in free run"
             reasons[name] = (
@@ -577,13 +577,15 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
         first, *others = like
         unit = "" if first.unit == "1" else f" {pretty_unit(first.unit)}"
         parts.append(
-            f"like {first.effect} that varies by ± {first.sd:.2g}{unit} within {first.correlation_time:.2g} s"
+            f"like {first.effect} that varies by ± {number(first.sd, 2)}{unit} "
+            f"within {number(first.correlation_time, 2)} s"
             + (f", or {' or '.join(each.effect for each in others)}" if others else "")
         )
     if left is not None:
         lateral, longitudinal = (100 * v for v in (left.share_y, left.share_x))
         parts.append(
-            f"unknown forces of {lateral:.2g} % of the lateral and {longitudinal:.2g} % of the longitudinal ones"
+            f"unknown forces of {number(lateral, 2)} % of the lateral and {number(longitudinal, 2)} % of the "
+            "longitudinal ones"
         )
     if names and value.spread > CAL.form_of_size:
         parts.append(f"{names[0]}, the nearest name, would differ by {100 * value.spread:.0f} % {value.place}")

@@ -150,7 +150,7 @@ class Budget:
     Attributes
     ----------
     shares : of the effects that were found, in their order.
-    unnamed : of what no effect closes; its name is "unnamed".
+    unnamed : of what no effect closes; its name is "unexplained".
     recordings : on which it was measured.
     held_out : whether these chose nothing.
     shows : whether there is enough of it that shares say something.
@@ -176,7 +176,7 @@ class Budget:
         return next((share for share in self.beside if share.effect == effect), self.of(effect))
 
     def to_json(self) -> list[dict[str, Any]]:
-        """One object per effect, and one for the unnamed rest."""
+        """One object per effect, and one for the unexplained rest."""
         rows: list[dict[str, Any]] = [
             {"effect": share.effect, "share": share.share, "low": share.low, "high": share.high}
             for share in self.shares

@@ -49,7 +49,7 @@ class State:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> gb.State("yaw_rate", "rad/s", scale=0.5).start
+    >>> gb.models.State("yaw_rate", "rad/s", scale=0.5).start
     0.0
     """
 
@@ -151,16 +151,19 @@ class MotionModel(Model):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> model = gb.MotionModel(
+    >>> model = gb.models.MotionModel(
     ...     name="turner",
     ...     about="yaw rate that lags behind its kinematic value",
-    ...     states=(gb.State("yaw_rate", "rad/s"),),
+    ...     states=(gb.models.State("yaw_rate", "rad/s"),),
     ...     inputs=("steer", "v_x"),
     ...     outputs=("yaw_rate",),
-    ...     parameters=(gb.Parameter("L", "m", 0.33, (0.1, 1.0)), gb.Parameter("lag", "s", 0.1, (0.01, 1.0))),
+    ...     parameters=(
+    ...         gb.models.Parameter("L", "m", 0.33, (0.1, 1.0)),
+    ...         gb.models.Parameter("lag", "s", 0.1, (0.01, 1.0)),
+    ...     ),
     ...     dynamics=lambda x, u, p, q: {"yaw_rate": (u.v_x * u.steer / p.L - x.yaw_rate) / p.lag},
     ... )
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> bool(0.1 < gb.fit(model, lap).params["L"] < 1.0)
     True
     """

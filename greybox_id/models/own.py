@@ -46,7 +46,9 @@ def own_effect(place: str) -> Effect:
     """The effect of that name in a file, made known by its own name. Raises `BadInput` as `own_model` does."""
     result = _named(place)
     if not isinstance(result, Effect):
-        raise BadInput(f"{place} is no effect but {result!r:.60}; make one with greybox_id.alteration or Effect.")
+        raise BadInput(
+            f"{place} is no effect but {result!r:.60}; make one with gb.effects.alteration or gb.effects.Effect."
+        )
     register(result)
     return result
 

@@ -38,7 +38,7 @@ class Prior:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> gb.Parameter("B_f", "1/rad", 6.0, prior=gb.Prior(sd=3.0, mean=6.0)).prior.sd
+    >>> gb.models.Parameter("B_f", "1/rad", 6.0, prior=gb.models.Prior(sd=3.0, mean=6.0)).prior.sd
     3.0
     """
 
@@ -98,7 +98,7 @@ class Parameter:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> I_z = gb.Parameter("I_z", "kg m^2", 0.05, bounds=(0.005, 0.5), about="yaw inertia")
+    >>> I_z = gb.models.Parameter("I_z", "kg m^2", 0.05, bounds=(0.005, 0.5), about="yaw inertia")
     >>> float(I_z.with_value(0.04).value)
     0.04
     """

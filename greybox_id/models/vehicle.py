@@ -32,7 +32,7 @@ class Stated:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> gb.Stated(1457.2, sd=4.4, source="scale").plain
+    >>> gb.models.Stated(1457.2, sd=4.4, source="scale").plain
     False
     """
 

@@ -266,9 +266,11 @@ def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
     return write_atomically(file, vehicle_text(vehicle))
 
 
-def vehicle_text(vehicle: Vehicle) -> str:
-    """The text of its TOML file."""
-    return "\n".join([f"{VEHICLE_MARK} {__version__}", *_toml(as_plain(vehicle))]).strip() + "\n"
+def vehicle_text(vehicle: Vehicle, comments: Mapping[str, str] = MappingProxyType({})) -> str:
+    """The text of its TOML file; a comment goes behind the entry, or the table, of its name."""
+    lines = [f"{VEHICLE_MARK} {__version__}", *_toml(as_plain(vehicle))]
+    behind = {line: comments.get(line.partition(" =")[0].strip("\n[]"), "") for line in lines}
+    return "\n".join(f"{line}  # {behind[line]}" if behind[line] else line for line in lines).strip() + "\n"
 
 
 def as_plain(vehicle: Vehicle) -> dict[str, Any]:

@@ -59,7 +59,7 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
         else ""
     )
     return (
-        f"The sensors' noise, heard {noise.where} ({noise.seconds:.1f} s in "
+        f"The noise of the sensors, measured {noise.where} ({noise.seconds:.1f} s in "
         f"{counted(len(noise.stretches), 'stretch', 'stretches')}), has a standard deviation of "
         f"{' and '.join(each) or 'unknown size'}.{caveat}"
     )

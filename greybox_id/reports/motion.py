@@ -389,7 +389,7 @@ def _starts(fit: Fit, stage: Stage) -> Iterator[Drawing]:
         yield Drawing(
             "starts",
             others,
-            "Where each start ended beside the estimate, in its standard deviations. Starts of the best objective "
-            "found the same where they lie on the line; off it, the recordings do not tell the difference.",
+            "Where each start ended, in standard deviations from the estimate. Starts with the best objective ended at "
+            "the estimate where they lie on the line; where not, the recordings do not distinguish the two.",
             "Ends of the starts, parameter by parameter, in standard deviations.",
         )

@@ -13,7 +13,7 @@ import numpy as np
 
 from greybox_id.base.errors import GreyboxError
 from greybox_id.base.files import held
-from greybox_id.base.numbers import counted, listed, number, percent, pretty_unit
+from greybox_id.base.numbers import counted, number, percent, pretty_unit, quantity
 from greybox_id.base.shorthands import Array
 from greybox_id.base.signals import SIGNALS, unit_of
 from greybox_id.datasets.column_map import shipped_maps
@@ -29,9 +29,9 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BLUE", "FAINT", "INK", "ORANGE", "PALE", "PURPLE", "RUST", "SIGNALS", "SKY", "USUAL", "Array", "GreyboxError",
-    "cause_words", "change_parts", "companion", "counted", "equations", "free_runs", "gap_parts", "held", "named_text",
-    "number", "percent", "pretty_unit", "read_gap", "report_parts", "sentence", "shipped_maps", "unit_of",
-    "write_atomically",
+    "Model", "cause_words", "change_parts", "companion", "counted", "equations", "free_runs", "gap_parts", "held",
+    "named_text", "number", "percent", "pretty_unit", "quantity", "read_gap", "report_parts", "sentence",
+    "shipped_maps", "unit_of", "write_atomically",
 ]  # fmt: skip
 
 
@@ -63,34 +63,16 @@ def gap_parts(gap: Gap) -> tuple[str, str]:
     from greybox_id.reports.html import part_html
 
     words = Text(" ".join(unseen(gap)), small=False)
-    silent = titled("What could not have been seen", words, Points(gap.advice), limits_table(gap))
+    silent = titled("What could not have been seen", words, Points(gap.advice), limits_table(gap), level=2)
     return part_html(VerdictBox(tuple(verdict(gap)))), "".join(map(part_html, silent))
 
 
 def change_parts(gap: Gap, answer: dict[str, Any]) -> str:
     """What changed, what did not, and of what recordings do not say whether it did, as HTML."""
-    from greybox_id.reports.document import Table, Text, titled
-    from greybox_id.reports.gap.words import before_words, magnitude_words, probability_words, unchanged_words
+    from greybox_id.reports.gap.changes import what_changed
     from greybox_id.reports.html import part_html
 
-    of = {each.effect: each for each in gap.ranking}
-    causes = (of[each["effect"]] for each in answer["changed"])
-    befores = (each["before"] for each in answer["changed"])
-    rows = tuple(
-        (cause.effect, before_words(cause, mean), magnitude_words(cause), probability_words(cause.probability))
-        for cause, mean in zip(causes, befores, strict=True)
-    )
-    same = [unchanged_words(each["effect"], each["within"]) for each in answer["not_changed"]]
-    others = (
-        ("Not changed, to two standard deviations:", same),
-        ("Not known, as a usual change is below the detection limit:", answer["not_seen"]),
-    )
-    parts = (
-        Table(("effect", "before", "after", "probability"), rows, "LLLL"),
-        Text("" if rows else "Nothing beyond the scatter of the drives from before.", small=False),
-        *(Text(f"{listed(names)}.", lead=lead, small=False) for lead, names in others if names),
-    )
-    return "".join(map(part_html, titled(f"Changed since {listed(answer['since'])}", *parts)))
+    return "".join(map(part_html, what_changed(gap, answer)))
 
 
 def read_gap(path: Path) -> Gap:

@@ -80,15 +80,14 @@ def strips(
                 "data": curve.points, "dimensions": ["t", "value"], "showSymbol": False, "animation": False,
                 "lineStyle": line, "itemStyle": {"color": line["color"]}, "emphasis": {"disabled": True},
             }  # fmt: skip
-            if curve is row.curves[0] and (marks or cursor is not None):
-                if marks:
-                    areas = [[{"xAxis": low}, {"xAxis": high}] for low, high in marks]
-                    entry["markArea"] = {"silent": True, "itemStyle": {"color": ORANGE, "opacity": 0.22}, "data": areas}
-                if cursor is not None:
-                    entry["markLine"] = {
-                        "silent": True, "symbol": "none", "label": {"show": False}, "animation": False,
-                        "lineStyle": {"color": RUST, "type": "solid", "width": 1}, "data": [{"xAxis": cursor}],
-                    }  # fmt: skip
+            if curve is row.curves[0] and marks:
+                areas = [[{"xAxis": low}, {"xAxis": high}] for low, high in marks]
+                entry["markArea"] = {"silent": True, "itemStyle": {"color": ORANGE, "opacity": 0.22}, "data": areas}
+            if curve is row.curves[0] and cursor is not None:
+                entry["markLine"] = {
+                    "silent": True, "symbol": "none", "label": {"show": False}, "animation": False,
+                    "lineStyle": {"color": RUST, "type": "solid", "width": 1}, "data": [{"xAxis": cursor}],
+                }  # fmt: skip
             series.append(entry)
     words = {"fontSize": 12, "fontFamily": SERIF}
     options: dict[str, Any] = {

@@ -29,23 +29,18 @@ WIDE = 4.0
 """A slider spans so many standard deviations of the prior, and a factor of so much where there is none."""
 
 
-def nominal(chosen: Mapping[str, Any]) -> gb.MotionModel:
+def nominal(chosen: Mapping[str, Any]) -> gb.models.MotionModel:
     """The model that is chosen, at its nominal values. Raises `BadInput`."""
     settings = dict(chosen["settings"])
-    model: gb.MotionModel = getattr(gb.models, chosen["name"])(vehicle=chosen["vehicle"] or None, **settings)
+    model: gb.models.MotionModel = getattr(gb.models, chosen["name"])(vehicle=chosen["vehicle"] or None, **settings)
     for name in chosen["effects"]:
         model = model + getattr(gb.effects, name).free()
     return model
 
 
-def moved(model: gb.MotionModel, values: Mapping[str, float]) -> gb.MotionModel:
+def moved(model: gb.models.MotionModel, values: Mapping[str, float]) -> gb.models.MotionModel:
     """The model with some parameters elsewhere."""
-    return replace(
-        model,
-        parameters=tuple(
-            each.with_value(values[each.name]) if each.name in values else each for each in model.parameters
-        ),
-    )
+    return model.with_parameters(*(model[name].with_value(value) for name, value in values.items() if name in model))
 
 
 def lacking(name: str, recording: gb.Recording) -> str:
@@ -71,10 +66,10 @@ def nearest_vehicle(name: str, recording: gb.Recording) -> str:
         squares = [np.nanmean((run[output] - part[output]) ** 2) / np.nanvar(part[output]) for output in known]
         return float(np.nan_to_num(np.mean(squares), nan=np.inf))
 
-    return min(gb.vehicles(), key=error)
+    return min(gb.models.vehicles(), key=error)
 
 
-def span_of(parameter: gb.Parameter) -> tuple[float, float] | None:
+def span_of(parameter: gb.models.Parameter) -> tuple[float, float] | None:
     """Where a slider of a parameter goes from and to; None for what is no single number, or has no room to move."""
     if parameter.shape != () or not np.isfinite(value := float(parameter.array)):
         return None
@@ -86,7 +81,7 @@ def span_of(parameter: gb.Parameter) -> tuple[float, float] | None:
     return (low, high) if high > low else None
 
 
-def prior_of(parameter: gb.Parameter) -> tuple[float, float] | None:
+def prior_of(parameter: gb.models.Parameter) -> tuple[float, float] | None:
     """Mean and standard deviation of what is known of a parameter beforehand."""
     prior = parameter.prior
     if prior is None or prior.mean is None or np.ndim(prior.mean) != 0:
@@ -109,7 +104,7 @@ def effects_of(chosen: Mapping[str, Any]) -> list[str]:
 class Playground:
     """A model over the longest run of a recording, simulated anew as often as one likes."""
 
-    def __init__(self, model: gb.MotionModel, recording: gb.Recording) -> None:
+    def __init__(self, model: gb.models.MotionModel, recording: gb.Recording) -> None:
         self.recording, self.model = longest(recording), model
         self.over = Shown(self.recording)
         self.outputs = [name for name in model.outputs if self.recording.has(name)]
@@ -162,7 +157,7 @@ def steps(gap: Gap) -> list[Step]:
     return budget
 
 
-def alone(base: gb.MotionModel, causes: Sequence[Ranked], name: str) -> gb.MotionModel:
+def alone(base: gb.models.MotionModel, causes: Sequence[Ranked], name: str) -> gb.models.MotionModel:
     """The model with one cause, at the magnitude that the diagnosis gives it."""
     for cause in causes:
         if cause.effect == name and name not in base.effects:
@@ -170,13 +165,13 @@ def alone(base: gb.MotionModel, causes: Sequence[Ranked], name: str) -> gb.Motio
     return base
 
 
-def diagnosed_model(folder: Path, words: Sequence[str]) -> gb.MotionModel:
+def diagnosed_model(folder: Path, words: Sequence[str]) -> gb.models.MotionModel:
     """The model that a command `greybox gap WORDS` diagnosed. Raises `BadInput`."""
 
     def after(option: str) -> str:
         return words[words.index(option) + 1] if option in words else ""
 
     if "--fit" in words:
-        return cast(gb.MotionModel, gb.load(folder / after("--fit")).model)  # the page fits no other kind
-    model: gb.MotionModel = getattr(gb.models, after("--model") or "single_track")(vehicle=after("--vehicle") or None)
-    return model
+        return cast(gb.models.MotionModel, gb.load(folder / after("--fit")).model)  # the page fits no other kind
+    made = getattr(gb.models, after("--model") or "single_track")
+    return cast(gb.models.MotionModel, made(vehicle=after("--vehicle") or None))

@@ -137,8 +137,8 @@ class Page:
         self._ticking.append(tick)
 
     def changed_here(self) -> None:
-        """What just changed is on this page already."""
-        self.seen = self.session.version
+        """The last change is on this page already; one that came in between is not."""
+        self.seen += 1
 
     async def off(self, function: Callable[..., Any], *arguments: Any) -> Any:
         """Run a function in a thread, so that the page stays alive."""

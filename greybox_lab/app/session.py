@@ -9,7 +9,7 @@ import json
 import re
 import shutil
 from collections.abc import Iterable, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import RLock
@@ -94,10 +94,10 @@ class Session:
         """Take a file that lies in `recordings/` into the session: the first is fitted, the second held out."""
         file = f"recordings/{name}"
         with self.changing:
-            if all(each["file"] != file for each in self["recordings"]):
-                taken = [each["role"] for each in self["recordings"]]
-                role = "train" if "train" not in taken else "validate" if "validate" not in taken else "train"
-                self.change(recordings=[*self["recordings"], {"file": file, "role": role}], looked="")
+            roles = {each["file"]: each["role"] for each in self["recordings"]}
+            free = [role for role in ("train", "validate") if role not in roles.values()]
+            roles.setdefault(file, free[0] if free else "train")
+            self.change(recordings=[{"file": each, "role": role} for each, role in roles.items()])
         return file
 
     def link(self, path: Path) -> str:
@@ -108,8 +108,7 @@ class Session:
             raise BadInput(f"{path} cannot be read: {error.strerror}.") from error
         place = self.folder / "recordings" / safe_name(path.name)
         if not (place.exists() and place.samefile(path)):
-            with suppress(FileNotFoundError):
-                place.unlink()
+            place.unlink(missing_ok=True)
             try:
                 place.symlink_to(path.resolve())
             except OSError:
@@ -149,7 +148,9 @@ class Session:
     def key(self) -> str:
         """What a check was about: where it changes, recordings have to be looked at again."""
         used = [entry for entry in self["entries"] if entry["use"]]
-        return json.dumps([self.files(), self["columns"], self["map"], used, self["between"]], sort_keys=True)
+        written = [place.stat().st_mtime for file in self.files() if (place := self.folder / file).is_file()]
+        about = [self.files(), written, self["columns"], self["map"], used, self["between"]]
+        return json.dumps(about, sort_keys=True)
 
 
 def safe_name(name: str) -> str:

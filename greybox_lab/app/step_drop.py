@@ -151,8 +151,8 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
     with ui.row():
         if session["columns"] == MAP:
             for name in session["maps"]:
-                act = partial(work.use_map, name)
-                button(f"Read it through the shipped map {name}", act, f"map-{name}", "outline")
+                words = f"Read it through the shipped map {name}"
+                button(words, partial(work.use_map, name), f"map-{name}", "outline")
         elif session["columns"] != "canonical":
             button("Look at the columns instead", work.unmap, kind="flat")
         if not state:

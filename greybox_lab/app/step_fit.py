@@ -15,7 +15,7 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import report_parts
+from .beneath import Model, report_parts
 from .model import Playground, nominal
 from .traces import Array
 from .widgets import button, choose, heading, title, verdict
@@ -58,9 +58,7 @@ async def prepare(page: Page) -> dict[str, Any]:
     return data
 
 
-def _drive(
-    words: str, model: gb.MotionModel, before: gb.MotionModel, recording: gb.Recording, at: Mapping[str, float]
-) -> FittedDrive:
+def _drive(words: str, model: Model, before: Model, recording: gb.Recording, at: Mapping[str, float]) -> FittedDrive:
     bench, runs = Playground(model, recording), dict[str, Mapping[str, Array]]()
     with suppress(gb.GreyboxError):  # a model that runs away before it is fitted
         nominal_run = gb.simulate(before, bench.recording)

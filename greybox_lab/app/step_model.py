@@ -10,10 +10,10 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import equations, number, pretty_unit
+from .beneath import equations, number, pretty_unit, quantity
 from .model import MODELS, TYRES, Playground, effects_of, lacking, longest, nearest_vehicle, nominal, prior_of, span_of
 from .traces import Array
-from .widgets import button, choose, heading, quiet, shown, title
+from .widgets import button, choose, heading, quiet, title
 
 if TYPE_CHECKING:
     from .page import Page
@@ -62,7 +62,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         choose(
             [name for name in MODELS if not suits[name]], chosen["name"], "model", 11, partial(_choose, page, "name")
         )
-        vehicles = {"": "none", **{name: name for name in gb.vehicles()}}
+        vehicles = {"": "none", **{name: name for name in gb.models.vehicles()}}
         choose(vehicles, chosen["vehicle"], "vehicle", 11, partial(_choose, page, "vehicle"))
         if "tyre" in bench.model.settings:
             choose(TYRES, bench.model.settings["tyre"], "tyre", 9, partial(_choose, page, "tyre"))
@@ -112,11 +112,11 @@ def draw(page: Page, data: dict[str, Any]) -> None:
 
 def _errors(bench: Playground, traces: dict[str, Array]) -> str:
     errors = bench.errors(traces).items()
-    words = ", ".join(f"{name} {shown(value, bench.recording.unit(name))}" for name, value in errors)
+    words = ", ".join(f"{name} {quantity(value, bench.recording.unit(name))}" for name, value in errors)
     return f"Root mean square of simulated less measured, free run: {words}"
 
 
-def _slider(page: Page, row: gb.Parameter, span: tuple[float, float], drag: Drag) -> None:
+def _slider(page: Page, row: gb.models.Parameter, span: tuple[float, float], drag: Drag) -> None:
     chosen, (low, high) = page.session["model"], span
     value = chosen["start"].get(row.name, float(row.array))
     free = row.name in chosen["free"] or (not row.fixed and row.name not in chosen["fix"])
@@ -124,7 +124,7 @@ def _slider(page: Page, row: gb.Parameter, span: tuple[float, float], drag: Drag
         ui.label(row.name).style("font-style: italic").tooltip(row.about)
         slider = _Slider(min=low, max=high, step=(high - low) / 200, value=value)
         slider.props(f'aria-label="{row.name}" dense').mark(f"slider-{row.name}")
-        words = ui.label(shown(value, row.unit)).style("white-space: nowrap; text-align: right")
+        words = ui.label(quantity(value, row.unit)).style("white-space: nowrap; text-align: right")
         box = ui.checkbox(value=free, on_change=partial(_hold, page, row))
         box.props(f'dense aria-label="estimate {row.name}"').tooltip("estimated by the fit")
         if (prior := prior_of(row)) is not None:
@@ -136,7 +136,7 @@ def _slider(page: Page, row: gb.Parameter, span: tuple[float, float], drag: Drag
 
     async def moved(event: Any) -> None:
         await drag.to(row.name, float(event.value))
-        words.set_text(shown(float(event.value), row.unit))
+        words.set_text(quantity(float(event.value), row.unit))
 
     slider.on_value_change(moved)
 
@@ -188,7 +188,7 @@ def _choose(page: Page, key: str, event: Any) -> None:
     page.session.change(model=chosen)
 
 
-def _hold(page: Page, row: gb.Parameter, event: Any) -> None:
+def _hold(page: Page, row: gb.models.Parameter, event: Any) -> None:
     chosen = dict(page.session["model"])
     free, fix = ([name for name in chosen[key] if name != row.name] for key in ("free", "fix"))
     start = dict(chosen["start"])

@@ -12,10 +12,10 @@ from nicegui import ui
 import greybox_id as gb
 
 from . import charts
-from .beneath import cause_words, change_parts, gap_parts, read_gap, sentence
+from .beneath import cause_words, change_parts, gap_parts, quantity, read_gap, sentence
 from .model import Step, alone, diagnosed_model, longest, steps
 from .traces import Shown
-from .widgets import button, choose, heading, quiet, shown, title, verdict
+from .widgets import button, choose, heading, quiet, title, verdict
 
 if TYPE_CHECKING:
     from greybox_id.gap.gap import Gap
@@ -103,8 +103,8 @@ def _diagnose(page: Page, done: bool) -> None:
             button("Take it away", partial(page.go, 6), "onward")
     if before:
         roles = (("BEFORE", before), ("AFTER", session.files("train")), ("held out", session.files("validate")))
-        named = [f"{words}: {', '.join(file.removeprefix('recordings/') for file in files)}" for words, files in roles]
-        quiet(" · ".join(named))
+        names = [(words, ", ".join(file.removeprefix("recordings/") for file in files)) for words, files in roles]
+        quiet(" · ".join(f"{words}: {listed}" for words, listed in names if listed))
 
 
 def _waterfall(budget: list[Step]) -> ui.echart | None:
@@ -157,7 +157,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
             return
         await charts.with_curves(element, {f"{channel}/{ALONE}": over.points(kept[name])})
         without, beside = (
-            shown(float(np.sqrt(np.nanmean((trace - measured) ** 2))), recording.unit(channel))
+            quantity(float(np.sqrt(np.nanmean((trace - measured) ** 2))), recording.unit(channel))
             for trace in (data["trace"], kept[name])
         )
         words.set_text(f"{name} alone: {channel} is off by {beside} in free run, {without} without it.")

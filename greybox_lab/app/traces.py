@@ -31,8 +31,7 @@ class Shown:
     @cached_property
     def laid(self) -> bool:
         """Whether runs had to be laid one behind the other, so that the axis is not the recording's clock."""
-        time = self.recording.time
-        return bool(np.any(np.diff(time) < 0))
+        return bool(np.any(np.diff(self.recording.time) < 0))
 
     @cached_property
     def time(self) -> Array:

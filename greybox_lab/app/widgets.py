@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from typing import Any
 
@@ -10,7 +9,7 @@ from nicegui import ui
 
 import greybox_id as gb
 
-from .beneath import number, pretty_unit, sentence
+from .beneath import sentence
 
 
 def tell(words: str) -> None:
@@ -64,10 +63,3 @@ def verdict(head: str, words: str = "", *, bad: bool = False) -> None:
         ui.label(head).classes("sentence").style("font-weight: bold")
         if words:
             ui.label(words)
-
-
-def shown(value: float | None, unit: str = "", digits: int = 3) -> str:
-    """A number with its unit; nothing where there is none."""
-    if value is None or math.isnan(value):
-        return ""
-    return number(value, digits) + (f" {pretty_unit(unit)}" if unit not in ("", "1") else "")

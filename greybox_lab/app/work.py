@@ -40,9 +40,7 @@ class Work:
 
     def take_racer(self) -> None:
         """Take the shipped racer: two drives, the second one held out."""
-        for name in ("racer_train", "racer_valid"):
-            self.session.link(Path(gb.shipped(name)))
-        self.look()
+        self.take(Path(gb.datasets.shipped(name)) for name in ("racer_train", "racer_valid"))
 
     def look(self) -> None:
         """Ask `greybox data map` of the first recording what its columns may be."""

@@ -16,6 +16,7 @@ from rich.table import Table
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import read_json, without_nan
+from greybox_id.base.numbers import number
 from greybox_id.base.processes import side_by_side
 from greybox_id.fitting.how import Say
 
@@ -225,7 +226,7 @@ def wrong_table(body: Mapping[str, Any]) -> Table:
     for one in body["findings"]:
         if not _worth_telling(one):
             continue
-        known = [f"{name} {value:.3g}" if _there(value) else name for name, value in one["effects"].items()]
+        known = [f"{name} {number(value, 3)}" if _there(value) else name for name, value in one["effects"].items()]
         truth = ", ".join(known) or one["kind"]
         choices = ", ".join(f"{name} {value:.2f}" for name, value in list(one["choices"].items())[:3] if _there(value))
         unknown = one["unknown_probability"]
@@ -234,7 +235,7 @@ def wrong_table(body: Mapping[str, Any]) -> Table:
         what = one["error"] or one["wrong"] or ("gap" if one["detected"] else "no gap")
         if one["beside"]:
             what += f", {', '.join(one['beside'])} applied"
-        table.add_row(one["case"], truth, f"{one['size']:.2g}", what, choices)
+        table.add_row(one["case"], truth, f"{number(one['size'], 2)}", what, choices)
     return table
 
 

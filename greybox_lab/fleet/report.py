@@ -163,7 +163,7 @@ def _more(table: pd.DataFrame) -> Iterator[Text]:
     """What a table of vehicles leaves out."""
     left = table["vehicle"].nunique() - MOST_ROWS
     if left > 0:
-        yield Text(f"And {counted(left, 'vehicle')} nearer to the mean, in the dataset vehicles.")
+        yield Text(f"{counted(left, 'further vehicle')} nearer to the mean: see the dataset vehicles.")
 
 
 def _apart(fleet_estimate: FleetEstimate, names: list[str]) -> Points:

@@ -91,7 +91,7 @@ def _response(network: Network, fir: str, fuzzy: Collection[str]) -> Response:
     W, b = weights_of(network, relation)
     if W.shape[1] != 1 or len(W) > LONGEST_WINDOW or len(relation.inputs) != 1 or np.any(b):
         raise network.wrong(
-            f"relation {fir} is not one impulse response, without a bias, of up to {LONGEST_WINDOW} samples."
+            f"relation {fir} must be one impulse response without a bias, of {LONGEST_WINDOW} samples at most."
         )
     factors = _flat(network, relation.inputs[0], "Mul")
     selects, rest = _parted(network, factors)

@@ -16,7 +16,7 @@ from rich.console import RenderableType
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.guard import PAGE_MARK
-from greybox_id.base.numbers import number
+from greybox_id.base.numbers import number, with_sd
 from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
 from greybox_id.reports.document import Document, Part, Points, Section, Table, Text, Together, titled
@@ -99,8 +99,7 @@ def table(rows: Sequence[Row]) -> Table:
 
 
 def _with_spread(row: Row) -> str:
-    value = number(row.value, 3)
-    return value if row.spread is None else f"{value} ± {number(row.spread, 2)}"
+    return number(row.value, 3) if row.spread is None else with_sd(row.value, row.spread)
 
 
 def on_screen(document: Document) -> Iterator[RenderableType]:

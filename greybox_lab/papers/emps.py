@@ -19,6 +19,7 @@ import pandas as pd
 from scipy.integrate import solve_ivp
 
 import greybox_id as gb
+from greybox_id.base.numbers import number
 from greybox_id.base.shorthands import Array, Say
 
 from .bench import PublishedBench, Row, clocked, frame, rmse
@@ -92,15 +93,15 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
     others = {name: value for name, value in speed.items() if not name.startswith("greybox")}
     fastest = max(others, key=lambda name: others[name]) if others else ""
     answers = [
-        f"{name} takes {speed['greybox-id'] / value:.2g} times the CPU time of greybox-id, per row."
+        f"{name} takes {number(speed['greybox-id'] / value, 2)} times the CPU time of greybox-id, per row."
         for name, value in others.items()
     ]
     if fastest:
         answers.insert(
             0,
             f"Beside the fastest other tool here, {fastest}, the search of greybox-id is "
-            f"{speed['greybox-id, its search alone'] / others[fastest]:.2g} times as fast, and a whole fit, with "
-            f"intervals and errors over horizons, {speed['greybox-id'] / others[fastest]:.2g} times.",
+            f"{number(speed['greybox-id, its search alone'] / others[fastest], 2)} times as fast, and a whole fit, "
+            f"with intervals and errors over horizons, {number(speed['greybox-id'] / others[fastest], 2)} times.",
         )
     protocol = (
         "Four parameters from position and force, 5 000 rows at 200 Hz, from the same start; every tool gets the same "

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from greybox_id.base.numbers import number, pretty_unit
+from greybox_id.base.numbers import number, pretty_unit, with_sd
 from greybox_id.base.version import __version__
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.simulation import Prediction
@@ -136,7 +136,7 @@ def _cell(row: Row | None, *, fvu: bool = False) -> str:
         return "–"
     if fvu:
         return f"{row['rmse']:.3f} ({row['fvu']:.3f})"
-    return f"{row['rmse']:.3f} ± {row['stderr']:.3f}" if row["stderr"] == row["stderr"] else f"{row['rmse']:.3f}"
+    return with_sd(row["rmse"], row["stderr"])
 
 
 def _comparisons(rows: Sequence[Row]) -> Table:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from greybox_id.base.numbers import number
+from greybox_id.base.numbers import number, with_sd
 from greybox_id.base.version import __version__
 from greybox_id.reports.document import Document, Drawing, Part, Points, Table, Text, titled
 from greybox_id.reports.figures.sheet import Sheet, band
@@ -197,7 +197,7 @@ def _end(durations: Sequence[Found], model: str) -> str:
 def _models(rows: Sequence[Found]) -> Table:
     body = tuple(
         (row["model"], str(row["parameters"]), row["split"],
-         f"{row['v_y']:.4f} ± {row['v_y_stderr']:.4f}", f"{row['yaw_rate']:.5f} ± {row['yaw_rate_stderr']:.5f}",
+         with_sd(row['v_y'], row['v_y_stderr']), with_sd(row['yaw_rate'], row['yaw_rate_stderr']),
          f"{row['cpu_seconds']:.1f}")
         for row in rows
     )  # fmt: skip

@@ -8,11 +8,11 @@ def dynamics(x, u, p, q):
     return {"yaw_rate": (q.settled - x.yaw_rate) / p.yaw_lag}
 
 
-own_model = gb.MotionModel(
+own_model = gb.models.MotionModel(
     name="slow_turner", about="yaw rate that settles where understeer puts it", dynamics=dynamics,
-    states=(gb.State("yaw_rate", "rad/s"),), inputs=("steer", "v_x"), outputs=("yaw_rate",), commands=("steer",),
+    states=(gb.models.State("yaw_rate", "rad/s"),), inputs=("steer", "v_x"), outputs=("yaw_rate",), commands=("steer",),
     quantities=("settled",), parameters=(
-        gb.Parameter("L", "m", 0.33, (0.1, 1.0), about="wheelbase"),
-        gb.Parameter("K_us", "rad s^2/m", 0.0, (-0.01, 0.2), about="understeer gradient"),
-        gb.Parameter("yaw_lag", "s", 0.1, (0.005, 2.0), about="time constant of the yaw rate")),
+        gb.models.Parameter("L", "m", 0.33, (0.1, 1.0), about="wheelbase"),
+        gb.models.Parameter("K_us", "rad s^2/m", 0.0, (-0.01, 0.2), about="understeer gradient"),
+        gb.models.Parameter("yaw_lag", "s", 0.1, (0.005, 2.0), about="time constant of the yaw rate")),
 )  # fmt: skip

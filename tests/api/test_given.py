@@ -10,14 +10,15 @@ from greybox_id.fitting.how import FitOptions
 
 @pytest.fixture(scope="module")
 def lap():
-    return gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    return gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
 
 
 def turner(dynamics, **more):
-    return gb.MotionModel(
-        name="turner", about="turns", states=(gb.State("yaw_rate", "rad/s"),), inputs=("steer", "v_x"),
+    return gb.models.MotionModel(
+        name="turner", about="turns", states=(gb.models.State("yaw_rate", "rad/s"),), inputs=("steer", "v_x"),
         outputs=("yaw_rate",), dynamics=dynamics,
-        parameters=(gb.Parameter("L", "m", 0.33, (0.1, 1.0)), gb.Parameter("lag", "s", 0.1, (0.01, 1.0))), **more,
+        parameters=(gb.models.Parameter("L", "m", 0.33, (0.1, 1.0)),
+                    gb.models.Parameter("lag", "s", 0.1, (0.01, 1.0))), **more,
     )  # fmt: skip
 
 

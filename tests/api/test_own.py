@@ -34,7 +34,7 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture(scope="module")
 def lap():
-    return gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 600)
+    return gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 600)
 
 
 def test_they_are_short():
@@ -194,7 +194,7 @@ def test_a_file_that_fails_is_a_sentence_with_its_line(code, says, tmp_path):
 
 
 def test_an_effect_that_fails_is_a_sentence_with_its_line(lap):
-    failing = gb.alteration(
+    failing = gb.effects.alteration(
         "steering", "failing", "1", 0.0, (0.0, 1.0), "nothing", typical=0.1, steer=lambda steer, q: steer / int("a")
     )
     with pytest.raises(gb.BadModel, match=r"test_own.py, line \d+\).*ValueError"):
@@ -202,9 +202,9 @@ def test_an_effect_that_fails_is_a_sentence_with_its_line(lap):
 
 
 def test_equations_that_give_no_numbers_are_a_sentence(lap):
-    lost = gb.MotionModel(
-        name="lost", about="", states=(gb.State("yaw_rate", "rad/s"),), inputs=("steer",), outputs=("yaw_rate",),
-        parameters=(gb.Parameter("L", "m", 0.3, (0.1, 1.0)),),
+    lost = gb.models.MotionModel(
+        name="lost", about="", states=(gb.models.State("yaw_rate", "rad/s"),), inputs=("steer",), outputs=("yaw_rate",),
+        parameters=(gb.models.Parameter("L", "m", 0.3, (0.1, 1.0)),),
         dynamics=lambda x, u, p, q: {"yaw_rate": casadi.sqrt(-1 - x.yaw_rate**2) * p.L},
     )  # fmt: skip
     with pytest.raises(gb.BadInput, match="gives no finite predictions"):

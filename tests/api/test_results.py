@@ -16,7 +16,7 @@ mpl.use("Agg")
 
 @pytest.fixture(scope="module")
 def laps():
-    lap = gb.read(gb.shipped("racer_train"), columns="roboracer")
+    lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
     return lap.rows(0, 500), lap.rows(900, 1300)
 
 
@@ -199,7 +199,7 @@ def test_a_figure_that_a_model_has_not_is_said(laps):
 
 
 def test_runs_whose_clock_begins_anew_are_laid_one_behind_the_other(fit):
-    other = gb.read(gb.shipped("racer_valid"), columns="roboracer")
+    other = gb.read(gb.datasets.shipped("racer_valid"), columns="roboracer")
     (first, *_) = fit.plot.measured_and_simulated(other)
     ends = [(line.get_xdata()[0], line.get_xdata()[-1]) for line in first.lines[::2]]
     assert all(a[1] < b[0] for a, b in zip(ends[:-1], ends[1:], strict=True))
@@ -229,10 +229,10 @@ def test_results_are_shown_in_a_few_lines(fit, laps):
 def test_units_are_shown_as_they_are_printed(laps):
     for own in (laps[0], gb.effects.accel_bias_x, gb.models.lateral(vehicle="roboracer")["I_z"]):
         assert "^" not in repr(own)
-    assert repr(gb.Parameter("I_z", "kg m^2", 0.05, (0.005, 0.5), about="yaw inertia")) == (
+    assert repr(gb.models.Parameter("I_z", "kg m^2", 0.05, (0.005, 0.5), about="yaw inertia")) == (
         "Parameter I_z [kg m²]: 0.05, bounds [0.005, 0.5]; yaw inertia"
     )
-    array = gb.Parameter("c", "1", [[1.0, 2.0]], prior=gb.Prior(1.0), fixed=True, scope="run")
+    array = gb.models.Parameter("c", "1", [[1.0, 2.0]], prior=gb.models.Prior(1.0), fixed=True, scope="run")
     assert repr(array) == "Parameter c: array of shape (1, 2) from 1 to 2, fixed, with a prior, one for each run"
 
 

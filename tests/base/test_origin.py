@@ -11,9 +11,9 @@ from greybox_id.models.registry import MODELS, build
 
 
 def turner(dynamics):
-    return gb.MotionModel(
-        name="turner", about="turns", states=(gb.State("yaw_rate", "rad/s"),), inputs=("steer", "v_x"),
-        outputs=("yaw_rate",), dynamics=dynamics, parameters=(gb.Parameter("L", "m", 0.33, (0.1, 1.0)),),
+    return gb.models.MotionModel(
+        name="turner", about="turns", states=(gb.models.State("yaw_rate", "rad/s"),), inputs=("steer", "v_x"),
+        outputs=("yaw_rate",), dynamics=dynamics, parameters=(gb.models.Parameter("L", "m", 0.33, (0.1, 1.0)),),
     )  # fmt: skip
 
 
@@ -35,7 +35,9 @@ def test_ones_own_are_where_their_functions_are_defined():
 
 
 def test_those_that_helpers_of_the_package_wrap_are_found_in_their_closures():
-    soft = gb.alteration("steering", "soft", "1", 0.0, (0.0, 1.0), "lost", typical=0.1, steer=lambda s, q: s * q.p.soft)
+    soft = gb.effects.alteration(
+        "steering", "soft", "1", 0.0, (0.0, 1.0), "lost", typical=0.1, steer=lambda s, q: s * q.p.soft
+    )
     model = build("lateral") + soft
     assert list(model.origins) == ["soft"]
     assert Path(model.origins["soft"].file).resolve() == Path(__file__)

@@ -86,7 +86,7 @@ def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_pa
     assert "runs freely" in refused("predict", path, files[2], "--columns", "canonical", "--horizon", "1")
     assert greybox("report", path, "--out", tmp_path / "report.pdf").code == 0
     assert (tmp_path / "report.pdf").read_bytes().startswith(b"%PDF")
-    assert "stopped by what was held out" in refused("profile", path, "m")
+    assert "stopped the training" in refused("profile", path, "m")
     assert "has a recurrent network" in refused("gap", files[2], "--columns", "canonical", "--fit", path)
     assert "Give it no start" in refused(
         "simulate", path, files[2], "--columns", "canonical", "--start-state", "v_y=1", "--out", tmp_path / "s.csv"

@@ -5,6 +5,7 @@ from calling import greybox, refused
 
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import MODELS
+from greybox_id.models.vehicle_file import vehicle
 
 
 def test_models_lists_every_model():
@@ -57,3 +58,17 @@ def test_an_effect_says_what_it_is(name):
 def test_names_that_are_none_are_sentences():
     assert "Did you mean steering_lag?" in refused("effects", "stering_lag")
     assert "Did you mean single_track?" in refused("models", "singletrack")
+
+
+def test_a_vehicle_file_to_be_edited_holds_the_models_numbers(tmp_path):
+    file = tmp_path / "car.toml"
+    greybox("models", "single_track", "--vehicle", "roboracer", "--set", "drive=motor", "--out", file)
+    text = file.read_text(encoding="utf-8")
+    assert "m = { value = 3.6, sd = 0.3 }  # kg: vehicle mass" in text
+    again = greybox("models", "single_track", "--set", "drive=motor", "--vehicle", file, "--json").told["parameters"]
+    like = greybox("models", "single_track", "--set", "drive=motor", "--vehicle", "roboracer", "--json").told
+    assert again == like["parameters"]
+    assert vehicle(file).model.name == "single_track"
+    assert vehicle(file).noise == vehicle("roboracer").noise
+    assert "which model" in refused("models", "--out", file)
+    assert ".toml" in refused("models", "lateral", "--out", tmp_path / "car.json")

@@ -146,7 +146,7 @@ def test_missing_poses_are_bridged_with_a_larger_sd():
 @pytest.mark.parametrize("rows", [0, 5])
 def test_too_few_poses_are_refused(rows):
     time, *poses = circle()
-    with pytest.raises(BadInput, match="too few to make motion of"):
+    with pytest.raises(BadInput, match="too few to estimate motion from"):
         motion(time[:rows], *(values[:rows] for values in poses), AT, "few.csv")
     with pytest.raises(BadInput, match="too few"):
         motion(time, *(np.full(len(time), 1.0) for _ in poses), AT, "still.csv")

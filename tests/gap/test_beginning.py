@@ -44,6 +44,7 @@ def rain():
     return diagnosed(changing({}, {"grip_scale": 0.8}))
 
 
+@pytest.mark.slow
 def test_grip_that_goes_within_a_lap_is_told_from_when_on(rain):
     first = rain.ranking[0]
     assert rain.applied == ("grip_scale",)
@@ -54,6 +55,7 @@ def test_grip_that_goes_within_a_lap_is_told_from_when_on(rain):
     assert magnitude_words(first).endswith("from 12.0 s on (lap)")
 
 
+@pytest.mark.slow
 def test_the_closed_vehicle_is_the_one_at_the_end_and_that_is_said(rain):
     assert float(rain.closed["grip_scale"].array) == pytest.approx(0.8, abs=0.03)
     assert closed_vehicle(CAR, rain).model.effects["grip_scale"].value == pytest.approx(0.8, abs=0.03)
@@ -62,6 +64,7 @@ def test_the_closed_vehicle_is_the_one_at_the_end_and_that_is_said(rain):
     assert any(sentence in words for _, words in verdict(rain))
 
 
+@pytest.mark.slow
 def test_a_diagnosis_with_an_instant_is_read_back_as_it_was_written(rain):
     again = from_plain_data(as_plain_data(rain))
     assert again.ranking == rain.ranking
@@ -72,11 +75,13 @@ def test_a_diagnosis_with_an_instant_is_read_back_as_it_was_written(rain):
     assert from_plain_data(body).ranking[0].since is None
 
 
+@pytest.mark.slow
 def test_grip_that_is_less_all_the_time_does_not_begin():
     first = diagnosed(lap({"grip_scale": 0.8}, 30.0)).ranking[0]
     assert (first.effect, first.since, first.until) == ("grip_scale", None, None)
 
 
+@pytest.mark.slow
 def test_nothing_begins_where_nothing_is():
     found = diagnosed(lap(seconds=30.0))
     assert not found.gap_detected

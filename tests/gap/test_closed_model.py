@@ -29,6 +29,7 @@ def late():
     ]
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 @pytest.mark.parametrize(("held", "value"), [(False, 2455.0), (True, 2500.0)])
 def test_tolerances_go_where_recordings_have_them_and_are_told(late, held, value):
@@ -43,6 +44,7 @@ def test_tolerances_go_where_recordings_have_them_and_are_told(late, held, value
     assert gap.to_json()["moved"][0]["stated"] == 2274.0
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_what_errs_least_on_others_counts(late):
     recordings, others = late
@@ -55,6 +57,7 @@ def test_what_errs_least_on_others_counts(late):
     assert not np.array_equal(closed.values, with_effects(found, found.best).values)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_without_a_gap_numbers_move_within_their_tolerances_where_the_model_errs_as_stated():
     recordings, others = (
@@ -92,6 +95,7 @@ def test_where_an_effect_begins_is_found_whatever_recordings_are_called():
     assert place_of(found, ActingRows(slice(0, 7), "lap", 1, until=4.0)) == (1, 0, 4)
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_the_form_of_an_effect_is_named_and_stays_as_it_is_in_the_closed_model():
     """On another road slopes at zero slip stay: the form is one of two, no number that fits move."""

@@ -254,7 +254,7 @@ def test_a_recording_that_lacks_steer_is_refused_in_a_sentence():
 
 
 def test_without_effects_that_act_on_the_model_there_is_nothing_to_say():
-    with pytest.raises(BadInput, match="no effect acts on it"):
+    with pytest.raises(BadInput, match="No effect acts on"):
         diagnose(nominal(), [lap(seconds=5.0)], {}, vehicle=CAR)
 
 

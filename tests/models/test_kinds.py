@@ -80,8 +80,8 @@ def turning(kind=Formula):
         inputs=("v_x", "steer"),
         outputs=("yaw_rate",),
         parameters=(
-            gb.Parameter("curvature", "1/m", 2.0, (0.1, 10.0), about="one over the wheelbase"),
-            gb.Parameter("understeer", "s^2/m^3", 0.0, (-10.0, 10.0), about="what it loses with speed"),
+            gb.models.Parameter("curvature", "1/m", 2.0, (0.1, 10.0), about="one over the wheelbase"),
+            gb.models.Parameter("understeer", "s^2/m^3", 0.0, (-10.0, 10.0), about="what it loses with speed"),
         ),
         terms={
             "yaw_rate": lambda u: {"curvature": u.v_x * np.tan(u.steer), "understeer": -(u.v_x**3) * np.tan(u.steer)}
@@ -91,7 +91,7 @@ def turning(kind=Formula):
 
 @pytest.fixture(scope="module")
 def laps():
-    one, other = (gb.read(gb.shipped(f"racer_{name}"), columns="roboracer") for name in ("train", "valid"))
+    one, other = (gb.read(gb.datasets.shipped(f"racer_{name}"), columns="roboracer") for name in ("train", "valid"))
     return one.rows(0, 800), other.rows(0, 400)
 
 
@@ -162,7 +162,7 @@ def test_it_is_exported_where_it_says_what_motion_it_amounts_to(tmp_path):
 
         return MotionModel(
             name=model.name, about=model.about, inputs=model.inputs, outputs=model.outputs,
-            parameters=model.parameters, states=(gb.State("yaw_rate", "rad/s"),), dynamics=dynamics,
+            parameters=model.parameters, states=(gb.models.State("yaw_rate", "rad/s"),), dynamics=dynamics,
         )  # fmt: skip
 
     gb.export(turning(Moving), tmp_path / "c", target="c")
@@ -217,7 +217,7 @@ def test_a_kind_is_imported_when_a_model_of_it_is_first_asked_about():
 
 
 def test_commands_take_it_from_its_file(fit, tmp_path):
-    path, lap = fit.save(tmp_path / "fit.json"), gb.shipped("racer_valid")
+    path, lap = fit.save(tmp_path / "fit.json"), gb.datasets.shipped("racer_valid")
     assert "turning" in refused("validate", path, lap, "--columns", "roboracer")
     with known():  # no longer than for this
         done = greybox("validate", path, lap, "--columns", "roboracer", "--own", f"{__file__}:turning", "--json")

@@ -80,6 +80,15 @@ def test_the_version_is_the_same_everywhere():
     assert f"## {__version__}" in (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
 
 
+def test_the_project_has_one_address():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    address = project["urls"]["Source"]
+    assert all(one.startswith(address) for one in project["urls"].values())
+    assert f"repository-code: {address}\n" in (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"homepage: {address}\n" in (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")
+    assert address in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
 def test_the_recipe_needs_what_the_wheel_needs():
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     recipe = (ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8")

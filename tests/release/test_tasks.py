@@ -24,7 +24,7 @@ def folder(tmp_path_factory):
     recordings(place)
     for before, after in {"late7": "late", "late8": "later"}.items():
         (place / f"{before}.csv").rename(place / f"{after}.csv")
-    lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, ROWS).to_pandas()
+    lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, ROWS).to_pandas()
     lap.to_csv(place / "lap.csv", index=False)
     lap.assign(yaw_rate=-lap["yaw_rate"]).to_csv(place / "turned.csv", index=False)
     with pytest.MonkeyPatch.context() as patch:  # a fit that several tasks read

@@ -31,7 +31,7 @@ FILES = {
 def recordings(folder):
     """Two stretches of the shipped recordings, and two laps of a car that steers 60 ms late."""
     for name, shipped, rows in (("lap", "racer_train", 300), ("other", "racer_valid", 200)):
-        table = gb.read(gb.shipped(shipped), columns="roboracer").rows(0, rows).to_pandas()
+        table = gb.read(gb.datasets.shipped(shipped), columns="roboracer").rows(0, rows).to_pandas()
         table.to_csv(folder / f"{name}.csv", index=False)
     truth = gb.models.lateral(vehicle="full_size_car") + gb.effects.steering_delay.at(0.06)
     time = np.arange(0.0, 20.0, 0.02)

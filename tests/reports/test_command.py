@@ -4,23 +4,24 @@ import json
 import shutil
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from calling import greybox, refused
 from click.testing import CliRunner
 from driven import written
 from made_gaps import clear
 
+import greybox_id as gb
+from greybox_id.api.fitting import load as load_again
 from greybox_id.base.errors import BadInput
-from greybox_id.cli.report import recordings_of, report
+from greybox_id.cli.report import report
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
-from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior.verb import SampleOptions, sample
 from greybox_id.fitting.provenance import data_record
 from greybox_id.fitting.verb import fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
-from greybox_id.models.registry import build
 from greybox_id.reports.gap.saved import Made, as_text
 
 
@@ -35,8 +36,19 @@ def fitted(tmp_path_factory):
 
 
 def test_the_recordings_are_found_where_the_fit_found_them(fitted):
-    (recording,) = recordings_of(load(fitted, build), fitted)
+    (recording,) = load_again(fitted).seen()
     assert recording.source.path == str(fitted.parent / "drive.csv")
+
+
+@pytest.mark.usefixtures("_uncompiled")
+def test_of_a_part_of_a_recording_the_part_is_found_again(tmp_path):
+    lap = gb.read(shipped("racer_train"), columns="roboracer").between(2.0, 12.0).where("v_x > 2")
+    path = gb.fit("kinematic", lap, vehicle="roboracer", options=FitOptions(solver="gauss-newton")).save(
+        tmp_path / "fit.json"
+    )
+    (again,) = load_again(path).seen("train")
+    assert len(again) == len(lap)
+    np.testing.assert_array_equal(again.time, lap.time)
 
 
 def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):
@@ -46,7 +58,7 @@ def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):
     moved = tmp_path / "moved.csv"
     drive.rename(moved)
     try:
-        with pytest.raises(BadInput, match=r"no longer there.*--train"):
+        with pytest.raises(BadInput, match=r"no longer there.*new place with train"):
             CliRunner().invoke(report, [str(elsewhere)], catch_exceptions=False)
         arguments = [str(elsewhere), "--train", str(moved), "--figures", str(tmp_path / "figures"), "--json"]
         result = CliRunner().invoke(report, arguments, catch_exceptions=False)
@@ -96,14 +108,16 @@ def test_fits_side_by_side(fitted, tmp_path):
         CliRunner().invoke(report, [str(fitted), str(fitted)], catch_exceptions=False)
 
 
-def test_a_diagnosis_has_a_report_and_is_not_compared(fitted, tmp_path):
+def test_a_diagnosis_has_a_report_and_stands_after_a_fit(fitted, tmp_path):
     gap = tmp_path / "gap.json"
     gap.write_text(as_text(clear(), Made("car", "greybox gap x", 0, "0.1.0")), encoding="utf-8")
     result = CliRunner().invoke(report, [str(gap)], catch_exceptions=False)
     assert result.stdout.startswith("The simulation deviates from the vehicle")
     assert (tmp_path / "gap.pdf").read_bytes().startswith(b"%PDF")
-    with pytest.raises(BadInput, match="only fits are compared"):
-        CliRunner().invoke(report, [str(fitted), str(gap)], catch_exceptions=False)
+    arguments = [str(fitted), str(gap), "--out", str(tmp_path / "both.html")]
+    both = CliRunner().invoke(report, arguments, catch_exceptions=False)
+    assert both.stdout.startswith("Usable with care")
+    assert "The simulation deviates from the vehicle" in (tmp_path / "both.html").read_text()
 
 
 @pytest.mark.parametrize("out", ["report.docx", "fit.json"])

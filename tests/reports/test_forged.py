@@ -8,12 +8,11 @@ import pytest
 from calling import greybox
 from driven import driven, written
 
+import greybox_id as gb
 from greybox_id.base.errors import GreyboxError
 from greybox_id.base.json_data import checksum, read_json
-from greybox_id.cli.report import _document
 from greybox_id.fitting.fit import load
 from greybox_id.models.registry import build
-from greybox_id.reports.html import page
 from greybox_id.reports.text.fit import as_dict, parts
 from greybox_id.reports.text.screen import as_text
 
@@ -70,7 +69,7 @@ def ends_well(file):
         found = load(file, build)
         as_dict(found)
         as_text(parts(found))
-        page(_document([file], (), None, None, None))
+        gb.report(file, file.with_suffix(".html"))
     except GreyboxError:
         return False
     return True

@@ -19,13 +19,13 @@ EQUAL = 1e-9
 
 
 def lap():
-    return gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 800)
+    return gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 800)
 
 
 def _fit(name, **more):
     own = lap()
     found = gb.fit(name, own, vehicle="roboracer", **more)
-    score = found.score(gb.read(gb.shipped("racer_valid"), columns="roboracer").rows(0, 400))
+    score = found.score(gb.read(gb.datasets.shipped("racer_valid"), columns="roboracer").rows(0, 400))
     return {
         "params": found.params.to_dict(),
         "stderr": found.stderr.to_dict(),

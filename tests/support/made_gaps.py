@@ -126,7 +126,9 @@ def clear(**changes):
         moved=(Moved("l_f", "m", 1.19, 0.02, 1.233),),
         strip=strip(),
         limits=LIMITS,
-        budget=Budget((Share("steering_delay", 0.84, 0.76, 0.9),), Share("unnamed", 0.16, 0.1, 0.24), ("lap8",), True),
+        budget=Budget(
+            (Share("steering_delay", 0.84, 0.76, 0.9),), Share("unexplained", 0.16, 0.1, 0.24), ("lap8",), True
+        ),
         unnamed=Unnamed(0.004, 0.003, 0.02, 0.01, 0.3, 0.4, 21.0, ("B_f", 1.8), {"yaw_rate": 1.02, "a_y": 0.99}),
     )
     found = replace(gap, **changes)

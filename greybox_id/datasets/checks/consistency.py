@@ -162,8 +162,8 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
             if not shortest < length < longest:
                 likely = wheelbase or np.sqrt(shortest * longest)
                 sentence = (
-                    f"yaw_rate against v_x · steer says a wheelbase of {number(length)} m, believable are "
-                    f"{exact(shortest, 2)} to {exact(longest)} m: {_blame(pair, gain * likely, wheelbase is None)}"
+                    f"yaw_rate and v_x · steer give a wheelbase of {number(length)} m, where {exact(shortest, 2)} to "
+                    f"{exact(longest)} m is plausible: {_blame(pair, gain * likely, wheelbase is None)}"
                 )
                 error = length / np.sqrt(agreed.independent)
                 findings.append(Finding("unit", Severity.DISTRUST, FoundAt("steer"), sentence, length, error, "m"))

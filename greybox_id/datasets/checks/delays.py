@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...base.numbers import short_with_sd
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity, listed
 from .lag import Lag, estimate_lag
@@ -70,8 +71,8 @@ def _usual(pair: Pair, lags: dict[int, Lag], dt: float) -> list[Finding]:
             "the vehicle's response included" if not pair.kinematic else "both are the same quantity: shift one of them"
         )
         sentence = (
-            f"{pair.left} {verb} {pair.right} by {abs(usual):.2f} ± {error:.2f} samples "
-            f"({abs(usual) * ms:.0f} ± {error * ms:.0f} ms; {runs}), {why}."
+            f"{pair.left} {verb} {pair.right} by {short_with_sd(abs(usual), error)} samples "
+            f"({short_with_sd(abs(usual) * ms, error * ms)} ms; {runs}), {why}."
         )
         apart = pair.kinematic and abs(usual) > WORTH_TELLING + OF_HELD_COMMANDS
         severity = Severity.WARNING if apart else Severity.NOTE
@@ -108,9 +109,9 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
         lag = lags[number]
         elsewhere = [f"{lags[n].samples:.2f} in run {n}" for n in compared[number]]
         sentence = (
-            f"run {number}: {pair.left} lags {pair.right} by {lag.samples:.2f} ± {lag.error:.2f} samples "
-            f"({lag.samples * ms:.0f} ± {lag.error * ms:.0f} ms), but {like} by {listed(elsewhere, 5)}: "
-            f"it is {abs(distance) * ms:.0f} ± {error * ms:.0f} ms off their median. "
+            f"run {number}: {pair.left} lags {pair.right} by {short_with_sd(lag.samples, lag.error)} samples "
+            f"({short_with_sd(lag.samples * ms, lag.error * ms)} ms), but {like} by {listed(elsewhere, 5)}: "
+            f"it is {short_with_sd(abs(distance) * ms, error * ms)} ms off their median. "
         )
         sentence += BLUNT if blunt else "No model with one delay fits both; estimate it for each run."
         where = FoundAt(pair.nodes[0], number)
@@ -126,7 +127,8 @@ def _alike(recording: Recording, a: int, b: int) -> bool:
 
 def _scattered(pair: Pair, lags: dict[int, Lag], odd: dict[int, tuple[float, float]], dt: float) -> Finding:
     low, high = (choose(lags, key=lambda number: lags[number].samples) for choose in (min, max))
-    ends = [f"{1000 * dt * lags[n].samples:.0f} ± {1000 * dt * lags[n].error:.0f} ms in run {n}" for n in (low, high)]
+    ms = 1000 * dt
+    ends = [f"{short_with_sd(ms * lags[n].samples, ms * lags[n].error)} ms in run {n}" for n in (low, high)]
     sentence = (
         f"the delay of {pair.left} after {pair.right} differs from run to run, from {ends[0]} to {ends[1]}; "
         f"{len(odd)} of {len(lags)} runs lie apart from the rest. "

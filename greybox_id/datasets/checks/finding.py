@@ -15,7 +15,7 @@ class Severity(Enum):
     Examples
     --------
     >>> import greybox_id as gb
-    >>> [own.value for own in gb.Severity]
+    >>> [own.value for own in gb.datasets.checks.Severity]
     ['note', 'warning', 'distrust']
     """
 

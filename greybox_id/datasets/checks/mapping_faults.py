@@ -113,15 +113,24 @@ def _explained(short: Recording, result: Sequence[Relation]) -> list[Explained]:
     close = [item for item in explained if item.evidence >= NEAR * top]
     most = max(item.more for item in close)
     close = [item for item in close if item.more == most]
-    fewest = min(len(item.fault.channels) for item in close)
-    close = sorted((item for item in close if len(item.fault.channels) == fewest), key=lambda item: -item.evidence)
+    fewest = min(_sensors(item.fault) for item in close)
+    close = sorted((item for item in close if _sensors(item.fault) == fewest), key=lambda item: -item.evidence)
     return [item for item in close if item.evidence >= EQUAL * close[0].evidence]
+
+
+AT_LEAST = 0.5
+"""Of what a fault mends, the part that what it breaks has to leave."""
+
+
+def _sensors(fault: Fault) -> int:
+    """How many sensors are at fault: a course and its rate are of one gyro, or of one that tells the other."""
+    return len(fault.channels) - ({"yaw", "yaw_rate"} <= set(fault.channels))
 
 
 def _judged(fault: Fault, before: Sequence[Relation], after: Sequence[Relation]) -> Explained | None:
     changed = {(item.left, item.right): item for item in after}
     mended: list[tuple[float, Relation, Relation]] = []
-    evidence = 0.0
+    evidence = gained = 0.0
     for old in before:
         new = changed.get((old.left, old.right))
         if new is None:
@@ -133,8 +142,9 @@ def _judged(fault: Fault, before: Sequence[Relation], after: Sequence[Relation])
         if better > BETTER and (new.agreement > HOLDS or turned) and _certain(new):
             mended.append((better * weight, old, new))
         evidence += better * weight
+        gained += max(better, 0.0) * weight
     shaped = any(old.correlation > HOLDS for _, old, _ in mended)
-    if not mended or evidence <= 0 or (fault.scales and not shaped):
+    if not mended or evidence <= AT_LEAST * gained or (fault.scales and not shaped):
         return None
     _, old, new = max(mended, key=lambda item: item[0])
     return Explained(fault, evidence, old, new, len(mended) - 1)
@@ -204,7 +214,14 @@ def _faults(r: Recording) -> Iterator[Fault]:
     """Every fault that the channels of a recording allow."""
     yield from _imu(r)
     yield from _velocities(r)
-    for names in (("steer",), ("yaw",), ("sideslip",), ("yaw_rate", "steer"), *((name,) for name in DRIVES)):
+    for names in (
+        ("steer",),
+        ("yaw",),
+        ("yaw_rate", "yaw"),
+        ("sideslip",),
+        ("yaw_rate", "steer"),
+        *((name,) for name in DRIVES),
+    ):
         if r.has(*names):
             yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
     if r.has("x", "y"):
@@ -390,9 +407,9 @@ def _wheels(result: Sequence[Relation]) -> list[Finding]:
     if share > SMALLEST_WHEEL:
         return []
     sentence = (
-        f"v_x against the wheel speeds says a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of "
-        f"the wheelbase that yaw_rate against v_x · steer says; 9 to 18 % are usual. The wheel speeds are in rpm and "
-        f'called rad/s (a factor of {number(RPM)}): set unit = "rpm", or v_x is in another unit.'
+        f"v_x and the wheel speeds give a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of the "
+        f"wheelbase that yaw_rate and v_x · steer give; 9 to 18 % is usual. Either the wheel speeds are in rpm and "
+        f'called rad/s (a factor of {number(RPM)}): set unit = "rpm"; or v_x is in another unit.'
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("wheel_speed_fl"), sentence, rolling.gain, None, "m")]
 

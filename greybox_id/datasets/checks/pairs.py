@@ -188,8 +188,8 @@ def _without_gyro(r: Recording, place: Ground, turn: Array, along: str, node: st
         aside = place.twice_smoothed(r, r["a_y"]), turn * place.twice_smoothed(r, r["v_x"])
         result.append(_coarse("a_y", f"v_x · {along}", ("a_y", node), ("a_y", "v_x", *channels), *aside))
     if "steer" in r and "v_x" in r:
-        sides = place.steered(r), turn
-        coarse = _coarse("v_x · steer", along, ("steer", node), ("v_x", "steer", *channels), *sides)
+        sides = turn, place.steered(r)  # as yaw_rate against v_x · steer: the gain is one over a length
+        coarse = _coarse(along, "v_x · steer", ("steer", node), ("v_x", "steer", *channels), *sides)
         result.append(replace(coarse, kinematic=False))
     return result
 

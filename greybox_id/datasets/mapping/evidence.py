@@ -35,6 +35,7 @@ class MapEntry:
     units : what the unit may be, where that is open.
     otherwise : further names that the column has in other files.
     nanoseconds : of time: the column that holds what whole seconds leave; empty for none.
+    ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
     """
 
     signal: str
@@ -47,6 +48,7 @@ class MapEntry:
     units: tuple[str, ...] = ()
     otherwise: tuple[str, ...] = ()
     nanoseconds: str = ""
+    ends: tuple[float, ...] = ()
 
     def as_column(self) -> Column:
         """The entry as a column map holds it; an unknown unit is taken as SI."""

@@ -104,7 +104,7 @@ WORDS_OF_UNITS = {
     "degs": "deg/s", "degps": "deg/s", "dps": "deg/s", "deg s": "deg/s", "deg sec": "deg/s", "grad s": "deg/s",
     "rpm": "rpm", "m": "m", "mm": "mm", "a": "A", "amp": "A", "amps": "A", "ma": "mA", "n": "N", "kn": "kN",
     "s": "s", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns",
-    "nanoseconds": "ns", "percent": "%",
+    "nanoseconds": "ns", "percent": "%", "pct": "%", "perc": "%",
 }  # fmt: skip
 """Units as names end in them."""
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ...base.errors import BadInput
-from ...base.numbers import number
+from ...base.numbers import exact, number
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS, unit_of
 from ..checks import Finding, Severity, check
@@ -26,6 +26,8 @@ from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
+DRIVES = ("motor_current", "drive_force", "ax_cmd", "throttle")
+"""What single_track and longitudinal take as their drive: one of these."""
 ALIKE = 2.0
 """Largest factor between a steering angle and its command in one unit."""
 
@@ -64,6 +66,11 @@ class Proposal:
     def lacking(self) -> tuple[str, ...]:
         """Signals that most models read or predict, and that no column looks like."""
         return tuple(name for name in SOUGHT if name not in {entry.signal for entry in self.entries})
+
+    @property
+    def without_drive(self) -> bool:
+        """Whether no column looks like what drives the vehicle."""
+        return not any(entry.signal in DRIVES for entry in self.entries)
 
     def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
         """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""
@@ -266,9 +273,12 @@ def as_toml(proposal: Proposal, name: str) -> str:
     lines += _proposed_repair(proposal)
     if proposal.others:
         listed, lacking = ", ".join(proposal.others), proposal.lacking
-        which = "If one of them is a signal below, name it there. " if lacking else ""
+        which = "If one of them is a signal below, name it there. " if lacking or proposal.without_drive else ""
         lines += ["", *_comment(f"Unused columns: {listed}. {which}What else you want to keep goes under [extra].")]
         lines += [f'#? {signal} = {{ column = "...", unit = {quoted(unit_of(signal))} }}' for signal in lacking]
+    if proposal.without_drive:
+        lines += ["# single_track and longitudinal need a drive: throttle, or motor_current in A, drive_force in N,"]
+        lines += ["#   ax_cmd in m/s^2.", '#? throttle = { column = "...", unit = "%" }']
     return "\n".join(lines) + "\n"
 
 
@@ -310,6 +320,9 @@ def _table(entry: MapEntry, unit: str) -> str:
     parts = [f"column = {quoted(entry.column)}", f"unit = {quoted(unit)}"]
     if entry.sign != 1:
         parts.append(f"sign = {entry.sign}")
+    if entry.ends:
+        low, centre, high = (exact(end, 6) for end in entry.ends)
+        parts.append(f"lookup = [[{low}, {centre}, {high}], [..., 0, ...]]")
     if entry.divide_by != 1.0:
         parts.append(f"divide_by = {entry.divide_by:g}")
     return f"{{ {', '.join(parts)} }}"

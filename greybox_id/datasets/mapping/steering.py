@@ -20,6 +20,8 @@ LENGTHS = (0.5, 2.0)
 """Share of the wheelbase that ratio · L may be where road wheels are meant: tyres and scale factors err."""
 CARS = (2.0, 3.8)
 """Wheelbases of cars, m: what is fast and has no stated wheelbase."""
+LONGEST = 15.0
+"""m: no wheelbase is longer, however tyres err."""
 GENTLE = 4.0
 """Lateral acceleration, m/s², up to which a tyre is taken as linear."""
 LEAST_ROWS = 100
@@ -59,6 +61,8 @@ def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase
     fast = sizes_of(known).get("v_x", 0.0) > FAST
     shortest, longest = (wheelbase, wheelbase) if wheelbase else CARS
     road = [Reading(u, 1.0) for u, f in units.items() if LENGTHS[0] * shortest < in_radians * f < LENGTHS[1] * longest]
+    if not wheelbase and not fast and entry.unit in FACTORS and length > LONGEST:
+        return _unknown(entry, length)
     if not wheelbase and not fast:
         return _unknown(entry, in_radians * units[entry.unit or "rad"]) if hand_wheel else entry
     if road and not hand_wheel:

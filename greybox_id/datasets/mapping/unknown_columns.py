@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base.numbers import signed
+from ...base.numbers import exact, signed
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
@@ -96,17 +96,44 @@ def strangers(
     settled : signals that are decided: no column without a telling name is compared with them.
     """
     speed = sizes_of(known).get("v_x", 0.0)
-    result = []
-    for entry in unknown:
-        sought = (entry.signal,) if entry.signal else tuple(s for s in SOUGHT if s not in settled)
-        values = numbers[entry.column]
-        matches = [(s, m) for s in sought if len(values) == len(known) for m in _matches(known, s, values)]
-        if matches:
-            signal, best = max(matches, key=lambda item: abs(item[1].agreed.correlation))
-            result.append(_described(entry, signal, best, speed))
-        elif entry.signal:
-            result.append(entry)
-    return result
+    result: dict[str, MapEntry] = {}
+    for _ in range(2):  # a speed that the first round proposes tells the second what the steering is
+        for entry in unknown:
+            values = numbers[entry.column]
+            if entry.column in result or len(values) != len(known):
+                continue
+            sought = (entry.signal,) if entry.signal else tuple(s for s in SOUGHT if s not in settled)
+            matches = [(s, m) for s in sought for m in _matches(known, s, values)]
+            if matches:
+                signal, best = max(matches, key=lambda item: abs(item[1].agreed.correlation))
+                result[entry.column] = _described(entry, signal, best, speed)
+            elif "steer" in sought and (counts := _counts(entry, known, values)):
+                result[entry.column] = counts
+        further = {one.signal: numbers[one.column] for one in result.values() if one.signal not in known}
+        if "v_x" not in further:
+            break
+        known = known.with_signals(v_x=further["v_x"])
+    return [result.get(entry.column, entry) for entry in unknown if entry.column in result or entry.signal]
+
+
+def _counts(entry: MapEntry, known: Recording, values: Array) -> MapEntry | None:
+    """A column as the counts of a steering servo about their centre, where these turn the vehicle."""
+    finite = values[np.isfinite(values)]
+    if not finite.size:
+        return None
+    centre = float(np.median(finite))
+    matches = _matches(known, "steer", values - centre)
+    if not matches:
+        return None
+    best = max(matches, key=lambda item: abs(item.agreed.correlation))
+    other = best.pair.right if best.pair.nodes[0] == "steer" else best.pair.left
+    why = (
+        f"its distance from {exact(centre, 4)} agrees with {other} (correlation "
+        f"{signed(best.agreed.correlation, 2)}): counts of a servo? In lookup, write the angles of the road wheels "
+        "below the counts at which you measured them"
+    )
+    ends = (float(finite.min()), centre, float(finite.max()))
+    return replace(entry, signal="steer", reasons=(*entry.reasons, why), units=("rad",), ends=ends)
 
 
 def _matches(known: Recording, signal: str, values: Array) -> list[Met]:

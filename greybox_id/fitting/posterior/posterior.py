@@ -23,6 +23,7 @@ from ...base.errors import BadInput
 from ...base.files import replacing, write_atomically
 from ...base.guard import protect
 from ...base.json_data import checksum, plain
+from ...base.numbers import between, pretty_unit
 from ...base.shorthands import Array
 from ...base.version import __version__
 from ..fit import Build, Fit, load
@@ -205,7 +206,7 @@ class Posterior:
         if least < FEW:
             name = str(self.ess.idxmin())
             result.append(
-                f"The draws of {name} are worth {least:.0f} independent ones: the ends of intervals are noise."
+                f"The draws of {name} are worth {least:.0f} independent ones, too few for an interval. Draw more."
             )
         return result
 
@@ -319,7 +320,7 @@ class Posterior:
             f"Posterior of {self.fit.get('model')} by {self.method}: {len(self)} draws of {len(self.names)} parameters"
         )
         lines = [
-            f"  {name} = {row['mean']:.4g} [{row['low']:.4g}, {row['high']:.4g}] {row['unit']}"
+            f"  {name} = {between(row['mean'], row['low'], row['high'])} {pretty_unit(row['unit'])}"
             for name, row in self.table.head(6).iterrows()
         ]
         return "\n".join([first, *lines, *(f"  {caution}" for caution in self.cautions())])

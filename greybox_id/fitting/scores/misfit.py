@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import BadInput
-from ...base.numbers import quantity
+from ...base.numbers import number, quantity
 from ...base.shorthands import Array
 from ...base.signals import unit_of
 from ...base.statistics import white_noise_sd
@@ -57,8 +57,8 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     rows, seconds = sum(len(one) for one in recordings), sum(one.duration for one in recordings)
     if rows < FEWEST_ROWS or seconds < SHORTEST:
         raise BadInput(
-            f"{names}: {rows} rows, {seconds:.2g} s, are too short for a fit of {model.name}: its intervals need "
-            f"{FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
+            f"{names}: {rows} rows, {number(seconds, 2)} s, are too short for a fit of {model.name}: its "
+            f"intervals need {FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
         )
     outputs = {
         name: [one[name][start:stop] for one in recordings if one.has(name) for start, stop in one.runs]
@@ -117,14 +117,14 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
     if gain > CLEARLY and size > HALVES:
         yield Reason(
             NOT_USABLE,
-            "The second half of the data needs other parameters than the first: it is of a vehicle that has changed, "
-            "or of another. Fit each half, and ask greybox gap what changed.",
+            "The second half of the data needs other parameters than the first: the vehicle has changed, or is "
+            "another. Fit each half, and let greybox gap --since say what changed.",
         )
     elif gain > CLEARLY and size > SMALL_HALVES:
         yield Reason(
             WITH_CARE,
-            f"The second half of the data prefers other parameters than the first (odds e^{gain:.0f}): it may be of "
-            "another vehicle, or one that has changed. Fit each half.",
+            "The second half of the data prefers other parameters than the first "
+            f"(log-likelihood higher by {gain:.0f}): the vehicle may have changed, or be another. Fit each half.",
         )
 
 
@@ -134,7 +134,7 @@ def _short(fit: Fit) -> Iterator[Reason]:
     if trained and (rows < FEWEST_ROWS or seconds < SHORTEST):
         yield Reason(
             NOT_USABLE,
-            f"{rows} rows, {seconds:.2g} s, are too short: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
+            f"{rows} rows, {number(seconds, 2)} s, are too short: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
             "s. Record more.",
         )
 
@@ -144,19 +144,18 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     error, noise = _of_form(one), stated.get(name, one["noise"])
     times = one["residual"] / noise if noise > 0 else 0.0
     on = [word for word, part in one["on"].items() if part > ALSO * max(one["on"].values())][:2]
-    against = f", {times:.2g} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
+    against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"That goes with {_listed(on)}"
+        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"It varies with {_listed(on)}"
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
-            f"{name} is missed by {left}{against}. {depends}: the model lacks an effect"
-            f"{' or is of another vehicle' if error > DOUBTFUL else ''}. Intervals count it; greybox gap looks for it.",
+            f"The error of {name} is {left}{against}. {depends}: the model lacks an effect"
+            f"{', or is of another vehicle' if error > DOUBTFUL else ''}. Intervals include it; greybox gap looks for "
+            "the cause.",
         )
     else:
-        yield Reason(
-            USABLE, f"What the model lacks is {100 * error:.0f} % of {name} at most, counted in the intervals."
-        )
+        yield Reason(USABLE, f"What the model lacks is at most {100 * error:.0f} % of {name}; intervals include it.")
 
 
 def _of_form(one: Mapping[str, Any]) -> float:

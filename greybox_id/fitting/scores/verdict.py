@@ -13,13 +13,14 @@ from typing import Any
 
 import numpy as np
 
+from ...base.numbers import number
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
 from ...models.hybrid_model import HybridModel
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import SURPRISING, Fit, conflict
+from ..fit import SURPRISING, UNTOLD, Fit, conflict
 from ..provenance import DataRecord
 from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
 from .metrics import FREE_RUN, Error, Scores, ahead
@@ -174,7 +175,11 @@ def _found(fit: Fit) -> Iterator[Reason]:
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
         text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
-        yield Reason(NOT_USABLE, f"{text}: a corner, no vehicle.") if corner else Reason(WITH_CARE, f"{text}.")
+        yield Reason(NOT_USABLE, f"{text}: a corner of what is allowed.") if corner else Reason(WITH_CARE, f"{text}.")
+    known = [float(np.max(fit.sd[p.name])) < UNTOLD * abs(float(p.array)) for p in scalars if p.name in fit.sd]
+    informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
+    if len(known) == len(scalars) > 0 and not any(known) and not informed:
+        yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
     far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
         if p.prior is not None and p.prior.mean is not None:
@@ -184,11 +189,11 @@ def _found(fit: Fit) -> Iterator[Reason]:
                 far.append((away, p.name))
             foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
-        text = _listed([f"{name} by {away:.2g} sd" for away, name in sorted(far, reverse=True)])
+        text = _listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
         yield Reason(
             NOT_USABLE if foreign else WITH_CARE,
-            f"Estimates conflict with their priors: {text}. Suspect that the data are of another vehicle than stated, "
-            "or the model structure.",
+            f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
+            "model structure is wrong.",
         )  # fmt: skip
 
 
@@ -235,9 +240,11 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
             beaten.append((output, float(np.nanmax(by_hold))))
         elif float(np.nanmedian(left)) > UNEXPLAINED:
             loose.append((output, float(np.nanmedian(left))))
+    lost = [*useless, *(name for name, _ in beaten), *(name for name, share in loose if share >= MEAN)]
+    mostly = len(lost) > 0.5 * len(outputs) > 0.5
     if useless:
         yield Reason(
-            NOT_USABLE if len(useless) > 0.5 * len(outputs) else WITH_CARE,
+            NOT_USABLE if mostly or len(useless) > 0.5 * len(outputs) else WITH_CARE,
             f"{what}{_listed(useless)} {'is' if len(useless) == 1 else 'are'} predicted no better than by the mean of "
             "the readings or the last one.",
         )
@@ -245,6 +252,11 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
         yield Reason(
             NOT_USABLE if len(beaten) + len(useless) == len(outputs) > 1 else WITH_CARE,
             f"{what}{output}: the model {_beside(times)} persistence.",
+        )
+    if mostly and not useless:
+        yield Reason(
+            NOT_USABLE,
+            f"{what}most outputs, {_listed(lost)}, are predicted no better than by their mean or the last reading.",
         )
     for output, share in loose:
         yield Reason(WITH_CARE, f"{what}{output}: {100 * share:.0f} % of the variance is left unexplained.")
@@ -358,7 +370,7 @@ def _compared(
 
 
 def _times(ratio: float) -> str:
-    return f"{ratio:.2g} times" if ratio < MANY else f"over {MANY} times"
+    return f"{number(ratio, 2)} times" if ratio < MANY else f"over {MANY} times"
 
 
 def _beside(times: float) -> str:

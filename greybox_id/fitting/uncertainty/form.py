@@ -240,8 +240,8 @@ class _Starts:
     def take(self, H: Array, g: Array) -> None:
         """Eliminate the starts from all else."""
         if len(self.toward):
-            ridge = np.diag(RIDGE * np.maximum(np.diag(self.by_loose), 1e-300))
-            inverse = la.pinvh(self.by_loose + ridge)
+            unit = 1.0 / np.sqrt(np.maximum(np.diag(self.by_loose), 1e-300))
+            inverse = la.pinvh(self.by_loose * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
             H -= self.coupled.T @ inverse @ self.coupled
             g -= self.coupled.T @ (inverse @ self.toward)
 
@@ -422,9 +422,15 @@ class _Joint:
     ----------
     H, g : curvature and gradient by both, parameters first, at the parameters' optimum and no function.
     count : how many parameters.
+
+    Within, all is in units in which its curvature is one: a parameter of which next to nothing moves everything, as a
+    lag much shorter than a row may be, would leave the others below rounding.
     """
 
     def __init__(self, H: Array, g: Array, count: int) -> None:
+        size = np.diag(H)
+        self.scale = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 1.0)
+        self.count, H, g = count, H * np.outer(self.scale, self.scale), g * self.scale
         P, self.C, S = H[:count, :count], H[:count, count:], H[count:, count:]
         self.P = P + np.diag(RIDGE * np.maximum(np.diag(P), 1e-300))
         self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
@@ -436,7 +442,7 @@ class _Joint:
 
     def evidence(self, variances: Array) -> float:
         """Log of how much likelier the residuals are with functions of such variances than with none."""
-        root = np.sqrt(variances)
+        root = np.sqrt(variances) / self.scale[self.count :]
         inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
         try:
             factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
@@ -448,14 +454,16 @@ class _Joint:
 
     def beside(self, variances: Array) -> tuple[Array, Array, Array]:
         """What functions add to the parameters' covariance, where they move the optimum, and the functions' sizes."""
-        root = np.sqrt(variances)
+        of_p, of_functions = self.scale[: self.count], self.scale[self.count :]
+        root = np.sqrt(variances) / of_functions
         inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
         size, along = la.eigh(
             0.5 * (inner + inner.T)
         )  # at least one: what is added to the unit matrix has none below zero
         of_sizes = root[:, None] * ((along / np.maximum(size, 1.0)) @ along.T) * root[None, :]
         sizes, follow = -of_sizes @ self.pull, self.inverse @ self.C
-        return follow @ of_sizes @ follow.T, -follow @ sizes, sizes
+        wider = follow @ of_sizes @ follow.T * np.outer(of_p, of_p)
+        return wider, -follow @ sizes * of_p, sizes * of_functions
 
 
 def _likeliest(joint: _Joint, owner: Index, unit: Array, count: int) -> tuple[Array, Array]:

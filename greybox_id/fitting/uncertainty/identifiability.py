@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.numbers import quantity, signed, with_unit
+from ...base.numbers import number, percent, quantity, signed, with_unit
 from ...base.shorthands import Array
 from ..fit import Fit
 
@@ -52,16 +52,16 @@ class Undetermined:
     def about(self) -> str:
         """Why, in a plain sentence."""
         if not np.isfinite(self.sd):
-            return f"{self.name}: not identifiable: neither the recording nor a prior informs it."
+            return f"{self.name} is not identifiable: neither the recording nor a prior informs it."
         if self.sd > NO_NEWS * self.prior_sd:
-            share = f"{self.sd / self.prior_sd:.0%} of the prior's"
-            return f"{self.name}: dominated by the prior; its standard deviation is {share}."
+            share = f"{percent(self.sd / self.prior_sd)} of the prior's"
+            return f"{self.name} is dominated by the prior: its standard deviation is {share}."
         if self.relative_sd > 1.0:
             return (
-                f"{self.name}: its standard deviation, {quantity(self.sd, self.unit, 2)}, is larger than the "
+                f"The standard deviation of {self.name}, {quantity(self.sd, self.unit, 2)}, is larger than the "
                 f"estimate, {quantity(self.value, self.unit, 2)}."
             )
-        return f"{self.name}: its standard deviation is {self.relative_sd:.0%} of its size."
+        return f"The standard deviation of {self.name} is {percent(self.relative_sd)} of its size."
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ class CorrelatedPair:
         combined = "sum" if self.correlation < 0 else "difference"
         return (
             f"{self.first} and {self.second} are identifiable only in combination, as a weighted {combined} "
-            f"(correlation {self.correlation:+.3f})."
+            f"(correlation {signed(self.correlation)})."
         )
 
 
@@ -102,7 +102,7 @@ class Direction:
     def about(self) -> str:
         """What can move, in a plain sentence."""
         moves = [
-            f"{name} by {f'{move:+.0%}' if change is None else change}"
+            f"{name} by {f'{signed(100 * move, 2)} %' if change is None else change}"
             for name, move, change in zip(self.names, self.moves, self.changes, strict=True)
         ]
         listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
@@ -131,7 +131,7 @@ class Identifiability:
         """Everything in plain sentences."""
         result = [each.about() for group in (self.undetermined, self.pairs, self.directions) for each in group]
         known = (
-            f"The normal matrix has condition number {self.condition:.2g}."
+            f"The normal matrix has condition number {number(self.condition, 2)}."
             if np.isfinite(self.condition)
             else "The normal matrix is singular: no recording like this one tells all parameters."
         )

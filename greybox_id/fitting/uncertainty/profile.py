@@ -20,6 +20,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from ...base.errors import BadInput
+from ...base.numbers import alike, number, with_unit
 from ...base.shorthands import Array
 from ...engine.least_squares import LeastSquares, Matched
 from ...engine.solvers.gauss_newton import Solution, Status, gauss_newton
@@ -64,7 +65,7 @@ class Profile:
     Examples
     --------
     >>> import greybox_id as gb
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     >>> found = gb.fit("kinematic", lap, vehicle="roboracer").profile("yaw_lag")
     >>> found.identifiable
     True
@@ -92,7 +93,8 @@ class Profile:
     def about(self, name: str, unit: str = "") -> str:
         """The interval and its ends in plain sentences."""
         low, high = self.interval
-        stated = [f"{name} lies between {low:.4g} and {high:.4g}{f' {unit}' if unit else ''}."]
+        ends = alike(low, high, by=(high - low) / 4.0)
+        stated = [f"{name} lies between {ends[0]} and {with_unit(ends[1], unit)}."]
         stated += [
             f"Its {side} side {end.value}."
             for side, end in zip(("lower", "upper"), self.ends, strict=True)
@@ -100,9 +102,9 @@ class Profile:
         ]
         if self.at_a_better_optimum:
             better = self.values[np.argmin(self.rise)]
-            stated.append(f"The fit was not at its best: at {better:.4g} it is better; fit again from there.")
+            stated.append(f"The fit was not at its optimum: {number(better, 4)} is better; fit again from there.")
         if not self.settled:
-            stated.append("Some points of the profile were not optimised to their end: the interval may be too narrow.")
+            stated.append("Some points of the profile did not converge: the interval may be too narrow.")
         return " ".join(stated)
 
 

@@ -280,12 +280,12 @@ def _answer(
     if first is not None:
         number = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
-            reasons[first.place] = "it does not make predictions better on what chose nothing"
+            reasons[first.place] = "it does not improve predictions of recordings that did not choose it"
         elif sure[0] <= CAL.present:
             beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
             reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
         elif not number.low < mean[first.place] < number.high:
-            reasons[first.place] = "it stands at its bound: a symptom of something else, no size"
+            reasons[first.place] = "it stands at its bound: a symptom of something else, not an estimate"
     first_found = first
     if reasons:
         first, mean = None, entry
@@ -298,7 +298,7 @@ def _answer(
         size = _within(value[name], number.value(known.x[one.place] + one.shift[0]))
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
-            reason = "it would be further off than ever changes: a symptom of something else, no size"
+            reason = "it is larger than such a change ever is: a symptom of something else, not an estimate"
         mates = tuple(alike) if first_found is one else ()
         ranking.append(Ranked(name, float(p), size, value[name].parameter.unit, span, mates, one.total, reason))
     ranking = [*(_by_columns(known, value[effects[known.numbers[place].name]], effects, place, by)
@@ -320,7 +320,7 @@ def _answer(
         gap_detected=bool(applied) or unknown > 0.5,
         p_value=min([_by_chance(result, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
         unknown_probability=unknown,
-        unknown=f"readings are {loud:.2g} times as far from their predictions as before" if unknown > 0.5 else "",
+        unknown=f"readings are {number(loud, 2)} times as far from predictions as before" if unknown > 0.5 else "",
         where=Where(channel=max(channels, key=lambda name: channels[name]) if applied or unknown > 0.5 else "",
                     channels=channels),
         ranking=tuple(ranking),
@@ -394,11 +394,11 @@ def _budget(
     judged: Closure,
     held_out: bool,
 ) -> Budget | None:
-    """Shares of what is applied, one after the other; what is left of the gap is unnamed."""
+    """Shares of what is applied, one after the other; what is left of the gap is unexplained."""
     if not applied:
         return None
     low, high = judged.closed_interval
-    rest = Share("unnamed", 1 - judged.closed, 1 - high, 1 - low)
+    rest = Share("unexplained", 1 - judged.closed, 1 - high, 1 - low)
     shares, before = [], 0.0
     for k, name in enumerate(applied):
         upto = judged.closed
@@ -499,7 +499,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         trend = float(np.sum(weights * about * value)) / information
         if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
             stated.append(
-                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: what changed "
-                "since then may be no more than that."
+                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: a change "
+                "since then may be that drift."
             )
     return tuple(stated)

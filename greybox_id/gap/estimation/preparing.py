@@ -136,7 +136,7 @@ def prepare(
         if effect.parameter.name not in nominal:  # else it is there, as an effect or as a number of the equations
             everything = everything + effect.at(float(effect.parameter.array))
     if not concerned:
-        raise BadInput(f"Nothing is known that {model.name} may lack: no effect acts on it.")
+        raise BadInput(f"No effect acts on {model.name}: there is no cause to look for.")
     return Prepared(nominal, _observed(everything, recordings), concerned)
 
 

@@ -84,7 +84,7 @@ def alteration(
     Examples
     --------
     >>> import greybox_id as gb
-    >>> soft = gb.alteration(
+    >>> soft = gb.effects.alteration(
     ...     "steering", "soft_steering", "1/rad", 0.0, (-1.0, 5.0), "steering angle lost", typical=0.5,
     ...     steer=lambda steer, q: steer / (1 + q.p.soft_steering * steer**2),
     ... )

@@ -61,7 +61,7 @@ def _closure(body: Mapping[str, Any]) -> Closure:
 def _budget(rows: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> Budget | None:
     if not rows:
         return None
-    named = [{"effect": "unnamed", "share": row.get("unnamed"), **row} for row in rows]
+    named = [{"effect": "unexplained", "share": row.get("unnamed"), **row} for row in rows]
     *shares, rest = of_plain(tuple[Share, ...], named, "budget")
     on = body["held_out"] or body["gap"]
     recordings = of_plain(tuple[str, ...], on["recordings"], "recordings")

@@ -77,8 +77,8 @@ METHOD = (
     ),
     (
         "Unknown",
-        "Unknown forces that stay larger beside the named effects than equations usually err by, or readings that "
-        "scatter by more than their stated noise, are unmodelled effects.",
+        "An unmodelled effect is there where unknown forces remain larger than the usual error of equations, or where "
+        "readings scatter by more than their stated noise.",
     ),
 )
 ERRORS = "RMSE before → after (floor), from measured states over each horizon, and in free run."
@@ -90,28 +90,16 @@ LIMITS = (
     "and left out."
 )
 CHANNELS = (
-    "Where a model leaves nothing but noise, errors over noise are one, in free run and at every frequency; the last "
-    "two columns say at which frequency the errors of the model as it was exceed noise most."
+    "An error over noise of 1 means that only noise is left. The last two columns give the frequency at which the "
+    "errors of the original model exceed noise most, and by how much."
 )
 STATED = "Numbers stated as exact stay. A number with a tolerance is refitted within it; what that explains is no gap."
 EQUATIONS = "The simulation that was compared, written down from the model itself, with the effects it has."
 
 
-def write_report(gap: Gap, made: Made, out: str | Path, kind: str | None = None) -> Path:
-    """Write the report of a diagnosis as PDF or HTML, as `kind` or the file's name says, atomically.
-
-    Parameters
-    ----------
-    gap : the diagnosis.
-    made : what it was made with.
-    out : file to write.
-    kind : "pdf" or "html".
-
-    Raises
-    ------
-    BadInput : `out` cannot be written.
-    """
-    return write(gap_report(gap, made), out, kind)
+def write_report(gap: Gap, made: Made, out: str | Path) -> Path:
+    """Write the report of a diagnosis as PDF or HTML, as the file's name says. Raises `BadInput` where it cannot be."""
+    return write(gap_report(gap, made), out)
 
 
 def gap_report(gap: Gap, made: Made) -> Document:
@@ -146,8 +134,8 @@ def _data(gap: Gap) -> tuple[Part, ...]:
         "The noise of the sensors is stated." if gap.noise_stated else "No sensor noise is stated: what the best "
         "explanation leaves is taken for it, so that a gap without a name cannot show."
     )  # fmt: skip
-    words = f"Units, signs, time and delays of {listed([*gap.recordings])} are not to be doubted. {noise}"
-    return titled("Are the data to be trusted", Text(words, small=False))
+    words = f"Units, signs, time and delays of {listed([*gap.recordings])} raise no doubts. {noise}"
+    return titled("Can the data be trusted", Text(words, small=False))
 
 
 def ranked(gap: Gap) -> Table:
@@ -220,7 +208,7 @@ def _runner_up(gap: Gap) -> str:
     how = f"{number(less)} less than" if less > 0 else "no less than"
     return (
         f"{second.effect}, {magnitude_words(second)}, with probability {probability_words(second.probability)}; alone "
-        f"in its place it would gain {number(second.gain)} of the log-likelihood, {how} {first.effect}."
+        f"it would raise the log-likelihood by {number(second.gain)}, {how} {first.effect}."
     )
 
 

@@ -16,6 +16,7 @@ from ...base.numbers import (
     whole_percent,
 )
 from ...base.statistics import NORMAL
+from ...fitting.scores.verdict import MANY
 from ...gap.estimation.calibration import CAL
 from ...gap.gap import CauseClass, Closure, Gap, Ranked
 from ...models.effects import EFFECTS
@@ -214,7 +215,7 @@ def _largest(gap: Gap) -> str:
         size = sqrt(gap.gap.before) if gap.gap.before > 0 else float("nan")
         return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda item: channels[item])
-    times = f"{number(channels[name], 2)} times its noise"
+    times = f"{number(channels[name], 2) if channels[name] < MANY else f'over {MANY}'} times its noise"
     if gap.gap_detected and channels[name] < HARDLY and gap.applied:
         return f", though hardly in free run: the error of {name}, the largest, is {times}"
     if gap.gap_detected:

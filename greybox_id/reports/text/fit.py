@@ -107,7 +107,7 @@ def _from_prior(result: Fit) -> str:
     if not names:
         return ""
     listed = ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if names[MOST_NAMED:] else "")
-    return f"; {len(names)} of {counted(len(free), 'estimate')} more prior than data: {listed}"
+    return f"; {len(names)} of {counted(len(free), 'estimate')} come from priors rather than data: {listed}"
 
 
 def verdict_table(verdict: Verdict, more: str = "") -> Table:
@@ -243,8 +243,8 @@ def errors_table(metrics: Mapping[str, Any]) -> Table:
         for protocol, outputs in protocols.items():
             for name, error in outputs.items():
                 sd = error["rmse_sd"]
-                rmse = f"{error['rmse']:.4f} ± " + (f"{sd:.4f}" if math.isfinite(sd) else "–")
-                fvu, unit = f"{error['fvu']:.4f}", pretty_unit(unit_of(name))
+                rmse = with_sd(error["rmse"], sd)
+                fvu, unit = number(error["fvu"]), pretty_unit(unit_of(name))
                 if not math.isfinite(error["rmse"]):
                     rmse, fvu = "diverges", "–"
                 table.add_row(f"{role} {name}", PROTOCOL_WORDS.get(protocol, protocol), rmse, unit, fvu)

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from ...base.numbers import listed, number, pretty_unit, rmse, whole_percent
+from ...base.numbers import listed, number, pretty_unit, quantity, rmse, short_with_sd, whole_percent
 from ...fitting.scores.horizons import Errors
 from ...gap.gap import Budget, Closure, Gap
 from ..gap.words import (
@@ -89,7 +89,7 @@ def _which(gap: Gap, width: int) -> Group | None:
 
 
 def _budget(budget: Budget) -> Group:
-    """Shares of the excess error as bars, the unnamed rest last."""
+    """Shares of the excess error as bars, the unexplained rest last."""
     table = Table.grid(padding=(0, 2, 0, 0))
     for _ in range(3):
         table.add_column()
@@ -136,13 +136,13 @@ def _how_far(gap: Gap, width: int) -> Group:
         types.append(warning)
     types += carried_over(gap)
     if not held_out and gap.applied:
-        types.append("what it is worth on other recordings is not known: hold some out")
+        types.append("how far it closes on other recordings is not known: hold some out")
     if gap.moved:
         named = [
-            f"{one.name} {number(one.stated, 3)} ± {number(one.sd, 2)} → {number(one.value, 3)} {pretty_unit(one.unit)}"
+            f"{one.name} {short_with_sd(one.stated, one.sd)} → {quantity(one.value, one.unit)}"
             for one in gap.moved[:MOST_WORDS]
         ]
-        types.append(f"parameters further than one sd from where they are stated: {_and_more(named, len(gap.moved))}")
+        types.append(f"parameters more than one sd from their stated values: {_and_more(named, len(gap.moved))}")
     if closure.errors:
         types.append(_errors(closure, width))
     return Group(*types)

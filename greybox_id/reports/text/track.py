@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from ...base.numbers import alike, counted, pretty_unit
+from ...base.numbers import alike, counted, percent, pretty_unit
 from ...base.numbers import number as decimal
 from ...base.signals import unit_of
 from ...filters.track import Track
@@ -42,7 +42,7 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
     checks = plain_table("reading", *counts, "unit", *tests, right=(*counts, *tests))
     for name, item in track.consistency.items():
         checks.add_row(
-            name, str(item.count), f"{item.rms:.3g}", pretty_unit(unit_of(name)), f"{item.nis:.2f}",
+            name, str(item.count), decimal(item.rms), pretty_unit(unit_of(name)), f"{item.nis:.2f}",
             f"{100 * item.inside:.0f} %", f"{item.correlation:+.2f}", str(item.gated),
         )  # fmt: skip
     yield checks
@@ -59,7 +59,7 @@ def beside_truth(digest: Digest) -> list[str]:
     for name, one in digest.truth.items():
         sentence = (
             f"{name}: RMSE {decimal(one.rmse)} {one.unit} beside what was measured and did not enter the filter "
-            f"({decimal(one.size)} {one.unit} rms); {100 * one.inside:.2g} % of it is within two sd, where 95 % is due"
+            f"({decimal(one.size)} {one.unit} rms); {percent(one.inside)} of it is within two sd, where 95 % should be"
         )
         if one.inside < COVERED:
             sentence += ": the bands are too narrow, do not trust them"

@@ -89,7 +89,7 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     >>> import greybox_id as gb
     >>> from greybox_lab.driving.learned.injection import injected
     >>> from greybox_lab.driving.learned.training import train_actuator_net
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> net = train_actuator_net(lap, steps=3)
     >>> model = injected(gb.models.single_track(vehicle="roboracer"), net)
     >>> model.effects, model.physics.effects

@@ -255,7 +255,7 @@ def load_actuator_net(path: str | Path) -> ActuatorNet:
     >>> import greybox_id as gb
     >>> from greybox_lab.driving.learned.net import load_actuator_net
     >>> from greybox_lab.driving.learned.training import train_actuator_net
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> file = f"{tempfile.mkdtemp()}/net.json"
     >>> train_actuator_net(lap, steps=3).save(file)
     >>> load_actuator_net(file).variant

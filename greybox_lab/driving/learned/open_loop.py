@@ -184,7 +184,7 @@ def errors_ahead(
     --------
     >>> import greybox_id as gb
     >>> from greybox_lab.driving.learned.open_loop import errors_ahead
-    >>> lap = gb.read(gb.shipped("racer_valid"), columns="roboracer").rows(0, 200)
+    >>> lap = gb.read(gb.datasets.shipped("racer_valid"), columns="roboracer").rows(0, 200)
     >>> sorted(errors_ahead(gb.models.single_track(vehicle="roboracer"), [lap], [0.5])[0.5])
     ['v_x', 'yaw_rate']
     """

@@ -65,7 +65,7 @@ def train_actuator_net(
     --------
     >>> import greybox_id as gb
     >>> from greybox_lab.driving.learned.training import train_actuator_net
-    >>> lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 400)
+    >>> lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 400)
     >>> net = train_actuator_net(lap, steps=3)
     >>> net.inputs, net.outputs, net.history
     (('steer', 'yaw_rate', 'v_x'), ('yaw_rate',), 3)
@@ -150,7 +150,7 @@ class _Scaling:
         """By mean and spread of what is read, and of what is to be said."""
         if len(step_windows) < 2:
             raise BadInput(
-                "The recordings hold no two windows without a missing reading: nothing is learned from them."
+                "Fewer than two windows of the recordings have all readings: there is nothing to learn from."
             )
         now, after = step_windows.seen[:, 0], step_windows.following - step_windows.own
         scales, out = np.std(now, axis=0), np.std(after, axis=0)

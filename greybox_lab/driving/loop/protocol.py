@@ -26,7 +26,7 @@ CHALLENGE, NONCE = "X-Greybox-Challenge", "X-Greybox-Nonce"
 
 ARMS: Mapping[str, str] = {
     "named": "closed by what `greybox gap` names, drawn within its intervals",
-    "named_residual": "the same, and five networks of what it is off by where something is likelier unnamed than not",
+    "named_residual": "the same, and five networks of its error where an unmodelled effect is likelier than not",
     "refit": "the parameters of the vehicle file, fitted",
     "actuator_net": "a network of three steps says the yaw rate, as published",
     "abstract": "a network of fifteen steps says yaw rate and v_y",

@@ -72,7 +72,7 @@ class RowCounts:
 def path_error_beyond(path_error: float, foretold: float) -> str:
     """Why a path error over a lap, m, is more than what was foretold; "" where it is not."""
     if foretold > 0 and path_error > EXCESS * foretold:
-        return f"path error {path_error:.3f} m, {foretold:.3f} m were foretold"
+        return f"path error {path_error:.3f} m, where {foretold:.3f} m was expected"
     return ""
 
 

@@ -123,7 +123,7 @@ class Workers:
             self._store.keep(job)
         except BadInput as error:
             self._unkept.add(job.id)
-            self._progress[job.id] = f"How far it is cannot be written down: {error}"
+            self._progress[job.id] = f"Its progress cannot be written: {error}"
         self._announce(job)
 
     def _announce(self, job: Job) -> None:

@@ -130,9 +130,7 @@ def load_learned(path: str | Path) -> Learned:
 
     def made(body: dict[str, Any]) -> Learned:
         if "value" not in body:
-            raise BadInput(
-                f"{path} holds a policy alone, with which learning cannot go on. Name one as it was learned."
-            )
+            raise BadInput(f"{path} holds only a policy, from which learning cannot continue. Name what `learn` wrote.")
         return Learned(
             policy_of(body), Perceptron(*layers_of(body["value"])), np.array(body["log_sd"], dtype=np.float32)
         )

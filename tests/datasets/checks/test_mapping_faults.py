@@ -133,6 +133,16 @@ def test_what_two_channels_alone_leave_open_is_told_as_open():
     assert "As likely" in finding.sentence
 
 
+def test_a_course_and_its_rate_are_of_one_sensor():
+    """Two channels against one are no two witnesses where the one is the other's integral."""
+    recording = clean(5)
+    yaw = np.cumsum(recording["yaw_rate"]) * recording.sample_time
+    alone = only(recording.with_signals(yaw=-yaw, yaw_rate=-recording["yaw_rate"]), "v_x", "yaw_rate", "steer", "yaw")
+    (finding,) = [f for f in check_mapping(alone) if f.kind == "mapping"]
+    assert "steer has the wrong sign" in finding.sentence
+    assert "yaw_rate and yaw have the wrong sign" in finding.sentence
+
+
 @pytest.mark.parametrize(
     ("file", "columns"),
     [("roboracer/train.csv", "roboracer"), ("roboracer/valid.csv", "roboracer"),

@@ -128,6 +128,51 @@ def test_a_motors_speed_is_counts_and_asked_for():
     }
 
 
+def test_a_course_tells_the_unit_of_the_steering_as_a_gyro_does(tmp_path):
+    """Without a gyro: a wheelbase of 2.8 m is that, and not one over it."""
+    time = np.arange(3000) / 50
+    steer = 0.05 * np.sin(0.7 * time) + 0.03 * np.sin(0.31 * time)
+    yaw = np.cumsum(15.0 * steer / 2.8) / 50
+    table = {
+        "time": time,
+        "speed": np.full(3000, 15.0) + 0.5 * np.sin(0.2 * time),
+        "wheel_angle": np.degrees(steer),
+        "east": np.cumsum(15.0 * np.cos(yaw)) / 50,
+        "north": np.cumsum(15.0 * np.sin(yaw)) / 50,
+    }
+    for factor, unit in ((1.0, "deg"), (np.pi / 180, "rad")):
+        pd.DataFrame(table | {"wheel_angle": factor * table["wheel_angle"]}).to_csv(tmp_path / "lap.csv", index=False)
+        (entry,) = [entry for entry in propose(tmp_path / "lap.csv", wheelbase=2.8).entries if entry.signal == "steer"]
+        assert entry.unit == unit
+        assert any("says a length of 2.8 m" in reason for reason in entry.reasons), entry.reasons
+
+
+def town(tmp_path, unit="deg/s", factor=180 / np.pi):
+    """A drive in town, as a logger writes it: the hand wheel in degrees, ratio 16, and units in the names."""
+    time = np.arange(1500) / 50
+    turn = 0.2 * np.sin(0.9 * time) + 0.1 * np.sin(2.3 * time)
+    table = {
+        "Time [s]": time,
+        "Ground Speed [km/h]": 3.6 * (12 + np.sin(0.3 * time)),
+        "Steered Angle [deg]": np.degrees(16 * 2.8 * turn / (12 + np.sin(0.3 * time))),
+        f"Gyro Yaw Velocity [{unit}]": factor * turn,
+        "G Force Lat [G]": (12 + np.sin(0.3 * time)) * turn / 9.80665,
+    }
+    pd.DataFrame(table).to_csv(tmp_path / "town.csv", index=False)
+    return propose(tmp_path / "town.csv")
+
+
+def test_no_wheelbase_is_45_m_long(tmp_path):
+    """Below the pace that tells a car from a model of one, the length alone still tells a hand wheel."""
+    (steer,) = [entry for entry in town(tmp_path).open if entry.signal == "steer"]
+    assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
+
+
+def test_a_wrong_unit_that_the_file_states_is_a_finding_though_no_map_has_a_file_yet(tmp_path):
+    found = town(tmp_path, factor=1.0).findings
+    assert any("yaw_rate is in rad/s and called deg/s" in finding.sentence for finding in found)
+
+
 def test_a_hand_wheel_is_asked_for_its_ratio(disguised):
     names = {**PLAIN, "steer": "SWA [deg]"}
     file = disguised(names, factors=("steer",))
@@ -211,3 +256,16 @@ def test_omega_is_asked_about_as_yaw_rate(disguised):
     assert (entry.column, entry.signal, entry.unit) == ("omega", "yaw_rate", "rad/s")
     assert "the angular velocity of a wheel or a motor" in " ".join(entry.reasons)
     assert '#? yaw_rate = { column = "omega", unit = "rad/s" }' in as_toml(proposal, "car")
+
+
+def test_counts_of_a_servo_about_their_centre_are_asked_for_as_steering(tmp_path):
+    columns = {"t": TRUE.time, "wheel_kmh": 3.6 * TRUE["v_x"], "gz": TRUE["yaw_rate"], "ax": TRUE["a_x"]}
+    file = tmp_path / "lap.csv"
+    pd.DataFrame({**columns, "servo_us": 1500 + 900 * TRUE["steer"]}).to_csv(file, index=False)
+    proposal = propose(file)
+    asked = {entry.signal: entry for entry in proposal.open}
+    assert asked["v_x"].column == "wheel_kmh"
+    assert asked["steer"].column == "servo_us"
+    text = as_toml(proposal, "car")
+    assert '#? steer = { column = "servo_us", unit = "rad", lookup = [[' in text
+    assert "#? throttle" in text  # no column looks like a drive

@@ -126,6 +126,26 @@ def test_one_output_that_was_made_worse_is_said(good):
     assert "v_y: 2.5 times the RMSE of the unfitted model" in said.reasons[0]
 
 
+def test_a_fit_of_which_most_outputs_are_lost_one_way_or_another_is_not_usable(good):
+    """One no better than its mean, one beaten by persistence: neither is most of three, but both are."""
+    own, held = score_beside_hold(good.model, lap(3))
+    worse = {"v_y": lambda e: 1.3 * e.spread, "a_y": lambda e: 1.3 * e.spread}
+    lost = {n: {o: replace(e, rmse=worse[o](e) if o in worse else e.rmse) for o, e in errors.items()}
+            for n, errors in own.items()}  # fmt: skip
+    hold = {n: {o: replace(e, rmse=(0.9 if o == "a_y" else 5.0) * e.spread) for o, e in errors.items()}
+            for n, errors in held.items()}  # fmt: skip
+    verdict = judged(good, {"validate": lost}, held={"validate": hold})
+    assert verdict.usability == NOT_USABLE
+
+
+def test_a_fit_that_determines_nothing_is_not_usable(good):
+    own, held = score_beside_hold(good.model, lap(3))
+    vague = replace(good, sd={p.name: np.asarray(abs(2.0 * p.array)) for p in good.model.parameters})
+    verdict = judged(vague, {"validate": own}, held={"validate": held})
+    assert verdict.usability == NOT_USABLE
+    assert "determines none of the 2 estimates" in verdict.reasons[0]
+
+
 def test_errors_that_do_not_carry_over_are_said(good):
     own, held = score_beside_hold(good.model, lap(3))
     trained = {name: {o: replace(e, rmse=e.rmse / 3) for o, e in errors.items()} for name, errors in own.items()}

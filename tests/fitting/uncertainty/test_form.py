@@ -11,6 +11,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
+from greybox_id.fitting.uncertainty.form import _Joint
 from greybox_id.fitting.verb import fit
 from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
@@ -160,3 +161,17 @@ def test_an_effect_that_makes_what_was_held_out_worse_is_refused():
     assert any("of the same fit without steering_offset" in reason for reason in found.verdict.reasons)
     right = fit(nominal, [turned], validate=changed(driven(**LONG, seed=7), steer=lambda v: v + 0.02), how=QUICK)
     assert not any("without steering_offset" in reason for reason in right.verdict.reasons)
+
+
+def test_a_parameter_of_which_nothing_moves_everything_leaves_the_others_as_they_are():
+    """A lag of microseconds: its curvature is 1e18 times that of the others, and rounding must not reach these."""
+    rng = np.random.default_rng(3)
+    columns, residuals = rng.standard_normal((200, 7)), rng.standard_normal(200)
+    variances = np.array([0.1, 0.2, 0.05, 0.1])
+    found = []
+    for steep in (1.0, 1e9):
+        table = columns * np.array([steep, *np.ones(6)])
+        wider, moved, sizes = _Joint(table.T @ table, table.T @ residuals, 3).beside(variances)
+        found.append((wider[1:, 1:], moved[1:], sizes))
+    for plain, beside in zip(*found, strict=True):
+        np.testing.assert_allclose(beside, plain, rtol=1e-6)

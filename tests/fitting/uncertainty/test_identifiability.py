@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from greybox_id.base.numbers import signed
 from greybox_id.fitting.uncertainty.identifiability import identifiability
 
 NAMES = ("mass", "stiffness", "offset", "length")
@@ -23,20 +24,20 @@ def test_where_everything_is_told_that_is_said():
     found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.2]))
     assert found.undetermined == found.pairs == found.directions == ()
     assert found.condition == pytest.approx(1.0)
-    assert found.about() == ("Every parameter is determined.", "The normal matrix has condition number 1.")
+    assert found.about() == ("Every parameter is determined.", "The normal matrix has condition number 1.0.")
 
 
 def test_a_parameter_known_to_less_than_half_its_size_is_not_determined():
     found = identifiability(NAMES, X, covariance([0.1, 0.6, 1e-4, 0.2]))
     assert [each.name for each in found.undetermined] == ["stiffness"]
-    assert found.undetermined[0].about() == "stiffness: its standard deviation is 60% of its size."
+    assert found.undetermined[0].about() == "The standard deviation of stiffness is 60 % of its size."
 
 
 def test_a_parameter_that_moved_little_from_its_prior_is_not_determined():
     prior = np.array([150.0, np.inf, np.inf, np.inf])
     found = identifiability(NAMES, X, covariance([0.12, 0.1, 1e-4, 0.2]), prior_sd=prior)
     assert [each.about() for each in found.undetermined] == [
-        "mass: dominated by the prior; its standard deviation is 80% of the prior's."
+        "mass is dominated by the prior: its standard deviation is 80 % of the prior's."
     ]
 
 
@@ -54,7 +55,7 @@ def test_what_nothing_tells_comes_first_and_makes_the_matrix_singular():
     C[3, 3] = np.inf
     found = identifiability(NAMES, X, C)
     assert [each.name for each in found.undetermined] == ["length", "stiffness"]
-    assert found.about()[0] == "length: not identifiable: neither the recording nor a prior informs it."
+    assert found.about()[0] == "length is not identifiable: neither the recording nor a prior informs it."
     assert found.condition == np.inf
     assert "singular" in found.about()[-1]
 
@@ -76,7 +77,7 @@ def test_parameters_that_stand_for_each_other_are_named_in_pairs(correlation, wo
     assert [(pair.first, pair.second) for pair in found.pairs] == [("mass", "stiffness")]
     assert found.pairs[0].about() == (
         f"mass and stiffness are identifiable only in combination, as a weighted {word} "
-        f"(correlation {correlation:+.3f})."
+        f"(correlation {signed(correlation)})."
     )
 
 
@@ -100,13 +101,13 @@ def test_a_direction_that_is_open_reads_as_parameters_moving_together():
     np.testing.assert_allclose(direction.moves, [0.5, 0.4], rtol=0.01)
     assert direction.relative_sd == pytest.approx(np.hypot(0.5, 0.4), rel=0.01)
     assert direction.about() == (
-        "One standard deviation moves mass by +50% and stiffness by +40% together, and the residuals hardly change."
+        "One standard deviation moves mass by +50 % and stiffness by +40 % together, and the residuals hardly change."
     )
 
 
 def test_a_parameter_that_is_open_alone_is_a_direction_of_its_own():
     (direction,) = identifiability(NAMES, X, covariance([0.9, 0.1, 1e-4, 0.1])).directions
-    assert direction.about() == "One standard deviation moves mass by +90% alone, and the residuals hardly change."
+    assert direction.about() == "One standard deviation moves mass by +90 % alone, and the residuals hardly change."
 
 
 def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in_per_cent_of_it():
@@ -119,7 +120,7 @@ def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in
     ).directions
     assert first.about() == ("One standard deviation moves tilt by +0.18 rad alone, and the residuals hardly change.")
     assert second.about() == (
-        "One standard deviation moves mass by +50% and curve by +0.20 together, and the residuals hardly change."
+        "One standard deviation moves mass by +50 % and curve by +0.20 together, and the residuals hardly change."
     )
     (alone,) = identifiability(("offset",), np.array([0.01]), np.array([[0.04]]), units=("rad",)).undetermined
-    assert alone.about() == "offset: its standard deviation, 0.20 rad, is larger than the estimate, 0.010 rad."
+    assert alone.about() == "The standard deviation of offset, 0.20 rad, is larger than the estimate, 0.010 rad."

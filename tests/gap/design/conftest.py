@@ -22,7 +22,7 @@ def fit(car):
 
     true = toleranced(car, np.random.default_rng(SEED))
     lap, _ = drive(true, "mixed", 12.0, 50.0, forms="other", seed=SEED, colour=0.3)
-    stated = gb.Vehicle(car.name, values={name: gb.Stated(value) for name, value in car.parameters.items()})
+    stated = gb.Vehicle(car.name, values={name: gb.models.Stated(value) for name, value in car.parameters.items()})
     return gb.fit("single_track", lap, vehicle=stated, fix=["C_f", "C_r"])
 
 

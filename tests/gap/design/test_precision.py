@@ -228,6 +228,6 @@ def test_what_cannot_be_designed_for_is_a_sentence(fit):
 
 
 def test_a_model_without_speed_is_a_sentence():
-    lap = gb.read(gb.shipped("racer_train"), columns="roboracer").rows(0, 200)
+    lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 200)
     with pytest.raises(BadInput, match="Fit single_track"):
         gb.design(gb.fit("kinematic", lap, vehicle="roboracer"), arena="disc:10")

@@ -13,6 +13,11 @@ import pytest
 import greybox_id as gb
 
 SIZES = ((1280, 800), (1920, 1080))
+SHOWN = """
+const [selector, words, whole] = arguments;
+return [...document.querySelectorAll(selector)].filter(each => each.getClientRects().length && !each.disabled
+  && (whole ? each.innerText.trim() === words : each.innerText.includes(words)));
+"""
 
 
 class Reader:
@@ -38,35 +43,35 @@ class Reader:
         self.see("Drop recordings")
         self.driver.find_element("css selector", "input[type=file]").send_keys("\n".join(map(str, files)))
 
-    def pick(self, label, option, which=0):
-        def named(selector, suits):
-            return [each for each in self.driver.find_elements("css selector", selector) if suits(each.text)]
+    def shown(self, selector, words="", whole=False):
+        """Elements that are seen and hold some words, looked for in one step: a page may be drawn anew in between."""
+        return self.driver.execute_script(SHOWN, selector, words, whole)
 
-        named(".q-select", lambda text: label in text)[which].click()
-        self.wait(lambda: named(".q-menu .q-item", lambda text: text == option), f"the option {option}", 20)
-        named(".q-menu .q-item", lambda text: text == option)[0].click()
-        self.wait(lambda: not named(".q-menu .q-item", bool), f"no menu after {option} was picked", 20)
+    def pick(self, label, option, which=0):
+        self.shown(".q-select", label)[which].click()
+        self.wait(lambda: self.shown(".q-menu .q-item", option, True), f"the option {option}", 60)
+        self.shown(".q-menu .q-item", option, True)[0].click()
+        self.wait(lambda: not self.shown(".q-menu .q-item"), f"no menu after {option} was picked", 60)
         self.clicks += 2
 
-    def click(self, words, seconds=60):
-        until = time.time() + seconds
-        while True:
-            for button in self.driver.find_elements("tag name", "button"):
-                try:
-                    if words in button.text and button.is_enabled():
-                        self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
-                        button.click()
-                        self.clicks += 1
-                        return
-                except Exception:  # drawn anew in between
-                    break
-            assert time.time() < until, f"no button {words!r} in:\n{self.text}"
+    def click(self, words, seconds=240):
+        until, trouble = time.time() + seconds, ""
+        while time.time() < until:
+            try:
+                for button in self.shown("button", words)[:1]:
+                    self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
+                    button.click()
+                    self.clicks += 1
+                    return
+            except Exception as error:  # drawn anew in between
+                trouble = f"{error} "
             time.sleep(0.1)
+        raise AssertionError(f"no button {words!r}: {trouble}in:\n{self.text}")
 
     def fits(self, name):
         """Nothing scrolls sideways at either size; pictures are kept."""
         for width, height in SIZES:
-            self._resized(width, height)
+            self.resize(width, height)
             time.sleep(0.5)
             across, inner, down = self.driver.execute_script(
                 "const page = document.documentElement; return [page.scrollWidth, window.innerWidth, page.scrollHeight]"
@@ -75,15 +80,15 @@ class Reader:
             folder = os.environ.get("GREYBOX_PICTURES")
             if folder:
                 Path(folder).mkdir(parents=True, exist_ok=True)
-                self._resized(width, max(height, min(down, 3000)))
+                self.resize(width, max(height, min(down, 3000)))
                 time.sleep(0.4)
                 self.driver.save_screenshot(str(Path(folder) / f"{width}_{name}.png"))
-        self._resized(*SIZES[0])
+        self.resize(*SIZES[0])
         logged = [each["message"] for each in self.driver.get_log("browser") if each["level"] == "SEVERE"]
         errors = [message for message in logged if "favicon" not in message]
         assert errors == []
 
-    def _resized(self, width, height):
+    def resize(self, width, height):
         size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": False}
         self.driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
 
@@ -132,5 +137,7 @@ def reader():
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
     service = webdriver.ChromeService(shutil.which("chromedriver"))
     driver = webdriver.Chrome(options=options, service=service)
-    yield Reader(driver)
+    reader = Reader(driver)
+    reader.resize(*SIZES[0])
+    yield reader
     driver.quit()

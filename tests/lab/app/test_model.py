@@ -12,7 +12,7 @@ pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 @pytest.fixture(scope="module")
 def lap():
-    return gb.read(gb.shipped("racer_train"), columns="roboracer")
+    return gb.read(gb.datasets.shipped("racer_train"), columns="roboracer")
 
 
 def test_a_bench_simulates_what_the_library_does(lap):

@@ -26,7 +26,7 @@ QUESTION = {
 def work(tmp_path, _uncompiled):
     session = Session(tmp_path / "racer")
     for name in ("racer_train", "racer_valid"):
-        session.link(Path(gb.shipped(name)))
+        session.link(Path(gb.datasets.shipped(name)))
     session.change(columns="roboracer")
     return Work(session)
 

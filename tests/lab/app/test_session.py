@@ -1,6 +1,7 @@
 """A session is a folder: what is in it survives any end of the process, and what may not come in does not."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -73,6 +74,18 @@ def test_two_gigabytes_are_refused_in_a_sentence(tmp_path):
         opened.truncate(2 * 2**30)
     with pytest.raises(gb.BadInput, match=r"more than 500 MB.*Cut it into parts"):
         Session(tmp_path / "lap").link(large)
+
+
+def test_another_file_of_the_same_name_has_to_be_looked_at_again(tmp_path):
+    session = Session(tmp_path / "lap")
+    file = session.folder / session.add("a.csv")
+    file.write_text("time,v_x\n0,1\n")
+    before = session.key
+    session.add("a.csv")
+    assert session.key == before
+    os.utime(file, (1.0, 1.0))
+    assert session.key != before
+    assert session["recordings"] == [{"file": "recordings/a.csv", "role": "train"}]
 
 
 def test_another_map_has_to_be_looked_at_again(tmp_path):
@@ -152,7 +165,7 @@ def test_a_stop_is_an_interrupt(tmp_path):
 def _shipped(name):
     from pathlib import Path
 
-    return Path(gb.shipped(name))
+    return Path(gb.datasets.shipped(name))
 
 
 def _wait(job, seconds=60):

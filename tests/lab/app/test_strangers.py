@@ -43,6 +43,7 @@ def test_a_hand_wheel_is_asked_about(server, reader):
 
 
 @recorded
+@pytest.mark.examination
 def test_topics_of_one_drive_are_joined_and_a_turned_imu_is_repaired(server, reader):
     reader.driver.get(server[1]["address"])
     topics = ("odomData", "imuData", "commandData", "pfOdomData")

@@ -42,7 +42,7 @@ def test_commands_and_notebook_make_the_same_fit_in_a_fresh_folder(tmp_path):
     work = Work(Session(tmp_path / "app" / "racer"))
     session = work.session
     for name in ("racer_train", "racer_valid"):
-        session.link(Path(gb.shipped(name)))
+        session.link(Path(gb.datasets.shipped(name)))
     session.change(columns="roboracer", between="2:20")
     chosen = {"name": "kinematic", "vehicle": "roboracer", "start": {"yaw_lag": 0.07}}
     session.change(model={**session["model"], **chosen})

@@ -14,7 +14,7 @@ from greybox_lab.app.charts import UNNAMED, waterfall
 from greybox_lab.app.model import alone, steps
 
 SHARES = (Share("steering_delay", 0.62, 0.55, 0.69), Share("grip_scale", 0.18, 0.12, 0.25))
-BUDGET = Budget(SHARES, Share("unnamed", 0.20, 0.14, 0.27), ("lap",), True)
+BUDGET = Budget(SHARES, Share("unexplained", 0.20, 0.14, 0.27), ("lap",), True)
 
 
 def test_steps_go_down_to_nothing():

@@ -36,7 +36,7 @@ def body_of(policy):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("calls", "swaps"), [(10_000, 20), pytest.param(100_000, 200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("calls", "swaps"), [(10_000, 20), pytest.param(100_000, 200, marks=pytest.mark.examination)])
 def test_no_call_is_dropped_or_mixed_during_swaps(calls, swaps, tmp_path):
     bodies = [body_of(constant(value)) for value in (0.1, 0.2)]
     seat, seen = Seat(bodies[0], tmp_path), np.zeros((1, SIZE), dtype=np.float32)

@@ -165,7 +165,7 @@ def test_its_file_is_that_of_a_policy_with_which_learning_goes_on(tmp_path):
     assert about["steps"] == FINE_TUNING.rollout * 4  # filled up to a rollout
     assert about["settings"]["kl_stop"] == 0.02
     learned.policy.save(tmp_path / "policy.json")
-    with pytest.raises(BadInput, match=r"policy\.json holds a policy alone"):
+    with pytest.raises(BadInput, match=r"policy\.json holds only a policy"):
         load_learned(tmp_path / "policy.json")
 
 

@@ -1,0 +1,149 @@
+"""What checks and proposals say of recordings: tables for people, plain data for `--json`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.text import Text
+
+from ...base.numbers import counted
+from ...datasets.checks import Finding, Severity, distrusted
+from ...datasets.recording import Recording
+from .screen import plain_table
+
+if TYPE_CHECKING:
+    from ...datasets.mapping import MapEntry, Proposal
+
+DISTRUSTED = "bold red"
+"""Style of a finding that says not to trust the recording."""
+MOST_ROWS = 20
+"""Row numbers given for one finding in the JSON output; their count is there in full."""
+
+
+def show_findings(recording: Recording, findings: Sequence[Finding], out: Console) -> None:
+    """Print one recording's header line and its table of findings."""
+    out.print(Text(recording.source.path or recording.name, style="bold"), header(recording), sep=": ")
+    if not findings:
+        out.print("nothing noteworthy found\n")
+        return
+    table = plain_table("severity", "channel", "run", "finding", fold=True)
+    for finding in findings:
+        run = "all" if finding.where.run is None else str(finding.where.run)
+        words = (finding.severity.value, finding.where.channel, run, finding.sentence)
+        table.add_row(*words, style=DISTRUSTED if finding.severity is Severity.DISTRUST else None)
+    out.print(table)
+    verdict = "not to be trusted as it is" if distrusted(findings) else "can be used, mind the warnings"
+    if not any(finding.severity is not Severity.NOTE for finding in findings):
+        verdict = "can be used"
+    out.print(f"{recording.name}: {verdict}\n")
+
+
+def header(recording: Recording) -> str:
+    """Rows, runs, duration and sample rate in one line."""
+    runs = f"{len(recording.runs)} run{'s' if len(recording.runs) != 1 else ''}"
+    dt = recording.sample_time
+    rate = f"{1 / dt:.4g} Hz" if dt > 0 else "no sample rate"
+    return f"{len(recording)} rows, {runs}, {recording.duration:.1f} s at {rate}"
+
+
+def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]:
+    """One recording's header and findings as plain data."""
+    dt = recording.sample_time
+    return {
+        "path": recording.source.path,
+        "sha256": recording.source.sha256,
+        "columns": recording.source.columns,
+        "rows": len(recording),
+        "runs": len(recording.runs),
+        "duration_s": recording.duration,
+        "sample_rate_hz": 1 / dt if dt > 0 else None,
+        "trusted": not distrusted(findings),
+        "findings": [
+            {
+                "kind": finding.kind,
+                "severity": finding.severity.value,
+                "channel": finding.where.channel,
+                "run": finding.where.run,
+                "rows": list(finding.where.rows[:MOST_ROWS]),
+                "row_count": len(finding.where.rows),
+                "sentence": finding.sentence,
+                "value": finding.value,
+                "uncertainty": finding.uncertainty,
+                "unit": finding.unit,
+                "repair": {name: list(source) for name, source in finding.repair.items()},
+            }
+            for finding in findings
+        ],
+    }
+
+
+def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
+    """Print the proposal as a table, with what is not sure and what to do next."""
+    table = plain_table("signal", "column", "unit", "why", fold=True)
+    if proposal.time:
+        table.add_row(*_row(proposal.time))
+    for entry in sorted(proposal.entries, key=lambda item: not item.decided):
+        table.add_row(*_row(entry), style=None if entry.decided else "yellow")
+    screen.print(Text(proposal.file, style="bold"))
+    screen.print(table)
+    if proposal.time is None and not proposal.rate:
+        screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
+    if proposal.others:
+        screen.print(f"unused: {', '.join(proposal.others)}")
+        if proposal.lacking:
+            screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
+    if proposal.without_drive:
+        screen.print(
+            "no column looks like a drive (throttle, motor_current, drive_force or ax_cmd), which single_track needs"
+        )
+    for finding in proposal.findings:
+        stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
+        screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
+    requested = {entry.signal for entry in proposal.open}
+    if requested:
+        screen.print(f"{counted(len(requested), 'signal')} left to you (marked ?): {', '.join(sorted(requested))}")
+    if out:
+        joined = f"join {proposal.file} --columns {out} --out drive.csv"
+        then = joined if proposal.files else f"check {proposal.file} --columns {out}"
+        screen.print(f"written  {out}; then: greybox data {then}")
+
+
+def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
+    """The proposal as plain data."""
+    return {
+        "path": proposal.file,
+        "written": out,
+        "time": _as_dict(proposal.time) if proposal.time else None,
+        "rate_hz": proposal.rate or None,
+        "runs": proposal.run or None,
+        "signals": [_as_dict(entry) for entry in proposal.entries],
+        "others": list(proposal.others),
+        "findings": [{"kind": f.kind, "channel": f.where.channel, "sentence": f.sentence} for f in proposal.findings],
+    }
+
+
+def _row(entry: MapEntry) -> tuple[str, str, str, str]:
+    unit = entry.unit if entry.decided else " or ".join(entry.units or (entry.unit,)) or "?"
+    if entry.divide_by != 1.0:
+        unit += f" · {entry.divide_by:g}"
+    return (
+        ("" if entry.decided else "? ") + entry.signal,
+        entry.column,
+        ("− " if entry.sign < 0 else "") + unit,
+        ("; ".join(entry.reasons)),
+    )
+
+
+def _as_dict(entry: MapEntry) -> dict[str, Any]:
+    return {
+        "signal": entry.signal,
+        "column": entry.column,
+        "unit": entry.unit or None,
+        "units": list(entry.units),
+        "sign": entry.sign,
+        "divide_by": entry.divide_by,
+        "decided": entry.decided,
+        "reasons": list(entry.reasons),
+    }
