@@ -47,11 +47,15 @@ steer = { column = "servo", unit = "deg" }
     encoding="utf-8",
 )
 for finding in gb.check(folder / "lap.csv", columns=columns):
-    print(finding)
+    print(finding.sentence)
 
 # %%
 fit = gb.fit("kinematic", folder / "lap.csv", vehicle="roboracer", columns=columns, effects=["steering_delay"])
 print(fit)
+
+# %%
+# Estimates with their 95 % intervals, each over its size.
+fit.plot.parameters()
 
 # %%
 # C99 without allocation: a step, its derivatives, and a test that checks the code where it is compiled.

@@ -5,6 +5,8 @@ The posterior of a fit
 Intervals of a fit assume that its errors are linear in the parameters. Draws of the posterior show where they are not.
 """
 
+import matplotlib.pyplot as plt
+
 import greybox_id as gb
 
 lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
@@ -15,6 +17,14 @@ fit = gb.fit("kinematic", lap.rows(0, 400), vehicle="roboracer", effects=["steer
 # enough.
 posterior = gb.sample(fit, method="laplace", draws=1000, seed=0)
 print(posterior.summary())
+
+# %%
+# The steering's dead time: draws, and the interval of the fit.
+fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
+ax.hist(posterior.frame["steering_delay"], weights=posterior.frame["weight"], bins=30, color="#9ecae1")
+ax.axvspan(*fit.conf_int().loc["steering_delay"], color="#d55e00", alpha=0.15, label="95 % interval of the fit")
+ax.set(xlabel="steering_delay [s]", ylabel="weight of draws")
+ax.legend()
 
 # %%
 # Pairs of parameters: narrow and slanted means identifiable only in combination.

@@ -38,8 +38,11 @@ recording = gb.Recording(
 fit = gb.fit(servo_axis(), [recording], options=gb.FitOptions(solver="gauss-newton"))
 ended = clock.process_time()
 print(f"by hand {middle - begun:.2f} CPU s, gb.fit {ended - middle:.2f} CPU s")
-pd.DataFrame({"truth": TRUTH, "by hand": dict(zip(TRUTH, by_hand, strict=True)), "gb.fit": fit.params[list(TRUTH)]})
+pd.DataFrame(
+    {"truth": TRUTH, "by hand": dict(zip(TRUTH, by_hand, strict=True)), "gb.fit": fit.params[list(TRUTH)]}
+).round(2)
 
 # %%
 # The estimates without noise in the force agree; only one of the two says how far they can be trusted.
-fit.conf_int()
+fit.plot.parameters()
+fit.conf_int().round(1)

@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from tempfile import mkdtemp
 
+import matplotlib.pyplot as plt
 import numpy as np
 import pandas as pd
 
@@ -49,11 +50,19 @@ horizon = 1.0
 )
 fleet.run(folder / "fleet.toml", folder / "results")
 estimates = pd.read_parquet(folder / "results" / "parameters")
-estimates.query("name == 'I_z'")[["vehicle", "value", "sd", "low", "high"]]
+estimates.query("name == 'I_z'")[["vehicle", "value", "sd", "low", "high"]].round(0)
 
 # %%
 # Vehicles together: what is common to all, and how far each lies from it.
 fleet.estimate(folder / "results")
-pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'")[
-    ["vehicle", "recordings", "value", "low", "high", "sentence"]
-]
+vehicles = pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'")
+vehicles[["vehicle", "recordings", "value", "low", "high"]].round(0)
+
+# %%
+# Each recording's estimate, and each vehicle's with what all recordings of it say together.
+fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
+each = estimates.query("name == 'I_z'")
+for table, size, colour in ((each, 1.0, "#9ecae1"), (vehicles, 2.5, "#0072b2")):
+    half = [table["value"] - table["low"], table["high"] - table["value"]]
+    ax.errorbar(table["vehicle"], table["value"], half, fmt="o", linewidth=size, color=colour)
+ax.set(ylabel="yaw inertia [kg m²]", xlim=(-0.5, 1.5))

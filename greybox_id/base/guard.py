@@ -59,9 +59,9 @@ _current: ContextVar[_Guard | None] = ContextVar("guard", default=None)
 
 
 @contextmanager
-def guarding(*, overwrite: bool = False) -> Iterator[None]:
+def guarding() -> Iterator[None]:
     """Watch over what is read and written meanwhile, as one command does."""
-    token = _current.set(_Guard(overwrite))
+    token = _current.set(_Guard())
     try:
         yield
     finally:

@@ -32,7 +32,7 @@ from .output import console, print_json
 @click.argument("name", required=False, metavar="[NAME]", shell_complete=names(MODELS), callback=named_model)
 @click.option("--vehicle", metavar="VEHICLE", shell_complete=VEHICLES, help="Show a model with a vehicle's numbers.")
 @click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as tyre=brush.")
-@click.option("--out", metavar="FILE.toml", help="Write these numbers as a vehicle file, to be edited.")
+@click.option("--out", metavar="FILE", help="Write these numbers as a vehicle file (.toml), to be edited.")
 @json_option
 def models(name: str | None, vehicle: str | None, settings: Sequence[str], out: str | None, as_json: bool) -> None:
     """List the models there are; with NAME, what that one is made of and which effects can be added to it.

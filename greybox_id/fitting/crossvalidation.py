@@ -161,15 +161,15 @@ def choose_structure(
     return int(np.argmin(done.results)), done.cpu_seconds
 
 
-def cross_validated_squares(problem: Problem, start: Array, folds: int = FOLDS, max_steps: int = 25) -> Array:
+def cross_validated_squares(problem: Problem, start: Array) -> Array:
     """Mean square error over the stretches held out, per fold, in noise variances; each error at most `WORST`.
 
     One fit to everything gives the starting point of the folds' fits, which are therefore short; their number of
     steps is limited so that a fold forgets what its start knew of the held-out stretch.
     """
-    whole = gauss_newton(problem, start, tolerance=1e-4, max_steps=max_steps)
+    whole = gauss_newton(problem, start, tolerance=1e-4, max_steps=25)
     squares = []
-    for kept, held_out in blocks(problem, folds):
+    for kept, held_out in blocks(problem, FOLDS):
         solution = gauss_newton(problem.counted(keep=kept), whole.x, tolerance=1e-4, max_steps=10)
         if Status.INTERRUPTED in (whole.status, solution.status):
             raise KeyboardInterrupt

@@ -148,12 +148,6 @@ def _carried_on(parameter: Parameter, moving: Sequence[str]) -> Parameter:
     return replace(parameter, fixed=False, prior=parameter.prior and replace(parameter.prior, mean=None))
 
 
-def window_error(model: HybridModel, recording: Recording, noise: Array) -> float:
-    """Root mean square error over windows in units of noise, the paper's RMSSE."""
-    result = [one for _, one in manoeuvres(model, [recording])]
-    return float(np.sqrt(WindowErrors(model, result, noise)(model.values)))
-
-
 def trained_best(
     model: HybridModel, how: FitOptions, say: Say, clock: float, train: Callable[[int, Say], Descent],
     words: Callable[[float], str], noise_of: Callable[[Descent], Array],

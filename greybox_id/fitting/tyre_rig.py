@@ -43,7 +43,7 @@ DISPLAYED: Mapping[str, Callable[[Array], Array]] = {
 NEEDED = ("slip", "load", "force")
 UPRIGHT = 0.01
 """Camber, rad, that counts as none."""
-MOST_SLIP, LARGEST_PRESSURE = 1.2, 1e3
+MOST_SLIP = 1.2
 FEWEST = 200
 """Rows below which nothing is fitted."""
 SWEPT = 0.03

@@ -9,7 +9,7 @@ from functools import partial
 from types import ModuleType
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import app, run, ui
 
 import greybox_id as gb
 
@@ -34,12 +34,10 @@ class Page:
     def __init__(self, work: Work) -> None:
         self.work, self.session = work, work.session
         self.step = int(self.session["step"])
-        self.seen = -1
+        self.seen, self._drawing = -1, 0
         self.window: tuple[float, float] | None = None
         self.picked: dict[str, Any] = {}
-        self._drawing = 0
-        self._ticking: list[Callable[[], Any]] = []
-        self._trouble = self.work.trouble
+        self._ticking, self._trouble = list[Callable[[], Any]](), work.trouble
 
     def build(self) -> None:
         """Make the page."""
@@ -82,8 +80,10 @@ class Page:
         module = MODULES[self.step]
         try:
             data = await module.prepare(self)
-        except gb.GreyboxError as error:
+        except Exception as error:  # a page that stands still would hide it
             data = error
+            if not isinstance(error, gb.GreyboxError):
+                app.handle_exception(error)
         if mine != self._drawing or self.body.is_deleted:
             return
         self._ticking = []

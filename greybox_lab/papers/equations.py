@@ -5,7 +5,7 @@ Axes are those of ISO 8855. On the command line each is named by this file: `--m
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 import casadi as cs
 import numpy as np
@@ -23,7 +23,7 @@ AHEAD = 10
 """Samples ahead that the published inverse model reads."""
 
 
-def inverse_steering(sample_time: float = 0.05) -> MemoryModel:
+def inverse_steering() -> MemoryModel:
     """Steering that makes the path that follows, of curvature, speed and accelerations over the next half second.
 
     It runs on a recording turned round in time, so that what is to come is its past. Geometry, understeer that braking
@@ -54,7 +54,7 @@ def inverse_steering(sample_time: float = 0.05) -> MemoryModel:
 
     return MemoryModel(
         name="inverse_steering", about="steering angle of the path that follows",
-        inputs=("curvature", "v_x", "a_x", "a_y"), outputs=("steering",), sample_time=sample_time, equations=equations,
+        inputs=("curvature", "v_x", "a_x", "a_y"), outputs=("steering",), sample_time=0.05, equations=equations,
         parameters=(
             Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which curvature follows the steering"),
             Parameter("width", "1", 1.3, (0.3, 8.0), about="their spread, samples"),
@@ -133,7 +133,7 @@ SHAPE = 1.4
 """Shape factor C of both axles; with slip angles alone it is not told apart from B and the friction."""
 
 
-def local_models(signal: str, centres: Mapping[str, tuple[float, ...]], sd: float = 1.0) -> MemoryModel:
+def local_models(signal: str, centres: Mapping[str, tuple[float, ...]]) -> MemoryModel:
     """The structured network of the Ferrari: local affine models of three finite impulse responses; 110 weights.
 
     Source: `MSNN.py` of vehicle_lateral_dynamics_estimation in tonegas/nnodely-applications; degrees throughout.
@@ -142,7 +142,6 @@ def local_models(signal: str, centres: Mapping[str, tuple[float, ...]], sd: floa
     ----------
     signal : what it predicts, deg/s.
     centres : of hand wheel (deg), v_x (m/s) and a_x (m/s²).
-    sd : how far weights go from zero, in a typical size of each.
     """
     names = ("hand_wheel", "v_x", "a_x")
     grid = [(i, j, k) for i in range(len(centres[names[0]])) for j in range(len(centres[names[1]]))
@@ -160,7 +159,7 @@ def local_models(signal: str, centres: Mapping[str, tuple[float, ...]], sd: floa
             total = total + psi[0][at[0]] * psi[1][at[1]] * psi[2][at[2]] * local
         return {signal: total}
 
-    typical = np.array([20.0, 0.5, 1.0, 3.0]) * sd
+    typical = np.array([20.0, 0.5, 1.0, 3.0])
     responses = tuple(
         Parameter(f"F_{name}", "1", fading(WINDOW), prior=fading_prior(WINDOW, 0.5, 0.72, axes=1),
                   about=f"finite impulse response of {name}, oldest first") for name in names
@@ -237,18 +236,15 @@ def braked_car() -> MotionModel:
     )  # fmt: skip
 
 
-def servo_axis(smooth: Callable[[Symbol], Symbol] = cs.tanh) -> MotionModel:
+def servo_axis() -> MotionModel:
     """A servo axis with viscous and Coulomb friction: M q'' = F - F_v q' - F_c sign(q') - F_0.
 
-    Source: Janot, Gautier, Brunot, Data set and reference models of EMPS, nonlinearbenchmark.org, 2019.
-
-    Parameters
-    ----------
-    smooth : in place of the sign, of the velocity over 1 mm/s.
+    The sign is tanh of the velocity over 1 mm/s. Source: Janot, Gautier, Brunot, Data set and reference models of EMPS,
+    nonlinearbenchmark.org, 2019.
     """
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
-        friction = p.F_v * x.velocity + p.F_c * smooth(x.velocity / 1e-3)
+        friction = p.F_v * x.velocity + p.F_c * cs.tanh(x.velocity / 1e-3)
         return {"position": x.velocity, "velocity": (u.force - friction - p.F_0) / p.M}
 
     return MotionModel(

@@ -10,7 +10,7 @@ import pytest
 from greybox_id.base import files, scratch
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import at_once, ensure_writable, held, near_file, new_folder, replacing, write_atomically
-from greybox_id.base.guard import claim, guarding, protect
+from greybox_id.base.guard import allow_overwriting, claim, guarding, protect
 from greybox_id.base.scratch import NAME, SET_ASIDE, scratch_folder, scratch_name
 
 KILLED = """
@@ -181,7 +181,8 @@ def test_what_is_read_and_what_is_claimed_exclude_each_other_in_either_order(tmp
         claim(lap)
         with pytest.raises(BadInput, match="is read by this command"):
             protect(lap)
-    with guarding(overwrite=True):
+    with guarding():
+        allow_overwriting()
         protect(lap)
         with pytest.raises(BadInput, match="is read by this command"):
             write_atomically(tmp_path / "missing" / ".." / "lap.csv", "new")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from linear_bicycle import NOISE, VEHICLE, manoeuvres, recorded, sine, steps
+from windows_of import window_error
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Source, join
@@ -14,7 +15,7 @@ from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.provenance import data_record
 from greybox_id.fitting.scores.estimates import apply_hybrid
-from greybox_id.fitting.training import mirrored, update_hybrid, window_error
+from greybox_id.fitting.training import mirrored, update_hybrid
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from calling import greybox, refused
 from driven import driven, written
+from windows_of import window_error
 
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.hybrid.cell import Cell
@@ -15,7 +16,6 @@ from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.networks import fit_network
 from greybox_id.fitting.pretraining import Pretraining, faster, known_physics, taught
 from greybox_id.fitting.scores.prediction import simulate
-from greybox_id.fitting.training import window_error
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
 

@@ -285,13 +285,13 @@ class CFunction:
         return f"{self.signature}\n{{\n{lines}\n}}\n"
 
 
-def wrapped(head: str, arguments: Sequence[str], width: int = 100) -> str:
+def wrapped(head: str, arguments: Sequence[str]) -> str:
     """A declaration's arguments in lines that are not too long."""
     lines, line = [], head
     for k, argument in enumerate(arguments):
         piece = argument + ("," if k + 1 < len(arguments) else ")")
         joined = f"{line}{'' if line.endswith('(') or not line.strip() else ' '}{piece}"
-        if len(joined) > width and line.strip():
+        if len(joined) > 100 and line.strip():
             lines.append(line)
             line = f"    {piece}"
         else:

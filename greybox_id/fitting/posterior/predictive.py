@@ -66,8 +66,6 @@ def predictive_band(
     horizon: float | None = None,
     *,
     level: float = 0.95,
-    draws: int = DRAWS,
-    seed: int = 0,
 ) -> PredictiveBand:
     """Predict a recording with draws of a posterior.
 
@@ -78,8 +76,6 @@ def predictive_band(
     recording : inputs and, where they are read, outputs.
     horizon : s ahead of readings; None for free runs.
     level : of the band.
-    draws : how many are simulated.
-    seed : of their choice.
 
     Raises
     ------
@@ -95,7 +91,7 @@ def predictive_band(
     simulator = Simulator(model)
     simulator.kernel.prepare()
     total, squares, base = np.zeros(1), np.zeros(1), None
-    for p in posterior.vectors(fit, posterior.chosen(draws, seed)):
+    for p in posterior.vectors(fit, posterior.chosen(DRAWS, 0)):
         predictor = Predictor(simulator, recording, p)
         result = in_order(predictor.free_run() if horizon is None else predictor.ahead(horizon))
         if base is None:
@@ -104,12 +100,12 @@ def predictive_band(
         off = result.predicted - base.predicted  # about the first one, lest digits cancel
         total, squares = total + off, squares + off**2
     assert base is not None
-    mean = base.predicted + total / draws
-    variance = np.maximum(squares / draws - (total / draws) ** 2, 0.0)
+    mean = base.predicted + total / DRAWS
+    variance = np.maximum(squares / DRAWS - (total / DRAWS) ** 2, 0.0)
     noise = np.array([fit.stages[-1].noise.get(name, np.nan) if fit.stages else np.nan for name in fit.model.outputs])
     reach = NormalDist().inv_cdf(0.5 + level / 2) * np.sqrt(variance + np.nan_to_num(noise) ** 2)
     whole = replace(base, predicted=mean)
-    return PredictiveBand(whole, np.sqrt(variance), mean - reach, mean + reach, level, draws)
+    return PredictiveBand(whole, np.sqrt(variance), mean - reach, mean + reach, level, DRAWS)
 
 
 def banded_table(model: Model, recording: Recording, band: PredictiveBand) -> pd.DataFrame:

@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...base.errors import BadInput
-from ...base.numbers import listed
+from ...base.numbers import listed, number
 from ...base.shorthands import Array
 from ...base.statistics import resampled
 from ...datasets.checks import Severity, check
@@ -268,23 +268,23 @@ def _answer(
         entry[place] += by.shift
     mean = entry.copy()
     for one in result:
-        number, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
+        each, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
         sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
-        ends = [number.value(float(np.clip(at + side * 1.96 * sd, number.low, number.high))) for side in (-1, 1)]
-        spans.append((_within(value[effects[number.name]], min(ends)), _within(value[effects[number.name]], max(ends))))
+        ends = [each.value(float(np.clip(at + side * 1.96 * sd, each.low, each.high))) for side in (-1, 1)]
+        spans.append((_within(value[effects[each.name]], min(ends)), _within(value[effects[each.name]], max(ends))))
     if first is not None:
         mean[first.place] += first.shift[0]
     chosen = _closure(known, rides, mean, tuple(one.name for one in after))
     judged = _closure(known, others, mean, tuple(one.name for one in (held_out or after)))
     reasons = dict[int, str]()
     if first is not None:
-        number = known.numbers[first.place]
+        each = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
             reasons[first.place] = "it does not improve predictions of recordings that did not choose it"
         elif sure[0] <= CAL.present:
             beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
             reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
-        elif not number.low < mean[first.place] < number.high:
+        elif not each.low < mean[first.place] < each.high:
             reasons[first.place] = "it stands at its bound: a symptom of something else, not an estimate"
     first_found = first
     if reasons:
@@ -293,9 +293,9 @@ def _answer(
                           for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
     ranking = []
     for one, p, span in zip(result, sure, spans, strict=True):
-        number = known.numbers[one.place]
-        name = effects[number.name]
-        size = _within(value[name], number.value(known.x[one.place] + one.shift[0]))
+        each = known.numbers[one.place]
+        name = effects[each.name]
+        size = _within(value[name], each.value(known.x[one.place] + one.shift[0]))
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
             reason = "it is larger than such a change ever is: a symptom of something else, not an estimate"

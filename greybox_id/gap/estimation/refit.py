@@ -78,12 +78,15 @@ def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) 
     """A hypothesis whose nuisances are linearised about where they are until they move no more.
 
     They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
-    derivatives taken there: what they then miss would pass for a gap.
+    derivatives taken there: what they then miss would pass for a gap. Derivatives of what spins lead astray, and are
+    not kept.
     """
     for _ in range(again_at_most if search.moving or search.shifts else 0):
+        place = search.place()
         search.about(result, delays=False)
         again = refit(search, [search.start_of(result)])
-        if not again:
+        if not again or not again[0].cost < CAL.dearer * result.cost:
+            search.back(place)
             break
         before, result = result, again[0]  # the later one even where it costs more: the others will stand beside it
         if result.cost > before.cost - CAL.enough:

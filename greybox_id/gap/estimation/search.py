@@ -88,15 +88,23 @@ class Search:
     @contextmanager
     def elsewhere(self) -> Iterator[None]:
         """Linearise elsewhere within, and be about what everything was about before afterwards."""
-        before = {**vars(self), "nominal": self.nominal.copy(), "expanded": self.expanded.copy()}
+        before = self.place()
         try:
             yield
         finally:
-            now, counted = self.colour, self.simulations
-            vars(self).update(before)
-            self.simulations = counted
-            if now is not self.colour:
-                self.recoloured(now)
+            self.back(before)
+
+    def place(self) -> dict[str, object]:
+        """Everything that it is about, for `back`."""
+        return {**vars(self), "nominal": self.nominal.copy(), "expanded": self.expanded.copy()}
+
+    def back(self, place: dict[str, object]) -> None:
+        """Be about what it was about then, in the noise of now."""
+        now, counted = self.colour, self.simulations
+        vars(self).update(place)
+        self.simulations = counted
+        if now is not self.colour:
+            self.recoloured(now)
 
     def _expand(self, hypothesis: Hypothesis | None) -> None:
         """Put lags, plays and limits where a hypothesis has them; delays stay where there are none, and cut no time."""

@@ -154,6 +154,10 @@ class Sheet(Figure):
             f"{title}{body}</svg>"
         )
 
+    def _repr_html_(self) -> str:
+        """The figure in a notebook, and on the pages of the gallery."""
+        return self.svg()
+
     @cached_property
     def _body(self) -> str:
         """What is inside the SVG element."""

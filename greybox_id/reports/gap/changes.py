@@ -34,4 +34,5 @@ def what_changed(gap: Gap, answer: Mapping[str, Any]) -> tuple[Part, ...]:
         Table(("effect", "before", "after", "probability"), rows, "LLLL"),
         Text("" if rows else "Nothing beyond the scatter of the drives from before.", small=False),
         *(Text(f"{listed(names)}.", lead=lead, small=False) for lead, names in others if names),
+        level=2,
     )

@@ -97,21 +97,9 @@ STATED = "Numbers stated as exact stay. A number with a tolerance is refitted wi
 EQUATIONS = "The simulation that was compared, written down from the model itself, with the effects it has."
 
 
-def write_report(gap: Gap, made: Made, out: str | Path, kind: str | None = None) -> Path:
-    """Write the report of a diagnosis as PDF or HTML, as `kind` or the file's name says, atomically.
-
-    Parameters
-    ----------
-    gap : the diagnosis.
-    made : what it was made with.
-    out : file to write.
-    kind : "pdf" or "html".
-
-    Raises
-    ------
-    BadInput : `out` cannot be written.
-    """
-    return write(gap_report(gap, made), out, kind)
+def write_report(gap: Gap, made: Made, out: str | Path) -> Path:
+    """Write the report of a diagnosis as PDF or HTML, as the file's name says. Raises `BadInput` where it cannot be."""
+    return write(gap_report(gap, made), out)
 
 
 def gap_report(gap: Gap, made: Made) -> Document:

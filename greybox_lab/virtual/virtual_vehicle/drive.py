@@ -255,8 +255,6 @@ def replay(
     *,
     noise: float = 0.0,
     colour: float = 0.0,
-    outliers: float = 0.0,
-    quantisation: float = 0.0,
 ) -> tuple[Recording, Truth]:
     """Drive a vehicle by commands as they stand in a recording, with no driver.
 
@@ -271,7 +269,7 @@ def replay(
     begin = np.array([start.get(name, 0.0) for name in ("v_x", "v_y", "yaw_rate")])
     plan = robot(commands["steer"], commands[car.drive_channel])
     nowhere = np.zeros((8, ROAD))
-    return made_recording.recorded(commands.name, plan, nowhere, 1.0, 0, begin, (noise, colour, outliers, quantisation))
+    return made_recording.recorded(commands.name, plan, nowhere, 1.0, 0, begin, (noise, colour, 0.0, 0.0))
 
 
 def steered(

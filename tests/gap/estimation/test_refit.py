@@ -18,10 +18,11 @@ from gap_cases import (
     weighted,
 )
 
+from greybox_id.gap.estimation import refit as module
 from greybox_id.gap.estimation.axes import Candidate, candidates, shifting
 from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.hypothesis import Start
-from greybox_id.gap.estimation.refit import refit, with_slopes
+from greybox_id.gap.estimation.refit import refit, settled, with_slopes
 from greybox_id.models.effects import EFFECTS
 
 SD = np.array([0.1, 0.4])
@@ -252,3 +253,13 @@ def test_derivatives_are_taken_anew_where_hypotheses_ended():
     (stale,) = with_slopes(search, [replace(found, J=0.5 * found.J)])
     np.testing.assert_allclose(stale.J[:, :, 0], 20 * X[:, :, 0] * np.cosh(20 * found.m[0]), rtol=0.02)
     assert stale.cost == found.cost
+
+
+def test_new_derivatives_that_lead_astray_are_not_kept(monkeypatch):
+    X = np.random.default_rng(0).standard_normal((200, 1, 1))
+    search = search_on(GivenBench(lambda p: X @ p, X[:, :, 0], 1), np.array([0.1]), [axis(0, sd=1.0)])
+    (first,) = refit(search, [search.start_of(search.at_means())])
+    before = search.white
+    monkeypatch.setattr(module, "refit", lambda *_: [replace(first, cost=3.0 * first.cost)])
+    assert settled(search, first) is first
+    assert search.white is before

@@ -12,6 +12,7 @@ pytest.importorskip("nicegui", reason="The page needs the extra app.")
 from nicegui import ui
 from nicegui.testing.user_simulation import user_simulation
 
+from greybox_lab.app import step_drop
 from greybox_lab.app.page import Page
 from greybox_lab.app.session import Session
 from greybox_lab.app.work import Work
@@ -133,6 +134,20 @@ def test_two_pages_show_the_same(work):
             for user in (one, two):
                 with user:
                     await user.should_not_see("racer_valid.csv", retries=400)
+
+    run(scenario)
+
+
+def test_a_step_that_fails_is_a_sentence_on_the_page(work, monkeypatch):
+    async def prepare(page):
+        raise RuntimeError("no such luck")
+
+    monkeypatch.setattr(step_drop, "prepare", prepare)
+
+    async def scenario():
+        async with opened(work) as user:
+            await seen(user, "This cannot be shown.")
+            await seen(user, "no such luck")
 
     run(scenario)
 
