@@ -256,8 +256,8 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     if mostly and not useless:
         yield Reason(
             NOT_USABLE,
-            f"{what}half of the outputs or more, {_listed(lost)}, are predicted no better than by their mean or the last "
-            "reading.",
+            f"{what}half of the outputs or more, {_listed(lost)}, are predicted no better than by their mean or the "
+            "last reading.",
         )
     for output, share in loose:
         yield Reason(WITH_CARE, f"{what}{output}: {100 * share:.0f} % of the variance is left unexplained.")
