@@ -1,6 +1,6 @@
 """Is "usable" kept? Fits whose truth is known: poor ones, good ones, and ones of models that lack something.
 
-    python benchmarks/promises.py [--part poor good lacking wrong] [--seed 0] [--json]
+    python benchmarks/usable.py [--part poor good lacking wrong] [--seed 0] [--json]
 
 Recordings are of virtual vehicles of four classes (`greybox_lab.virtual`), 40 s at 50 Hz, another 40 s held out. What
 is stated of them are parameters, tolerances and noise, as in a workshop's vehicle file; true ones lie within.
@@ -213,7 +213,7 @@ PARTS = {"poor": poor, "good": good, "lacking": lacking, "wrong": wrong}
 
 
 def show(rows: list[dict[str, Any]]) -> None:
-    """What was promised, part by part."""
+    """What was found, part by part."""
     say = sys.stdout.write
     for part in dict.fromkeys(row["part"] for row in rows):
         chosen = [row for row in rows if row["part"] == part]
