@@ -96,6 +96,8 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     shared = _budget(it, held_out, tell) if it.best.candidates else None
     telling = shared if shared is not None and shared.shows and shared.held_out else None
+    if telling is not None and telling.unnamed.low > CAL.present:  # more than half is surely no named effect's
+        unknown = max(unknown, CAL.nameless)
     best, reasons = _causes(it, telling)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")

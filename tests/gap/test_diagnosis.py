@@ -17,7 +17,7 @@ from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, so
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
-from greybox_id.gap.gap import CHANNELS, REGIMES, Ranked, Unnamed
+from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle
@@ -153,6 +153,17 @@ def test_what_has_no_name_is_not_closed_by_its_neighbours():
     assert gap.gap.closed == 0.0
     assert gap.gap.after == gap.gap.before > 1.0
     assert gap.closed.parameters == nominal().parameters
+
+
+@pytest.mark.slow
+def test_where_more_than_half_surely_stays_something_unknown_is_at_work(monkeypatch):
+    late = {"steering_delay": 0.05}
+    shares = Share("steering_delay", 0.3, 0.2, 0.4), Share("unnamed", 0.7, 0.6, 0.8)
+    left = Budget(shares[:1], shares[1], ("lap",), True, beside=shares[:1])
+    monkeypatch.setattr(diagnosis, "_budget", lambda *_: left)
+    gap = diagnosed(lap(late, 20.0), held_out=[lap(late, 10.0, seed=7)])
+    assert gap.applied == ("steering_delay",)
+    assert gap.unknown_probability >= CAL.nameless
 
 
 def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
