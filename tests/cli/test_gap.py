@@ -14,7 +14,7 @@ from rich.console import Console
 from greybox_id.cli.gap import show
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
-from greybox_id.models.effects import EFFECTS
+from greybox_id.models.effects import vocabulary
 from greybox_id.models.registry import build, model_of
 from greybox_id.models.vehicle_file import vehicle as read_vehicle
 from greybox_id.reports.gap.saved import load_gap
@@ -80,7 +80,7 @@ def test_json_is_one_object_with_what_was_found(laps, asked):
     assert asked.model.name == "single_track"
     assert [own.name for own in asked.recordings] == ["lap7"]
     assert [own.name for own in asked.held_out] == ["lap8"]
-    assert asked.effects == EFFECTS
+    assert asked.effects == vocabulary()
 
 
 def test_json_is_finite_whatever_the_diagnosis_holds(laps, asked):
