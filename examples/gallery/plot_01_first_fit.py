@@ -12,7 +12,7 @@ lap, other = lap.rows(0, 800), other.rows(0, 400)
 
 # %%
 # ``lateral`` is a single track at the measured speed. The vehicle file brings what is known of such a car beforehand,
-# each number with its uncertainty. ``steering_delay`` is one of 43 effects that can be added to a model.
+# each number with its uncertainty. ``steering_delay`` is one of 47 effects that can be added to a model.
 model = gb.models.lateral(vehicle="roboracer") + gb.effects.steering_delay.free(start=0.03)
 fit = gb.fit(model, lap, validation=other)
 print(fit.summary())
