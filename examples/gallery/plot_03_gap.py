@@ -38,6 +38,6 @@ gap = gb.diagnose("lateral", lap, vehicle="full_size_car", held_out=other, effec
 print(gap.summary())
 
 # %%
-# Three of the four are named, with intervals that hold the truth. The steering ratio is not: tyres within the tolerances
-# of the vehicle file explain nearly all that it does on this lap. There is no limit to how many effects are named.
+# Three of the four are named, with intervals that hold the truth. The steering ratio is not: tyres within the
+# tolerances of the vehicle file explain nearly all that it does on this lap. There is no limit to how many effects are named.
 gap.plot()
