@@ -39,5 +39,6 @@ print(gap.summary())
 
 # %%
 # Three of the four are named, with intervals that hold the truth. The steering ratio is not: tyres within the
-# tolerances of the vehicle file explain nearly all that it does on this lap. There is no limit to how many effects are named.
+# tolerances of the vehicle file explain nearly all that it does on this lap. There is no limit to how many effects are
+# named.
 gap.plot()
