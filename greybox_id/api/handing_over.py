@@ -248,10 +248,12 @@ def reported(
     """
     kind = kind_of(out, kind)
     claim(out, becomes="a report")
-    listed = [results] if isinstance(results, Result | str | Path) else list(results)
-    several = [opened(item) if isinstance(item, str | Path) else item for item in listed]
-    if not several or not all(isinstance(item, Result) for item in several):
-        raise BadInput(f"results: a Fit, a Gap, a Track or a list of them is needed, not {results!r:.60}.")
+    listed: Sequence[object] = results if isinstance(results, list | tuple) else [results]
+    opening = [opened(item) if isinstance(item, str | Path) else item for item in listed]
+    several = [item for item in opening if isinstance(item, Result)]
+    if not several or len(several) < len(opening):
+        other = next((type(item).__name__ for item in opening if not isinstance(item, Result)), "an empty list")
+        raise BadInput(f"results: a Fit, a Gap, a Track or a list of them is needed, not {other}.")
     fits = [item for item in several if isinstance(item, Fit)]
     if posterior is not None and len(fits) + len(several) != 2:
         raise BadInput("‹posterior› belongs to one fit; name that fit alone.")

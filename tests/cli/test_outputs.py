@@ -43,6 +43,7 @@ CALLS = {
     ),
     "export": ("export {fit} --target f1tenth", {"--out": ""}),
     "import": ("import {net}", {"--out": ".json"}),
+    "models": ("models lateral --vehicle {car}", {"--out": ".toml"}),
     "data map": ("data map {lap}", {"--out": ".toml"}),
     "data check": ("data check {degrees} --columns {map}", {"--repair": ".toml"}),
     "data convert": ("data convert {lap} --columns {map}", {"--out": ".csv"}),

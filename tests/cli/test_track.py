@@ -101,7 +101,7 @@ def test_people_read_tables_and_what_to_mind(files):
     assert "NIS" in said
     assert "nothing here measures the sideslip" not in said, "the lap holds v_y"
     assert "truth sideslip: RMSE" in " ".join(said.split())
-    assert "of it is within two sd, where 95 % is due" in " ".join(said.split())
+    assert "of it is within two sd, where 95 % should be" in " ".join(said.split())
     lap = pd.read_csv(files / "lap.csv").drop(columns="v_y")
     lap.to_csv(files / "without.csv", index=False)
     without = greybox("track", "--vehicle", files / "car.toml", files / "without.csv", "--out", files / "e.csv",

@@ -13,7 +13,7 @@ from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.estimation.axes import ActingRows
-from greybox_id.models.effects import EFFECTS
+from greybox_id.models.effects import vocabulary
 from greybox_id.reports.gap.plain_data import as_plain_data, from_plain_data
 from greybox_id.reports.gap.words import carried_over, magnitude_words, verdict
 
@@ -35,7 +35,7 @@ def changing(before, after, seconds=30.0, seed=0):
 
 
 def diagnosed(recording):
-    return diagnose(nominal(), [recording], EFFECTS, vehicle=CAR)
+    return diagnose(nominal(), [recording], vocabulary(), vehicle=CAR)
 
 
 @pytest.fixture(scope="module")

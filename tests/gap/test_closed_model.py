@@ -14,7 +14,7 @@ from greybox_id.gap.closed_model import _fitted, closed_model, place_of, with_ef
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.estimation.axes import ActingRows
 from greybox_id.gap.examining import examine
-from greybox_id.models.effects import EFFECTS
+from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.vehicle import Stated, Vehicle
 
 LOOSE = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 80.0), "c_0": Stated(208.0, 20.0)}, {}, NOISE)
@@ -35,7 +35,7 @@ def late():
 def test_tolerances_go_where_recordings_have_them_and_are_told(late, held, value):
     """Beside model error 20 s tell I_z to 40 kg m^2: what is stated, 2274 +- 80, draws it a fifth of the way back."""
     recordings, others = late
-    gap = diagnose(nominal(vehicle=LOOSE), recordings, EFFECTS, vehicle=LOOSE, held_out=others if held else ())
+    gap = diagnose(nominal(vehicle=LOOSE), recordings, vocabulary(), vehicle=LOOSE, held_out=others if held else ())
     assert gap.applied == ("steering_delay",)
     assert [own.name for own in gap.moved] == ["I_z"]
     assert gap.moved[0].value == pytest.approx(value, rel=0.02)
@@ -48,7 +48,7 @@ def test_tolerances_go_where_recordings_have_them_and_are_told(late, held, value
 @pytest.mark.slow
 def test_what_errs_least_on_others_counts(late):
     recordings, others = late
-    found = examine(nominal(vehicle=LOOSE), recordings, EFFECTS, LOOSE, lambda line, **_: None)
+    found = examine(nominal(vehicle=LOOSE), recordings, vocabulary(), LOOSE, lambda line, **_: None)
     closed, verified, worse = closed_model(found, found.best, True, others)
     assert not worse
     free = [own for own in verified.errors if own.horizon is None]
@@ -64,14 +64,14 @@ def test_without_a_gap_numbers_move_within_their_tolerances_where_the_model_errs
         [lap(seconds=20.0, vehicle={"I_z": 2430.0})],
         [lap(seconds=10.0, seed=7, vehicle={"I_z": 2430.0})],
     )
-    gap = diagnose(nominal(vehicle=LOOSE), recordings, EFFECTS, vehicle=LOOSE, held_out=others)
+    gap = diagnose(nominal(vehicle=LOOSE), recordings, vocabulary(), vehicle=LOOSE, held_out=others)
     assert not gap.gap_detected
     assert [own.name for own in gap.moved] == ["I_z"]
     assert 2355.0 < gap.moved[0].value < 2450.0  # what is stated, 2274 +- 80, draws it back
     free = [own for own in gap.held_out.errors if own.horizon is None]
     before, after = (np.mean([(getattr(own, of) / own.floor) ** 2 for own in free]) for of in ("before", "after"))
     assert after - 1.0 < 0.8 * (before - 1.0), free
-    exact = diagnose(nominal(vehicle=LOOSE), [lap(seconds=20.0)], EFFECTS, vehicle=LOOSE)
+    exact = diagnose(nominal(vehicle=LOOSE), [lap(seconds=20.0)], vocabulary(), vehicle=LOOSE)
     assert not exact.moved
     assert exact.closed["I_z"].array == LOOSE.values["I_z"].value
 
@@ -101,7 +101,7 @@ def test_the_form_of_an_effect_is_named_and_stays_as_it_is_in_the_closed_model()
     """On another road slopes at zero slip stay: the form is one of two, no number that fits move."""
     slippery = {"grip_scale": 0.8, "grip_scale_slope": 0.0}
     recordings = [lap(slippery, 20.0, vehicle=TRUTH)]
-    gap = diagnose(nominal(vehicle=LOOSE), recordings, EFFECTS, vehicle=LOOSE)
+    gap = diagnose(nominal(vehicle=LOOSE), recordings, vocabulary(), vehicle=LOOSE)
     assert gap.applied == ("grip_scale",)
     assert gap.ranking[0].others == {"grip_scale_slope": 0.0}
     assert gap.ranking[0].magnitude == pytest.approx(0.8, abs=0.02)

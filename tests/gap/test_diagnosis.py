@@ -18,7 +18,7 @@ from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
-from greybox_id.models.effects import EFFECTS
+from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle
 from greybox_id.reports.gap.words import whether
@@ -31,7 +31,7 @@ WITHIN = {"I_z": 2310.0, "B_f": 9.5, "B_r": 10.3, "c_0": 225.0}
 
 def diagnosed(recordings, vehicle=CAR, model="single_track", **options):
     own = recordings if isinstance(recordings, list) else [recordings]
-    return diagnose(nominal(model, vehicle=vehicle), own, EFFECTS, vehicle=vehicle, **options)
+    return diagnose(nominal(model, vehicle=vehicle), own, vocabulary(), vehicle=vehicle, **options)
 
 
 def told(gap, effect, truth, within=0.03):
@@ -139,7 +139,7 @@ def test_where_free_runs_spin_it_is_said_what_was_looked_at_in_their_place():
 
 @pytest.mark.slow
 def test_what_has_no_name_is_not_closed_by_its_neighbours():
-    others = {name: own for name, own in EFFECTS.items() if own.group != "steering"}
+    others = {name: own for name, own in vocabulary().items() if own.group != "steering"}
     there = {"steering_backlash": 0.02}
     gap = diagnose(nominal(), [lap(there, 20.0)], others, vehicle=CAR, held_out=[lap(there, 10.0, seed=7)])
     assert gap.gap_detected
@@ -148,7 +148,8 @@ def test_what_has_no_name_is_not_closed_by_its_neighbours():
     assert gap.ranking  # the nearest names are told, and why they are none
     assert max(own.probability for own in gap.ranking) < 0.5
     assert any("mimics" in own.reason or "differs between parts" in own.reason for own in gap.ranking)
-    assert gap.budget is None  # there is no effect that it could be shared out to
+    assert gap.budget.held_out
+    assert sum(own.share for own in gap.budget.shares) + gap.budget.unnamed.share == pytest.approx(1.0)
     assert gap.held_out.closed == 0.0
     assert gap.gap.closed == 0.0
     assert gap.gap.after == gap.gap.before > 1.0
@@ -401,7 +402,7 @@ def test_several_recordings_tell_of_one_cause():
 @pytest.mark.slow
 def test_an_effect_the_model_has_already_is_no_gap():
     model = build("single_track", None, {"steering_delay": 0.05}, CAR)
-    gap = diagnose(model, [lap({"steering_delay": 0.05})], EFFECTS, vehicle=CAR)
+    gap = diagnose(model, [lap({"steering_delay": 0.05})], vocabulary(), vehicle=CAR)
     assert not gap.gap_detected
     assert gap.closed.effects == ("steering_delay",)
 

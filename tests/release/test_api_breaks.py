@@ -31,7 +31,7 @@ def test_a_parameter_that_is_gone_and_a_name_that_is_gone_are_reported(report, t
     old = _package(tmp_path / "old", "def fit(model, data, jobs=1): ...")
     new = _package(tmp_path / "new", "def fit(model, data): ...")
     said = report.breaks(TABLE, TABLE.replace(", 'read': 'api.reading:read'", ""), old, new)
-    assert said[0] == "gb.read is gone"
+    assert said[0] == "gb.read is no longer at the top level"
     assert len(said) == 2
     assert said[1].startswith("gb.fit: parameter was removed, [positional or keyword] jobs")
 

@@ -107,7 +107,9 @@ def _try(equation, known):
 
 @pytest.mark.parametrize("effect", EFFECTS)
 def test_every_effect_can_be_written_down_and_set(effect):
-    model = next(own for own in (car("single_track"), car("longitudinal")) if EFFECTS[effect].concerns(own))
+    model = next(
+        own for own in (car("single_track"), car("longitudinal"), car("lateral")) if EFFECTS[effect].concerns(own)
+    )
     model = model + EFFECTS[effect].starting_at(EFFECTS[effect].typical)
     for equation in motion_equations(model):
         assert in_typst(equation)

@@ -106,8 +106,8 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
     if vehicle is None and (size := _size(model)):  # an actuator has no mass and no wheelbase: it is no vehicle
         start = f"{model.name} starts from numbers of its own ({size})"
         result.append(
-            f"No vehicle is named: {start}. Name one{suggested}, or write a file with your numbers: "
-            f"greybox models {model.name} --out car.toml."
+            f"No vehicle is named: {start}. Name one{suggested}, or a file with your numbers: "
+            f"greybox models {model.name} writes one to begin with."
         )
     if "l_f" in model and "l_r" in model:
         wheelbase = float(model["l_f"].array + model["l_r"].array)

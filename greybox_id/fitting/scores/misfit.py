@@ -118,7 +118,7 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
         yield Reason(
             NOT_USABLE,
             "The second half of the data needs other parameters than the first: the vehicle has changed, or is "
-            "another. Fit each half, and let greybox gap --since say what changed.",
+            "another. Fit each half; greybox gap says what changed since the first.",
         )
     elif gain > CLEARLY and size > SMALL_HALVES:
         yield Reason(
