@@ -56,6 +56,8 @@ def budget(
     rows = np.sum(good, axis=1)
     edges = blocks(bench)
     sums = np.array([[np.sum(squares[item][a:b]) for item in sets] + [np.sum(rows[a:b])] for a, b in edges])
+    # where some effects make it spin without the others, or are not of first order, that says nothing
+    sums[:, 1:-2] = np.minimum(sums[:, 1:-2], np.maximum(sums[:, :1], sums[:, -2:-1]))
     charges = np.array([misfits[item].charge for item in sets])
     without = [sets.index(frozenset(names) - {name}) for name in names]
     weights = np.array([[_weight(name, item, len(names)) for item in sets] for name in names]).reshape(len(names), -1)

@@ -65,9 +65,9 @@ def closed_model(
     )
     verified = replace(verified, errors=errors[least])
     if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):
-        return examined.model, left_open(verified), WORSE
+        return closed, verified, WORSE
     if best.candidates and verified.shows and verified.closed_interval[1] < 0:
-        return *closed_model(examined, examined.selection.base, detected, held_out)[:2], HARMS
+        return closed, verified, HARMS
     return closed, verified, ""
 
 

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from math import exp, log
 
 import numpy as np
@@ -102,9 +103,11 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
     closed, verified, worse = closed_model(it, best, detected, held_out)
-    if worse:
-        reasons |= dict.fromkeys(best.names, worse)
-        best = selection.base
+    while worse:
+        weakest = min(best.names, key=partial(_gain, it, it.best))
+        reasons[weakest] = worse
+        best = _only(it, set(best.names) - {weakest})
+        closed, verified, worse = closed_model(it, best, detected, held_out)
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
     if (
         shared is not None
@@ -327,7 +330,7 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
-        elif shared is not None and share is not None and not (share.share >= _least_share(shared) and share.low > 0):
+        elif shared is not None and share is not None and share.share < _least_share(shared):
             judged = "on what was held out" if shared.held_out else "in free run"
             reasons[name] = (
                 f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
@@ -340,10 +343,14 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
     reasons |= _beside_mimics(one, best, reasons)
     if not reasons:
         return best, reasons
-    kept = frozenset(best.names) - set(reasons)
-    known = {frozenset(item.names): item for item in (*one.selection.tried, one.selection.base)}
-    search = one.selection.search
-    return known.get(kept) or refitted(search, best.only(kept)), reasons
+    return _only(one, set(best.names) - set(reasons)), reasons
+
+
+def _only(examined: Examined, names: Collection[str]) -> Hypothesis:
+    """The best explanation with these of its effects alone, everything else refitted."""
+    selection = examined.selection
+    known = {frozenset(item.names): item for item in (*selection.tried, selection.base)}
+    return known.get(frozenset(names)) or refitted(selection.search, examined.best.only(names))
 
 
 def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:
@@ -372,9 +379,9 @@ def _gain(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
 
 def _mimics(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     """The probability that an effect stands for one without a name, which strains tolerances where it is none."""
-    strain = examined.unnamed.strain if examined.unnamed is not None else 0.0
-    if strain == 0.0:
+    if examined.unnamed is None or examined.unnamed.strain == 0.0:
         return 0.0
+    strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
     x = CAL.mimic_slope * log(CAL.mimic * strain / max(_gain(examined, hypothesis, name), TINY))
     return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
 

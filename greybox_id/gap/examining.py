@@ -40,7 +40,7 @@ from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Selection, select
-from .unknown import Signs, beyond_what_may_be, signs, unnamed
+from .unknown import Signs, beyond_what_may_be, of_strained, signs, unnamed
 
 TINY = 1e-12
 MOVING = ("steering", "drive", "tyres", "body", "road")
@@ -112,6 +112,11 @@ class Examined:
         if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
             return {}
         return varies(self.selection.search, self.best, self.seen)
+
+    @cached_property
+    def of_strained(self) -> Mapping[str, float]:
+        """How much of what each effect of the best explanation does, strained tolerances do."""
+        return of_strained(self.selection.search, self.best)
 
 
 def examine(

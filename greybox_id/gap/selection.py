@@ -120,6 +120,12 @@ def select(
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
+    if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # together they may explain more than either
+        there = stage.there | np.isin(names, min(alike, key=by_cost).names)
+        stage, gains = together.pruned(together.refitted(stage, there, CAL.exchange_steps), prices, unsteady)
+        again = _refitted(search, _placed(search, together, stage))
+        if again.cost < best.cost:
+            best, alike = again, [best, *alike, *_exchanged(search, together, stage, again)]
     tried, offered = [best, *_without_each(search, best, names, gains), *alike], promised(together, stage)
     if len({name for item in tried for name in item.names}) < CAL.listed:
         first = offered[: CAL.listed]

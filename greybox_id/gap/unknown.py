@@ -207,6 +207,25 @@ def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:
     return np.asarray(X / np.maximum(np.sqrt(np.mean(X**2, axis=0)), 1e-9))
 
 
+def of_strained(search: Search, best: Hypothesis) -> dict[str, float]:
+    """Effect -> share of what it does that tolerances do which are off by more than a standard deviation.
+
+    An effect that stands for another one strains what acts as it does; what strains elsewhere says nothing of it.
+    """
+    off = np.concatenate([best.theta, best.linear]) - search.means
+    value = np.diag(search.beliefs({axis.index for axis in best.axes}))
+    strained = search.white[:, value * off**2 > 1.0]
+    columns = search.weighed(best.J).reshape(len(search.white), -1)
+    result = {}
+    for candidate, at in best.parts:
+        does = columns[:, at.start]
+        whole = float(does @ does)
+        G = strained.T @ strained
+        pull = strained.T @ does
+        result[candidate.effect] = float(pull @ np.linalg.lstsq(G, pull)[0]) / whole if whole > 0 else 1.0
+    return result
+
+
 def unnamed(search: Search, best: Hypothesis, result: Amplitudes, median: Amplitudes) -> Unnamed:
     """Collect it."""
     off = np.concatenate([best.theta, best.linear]) - search.means

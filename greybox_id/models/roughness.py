@@ -27,6 +27,8 @@ FORM_SD = 0.01
 TRACK_SD = 0.5
 """Of how much of the moment of steered wheels there is: none on a single track; all of it where the wheels of the axle
 share its lateral force as they share its load."""
+HARD = 3.0
+"""Times the usual drive, at which an error that grows with its square is as large as one that grows with itself."""
 DRAG_SD = 0.1
 """Of the power of speed that resistance has beside the stated one: air drag goes with v^1.8 to v^2 (rolling resistance
 with v^0 to v^0.2)."""
@@ -54,18 +56,21 @@ def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]
 
 
 def _regimes(usual: Mapping[str, float]) -> list[Effect]:
-    """Errors of a force, relative to it, that grow with steering, lateral acceleration, speed or drive."""
+    """Errors of a force, relative to it, that grow with steering, lateral acceleration, speed, drive or braking."""
     sizes: dict[str, tuple[Callable[[Quantities], Symbol], tuple[str, ...]]] = {
         "steer": (lambda q: cs.fabs(q.u.steer) / q.p.usual_steer, ("steer",)),
         "turning": (lambda q: cs.fabs(speed(q) * q.x.yaw_rate) / G, ("v_x", "yaw_rate")),
         "speed": (lambda q: cs.fabs(speed(q)) / q.p.usual_speed - 1, ("v_x",)),
         "drive": (lambda q: q.u.drive / q.p.usual_drive, ("drive",)),
+        "braking": (lambda q: cs.fmax(-q.u.drive / q.p.usual_drive, 0), ("drive",)),
+        "hard_braking": (lambda q: cs.fmin(q.u.drive / q.p.usual_drive, 0) ** 2 / HARD, ("drive",)),
     }
-    units = {"steer": "rad", "speed": "m/s", "drive": "1"}
+    units = {"steer": "rad", "speed": "m/s", "drive": "1", "braking": "1", "hard_braking": "1"}
+    of = {"braking": "drive", "hard_braking": "drive"}
     result = []
     for force in ("F_yf", "F_yr", "F_drag"):
         for regime, (size, needs) in sizes.items():
-            if force == "F_drag" and regime == "drive":
+            if force == "F_drag" and "drive" in needs:
                 continue
             name = f"form_{force}_{regime}"
 
@@ -74,8 +79,8 @@ def _regimes(usual: Mapping[str, float]) -> list[Effect]:
 
             one = Parameter(name, "1", 0.0, (-0.5, 0.5), prior=Prior(FORM_SD), about=f"error of {force} over {regime}")
             others = tuple(
-                Parameter(f"usual_{regime}", unit, usual[regime], (0.0, inf), fixed=True, about=f"usual {regime}")
-                for unit in [units.get(regime)]
+                Parameter(f"usual_{base}", unit, usual[base], (0.0, inf), fixed=True, about=f"usual {base}")
+                for base, unit in [(of.get(regime, regime), units.get(regime))]
                 if unit
             )
             apply = _altering({force: shaped})

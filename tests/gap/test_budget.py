@@ -54,6 +54,17 @@ def test_effects_that_spin_without_the_others_explain_nothing():
     assert found.of("b").share == pytest.approx(0.75)
 
 
+def test_a_spin_in_some_blocks_hides_no_share_in_the_others():
+    rng = np.random.default_rng(3)
+    unit = rng.standard_normal((ROWS, 2))
+    spins = np.where(np.arange(ROWS) < ROWS // 10, 1e6, 1.0)[:, None]
+    sizes = {(): 3.0, ("a",): 1.1 * spins, ("b",): 2.9 * spins, ("a", "b"): 1.0}
+    found = budget({frozenset(item): Misfit(size * unit * SD, 0.0) for item, size in sizes.items()}, ("a", "b"), SD,
+                   GOOD, BENCH, ("lap",), True)  # fmt: skip
+    assert found.of("a").share > 0.8
+    assert found.of("b").share < 0.2
+
+
 def test_how_much_worse_a_spin_is_says_nothing():
     levels = dict(zip(subsets(("a", "b")), (11.0, 10.0, 1e90, 1e90), strict=True))
     found = shared(levels, ("a", "b"))

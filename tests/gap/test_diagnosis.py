@@ -13,6 +13,7 @@ from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
 from greybox_id.base.errors import BadInput
 from greybox_id.gap import diagnosis
+from greybox_id.gap.closed_model import HARMS
 from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
@@ -167,6 +168,38 @@ def test_where_more_than_half_surely_stays_something_unknown_is_at_work(monkeypa
     assert gap.unknown_probability >= CAL.nameless
 
 
+@pytest.mark.slow
+def test_what_harms_predictions_held_out_leaves_one_by_one_the_weakest_first(monkeypatch):
+    lacks = {"steering_delay": 0.05, "yaw_rate_bias": 0.02}
+    plain, tried = diagnosis.closed_model, []
+
+    def closed_model(examined, best, *others):
+        tried.append(best.names)
+        closed, verified, worse = plain(examined, best, *others)
+        return closed, verified, worse or (HARMS if len(best.names) == 2 else "")
+
+    monkeypatch.setattr(diagnosis, "closed_model", closed_model)
+    gap = diagnosed(lap(lacks, 20.0), held_out=[lap(lacks, 10.0, seed=7)])
+    gains = {each.effect: each.gain for each in gap.ranking}
+    assert [set(names) for names in tried] == [set(lacks), {max(lacks, key=gains.get)}]
+    assert gap.applied == (max(lacks, key=gains.get),)
+    assert next(each.reason for each in gap.ranking if each.effect not in gap.applied and each.effect in lacks)
+
+
+@pytest.mark.parametrize(("share", "low", "applied"), [(0.14, -0.02, True), (0.14, -0.6, True), (0.01, -0.02, False)])
+def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, share, low, applied):
+    own = candidate(0)
+    best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
+    nothing = SimpleNamespace(names=())
+    selection = SimpleNamespace(tried=[], base=nothing, search=None)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
+    monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.999)
+    monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
+    closes = Share(own.effect, share, low, 2 * share - low)
+    shared = Budget((closes,), Share("unnamed", 1 - share, 0.0, 1.0), ("lap",), True, beside=(closes,))
+    assert (diagnosis._causes(found, shared)[0] is best) == applied
+
+
 def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
     left = Unnamed(0.08, 0.01, 0.02, 0.02, 0.5, 0.5, 0.0, ("I_z", 0.0), {"yaw_rate": 1.0})
     stated = {"F_y": StatedModelError(share=0.08)}
@@ -190,14 +223,16 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
 
     assert unnamed(calm) < 0.15 < 0.7 < unnamed(strained)
 
-    def mimics(own, gain):
+    def mimics(own, gain, of_it=1.0):
         tried = [SimpleNamespace(names=("lag",), cost=-gain)]
         selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
-        return _mimics(SimpleNamespace(unnamed=own, selection=selection), tried[0], "lag")
+        found = SimpleNamespace(unnamed=own, selection=selection, of_strained={"lag": of_it})
+        return _mimics(found, tried[0], "lag")
 
     assert mimics(calm, 30.0) == 0.0
     assert mimics(strained, 30.0) > 0.9
     assert mimics(strained, 3000.0) < 0.01
+    assert mimics(strained, 30.0, of_it=0.05) < 0.05  # what is strained acts on other channels
 
 
 def test_what_a_refused_name_explains_is_unnamed():
@@ -210,8 +245,9 @@ def test_what_a_refused_name_explains_is_unnamed():
         evidence = SimpleNamespace(weights=(sure, 1.0 - sure))
         return by_no_name(
             SimpleNamespace(
-                varying=varying, unnamed=own, best=best, selection=selection, evidence=evidence, stands=True
-            )
+                varying=varying, unnamed=own, best=best, selection=selection, evidence=evidence, stands=True,
+                of_strained={},
+            )  # fmt: skip
         )
 
     differs = Spread("along speed", 3 * CAL.varies, 1e-6, (1.0, 2.0, 3.0))

@@ -1,14 +1,17 @@
 """Signs of something unknown: errors beyond what noise, and equations that are stated to be rough, may leave."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from gap_cases import GivenBench, search_on
+from gap_cases import GivenBench, axis, candidate, linear_bench, search_on, smooth_columns
 
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.unknown import (
     Signs,
     beyond_what_may_be,
     left_gain,
+    of_strained,
     unknown_probability,
     without_a_name,
 )
@@ -158,3 +161,15 @@ def test_few_readings_and_few_signals_tell_nothing_wrong():
     assert np.isfinite(gained)
     assert abs(off) < 4
     assert expected > 0
+
+
+def test_what_is_strained_tells_of_what_acts_as_it_does():
+    X = smooth_columns(4)
+    X[:, :, 2] = X[:, :, 0] + 0.05 * X[:, :, 2]  # as the first tolerance does
+    search = search_on(linear_bench(X, [0.0] * 4, SD), SD, (axis(0, sd=0.1), axis(1, sd=0.1)))
+    both = (candidate(2), candidate(3))
+    off = replace(search.at_means(), candidates=both, m=np.zeros(2), J=X[:, :, 2:])
+    assert of_strained(search, off) == {"effect_2": 0.0, "effect_3": 0.0}  # none is strained
+    strained = of_strained(search, replace(off, theta=np.array([0.4, 0.05])))
+    assert strained["effect_2"] > 0.95
+    assert strained["effect_3"] < 0.1

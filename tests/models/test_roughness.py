@@ -39,7 +39,7 @@ def named(**values):
 def test_errors_of_form_are_relative_to_the_force_and_grow_with_how_one_drives(name):
     model = rough(name)
     forms = [own for own in model.effects if own.startswith("form_")]
-    drives = {"single_track": 4, "lateral": 3}[name]
+    drives = {"single_track": 6, "lateral": 3}[name]
     assert len([own for own in forms if "F_yf" in own]) == drives
     assert all(model[own].prior.sd == 0.01 for own in forms)
 
@@ -53,6 +53,18 @@ def test_an_error_of_the_front_force_by_steering_is_that_share_of_it_at_the_usua
     turning = without["yaw_rate"] * p["I_z"]
     F_yf = (p["l_r"] * before + turning) / (p["l_f"] + p["l_r"])
     assert after - before == pytest.approx(0.1 * F_yf, rel=1e-6)
+
+
+@pytest.mark.parametrize(("name", "usual", "twice"), [("braking", 0.1, 0.2), ("hard_braking", 0.1 / 3, 0.4 / 3)])
+def test_errors_of_form_under_brakes_are_none_of_what_drives(name, usual, twice):
+    model = rough()
+    for drive, share in ((2.0, 0.0), (-2.0, usual), (-4.0, twice)):
+        given = {"steer": 0.0, "drive": drive}
+        plain, off = (rates(model, TURNING, p=vector(model, **{f"form_F_yr_{name}": k}), **given) for k in (0.0, 0.1))
+        p = {each.name: float(each.array) for each in model.parameters if each.shape == ()}
+        turning, across = plain["yaw_rate"] * p["I_z"], p["m"] * (plain["v_y"] + TURNING[2] * TURNING[0])
+        F_yr = (p["l_f"] * across - turning) / (p["l_f"] + p["l_r"])
+        assert p["m"] * (off["v_y"] - plain["v_y"]) == pytest.approx(share * F_yr, rel=1e-6, abs=1e-6)
 
 
 @pytest.mark.parametrize("name", ["steered_wheels", "power_of_c_0", "power_of_c_2"])

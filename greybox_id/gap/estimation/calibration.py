@@ -236,7 +236,6 @@ class Calibration:
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
     again: int = _known(3, "times that nuisances are linearised again", SEARCHED)
-    dearer: float = _known(2.0, "times a cost, from which on new derivatives led astray: they never raise it", DEFINED)
     enough: float = _known(1.0, "nats that are worth once more", SEARCHED)
     far: float = _known(
         1e100, "what derivatives count as at most, where a vehicle spins: of larger ones no sums of squares"

@@ -16,6 +16,7 @@ from ...base.shorthands import Array, Mask
 from ...base.statistics import correlation_time, robust_sd
 from ...datasets.recording import Recording
 from ...engine.simulation import Diagnosed, FreeRuns
+from ...engine.solvers.box import least_within
 from ...models.effect import Effect
 from ...models.vehicle import Vehicle
 from .axes import nuisances, shifting
@@ -218,9 +219,9 @@ def of_subsets(
     for item in rest:
         left = whole.e + sum((each[name] for name in names if name not in item), start=np.zeros_like(whole.e))
         r = search.weighed(left[:, :, None]).ravel()
-        step = -np.linalg.solve(H, search.white.T @ r + search.precision @ (u - search.means)) if len(u) else u
-        to = np.clip(u + step, search.low, search.high)
-        off = to - search.means
+        g = search.white.T @ r + search.precision @ (u - search.means)
+        step = least_within(H, g, search.low - u, search.high - u, np.ones(len(u), dtype=bool), CAL.ridge)
+        off = u + step - search.means
         charge = float(off @ search.precision @ off) / search.trust
-        result[item] = Misfit(left + search.moved_by(to - u), charge, search.trust)
+        result[item] = Misfit(left + search.moved_by(step), charge, search.trust)
     return result

@@ -78,17 +78,17 @@ def settled(search: Search, result: Hypothesis, again_at_most: int = CAL.again) 
     """A hypothesis whose nuisances are linearised about where they are until they move no more.
 
     They are believed to be near their means, but where gaps are small against tolerances they are not near enough for
-    derivatives taken there: what they then miss would pass for a gap. Derivatives of what spins lead astray, and are
-    not kept.
+    derivatives taken there: what they then miss would pass for a gap. Derivatives that lead astray, as those of what
+    spins do, are not kept.
     """
     for _ in range(again_at_most if search.moving or search.shifts else 0):
         place = search.place()
         search.about(result, delays=False)
         again = refit(search, [search.start_of(result)])
-        if not again or not again[0].cost < CAL.dearer * result.cost:
+        if not again or not again[0].cost < result.cost + CAL.enough:
             search.back(place)
             break
-        before, result = result, again[0]  # the later one even where it costs more: the others will stand beside it
+        before, result = result, again[0]
         if result.cost > before.cost - CAL.enough:
             break
     return result

@@ -193,10 +193,7 @@ class JointSearch:
 
     def _mates(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
         """Causes whose columns point as one's does, all else refitted, in each of their forms; the nearest first."""
-        sets, causes = stage.sets, self.problem.causes
-        S = sets.S[np.ix_(sets.main, sets.main)]
-        size = np.sqrt(np.maximum(np.diag(S), 1e-300))
-        like = np.abs(S[k] / (size * size[k]))
+        causes, like = self.problem.causes, self._alike(stage)[k]
         others = [int(j) for j in np.flatnonzero(~stage.there & (like > CAL.acts_alike))]
         others = sorted(others, key=lambda j: -like[j])[: CAL.exchanged]
         itself = [(k, form) for form in range(len(causes[k].forms)) if form != stage.state.form[k]]
@@ -230,7 +227,7 @@ class JointSearch:
         -------
         stage, gains : and what each of its causes gains, (causes,) zero where none is.
         """
-        looked = np.zeros(len(stage.there), dtype=bool)
+        looked, together = np.zeros(len(stage.there), dtype=bool), set[tuple[int, int]]()
         while True:
             gains, beyond = np.zeros(len(stage.there)), stage.sets.beyond(stage.there)
             if np.any(beyond):  # a step that overshot, or a size that is not there
@@ -243,6 +240,10 @@ class JointSearch:
                 k for k in np.flatnonzero(stage.there) if not steady[k] >= prices[k]
             ]
             if not weak:
+                without = self._without_both(stage, prices, together)
+                if without is not None:
+                    stage = without
+                    continue
                 new = self._worth_adding(stage, prices, looked)
                 if new is None:
                     return stage, gains
@@ -256,6 +257,30 @@ class JointSearch:
             there = stage.there.copy()
             there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
             stage = self.refitted(stage, there, CAL.exchange_steps)
+
+    def _without_both(self, stage: JointStage, prices: Array, looked: set[tuple[int, int]]) -> JointStage | None:
+        """The stage without two causes that undo each other, where both gain less than they must; pairs looked at once.
+
+        Each seems needed beside the other: one raises grip, the other one takes it away.
+        """
+        like, there = self._alike(stage), np.flatnonzero(stage.there)
+        for a, b in ((int(a), int(b)) for a in there for b in there if a < b and like[a, b] > CAL.acts_alike):
+            if (a, b) in looked:
+                continue
+            looked.add((a, b))
+            rest = stage.there.copy()
+            rest[[a, b]] = False
+            without = self.refitted(stage, rest, CAL.exchange_steps)
+            if without.sets.cost(rest) - stage.sets.cost(stage.there) < prices[a] + prices[b]:
+                return without
+        return None
+
+    @staticmethod
+    def _alike(stage: JointStage) -> Array:
+        """(causes, causes) cosines between what causes do, all else refitted."""
+        S = stage.sets.S[np.ix_(stage.sets.main, stage.sets.main)]
+        size = np.sqrt(np.maximum(np.diag(S), 1e-300))
+        return np.asarray(np.abs(S) / np.outer(size, size))
 
     def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
         """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at."""

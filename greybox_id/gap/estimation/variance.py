@@ -274,7 +274,7 @@ def jumps_by_commands(bench: FreeRuns, p: Array, effects: Mapping[str, Effect]) 
 
 
 def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[np.bool_], jump: Array | None) -> bool:
-    """Whether jitter alone explains more than the best hypothesis does.
+    """Whether jitter alone explains more than the best hypothesis does, and that explains little beside it.
 
     Where a command makes readings jump, one that comes early is not what rates tell, and delays and lags explain it a
     little: where it is not known by how much they jump, only the others count. What explains a little leaves more than
@@ -291,6 +291,9 @@ def jitters(bench: FreeRuns, base: Array, best: Array, sd: Array, good: NDArray[
     gain = 0.5 * float(np.sum(np.where(known, (base / sd) ** 2 - (best / sd) ** 2, 0.0)))
     if scatter is None or surely(scatter.gain) <= CAL.present:
         return False
+    beside = jitter(bench, best, y, sd, good, jump)
+    if beside is not None and scatter.left - beside.left > CAL.excess_exact:  # it explains what jitter leaves
+        return gain + beside.gain - scatter.gain < CAL.cost
     if scatter.gain >= gain:
         return True
     use = steady(bench, y, sd, good)[1]

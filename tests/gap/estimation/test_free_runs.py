@@ -3,10 +3,11 @@
 import numpy as np
 import pytest
 from driven import driven
-from gap_cases import CAR, axis, linear_bench, search_on
+from gap_cases import CAR, alone, axis, candidate, linear_bench, search_on, smooth_columns
+from scipy.optimize import minimize
 
 from greybox_id.gap.estimation import preparing
-from greybox_id.gap.estimation.free_runs import misfit, refitted_tolerances
+from greybox_id.gap.estimation.free_runs import misfit, of_subsets, refitted_tolerances
 from greybox_id.gap.estimation.refit import refit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of
@@ -27,6 +28,21 @@ def test_a_nuisance_that_was_fitted_costs_what_is_believed_of_it():
     assert own.charge == pytest.approx((found.theta[0] / 0.14) ** 2)
     assert own.charge > 5
     np.testing.assert_array_equal(own.e, found.e)
+
+
+def test_without_an_effect_tolerances_do_what_they_can_within_their_bounds():
+    X = smooth_columns(3)
+    X[:, :, 2] = 3.0 * X[:, :, 0] + X[:, :, 1]  # the effect does what both tolerances do; the first reaches not far
+    search = search_on(linear_bench(X, [0.0, 0.0, 1.0], SD), SD, [axis(k, sd=0.5, low=-1.0, high=1.0) for k in (0, 1)])
+    (whole,) = refit(search, [alone(search, candidate(2), 1.0)])
+    found = of_subsets(search, whole, {"effect_2": {2: 0.0}}, {})[frozenset()]
+    inner = X[:, :, :2].reshape(-1, 2) / np.tile(SD, len(X))[:, None]
+    wanted = -X[:, :, 2].ravel() / np.tile(SD, len(X))
+    best = minimize(
+        lambda u: np.sum((inner @ u + wanted) ** 2) + np.sum((u / 0.5) ** 2), np.zeros(2), bounds=[(-1, 1)] * 2
+    )
+    assert best.x[0] == 1.0
+    assert np.sum((found.e / SD) ** 2) + found.charge == pytest.approx(best.fun, rel=0.05)
 
 
 @pytest.mark.usefixtures("_uncompiled")

@@ -18,6 +18,7 @@ from gap_cases import (
     weighted,
 )
 
+from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation import refit as module
 from greybox_id.gap.estimation.axes import Candidate, candidates, shifting
 from greybox_id.gap.estimation.bench import Bench
@@ -260,6 +261,6 @@ def test_new_derivatives_that_lead_astray_are_not_kept(monkeypatch):
     search = search_on(GivenBench(lambda p: X @ p, X[:, :, 0], 1), np.array([0.1]), [axis(0, sd=1.0)])
     (first,) = refit(search, [search.start_of(search.at_means())])
     before = search.white
-    monkeypatch.setattr(module, "refit", lambda *_: [replace(first, cost=3.0 * first.cost)])
+    monkeypatch.setattr(module, "refit", lambda *_: [replace(first, cost=first.cost + 2 * CAL.enough)])
     assert settled(search, first) is first
     assert search.white is before

@@ -86,3 +86,17 @@ def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
     rest = search.refitted(beyond, second)
     assert np.isfinite(rest.evidence)
     assert rest.evidence == rest.form + rest.explains
+
+
+@pytest.mark.parametrize(("truth", "left"), [((0.0, 0.0, 0.7), {2}), ((1.0, 0.6, 0.7), {0, 1, 2})])
+def test_two_that_undo_each_other_leave_together(truth, left):
+    """Each of the two is needed beside the other, and neither where both are away."""
+    X = smooth_columns(3)
+    X[:, :, 1] = -(0.97 * X[:, :, 0] + 0.24 * X[:, :, 1])
+    search = together(linear_bench(X, truth, SD), [cause(k) for k in range(3)])
+    every = np.ones(3, dtype=bool)
+    apart = replace(search.problem.begin(), m=np.array([truth[0] + 1.0, truth[1] + 1.0, truth[2]]))
+    stage = search.settled(apart, 1.0, search.variance(every), there=every)
+    without = search._without_both(stage, np.full(3, 8.0), set())
+    assert set(np.flatnonzero((without or stage).there)) == left
+    assert search._without_both(stage, np.full(3, 8.0), {(0, 1)}) is None

@@ -255,6 +255,11 @@ def test_jitter_of_some_channels_takes_no_effect_s_place_that_others_tell():
     asked = (sd, bench.counted, np.zeros((n, 3)))
     assert jitters(bench, e, e, *asked)
     assert not jitters(bench, lever, e, *asked)
+    known = (sd, bench.counted, None)
+    both = e.copy()
+    both[:, :2] += 0.3 * np.sin(0.7 * time)[:, None]  # something that jitter does not explain, where jitter acts
+    assert not jitters(bench, both, e, *known)
+    assert jitters(bench, e + 0.03 * (both - e), e, *known)  # next to nothing beside it
 
 
 def test_jitter_that_leaves_more_than_noise_is_none(monkeypatch):
