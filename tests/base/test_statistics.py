@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy import signal
 from linear_problem import coloured
+from scipy import signal
 
 from greybox_id.base.statistics import (
     correlation,
