@@ -55,7 +55,7 @@ def welch(values: Array, rate: float, length: int) -> tuple[Array, Array]:
     spectra = np.fft.rfft((pieces - np.mean(pieces, axis=1, keepdims=True)) * window)
     density = np.mean(np.abs(spectra) ** 2, axis=0) / (rate * float(window @ window))
     density[1 : (length + 1) // 2] *= 2.0
-    return np.fft.rfftfreq(length, 1.0 / rate), density
+    return np.asarray(np.fft.rfftfreq(length, 1.0 / rate), dtype=float), np.asarray(density, dtype=float)
 
 
 def detrended(values: Array) -> Array:
