@@ -46,7 +46,7 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
-from .roll import with_roll
+from .roll import must_stand, with_roll
 from .settings import NoSettings, from_mapping
 from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
 from .steering import steering
@@ -340,6 +340,7 @@ def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None
     if vehicle is None:
         return with_effects(model, effects or {})
     whole = with_effects(with_vehicle(model, vehicle), effects or {})
+    must_stand(whole)
     stated = {name: value.value for name, value in vehicle.values.items() if name in _seconds() and name in whole}
     return whole.with_parameters(
         *(whole[name].with_value(value) for name, value in stated.items() if value is not None)

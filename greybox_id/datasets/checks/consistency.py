@@ -63,7 +63,7 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
     findings = []
     for pair, agreed in against:
         sentence = (
-            f"{pair.left} and {pair.right} contradict each other in sign (correlation {agreed.correlation:.2f}): "
+            f"{pair.left} and {pair.right} contradict each other in sign (correlation {number(agreed.correlation, 2)}): "
             f"one of them is not ISO 8855. "
         )
         left, right = (sides.get(node, [node]) for node in pair.nodes)
@@ -108,7 +108,7 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
     if not agreed.certain or agreed.correlation > 0:
         return []
     sentence = (
-        f"v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation {agreed.correlation:.2f}), "
+        f"v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation {number(agreed.correlation, 2)}), "
         "where a point ahead of the rear axle moves towards the inside of the turn: one of them is not ISO 8855, "
         "or v_y was measured behind the rear axle."
     )

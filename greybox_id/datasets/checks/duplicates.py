@@ -52,7 +52,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     turned = [n for n, a in each.items() if a.beyond_chance and a.correlation < 0]
     if whole.beyond_chance and whole.correlation < 0:
         sentence = (
-            f"{extra} is {signal} with the opposite sign (correlation {whole.correlation:.2f}); set its sign = -1."
+            f"{extra} is {signal} with the opposite sign (correlation {number(whole.correlation, 2)}); set its sign = -1."
         )
         findings.append(Finding("sign", Severity.WARNING, FoundAt(extra), sentence, whole.correlation))
     elif turned:
@@ -62,7 +62,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if off:
         low = min(each[n].correlation for n in off)
         sentence = (
-            f"{extra} does not follow {signal} in {runs_words(off)} (correlation down to {low:.2f}), "
+            f"{extra} does not follow {signal} in {runs_words(off)} (correlation down to {number(low, 2)}), "
             "though it does elsewhere: use one of them, not both."
         )
         findings.append(
