@@ -40,11 +40,11 @@ from .attempt import (
     residual_noise,
     starting_points,
 )
-from .carrying import carries_over
+from .carrying import carries_over, withstands
 from .certificate import certified
 from .fit import Fit, conflict
 from .how import FOR_MOTION, FitOptions, Say, quiet, refused
-from .judging import carried
+from .judging import carried, refuted
 from .provenance import Certificate, Stage
 from .restated import stated_again
 from .uncertainty import uncertainty
@@ -400,6 +400,7 @@ def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
 
 
 carried.register(MotionModel)(carries_over)
+refuted.register(MotionModel)(withstands)
 
 
 @refused.register(MotionModel)

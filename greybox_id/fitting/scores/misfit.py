@@ -38,9 +38,9 @@ TIMES_NOISE = 5.0
 """Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
 ALSO = 0.25
 """Of what explains most of the residuals, the part that is named beside it."""
-HALVES, SMALL_HALVES, CLEARLY = 0.1, 0.01, 10.0
-"""Error over the spread that other parameters in the second half explain: of a fit that is refused, and the least that
-is told; log of how much likelier that has to be."""
+SMALL_HALVES, CLEARLY = 0.01, 10.0
+"""Error over the spread that other parameters in the second half explain, the least that is told; log of how much
+likelier that has to be."""
 
 
 def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
@@ -112,19 +112,13 @@ def misfit(fit: Fit) -> Iterator[Reason]:
 
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
-    """Whether the second half of the data is of another vehicle than the first."""
-    size, gain = form.get("halves", 0.0) ** 0.5 * error, form.get("halves_gain", 0.0)
-    if gain > CLEARLY and size > HALVES:
-        yield Reason(
-            NOT_USABLE,
-            "The second half of the data needs other parameters than the first: the vehicle has changed, or is "
-            "another. Fit each half; greybox gap says what changed since the first.",
-        )
-    elif gain > CLEARLY and size > SMALL_HALVES:
+    """Whether the second half of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
+    if form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES:
         yield Reason(
             WITH_CARE,
             "The second half of the data prefers other parameters than the first "
-            f"(log-likelihood higher by {gain:.0f}): the vehicle may have changed, or be another. Fit each half.",
+            f"(log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or be another. Fit "
+            "each half.",
         )
 
 
