@@ -36,6 +36,7 @@ check: $(VENV)/done
 	$(BIN)/python docs/results/build.py --check
 
 docs: $(VENV)/done
+	rm -rf docs/gallery docs/reference docs/made # pages of what is gone, figures of an older version
 	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/docs/html
 
 format: $(VENV)/done

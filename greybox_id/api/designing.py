@@ -177,7 +177,7 @@ def design(
     source, made = _source(of)
     chosen = _goal(source, goal)
     if criterion not in CRITERIA:
-        raise BadInput(f"‹criterion› {criterion!r:.40} is none; there are {', '.join(CRITERIA)}.")
+        raise BadInput(f"‹criterion›: there is no {criterion!r:.40}; there are {', '.join(CRITERIA)}.")
     _must_be_possible(duration, rate, repeat, effort)
     where = arena_of(str(arena))
     if isinstance(source, Fit):
@@ -213,7 +213,7 @@ def _goal(source: Fit | Gap, goal: str | None) -> str:
     """What is designed for. Raises `BadInput` where a fit or a gap does not go with it."""
     chosen = goal or ("precision" if isinstance(source, Fit) else "discriminate")
     if chosen not in GOALS:
-        raise BadInput(f"‹goal› {chosen!r:.40} is none; there are {', '.join(GOALS)}.")
+        raise BadInput(f"‹goal›: there is no {chosen!r:.40}; there are {', '.join(GOALS)}.")
     if isinstance(source, Fit) != (chosen == "precision"):
         needs, is_one = ("a fit", "a gap") if chosen == "precision" else ("a gap (gap.json of greybox gap)", "a fit")
         raise BadInput(f"‹goal› {chosen} needs {needs}, and this is {is_one}. Name the other file or another ‹goal›.")

@@ -307,7 +307,7 @@ def identifier(folder: str | Path) -> str:
     name = value.stem if value.suffix in ALONE.values() else value.name
     result = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
     if not result:
-        raise BadInput(f"No function can be called after the folder {folder}; name them with ‹name›.")
+        raise BadInput(f"The folder's name {folder} cannot name functions; name them with ‹name›.")
     return result if result[0].isalpha() else f"model_{result}"
 
 

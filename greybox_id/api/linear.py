@@ -38,7 +38,7 @@ def linearised(model: Model, v_x: float, steer: float = 0.0) -> control.StateSpa
         raise BadInput(f"v_x: a speed above zero is needed, in m/s, not {v_x!r:.40}.")
     equations = Equations(equations_of_motion(model, "; only these are linearised"), moving=())
     for what, seconds in equations.shifts().items():
-        warnings.warn(f"The {what}, {seconds:.4g} s, is no part of the linear system.", stacklevel=4)
+        warnings.warn(f"The {what}, {seconds:.4g} s, is not in the linear system.", stacklevel=4)
     ode, output, none = equations.ode, equations.output, cs.DM.zeros(0)
     x, u = equations.x, equations.u
     rates, read = ode(x, u, none), output(x, u, none)

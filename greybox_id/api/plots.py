@@ -325,4 +325,4 @@ def _label(name: str) -> str:
 
 
 def _motion(model: Model) -> MotionModel:
-    return must_be(MotionModel, model, f"{model.name} is none of equations of motion, which this figure is of.")
+    return must_be(MotionModel, model, f"{model.name} has no equations of motion, which this figure needs.")

@@ -39,7 +39,7 @@ ENDS = {
     End.CROSSED: "",
     End.BOUND: "end is the bound",
     End.FLAT: "side has no end",
-    End.NOT_FINITE: "end is where the model is finite no more",
+    End.NOT_FINITE: "the profile ends where the model is no longer finite",
 }
 """How one side of a profile ends, where the recording does not limit it."""
 WORDS = "a table of profiles"

@@ -82,7 +82,7 @@ class PosteriorResult(Posterior):
         met = f", R-hat at most {worst:.3f}" if np.isfinite(worst) else ""
         yield (
             f"sampled  {len(self)} draws of {self.fit.get('model')} by {self.method}, {100 * self.acceptance:.3g} % "
-            f"accepted{met}, worth {least:.0f} independent draws or more; {self.cpu_seconds:.1f} CPU s\n"
+            f"accepted{met}, equivalent to {least:.0f} independent draws or more; {self.cpu_seconds:.1f} CPU s\n"
         )
         table = plain_table("parameter", "mean", "sd", "95 % interval", "unit", "R-hat", "ESS")
         for name, row in self.table.iterrows():
@@ -219,7 +219,7 @@ def posterior_target(out: str | Path) -> Path:
     """Where a posterior is to be written. Raises `BadInput` for another kind of file."""
     target = Path(out)
     if target.suffix != ".parquet":
-        raise BadInput(f"{out}: a posterior is kept as .parquet, which holds what a run goes on from (‹out›).")
+        raise BadInput(f"{out}: a posterior is saved as .parquet, from which a later run can continue (‹out›).")
     claim(target, becomes=WORDS)
     ensure_writable(target.parent)
     return target

@@ -30,7 +30,12 @@ from .output import console, print_json, progress, show
     metavar="WORDS",
     help="Parameters that may change: auto, all or their names; of models with memory also F, few, paper, physical.",
 )
-@click.option("--validate", metavar="RECORDING", type=click.Path(), help="What is scored in place of the rest.")
+@click.option(
+    "--validate",
+    metavar="RECORDING",
+    type=click.Path(),
+    help=("A recording to score on, in place of the remaining seconds."),
+)
 @calibrate_option
 @click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name, adapted.")
 @own_option

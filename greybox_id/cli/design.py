@@ -14,30 +14,35 @@ from .output import console, print_json, progress, show
 
 @click.command(name="design")
 @click.argument("source", metavar="FIT|GAP", type=click.Path())
-@click.option("--goal", type=click.Choice(GOALS), help="Usual: precision of a FIT, discriminate of a GAP.")
+@click.option("--goal", type=click.Choice(GOALS), help="Default: precision for a FIT, discriminate for a GAP.")
 @click.option("--arena", required=True, metavar="ARENA", help="straight:120x8, disc:30 (m), or OUTLINE.csv with x, y.")
-@click.option("--parameters", default="", metavar="NAMES", help="What is to be precise: I_z,B_f; all that is free.")
+@click.option(
+    "--parameters",
+    default="",
+    metavar="NAMES",
+    help=("Parameters to estimate precisely, such as I_z,B_f; default: all free ones."),
+)
 @click.option(
     "--criterion", type=click.Choice(["d", "a", "e", "c"]), default="d", show_default=True,
-    help="Of the covariance: determinant, mean, worst combination, or the first of NAMES alone.",
+    help="What of the covariance to make small: determinant, mean, worst combination, or the first of NAMES alone.",
 )  # fmt: skip
 @click.option("--duration", type=float, default=20.0, show_default=True, metavar="SECONDS", help="At most.")
 @click.option("--rate", type=float, default=50.0, show_default=True, metavar="HZ", help="Rows of the plan per second.")
 @click.option("--limits", metavar="FILE", type=click.Path(), help="TOML file: steer_max, speed_max, sideslip_max ...")
-@click.option(
-    "--vehicle", metavar="NAME|FILE", help="Vehicle whose steer_max limits the steering where LIMITS state none."
-)
-@click.option("--speed-max", type=float, metavar="M/S", help="Fastest that may be driven.")
-@click.option("--grip", type=float, metavar="SHARE", help="Of an axle's friction, at most; 0.85 unless given.")
-@click.option("--repeat", type=int, default=1, show_default=True, help="How often it is going to be driven.")
+@click.option("--vehicle", metavar="NAME|FILE", help="Vehicle whose steer_max is the limit, unless LIMITS states one.")
+@click.option("--speed-max", type=float, metavar="M/S", help="Highest speed that is allowed.")
+@click.option("--grip", type=float, metavar="SHARE", help="Largest share of an axle's friction to use; default: 0.85.")
+@click.option("--repeat", type=int, default=1, show_default=True, help="How often the manoeuvre will be driven.")
 @click.option(
     "--driver/--open-loop", default=True, show_default=True,
-    help="A driver keeps speed and path, or commands are given as they stand.",
+    help="A driver corrects speed and path, or the planned commands are given unchanged.",
 )  # fmt: skip
-@click.option("--effort", type=float, default=1.0, show_default=True, help="Of the search, over what is usual.")
+@click.option(
+    "--effort", type=float, default=1.0, show_default=True, help=("Time to spend on the search: 2 is twice the usual.")
+)
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @click.option(
-    "--out", default="design", show_default=True, metavar="FOLDER", help="For plan.csv, plan.svg, design.json."
+    "--out", default="design", show_default=True, metavar="FOLDER", help="Folder for plan.csv, plan.svg, design.json."
 )
 @own_option
 @json_option

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "validation",
     metavar="RECORDING",
     type=click.Path(),
-    help="A recording to score on; it chooses nothing, but for --early-stopping.",
+    help="A recording to score on; it affects the fit with --early-stopping only.",
 )
 @calibrate_option
 @click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name.")
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     "--horizon",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="Predict so far from one start; default: whole runs.",
+    help="Length of each prediction; default: whole runs.",
 )
 @click.option(
     "--start-from",
@@ -75,20 +75,22 @@ if TYPE_CHECKING:
     help="mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first; hybrid_stiffness, "
     "hybrid_force: a fit of the same model, whose training is carried on.",
 )
-@click.option("--pretrain-points", type=int, default=20_000, show_default=True, help="Points at which it does.")
+@click.option(
+    "--pretrain-points", type=int, default=20_000, show_default=True, help=("Points at which it learns from that fit.")
+)
 @click.option(
     "--pretrain-range",
     type=click.Choice(["data", "box"]),
     default="data",
     show_default=True,
-    help="On rows of the recordings, or on a box 1.3 times as wide.",
+    help="Pretrain at rows of the recordings, or in a box 1.3 times as wide.",
 )
 @click.option(
     "--pretrain-beyond",
     type=float,
     default=1.0,
     show_default=True,
-    help="Train on what the known vehicle does up to so many times the fastest speed recorded as well.",
+    help="Also pretrain on the known vehicle at speeds up to this many times the fastest recorded.",
 )
 @click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
 @jobs_option

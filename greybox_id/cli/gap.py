@@ -240,14 +240,14 @@ class _Since(click.Command):
     multiple=True,
     metavar="RECORDING",
     type=click.Path(),
-    help="A recording that chooses nothing, to say on how far the gap closes; repeatable.",
+    help="A held-out recording, on which the closed gap is measured; repeatable.",
 )
 @click.option(
     "--since",
     multiple=True,
     metavar="RECORDING...",
     type=click.Path(),
-    help="Recordings from before: what changed since then, beyond how much they differ among themselves?",
+    help="Recordings from before a change: show what differs from them by more than they differ among themselves.",
 )
 @click.option(
     "--sensitivity",
@@ -257,7 +257,11 @@ class _Since(click.Command):
 @click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
 @click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")
 @click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
-@click.option("--arena", metavar="ARENA", help="Compute the manoeuvre that tells explanations apart: disc:30.")
+@click.option(
+    "--arena",
+    metavar="ARENA",
+    help=("Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30."),
+)
 @click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @own_option

@@ -57,7 +57,7 @@ def _span(ctx: click.Context, option: click.Parameter, value: str | None) -> Non
 
 calibrate_option = click.option(
     "--calibrate", metavar="timing[=SECONDS]",
-    help="Models with memory: first seconds (5) of each new run tell its delay; what follows counts.",
+    help="Models with memory: estimate each new run's delay from its first seconds (5) and score the rest.",
 )  # fmt: skip
 
 
@@ -269,5 +269,8 @@ def fit_of(file: str | Path) -> FitResult:
 
     one = load(file)
     if one.verdict is not None and one.verdict.usability == NOT_USABLE:
-        tell(f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} What follows from it is no better.")
+        tell(
+            f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} Results based on it are not "
+            "usable either."
+        )
     return one

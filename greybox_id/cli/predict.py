@@ -33,16 +33,16 @@ from .terminal import tell
     "--horizon",
     type=click.FloatRange(min=0, min_open=True),
     metavar="SECONDS",
-    help="Equations of motion: every row from the readings so much earlier; default: a free run of every run.",
+    help="Equations of motion: predict each row from the readings this much earlier; default: a free run of each run.",
 )
 @click.option(
     "--posterior",
     metavar="FILE",
     type=click.Path(),
-    help="Draws of greybox sample: the mean over them, and a 95 % band of readings.",
+    help="Draws of greybox sample: predict their mean and a 95 % band.",
 )
 @calibrate_option
-@click.option("--open-loop", is_flag=True, help="Models with memory: measured inputs throughout, one sample ahead.")
+@click.option("--open-loop", is_flag=True, help="Models with memory: predict one sample ahead from measured inputs.")
 @click.option(
     "--out", default="prediction.csv", show_default=True, metavar="FILE", help="A .csv, .parquet, .mf4 or .mcap file."
 )

@@ -23,16 +23,18 @@ INTERRUPTED = 130
     type=click.Choice(["laplace", "mcmc", "abc-smc"]),
     default="mcmc",
     show_default=True,
-    help="From the fit's covariance; from likelihood and priors; by distances alone.",
+    help=(
+        "Draw from the fit's covariance (laplace), from likelihood and priors (mcmc), or by distances alone (abc-smc)."
+    ),
 )
-@click.option("--draws", type=int, default=2000, show_default=True, help="Draws, of abc-smc particles.")
+@click.option("--draws", type=int, default=2000, show_default=True, help="Number of draws; of particles for abc-smc.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @click.option(
     "--distance",
     type=click.Choice(["pooled", "trajectories"]),
     default="pooled",
     show_default=True,
-    help="abc-smc: over all rows, or the mean of each trajectory's.",
+    help="abc-smc: distance over all rows, or the mean of the trajectories' distances.",
 )
 @click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
 @click.option(
@@ -40,7 +42,7 @@ INTERRUPTED = 130
     default="posterior.parquet",
     show_default=True,
     metavar="FILE",
-    help="A .parquet file; a run goes on in it.",
+    help="A .parquet file; an interrupted run continues from it.",
 )
 @own_option
 @json_option

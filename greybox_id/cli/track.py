@@ -29,16 +29,30 @@ FROM_STDIN = "-"
 @click.command(name="track")
 @click.argument("file", metavar="RECORDING", required=False, type=click.Path())
 @model_options
-@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="In place of a vehicle or model, a fit.")
+@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="A fit, in place of --model and --vehicle.")
 @columns_option
-@click.option("--parameters", multiple=True, metavar="NAMES", help="What walks: C_alpha_f,C_alpha_r or F_yf,F_yr.")
-@click.option("--disturbances", multiple=True, metavar="NAMES", help="What comes and goes: road_bank,S_h_f.")
 @click.option(
-    "--readings", default="v_x,yaw_rate,a_y", show_default=True, metavar="NAMES", help="Readings that are taken."
+    "--parameters",
+    multiple=True,
+    metavar="NAMES",
+    help=("What to track as a random walk: C_alpha_f,C_alpha_r or F_yf,F_yr."),
 )
-@click.option("--coloured", default="", metavar="NAMES", help="Readings whose error has a slow part: a_y.")
+@click.option(
+    "--disturbances",
+    multiple=True,
+    metavar="NAMES",
+    help=("Disturbances to track, which return to zero: road_bank,S_h_f."),
+)
+@click.option(
+    "--readings",
+    default="v_x,yaw_rate,a_y",
+    show_default=True,
+    metavar="NAMES",
+    help=("Outputs that the filter reads."),
+)
+@click.option("--coloured", default="", metavar="NAMES", help="Readings whose error varies slowly, such as a_y.")
 @click.option("--filter", "kind", type=click.Choice(["ekf", "ukf"]), default="ekf", show_default=True)
-@click.option("--smooth", is_flag=True, help="Let later readings count as well.")
+@click.option("--smooth", is_flag=True, help="Smooth: use later readings, too.")
 @click.option("--noise", multiple=True, metavar="NAME=SIZE", help="Size of a noise, such as walk_v_y=0.05.")
 @click.option(
     "--tune",
@@ -60,7 +74,7 @@ FROM_STDIN = "-"
     show_default=True,
     type=click.FloatRange(min=0, min_open=True),
     metavar="SDS",
-    help="Readings further off count as noisier.",
+    help="Readings further than this from the prediction count as noisier.",
 )
 @click.option(
     "--out",

@@ -178,7 +178,10 @@ def _ordered(group: Readings, where: str, notes: list[str]) -> Readings:
         raise BadInput(f"{where}: {group.name} has fewer than two readings; leave its columns out of the column map.")
     lost = len(group.time) - int(np.count_nonzero(last))
     if lost:
-        notes.append(f"{group.name}: {lost} of {len(group.time)} readings bear no time or that of another; left out.")
+        notes.append(
+            f"{group.name}: {lost} of {len(group.time)} readings have no time, or the same time as another one; left "
+            "out."
+        )
     if np.any(np.diff(group.time) < 0):
         notes.append(f"{group.name}: readings were not in the order of their times, and were sorted.")
     order = order[last]

@@ -123,7 +123,7 @@ def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
     strange = parts[2].isna().to_numpy() & series.notna().to_numpy()
     if strange.any():
         cell = str(series.iloc[int(np.argmax(strange))])
-        raise BadInput(f'{where}: column "{name}" begins with a time of a clock, but {cell!r:.40} is none. Mend it.')
+        raise BadInput(f'{where}: column "{name}" begins with clock times, but {cell!r:.40} is not one. Mend it.')
     hours, minutes, seconds = (
         pd.to_numeric(parts[k].str.replace(",", "."), errors="coerce").to_numpy(dtype=float, na_value=np.nan)
         for k in range(3)

@@ -70,7 +70,7 @@ class Offset:
                 if self.shared
                 else f"it has {shared} common with {self.against}"
             )
-            return f"{self.file}: taken at its stamps; {why}."
+            return f"{self.file}: its time stamps are kept; {why}."
         clock = self.alignment
         result = f"{with_sd(1e3 * clock.seconds, 1e3 * clock.sd)} ms late against {self.against} by {self.signal}"
         if clock.rate:

@@ -103,7 +103,7 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
         )
     notes = []
     if held := len(known) - int(np.count_nonzero(fresh)):
-        notes.append(f"{held} of {len(known)} poses are the one before, held; they count as no reading.")
+        notes.append(f"{held} of {len(known)} poses repeat the one before; they do not count as readings.")
     poses = _Poses(time, fresh, x, y, yaw)
     levels = _likeliest(poses, None)
     even = _evened(time)
@@ -319,7 +319,7 @@ def _without_glitches(
         else:
             levels, known = _likeliest(poses, levels), left
     if left < before:
-        notes.append(f"{before - left} of {before} poses lie where no motion between the others leads; left out.")
+        notes.append(f"{before - left} of {before} poses fit no motion between the others; left out.")
     return poses, levels, (yaw, place)
 
 

@@ -195,7 +195,7 @@ def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) 
             "recording never starts; take that table out."
         )
     first = int(under_way[0])
-    left_out = f'{first} rows before "{mapping.start_column}" is first other than zero were left out.'
+    left_out = f'{first} rows before "{mapping.start_column}" first differs from zero were left out.'
     kept = {name: values[first:] for name, values in joined.signals.items()}
     notes = (*joined.notes, left_out) if first else joined.notes
     return replace(joined, time=joined.time[first:], signals=kept, notes=notes), labels[first:]

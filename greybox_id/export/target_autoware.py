@@ -73,7 +73,7 @@ def cautions(subject: Subject) -> list[str]:
     ]
     if short:
         result.append(
-            f"Autoware's planning simulator takes time constants below {SHORTEST} s as that: {', '.join(short)}."
+            f"Autoware's planning simulator raises time constants below {SHORTEST} s to that value: {', '.join(short)}."
         )
     if not _has_pedals(subject):
         result.append(
@@ -81,7 +81,7 @@ def cautions(subject: Subject) -> list[str]:
         )
     open_keys = [origin.key for origin in origins(subject) if origin.why and origin.file == VEHICLE]
     if open_keys:
-        result.append(f"Not known of this vehicle, at Autoware's defaults in {VEHICLE}: {', '.join(open_keys)}.")
+        result.append(f"Not known of this vehicle, left at Autoware's defaults in {VEHICLE}: {', '.join(open_keys)}.")
     return result
 
 

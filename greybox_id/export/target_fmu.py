@@ -72,10 +72,10 @@ def cautions(subject: Subject) -> list[str]:
     model = subject.equations.model
     ahead = [name for name, seconds in subject.equations.shifts().items() if seconds < 0]
     if ahead:
-        result.append(f"A unit knows no inputs of the future: {', '.join(ahead)} is below zero and taken as none.")
+        result.append(f"A unit cannot read future inputs: {', '.join(ahead)} is below zero and set to zero.")
     scatter = [name for name in ("timestamp_jitter", "dropped_samples") if name in model.effects]
     if scatter:
-        result.append(f"{', '.join(scatter)} belongs to recordings, not to the motion: a unit's readings have none.")
+        result.append(f"{', '.join(scatter)} belongs to recordings, not to the motion, and is left out of the unit.")
     return result
 
 

@@ -49,7 +49,7 @@ def cautions(subject: Subject) -> list[str]:
     e, one = subject.equations, []
     if e.delayed:
         late = ", ".join(e.delayed)
-        one.append(f"idnlgrey knows no delay of {late}: hand in the command that acts; the S-function has the delay.")
+        one.append(f"idnlgrey has no delay of {late}: pass the delayed command; the S-function has the delay.")
     if e.late:
         late = ", ".join(e.late)
         one.append(f"Neither idnlgrey nor the S-function reads {late} late: put a delay behind the outputs.")

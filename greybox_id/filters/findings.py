@@ -174,7 +174,7 @@ def must_be_finite(histories: Sequence[History], runs: Sequence[LaidRun], name: 
             row = min(int(np.searchsorted(run.row_segment, bad[0])), len(run.run) - 1)
             raise BadInput(
                 f"{name}: the filter diverges at t = {run.run.time[row]:.2f} s. Check units and signs there (greybox "
-                "data check), the vehicle's numbers, or track less."
+                "data check), the vehicle's numbers, or track fewer parameters."
             )
 
 
@@ -239,8 +239,8 @@ def only_over_mass(model: MotionModel) -> list[str]:
         return []
     how = "was held" if model["m"].fixed else "is its prior"
     return [
-        f"Calibrated are {', '.join(over)}: readings of motion tell stiffness and inertia over mass, not mass; "
-        f"m = {float(model['m'].array):g} kg {how}."
+        f"Calibrated: {', '.join(over)}. Readings of motion determine stiffness and inertia per mass, not mass; m = "
+        f"{float(model['m'].array):g} kg {how}."
     ]
 
 

@@ -125,8 +125,8 @@ def tuned(
     before = float(filtering.costs(runs, p[None])[0])
     if not np.isfinite(before):
         raise BadInput(
-            "The filter diverges before anything is tuned: check units and signs (greybox data check) and the numbers "
-            "of the vehicle, or track less."
+            "The filter diverges before anything is tuned: check units and signs (greybox data check) and the "
+            "numbers of the vehicle, or track fewer parameters."
         )
     say(f"tuning {len(noise)} noises" + (f" and {len(coordinates)} parameters" if coordinates else ""))
     result = minimize(

@@ -85,8 +85,8 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
     if value.correlation > max(TOGETHER, value.correlation_bound):
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations hang together (correlation {number(value.correlation, 2)} with the next): the model lacks "
-            "something and bands are too narrow. greybox gap looks for it; ‹coloured› lets a reading err slowly.",
+            f"{name}: successive innovations correlate ({value.correlation:.2f}): the model lacks something and "
+            "bands are too narrow. greybox gap looks for it; ‹coloured› lets a reading err slowly.",
         )
 
 

@@ -42,12 +42,12 @@ def walking(
     names = [*parameters, *disturbances]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise BadInput(f"{', '.join(twice)} is to be tracked twice; name it once.")
+        raise BadInput(f"{', '.join(twice)} is named twice; name it once.")
     tracked: list[Tracked] = []
     for name in names:
         model, value = _found(model, name, effects)
         if any(other.name == value for other in tracked):
-            raise BadInput(f"{name} is to be tracked twice, it is {value} by another name; name it once.")
+            raise BadInput(f"{name} is named twice: it is {value} by another name; name it once.")
         tracked.append(_tracked(model, value, returns=name in disturbances))
     return model, tuple(tracked)
 

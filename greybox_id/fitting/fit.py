@@ -245,7 +245,7 @@ def _sound(fit: Fit) -> Fit:
             of_plain(kind, fit.how[name], f"how.{name}")
     for record in fit.data:
         if record.role not in ("train", "validate") or min(record.samples, record.runs) < 1 or not record.duration >= 0:
-            raise ValueError(f"its record of {record.name!r:.60} is none of a recording")
+            raise ValueError(f"its record of {record.name!r:.60} is not that of a recording")
         if record.between:
             try:
                 span(record.between)
@@ -271,10 +271,10 @@ def _of_covariance(matrix: Array) -> None:
     """Raise `ValueError` unless this can be a covariance: symmetric, and no correlation beyond one."""
     variance = np.diag(matrix)
     if not np.all(np.isfinite(matrix)) or np.any(variance < 0) or np.any(variance > LARGEST):
-        raise ValueError("its covariance has variances that are none")
+        raise ValueError("its covariance has a variance that is negative, too large or not finite")
     most = np.sqrt(np.outer(variance, variance)) * (1 + ROUNDING)
     if np.any(np.abs(matrix) > most) or np.any(np.abs(matrix - matrix.T) > ROUNDING * most):
-        raise ValueError("its covariance is none: it is not symmetric, or has correlations beyond one")
+        raise ValueError("its covariance is invalid: it is not symmetric, or has correlations beyond one")
 
 
 def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path) -> Build:

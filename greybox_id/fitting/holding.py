@@ -175,16 +175,18 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
     if not most or not (unlikely or (unclear and shares[most] >= 1)):  # what is unlikely has widened its own intervals
         return None
     parameter, what = fit.model[most], " or ".join(getattr(fit.model, "commands", ()))
-    size = f"{most} by {with_unit(number(held.moved[most], 2), parameter.unit)}"
+    moved = with_unit(number(held.moved[most], 2), parameter.unit)
     if unlikely:
         return Reason(
             WITH_CARE,
-            f'The column map says hold = "{held.taken}": commands are {WORDS[held.taken]}. That they are '
-            f"{WORDS[other_than(held.taken)]} is likelier (log-likelihood +{-held.gain:.0f}) and moves {size}: was "
-            f'{what} measured or commanded? Set hold = "{other_than(held.taken)}" if so.',
+            f'The column map says hold = "{held.taken}": commands are {WORDS[held.taken]}. With '
+            f'hold = "{other_than(held.taken)}" ({WORDS[other_than(held.taken)]}) the fit is better '
+            f"(log-likelihood +{-held.gain:.0f}) and {most} changes by {moved}. Was {what} measured or commanded? "
+            "Correct hold if it is wrong.",
         )
     return Reason(
         WITH_CARE,
         f"Was {what} measured or commanded? The column map does not say, and the recording does not decide. The fit "
-        f'takes hold = "{held.taken}"; "{other_than(held.taken)}" would move {size}. State hold in the column map.',
+        f'takes hold = "{held.taken}"; "{other_than(held.taken)}" would change {most} by {moved}. State hold in '
+        "the column map.",
     )

@@ -152,7 +152,10 @@ def _stated_again(model: MemoryModel, fit: Fit, recordings: Sequence[Recording])
     """That of the last step; what it held is held."""
     last = fit.stages[-1]
     if "timing" in fit.how:
-        raise BadInput(f"The fit of {model.name} was made of runs moved by their delays, and is not stated again.")
+        raise BadInput(
+            f"The fit of {model.name} shifted its runs by their delays; its least-squares problem cannot be set up "
+            "again."
+        )
     if model.parts:
         model = model.with_parameters(*(replace(model[name], fixed=True) for name in model.step_2_holds))
     noise = np.array([last.noise.get(name, 1.0) for name in model.outputs])

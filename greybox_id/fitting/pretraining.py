@@ -163,7 +163,7 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
         )
     _must_predict(vehicle, states, vehicle.outputs, model)
     for recording in recordings:
-        recording.require((*vehicle.inputs, "yaw_rate"), "what a known vehicle teaches of higher speeds")
+        recording.require((*vehicle.inputs, "yaw_rate"), "pretraining at higher speeds (‹pretrain_beyond›)")
     random = np.random.default_rng((seed, 7103))
     top = max(float(np.nanmax(recording["v_x"])) for recording in recordings)
     most = WIDER * max(float(np.nanmax(np.abs(recording["v_x"] * recording["yaw_rate"]))) for recording in recordings)

@@ -49,7 +49,9 @@ def as_seen(fit: Fit, recording: Recording) -> Recording:
 @by_kind
 def stated_again(model: Model, fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, Array]:
     """The least-squares problem that a fit of this kind solved, and its unknowns at the fit's estimates."""
-    raise BadInput(f"{model.name} is {model.called}, whose fits solve no least-squares problem that is stated again.")
+    raise BadInput(
+        f"{model.name} is {model.called}; its fits solve no least-squares problem that could be set up again."
+    )
 
 
 def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, Solution]:

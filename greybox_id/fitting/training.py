@@ -115,7 +115,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
     if how.starts > 1:
         raise BadInput(f"Carried on, the training of {model.name} starts at the numbers it has; omit ‹starts›.")
     if not model.carried_on:
-        raise BadInput(f"{model.name} says of no parameter that vehicles differ by it; train it anew.")
+        raise BadInput(f"{model.name} marks no parameter as differing between vehicles; train it anew.")
     clock = time.process_time()
     named = manoeuvres(model, recordings)
     length = 2 * model.window - model.warm_up

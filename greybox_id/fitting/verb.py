@@ -69,7 +69,7 @@ def estimated(model: Model, task: FitTask) -> Fit:
     ------
     BadInput : as `fit` does; what is wrong with the validation recording is said before the work.
     """
-    raise BadInput(f"{model.name} is {model.called}, and nothing fits such.")
+    raise BadInput(f"{model.name} is {model.called}, which cannot be fitted.")
 
 
 def fit(

@@ -40,7 +40,7 @@ def from_dict(body: Mapping[str, Any]) -> Verdict | None:
     if word is None:
         return None
     if word not in USABILITIES:
-        raise ValueError(f"its verdict {word!r} is none of {', '.join(USABILITIES)}")
+        raise ValueError(f"its verdict {word!r} is not one of {', '.join(USABILITIES)}")
     return Verdict(word, tuple(str(item) for item in body.get("reasons", ())), dict(body.get("comparison") or {}))
 
 

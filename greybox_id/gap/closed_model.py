@@ -25,8 +25,8 @@ from .estimation.preparing import excerpt, thinned, with_beliefs
 from .examining import Examined
 from .gap import Closure, Moved
 
-WORSE = "as it stands, the model with it errs more on what was held out: fit its parameters together with it"
-HARMS = "with it, predictions of what was held out are worse, its parameters fitted or not"
+WORSE = "it makes held-out errors larger while the other parameters stay as they are: fit them together with it"
+HARMS = "it makes held-out errors larger, whether or not the other parameters are fitted"
 
 
 def closed_model(

@@ -43,8 +43,8 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-DIFFERS = "its magnitude differs between parts of the drive, as it does where the form of equations is wrong"
-OF_READINGS = "it scatters readings: there is nothing that a simulation could add"
+DIFFERS = "its estimate differs between parts of the drive, as it does where the equations have the wrong form"
+OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
 
 
 def diagnose(
@@ -174,8 +174,8 @@ def _held(examined: Examined) -> str:
     if name not in names or not (rate := examined.selection.search.nominal[names.index(name)]) > 0:
         return ""
     return (
-        f"Free runs spin here, with and without an effect: they were restarted all the time, by an observer that pulls "
-        f"yaw_rate to its reading within {number(1 / rate, 2)} s; errors are those of predictions about so far ahead"
+        "Free runs spin here, with and without effects. An observer therefore pulls yaw_rate to its reading within "
+        f"{number(1 / rate, 2)} s; errors are those of predictions about so far ahead"
     )
 
 
@@ -310,16 +310,17 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
         sure = _of_class(one, name)
         spread = varying.get(name)
         if not one.stands:
-            reasons[name] = "free runs spin beside it as they do without, where the vehicle did not"
+            reasons[name] = "with it, free runs still spin where the vehicle did not"
         elif spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
-                f"an effect that mimics it: its magnitude differs by {100 * min(spread.relative, 2.0):.0f} % "
-                f"{spread.place}, that of a cause does not"
+                f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
+                f"{spread.place}, which that of a true cause would not"
             )
         elif one.unnamed is not None and _mimics(one, best, name) > CAL.present:
             reasons[name] = (
-                f"an effect that mimics it: beside it stated tolerances are off by chi-square "
-                f"{one.unnamed.tolerances:.0f}, where {one.unnamed.expected:.0f} is usual, and it gains little more"
+                "another effect may mimic it: it needs parameters beyond their stated tolerances (chi-square "
+                f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
+                "they do"
             )
         elif sure <= CAL.present:
             alike = _alike(one, name, CAL.alike)
@@ -357,7 +358,7 @@ def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) 
         return {}
     beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
     return {
-        name: f"an effect that mimics it: it gains less than what stands {beside}"
+        name: f"another effect may mimic it: it explains less than what stands {beside}"
         for name in best.names
         if name not in reasons and _gain(one, best, name) < refuted
     }
@@ -594,4 +595,4 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
     if value.left > CAL.form_of_size:
         on = listed([recording.name for recording in examined.recordings])
         parts.append(f"{100 * min(value.left, 1.0):.0f} % of the error beyond noise is left on {on}")
-    return "; ".join(parts) or "its shape is none that is known here"
+    return "; ".join(parts) or "its shape matches no effect that is known here"

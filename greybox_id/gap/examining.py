@@ -124,8 +124,8 @@ def examine(
     """Refit and weigh what may explain recordings."""
     if (seconds := sum(recording.duration for recording in recordings)) < CAL.least_seconds:
         raise BadInput(
-            f"{recordings[0].name} lasts {seconds:.2g} s: nothing that a simulation lacks shows in so little. Name "
-            f"recordings of {CAL.least_seconds:g} s at least; half a minute is usual."
+            f"{recordings[0].name} lasts {seconds:.2g} s: too short to show what a simulation lacks. Name recordings "
+            f"of {CAL.least_seconds:g} s at least; half a minute is usual."
         )
     examined, rows = excerpt(recordings), sum(len(recording) for recording in recordings)
     prepared = prepare(model, examined, effects, vehicle)

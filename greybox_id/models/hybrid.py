@@ -58,9 +58,9 @@ ALONG = (
     *(Parameter(f"mu_{axle}", "1", 1.0, (0.1, 3.0), fixed=True, about=f"friction of the {where} axle")
       for axle, where in (("f", "front"), ("r", "rear"))),
     Parameter("slope_load_exponent", "1", 0.64, (0.0, 1.5), fixed=True,
-              about="of an axle's load, that its tyres' slope at zero slip grows with"),
+              about="power of an axle's load with which its tyres' slope at zero slip grows"),
     Parameter("grip_load_exponent", "1", 0.85, (0.0, 1.5), fixed=True,
-              about="of an axle's load, that its largest force grows with"),
+              about="power of an axle's load with which its largest force grows"),
 )  # fmt: skip
 """Exponents are those of a car's tyre about its nominal load (Pacejka, App. 3, 205/60 R 15): d ln K / d ln F_z =
 cos(2 atan(1 / p_Ky2)) with p_Ky2 = 2.13, and 1 + p_Dy2 / p_Dy1 with -0.990 and 0.145. Of four other cars' tyres whose

@@ -42,7 +42,7 @@ PARAMETERS = (
         ENDLESS,
         (0.01, ENDLESS),
         fixed=True,
-        about="largest force along over the weight: the road's friction; as good as none where nobody states it",
+        about="largest longitudinal force over the weight, the road's friction; unlimited unless stated",
     ),
     Parameter("drive_lag", "s", 0.05, (0.0, 2.0), about="first-order time constant of drive and brakes"),
 )

@@ -57,9 +57,9 @@ def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ..
         )
     head = ("signal", "unit", "99 % of training", "all of training", "all of validation", "beyond")
     words = (
-        "Inside the range that holds 99 % of each training signal the data speak; outside, the model extrapolates on "
-        "its equations alone, and its intervals say nothing. Signals inside their ranges may still be beyond what was "
-        "driven together: see the map of the data. Beyond: share of the validation samples outside the range."
+        "Ranges hold 99 % of each training signal. Outside them the model extrapolates on its equations alone, and "
+        "its intervals do not hold. Signals inside their ranges may still be beyond what was driven together: see "
+        "the map of the data. Beyond: share of the validation samples outside the range."
     )
     return titled("Limits of validity", Table(head, tuple(rows), "Llrrrr"), Text(words if rows else ""))
 

@@ -82,6 +82,6 @@ def spectrum_drawings(recordings: Sequence[Seen], heard: Noise | None) -> Iterat
         words = "No stretch of the recordings shows the sensors' noise alone, so it is left out."
     else:
         caveat = ", where motor and road do not shake the sensors" if heard.where == "at rest" else ""
-        words = f"Noise is heard {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
+        words = f"Noise is measured {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
     outputs = listed([signal_words(name) for name in one.outputs])
     yield Drawing("spectrum", figure, f"{method} {words}", f"Power spectra of {outputs}.")

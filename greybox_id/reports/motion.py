@@ -61,7 +61,7 @@ DRAWN = (HORIZONS[0], NEAR)
 MOST_PAIRS = 3
 """Pairs of parameters identifiable only in combination that are named."""
 INTERVALS = (
-    "Standard deviations and intervals allow for the residuals' correlation in time and include what priors told; "
+    "Standard deviations and intervals allow for the residuals' correlation in time and include the priors; "
     "intervals are those of Student's t with the degrees of freedom that the recordings leave, and end at a "
     "parameter's bounds."
 )
@@ -99,7 +99,7 @@ def _sections(
             "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
             *_convergence(last), starts_table(fit, last), *_starts(fit, last),
         ),
-        beside="; the free run began with the run, not with the stretch",
+        beside="; the free run starts where the run starts, before this stretch",
     )  # fmt: skip
 
 

@@ -48,7 +48,7 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     result = predictive_band(fit, posterior, one.recording)
     worst, least = posterior.worst
     met = f" R-hat is at most {worst:.3f}, and" if np.isfinite(worst) else ""
-    words = f"{len(posterior)} draws {HOW[posterior.method]}.{met} they are worth {least:.0f} independent ones or more."
+    words = f"{len(posterior)} draws {HOW[posterior.method]}.{met} they amount to {least:.0f} independent ones or more."
     cautions = posterior.cautions()
     return titled(
         "Posterior", _table(fit, posterior), Text(words), *([Points(tuple(cautions))] if cautions else []),
@@ -93,8 +93,8 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     more = f" The {left} whose mean is nearest to the fit are left out." if left else ""
     return Drawing(
         "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
-        f"Draws of the posterior: each parameter on the diagonal, pairs below. What is bent or long here the fit's "
-        f"standard deviations do not show.{more}",
+        "Draws of the posterior: each parameter on the diagonal, pairs below. The fit's standard deviations do not "
+        f"show shapes that are bent or long.{more}",
         "Histograms of parameters, and dots of pairs of them.",
     )  # fmt: skip
 

@@ -50,7 +50,7 @@ class Guard:
         if asked.headers.get("host") not in self.hosts or not (by_cookie or by_address):
             words = "This page opens with the address that greybox app printed, token included."
         elif origin is not None and origin.removeprefix("http://") not in self.hosts:
-            words = "Another page asked for this one, and is not answered."
+            words = "Requests from other pages are refused."
         elif "transfer-encoding" in asked.headers or not length.isdecimal() or int(length) > LARGEST + 2**20:
             status, words = 413, f"A file of more than {LARGEST >> 20} MB is not taken here."
 

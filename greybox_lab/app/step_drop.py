@@ -205,7 +205,7 @@ def _question(page: Page, entry: Entry, strip: charts.StripChart | None) -> None
         if strip is not None and strip.curves:
             options = charts.strips([strip], strip.span, height=LITTLE, zoom=False, legend=True)
             height = charts.height_of(1, LITTLE, True, False)
-            charts.chart(options, height, f"{entry['column']} in the units that come into question")
+            charts.chart(options, height, f"{entry['column']} in the possible units")
         with ui.row(align_items="center"):
             factor = ui.number("divide by", value=entry["divide_by"], format="%.6g").props("dense outlined")
             factor.style("width: 9rem").set_visibility(counts)

@@ -27,7 +27,9 @@ async def prepare(page: Page) -> dict[str, Any]:
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session = page.session
-    heading("Take it away", "All that was done is a command; elsewhere they make the same fit of the same files.")
+    heading(
+        "Take it away", ("Every step was a command. Run elsewhere, the commands make the same fit from the same files.")
+    )
     with ui.element("div").classes("two"):
         with ui.column():
             title("Commands")

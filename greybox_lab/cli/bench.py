@@ -121,10 +121,14 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 @bench.command("truck")
 @click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
 @click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
-@click.option("--curves", is_flag=True, help="Learning curves and what is learnt before training; no other networks.")
+@click.option("--curves", is_flag=True, help="Learning curves and pretrained networks only.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
-@click.option("--out", default=None, metavar="FILE", help="Keep trainings there; the next run goes on from it.")
-@click.option("--minutes", type=click.FloatRange(min=0), help="Begin no training after so many; see --out.")
+@click.option("--out", default=None, metavar="FILE", help="Save trainings there; the next run continues from them.")
+@click.option(
+    "--minutes",
+    type=click.FloatRange(min=0),
+    help=("Start no training after this many minutes; with --out the next run continues."),
+)
 @click.option("--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
 @json_option
 def truck_command(
@@ -162,12 +166,12 @@ def truck_command(
 @bench.command("loop")
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
 @click.option("--quick", is_flag=True, help="One case, one cycle and five arms: about two CPU minutes, not hours.")
+@click.option("--case", "cases", type=click.IntRange(0, 7), multiple=True, help="A case of loop demo; default: all.")
+@click.option("--arm", "arms", type=click.Choice(LOOP_ARMS), multiple=True, help="An arm to compare; default: all.")
 @click.option(
-    "--case", "cases", type=click.IntRange(0, 7), multiple=True, help="One of those of loop demo; all of them."
-)
-@click.option("--arm", "arms", type=click.Choice(LOOP_ARMS), multiple=True, help="That is compared; all of them.")
-@click.option(
-    "--cycles", type=click.IntRange(1, 3), help="Of driving and learning; the cap rises with each: 3, quick 1."
+    "--cycles",
+    type=click.IntRange(1, 3),
+    help=("Cycles of driving and learning, each with a higher cap; default: 3, quick 1."),
 )
 @click.option("--vehicles", type=click.IntRange(1, 20), default=1, show_default=True, help="Drawn for each case.")
 @click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Of learning, each vehicle.")

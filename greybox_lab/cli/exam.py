@@ -65,13 +65,21 @@ def exam() -> None:
     "vehicles of foreign simulators; three to six effects at once on either; cars on springs with rough files; real "
     "recordings, altered; or a real car that was changed (DART).",
 )
-@click.option("--cases", type=click.IntRange(min=0), help="Clean, workshop: with effects withheld; default: 60.")
-@click.option("--nulls", type=click.IntRange(min=0), help="With none; default: a sixth of the others, foreign: 200.")
-@click.option("--singles", type=click.IntRange(min=0), help="With one effect; default: 70, rough: 14.")
+@click.option("--cases", type=click.IntRange(min=0), help="Clean, workshop: cases with withheld effects; default: 60.")
+@click.option(
+    "--nulls", type=click.IntRange(min=0), help=("Cases without effects; default: a sixth of the others, foreign: 200.")
+)
+@click.option("--singles", type=click.IntRange(min=0), help="Cases with one effect; default: 70, rough: 14.")
 @click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected, changed: real recordings.")
-@click.option("--pairs", type=click.IntRange(min=0), help="With two; default: 25, rough: 6.")
-@click.option("--outside", type=click.IntRange(min=0), help="With one outside the vocabulary; default: 30.")
-@click.option("--many", type=click.IntRange(min=0), help="With three to six effects at once; default: 60 of many.")
+@click.option("--pairs", type=click.IntRange(min=0), help="Cases with two effects; default: 25, rough: 6.")
+@click.option(
+    "--outside", type=click.IntRange(min=0), help=("Cases with an effect outside the vocabulary; default: 30.")
+)
+@click.option(
+    "--many",
+    type=click.IntRange(min=0),
+    help=("Cases with three to six effects at once; default for the tier many: 60."),
+)
 @click.option(
     "--family",
     "families",
@@ -146,7 +154,7 @@ def make_command(
     counts = ", ".join(f"{count} {kind}" for kind, count in sorted(made.counts.items()))
     console().print(f"written  {made.folder}: {counts}")
     if made.hidden:
-        console().print(f"         {made.hidden} of them hardly show")
+        console().print(f"         {made.hidden} of them are hardly visible")
     console().print(f"sealed   {made.seal}")
 
 
@@ -191,9 +199,11 @@ def run_command(
 
 @exam.command("score")
 @click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
-@click.option("--detail", is_flag=True, help="Also what was taken for what, and every case that was wrong.")
-@click.option("--seal", "noted", default="", metavar="SUM", help="The seal's sum as noted when the cases were made.")
-@click.option("--partial", is_flag=True, help="Of what is diagnosed so far, as of a sample; that is not kept.")
+@click.option("--detail", is_flag=True, help="Also print which effect was taken for which, and every wrong case.")
+@click.option(
+    "--seal", "noted", default="", metavar="SUM", help=("Checksum of the seal, as printed when the cases were made.")
+)
+@click.option("--partial", is_flag=True, help="Score what is diagnosed so far, as a sample; this score is not kept.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: int, as_json: bool) -> None:
@@ -207,7 +217,7 @@ def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: i
     with progress() as say:
         body, again = score(folder, say, jobs=jobs, noted=noted, partial=partial)
     if again:
-        tell(f"these answers were opened already, {body['opened']}; this is the score of then")
+        tell(f"these answers were opened before, {body['opened']}; this is the score from then")
     if as_json:
         print_json(body | {"opened_before": again})
         return

@@ -58,7 +58,7 @@ def fleet() -> None:
 )
 @click.option("--retry-failed", is_flag=True, help="Do again what failed or met a limit.")
 @click.option(
-    "--compact", is_flag=True, help="Write the results as one file each, without those of changed recordings."
+    "--compact", is_flag=True, help="Write each table as one file, without results of recordings that have changed."
 )
 @click.option(
     "--second-pass", "refit", is_flag=True, help="Then fit poorly excited recordings again, with the fleet as prior."

@@ -30,7 +30,7 @@ arm_option = click.option(
     type=click.Choice(list(ARMS)),
     default="named",
     show_default=True,
-    help="What is made of rows, for a driver to learn on: docs/loop.md says what each is.",
+    help="The model that is made of the rows, on which a driver learns; docs/loop.md explains each.",
 )
 
 
@@ -42,7 +42,7 @@ arm_option = click.option(
     type=click.IntRange(0, 7),
     default=0,
     show_default=True,
-    help="What the car has that its file does not state; 6 and 7 are outside what is known.",
+    help="What the car has that its file does not state; 6 and 7 are effects outside the vocabulary.",
 )
 @arm_option
 @click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")

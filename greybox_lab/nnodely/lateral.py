@@ -114,6 +114,6 @@ def _centres(network: Network, places: Sequence[LocalPlace], roles: Mapping[str,
             known = centres.setdefault(axis, centre)
             if len(known) != len(centre) or not np.allclose(known, centre, rtol=1e-6, atol=1e-9):
                 raise network.wrong(
-                    f"input {name} has other centres in its steady than in its transient part; one set is read."
+                    f"input {name} has different centres in its steady and its transient part; they must be the same."
                 )
     return {axis: centres.get(axis, (0.0,)) for axis in AXES}

@@ -145,7 +145,7 @@ def _place(network: Network, selects: Sequence[str]) -> LocalPlace:
             raise network.wrong(f"relation {fuzzy.name} has rectangular memberships; triangular ones are understood.")
         signal, at = window_of(network, window)[0], index_of(network, relation)
         if at >= len(result):
-            raise network.wrong(f"relation {name} selects membership {at + 1} of {len(result)}.")
+            raise network.wrong(f"relation {name} selects membership {at + 1} , but there are {len(result)}.")
         if index.setdefault(signal, at) != at or centres.setdefault(signal, result) != result:
             raise network.wrong(f"relation {name}: one product of memberships holds two over {signal}.")
     return LocalPlace(index, centres)

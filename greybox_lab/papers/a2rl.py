@@ -80,8 +80,8 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}). Fitted to the validation lap itself "
         f"it would err by {floor:.2f} mrad: what is left is not its parameters, but its form and the driver.",
         servo_words(result),
-        f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too: published figures "
-        "are partly in sample; the table of fresh rows is not.",
+        f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too, so that "
+        "published figures are partly in sample. The table of rows that the training lap lacks is not.",
     )  # fmt: skip
     protocol = (
         "Steering from curvature, speed and accelerations of the same and the next nine samples, as published; target "

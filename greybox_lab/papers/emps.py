@@ -109,7 +109,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         "compiling too, but no imports (greybox-id: the first call beside a later one).",
         "Tools use the same equations; friction's sign is tanh of the velocity over 1 mm/s. Runge-Kutta of fourth "
         "order, a step a row, where a tool does not bring its own integrator.",
-        "Other tools are set as their examples are; nobody tuned them, and somebody who knows them may reach more.",
+        "Other tools use the settings of their examples; an expert may get more out of them.",
         "Published figures of the ten baselines of nonlinearbenchmark.org are of the recording; its page could not be "
         "read here, and beside a simulated axis they would mean nothing. None stands in the table.",
         *notes,

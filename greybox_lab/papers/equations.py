@@ -61,13 +61,17 @@ def inverse_steering() -> MemoryModel:
             Parameter("force_lag", "1", 2.4, (0.3, 20.0), about="samples over which forces fade in"),
             Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="curvature at which self-steer saturates"),
             weight("geometry", 3.1 / 40.0, "steering per curvature of 1/40 m: wheelbase over 40 m"),
-            weight("straight", 0.0, "self-steer at 40 m/s"), weight("pull", 0.0, "of driving and braking"),
-            weight("brake_pull", 0.0, "of braking beyond that"),
-            weight("understeer_drive", 0.0, "of driving, in bends"),
-            weight("understeer_brake", 0.0, "of braking, in bends, over speed"),
-            weight("load_transfer", 0.0, "of lateral and longitudinal load transfer"),
-            weight("combined", 0.0, "of combined slip"), weight("cornering", 0.0, "of lateral force under a_x"),
-            weight("slip", 0.0, "of slip angles over geometry"),
+            weight("straight", 0.0, "steering that holds the car straight, at 40 m/s"), weight("pull", 0.0, (
+                "steering per a_x"
+            )),
+            weight("brake_pull", 0.0, "steering per a_x, in addition under braking"),
+            weight("understeer_drive", 0.0, "understeer under driving"),
+            weight("understeer_brake", 0.0, "understeer under braking, over speed"),
+            weight("load_transfer", 0.0, "effect of lateral and longitudinal load transfer"),
+            weight("combined", 0.0, "effect of combined slip"), weight("cornering", 0.0, (
+                "effect of lateral force times a_x"
+            )),
+            weight("slip", 0.0, "share of slip angles in the geometry"),
         ),
     )  # fmt: skip
 

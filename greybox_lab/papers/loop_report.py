@@ -54,17 +54,20 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
     return [
         *_nearer(known, "first"),
         *_nearer(known, "last"),
-        _bar("named at the last cap: crashes over laps begun", "at most", allowed or 0.05, rate, laps + crashes),
-        _bar("named: lap time over the base's, same cap", "at most", 1.0, *_driven(known, "lap_time", "first")),
-        _bar("named: lap time at the last cap over the base's at the first", "at most", 0.95,
+        _bar("named, last cap: crashes per lap begun", "at most", allowed or 0.05, rate, laps + crashes),
+        _bar("named: lap time over that of base at the same cap", "at most", 1.0, *_driven(known, "lap_time", "first")),
+        _bar("named: lap time at the last cap over that of base at the first cap", "at most", 0.95,
              *_driven(known, "lap_time", "last")),
         _bar("outside the vocabulary: share of cases without a wrong name", "at least", 0.9, _share_of(beside),
              len(beside)),
-        _bar("there, named_residual: share of the path error saved, less actuator_net's, median", "at least", -0.05,
+        _bar((
+            "outside the vocabulary: share of the path error removed by named_residual minus that by actuator_net, "
+            "median"
+        ), "at least", -0.05,
              _median(points_outside), len(points_outside)),
-        _bar("named: model's yaw rate error at 0.5 s and 90 % over actuator_net's, median", "at most", 0.5,
+        _bar("yaw rate error at 0.5 s and 90 % of the grip: model of named over actuator_net, median", "at most", 0.5,
              _median(errs), len(errs)),
-        _bar("named with 2000 rows: share of the vehicle file's error there removed, median", "at least", 0.8,
+        _bar("the same with 2000 rows: share of the vehicle file's error that named removes, median", "at least", 0.8,
              _median(few), len(few)),
     ]  # fmt: skip
 
@@ -80,10 +83,11 @@ def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
     return [
         _bar(f"{when} cap, named: share of the excess path error removed, median", "at least", 0.8, _median(removes),
              len(removes)),
-        _bar(f"{when} cap: the same less actuator_net's, median", "at least", 0.25, _median(points), len(points)),
-        _bar(f"{when} cap: sign test that named drives closer to the path than actuator_net, p", "below", 0.01, sign,
+        _bar(f"{when} cap: share of the excess path error removed by named minus that by actuator_net, median",
+             "at least", 0.25, _median(points), len(points)),
+        _bar(f"{when} cap: p of a sign test that named stays closer to the path than actuator_net", "below", 0.01, sign,
              len(closer)),
-        _bar(f"{when} cap, named: path error over the base's, median", "at most", 0.6, _median(over), len(over)),
+        _bar(f"{when} cap, named: path error over that of base, median", "at most", 0.6, _median(over), len(over)),
     ]  # fmt: skip
 
 

@@ -117,7 +117,7 @@ v_y_bias = reading(
 )  # fmt: skip
 
 v_y_lead = reading(
-    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "how early v_y is read beside yaw rate and steering, to first order",
+    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "lead of v_y over yaw rate and steering, to first order",
     typical=0.05, needs=("velocity_lever_arm",),
     v_y=lambda read, q: read.v_y + q.p.v_y_lead * (q.rates.v_y + q.p.velocity_lever_arm * q.rates.yaw_rate),
 )  # fmt: skip
@@ -138,7 +138,7 @@ def _lasting(model: MotionModel) -> MotionModel:
 
 lasting_v_y = effect(
     GROUP, "lasting_v_y", "1", 0.0, (-3.0, 3.0),
-    "what is read of v_y at the start beyond steady cornering: so much of it, per v_y there is, stays in the readings",
+    "share of the initial v_y beyond steady cornering that stays in its readings",
     touches=("v_y",), needs=("yaw_rate", "B_r"), apply=_lasting, typical=0.2,
 )  # fmt: skip
 
@@ -175,7 +175,7 @@ def _rolling(model: MotionModel) -> MotionModel:
 
 
 roll = effect(
-    GROUP, "roll_steer", "rad s^2/m", 0.0, (-0.1, 0.1), "front slip angle per roll, taken as the a_y it has followed",
+    GROUP, "roll_steer", "rad s^2/m", 0.0, (-0.1, 0.1), "front slip angle per roll, which stands for filtered a_y",
     touches=("alpha_f",), needs=("F_yf", "F_yr"), apply=_rolling, typical=0.01,
     others=(
         Parameter("roll_arm", "s^2", 0.0, (-0.1, 0.1), about="lateral acceleration per second derivative of roll"),
@@ -195,12 +195,14 @@ def _blended(model: MotionModel) -> MotionModel:
 
 
 second_angle = effect(
-    GROUP, "alpha2_share", "1", 0.0, (-1.0, 2.0), "share of the road-wheel angle that alpha2 tells",
+    GROUP, "alpha2_share", "1", 0.0, (-1.0, 2.0), "share of alpha2 in the road-wheel angle",
     touches=("steer",), apply=_blended, typical=0.3,
     others=(
         Parameter("alpha2_lag", "s", 0.0, (0.0, 0.5), about="time constant between alpha2 and the road wheels"),
-        Parameter("rest_share", "1", 0.0, (-1.0, 3.0), about="of alpha2, what stands for alpha1 while that rests"),
-        Parameter("rest_offset", "rad", 0.0, (-0.01, 0.01), about="alpha1 while it rests, besides"),
+        Parameter("rest_share", "1", 0.0, (-1.0, 3.0), about=(
+            "share of alpha2 that replaces alpha1 while alpha1 is constant"
+        )),
+        Parameter("rest_offset", "rad", 0.0, (-0.01, 0.01), about="offset of alpha1 while it is constant"),
     ),
 )  # fmt: skip
 
@@ -223,13 +225,17 @@ def with_held_angle(recording: Recording, model: MotionModel) -> Recording:
 
 
 held_angle = effect(
-    GROUP, "share_held", "1", 0.0, (-3.0, 3.0), "of what alpha1 read last, what stands for it while it rests, for 1 s",
+    GROUP, "share_held", "1", 0.0, (-3.0, 3.0), (
+        "share of the last change of alpha1 that continues for 1 s while it is constant"
+    ),
     touches=("steer",), apply=_held, typical=0.3,
     others=(
         Parameter("share_held_short", "1", 0.0, (-3.0, 3.0), about="the same, for 0.2 s"),
         Parameter("share_held_long", "1", 0.0, (-3.0, 3.0), about="the same, for 5 s"),
-        Parameter("share_sliding", "1", 0.0, (-3.0, 3.0), about="of how far it would have come at the slope it had"),
-        Parameter("share_turning", "s", 0.0, (-1.0, 1.0), about="of its slope, while it does not rest"),
+        Parameter("share_sliding", "1", 0.0, (-3.0, 3.0), about=(
+            "share of the change at its last slope, while alpha1 is constant"
+        )),
+        Parameter("share_turning", "s", 0.0, (-1.0, 1.0), about="effect of its slope, while alpha1 is not constant"),
     ),
 )  # fmt: skip
 

@@ -122,7 +122,7 @@ def test_a_table_becomes_a_recording_and_back():
     ("given", "sentence"),
     [
         ({"units": {"sped": "m/s"}}, "units: table has no column 'sped'. Did you mean speed?"),
-        ({"units": {"v_x": "deg/s"}}, "units['v_x']: unit \"deg/s\" does not measure what is wanted here"),
+        ({"units": {"v_x": "deg/s"}}, "units['v_x']: unit \"deg/s\" measures something else"),
         ({"time": "stamp"}, "time: table has no column 'stamp'."),
         ({"units": {"note": "m"}}, "column 'note' holds something that is no number"),
     ],

@@ -269,7 +269,7 @@ def test_without_held_out_recordings_that_is_said():
 @pytest.mark.parametrize("rows", [3, 8, 24])
 def test_a_recording_of_less_than_a_second_is_a_sentence(rows, tmp_path):
     short = written(driven("single_track", runs=1, seconds=2.0).rows(0, rows), tmp_path / "short.csv")
-    assert "nothing that a simulation lacks shows in so little" in refused("gap", short, "--vehicle", "full_size_car")
+    assert "too short to show what a simulation lacks" in refused("gap", short, "--vehicle", "full_size_car")
 
 
 @pytest.mark.slow
@@ -306,7 +306,7 @@ def test_what_changed_is_printed_and_written(laps, tmp_path, monkeypatch):
 
 def test_a_fit_that_would_take_up_changes_says_what_tells_them(laps, asked, fitted):
     asked.said = replace(none(), absorbed=("grip_scale",))
-    assert "since recordings from before" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
+    assert "with recordings from before" in greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car").out
     assert "from before" not in greybox("gap", laps[0], "--vehicle", "full_size_car").out
 
 

@@ -82,7 +82,7 @@ def test_other_recordings_than_those_fitted_are_refused(fitted, tmp_path):
     ("options", "words"),
     [
         (["--draws", "2"], "draws: a whole number from 10"),
-        (["--out", "posterior.csv"], "a posterior is kept as .parquet"),
+        (["--out", "posterior.csv"], "a posterior is saved as .parquet"),
     ],
 )
 def test_bad_options_are_sentences(fitted, options, words):

@@ -112,7 +112,7 @@ def test_what_is_positive_walks_in_shares_of_itself():
         (("C_alpha_g",), "single_track has no C_alpha_g that could be tracked. Did you mean C_alpha_"),
         (("rode_bank",), "Did you mean road_bank"),
         (("F_yff",), "Did you mean F_yf"),
-        (("I_z", "m", "I_z"), "I_z is to be tracked twice; name it once"),
+        (("I_z", "m", "I_z"), "I_z is named twice; name it once"),
     ],
 )
 def test_what_cannot_be_tracked_is_a_sentence_with_what_was_meant(names, said):
@@ -128,7 +128,7 @@ def test_the_same_by_two_names_is_tracked_once():
 
 
 def test_a_name_among_both_parameters_and_disturbances_is_refused():
-    with pytest.raises(BadInput, match="road_bank is to be tracked twice"):
+    with pytest.raises(BadInput, match="road_bank is named twice"):
         walks("road_bank", disturbances=("road_bank",))
 
 

@@ -111,4 +111,4 @@ def test_where_nothing_better_is_found_it_is_no_optimum(poorly_excited, tmp_path
     assert float(found.model["I_z"].array) < 0.01 * truth["I_z"]
     assert not found.confirmed
     assert not np.isfinite(found.interval("I_z")[0])
-    assert any("faster than rows can show" in words for words in found.verdict.reasons)
+    assert any("too fast for the sample time" in words for words in found.verdict.reasons)

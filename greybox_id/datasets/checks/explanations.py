@@ -229,7 +229,7 @@ def _sideways(r: Recording) -> list[Explanation]:
         size, error = -float(both.values[bias]) / scale, float(both.errors[bias])
         result.append(
             Explanation(
-                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y less v_x · yaw_rate grows with v_x.",
+                f"yaw_rate has an offset of {signed(size, 2)} rad/s: a_y − v_x · yaw_rate grows with v_x.",
                 "yaw_rate", size, error, "rad/s", strength(bias), offset=-size,
             )
         )  # fmt: skip
@@ -340,8 +340,8 @@ def _steered(r: Recording) -> list[Explanation]:
         size, strength = float(whole.values[2]), float((whole.values[0] / whole.errors[0]) ** 2)
         result.append(
             Explanation(
-                f"steer has the wrong sign, and an offset of {signed(size, 2)} rad hides it: v_x · steer less "
-                f"{signed(size, 2)} v_x falls as yaw_rate grows.",
+                f"steer has the wrong sign, hidden by an offset of {signed(size, 2)} rad: v_x · (steer − offset) "
+                "falls as yaw_rate grows.",
                 "steer", size, float(whole.errors[2]), "rad", strength, offset=size, sign=-1,
             )
         )  # fmt: skip
@@ -349,8 +349,8 @@ def _steered(r: Recording) -> list[Explanation]:
         size = float(whole.values[2])
         result.append(
             Explanation(
-                f"steer has an offset of {signed(1000 * size, 2)} mrad: v_x · steer is {signed(size, 2)} v_x where "
-                f"yaw_rate is none. Fit with steering_offset, or correct it.",
+                f"steer has an offset of {signed(1000 * size, 2)} mrad: where yaw_rate is zero, v_x · steer is "
+                f"{signed(size, 2)} v_x. Fit with steering_offset, or correct it.",
                 "steer", size, float(whole.errors[2]), "rad", float((whole.values[2] / whole.errors[2]) ** 2),
                 offset=-size,
             )
@@ -364,9 +364,9 @@ def _steered(r: Recording) -> list[Explanation]:
         if min(lengths) > 0 and abs(np.log(lengths[1] / lengths[0])) > HALF and abs(apart) > SURE * error:
             result.append(
                 Explanation(
-                    f"The second half is of another car, or steer of another scale there: v_x · steer over yaw_rate is "
-                    f"{quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the second, at "
-                    f"{quantity(pace, 'm/s')}. Fit the halves apart.",
+                    "The second half is of another car, or steer has another scale there: v_x · steer over yaw_rate "
+                    f"is {quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the "
+                    f"second, at {quantity(pace, 'm/s')}. Fit the halves apart.",
                     "steer", apart, error, "m", (apart / error) ** 2,
                 )
             )  # fmt: skip

@@ -162,8 +162,8 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     repair = _repair(first.fault) if not others else {}
     more = f"; {first.more} more relation{'s' if first.more > 1 else ''} then hold{'' if first.more > 1 else 's'}"
     sentence = (
-        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; put right, {_numbers(new)}"
-        f"{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
+        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; corrected,  "
+        f"{_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
     if others:
         sentence += f" As likely: {listed(others, 3)}."

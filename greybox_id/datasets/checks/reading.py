@@ -26,7 +26,7 @@ def check_reading(recording: Recording) -> list[Finding]:
         what = "a straight line between readings" if how.method == "linear" else "held until the next"
         sentence = f"read at {exact(how.rate, 4)} Hz on the clock of {how.clock}, {what}; "
         if not np.isfinite(how.error):
-            sentence += "too few readings to tell what that costs."
+            sentence += "too few readings to estimate the error."
             findings.append(Finding("resampled", Severity.WARNING, FoundAt(name), sentence))
             continue
         values = recording[name][np.isfinite(recording[name])]

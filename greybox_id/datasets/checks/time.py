@@ -38,7 +38,7 @@ def check_time(recording: Recording) -> list[Finding]:
         sentence = f"time is missing or not finite in {missing.size} rows ({file_rows(recording, missing)})."
         findings.append(_clock("missing", Severity.DISTRUST, sentence, missing, float(missing.size)))
     if not np.isfinite(dt) or dt <= 0:
-        sentence = "time never runs on from one row to the next; check which column holds it."
+        sentence = "time never increases from one row to the next; check which column holds it."
         return [*findings, _clock("still", Severity.DISTRUST, sentence, np.arange(0))]
     if not sample_time_believable(dt):
         believable = {item: dt * size for item, size in UNITS if USUAL_STEPS[0] <= dt * size <= USUAL_STEPS[1]}

@@ -109,9 +109,9 @@ def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
     others = [n for n in recording.signals if n != name and recording.unit(n) == recording.unit(name)]
     awake = [n for n in others if np.mean(recording[n][zero] != 0) > 0.5 and _correlation(values, recording[n]) > 0.9]
     if awake:
-        sentence += f"a dead zone, or one-sided, for {' and '.join(awake)} moves on there."
+        sentence += f"a dead zone, or a one-sided sensor, as {' and '.join(awake)} keeps moving there."
     else:
-        sentence += "a dead zone, an input not used, or a sensor that rests."
+        sentence += "a dead zone, an unused input, or a sensor without updates."
     severity = Severity.WARNING if awake or name not in COMMANDS else Severity.NOTE
     return [Finding("dead_zone", severity, FoundAt(name), sentence, share)]
 

@@ -213,10 +213,10 @@ def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
 def _asked(entry: MapEntry, guess: Guess) -> MapEntry:
     """What a name alone makes doubtful: wishes instead of measurements."""
     if guess.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
-        why = "its name says it is asked for, not measured"
+        why = "its name says that it is a command, not a measurement"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     if any(f"which {entry.signal} cannot be" in reason for reason in entry.reasons):
-        why = "divide_by is how much of the file's unit makes one"
+        why = "set divide_by: how many of the file's units make one SI unit"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     return entry
 
@@ -259,7 +259,7 @@ def as_toml(proposal: Proposal, name: str) -> str:
         "",
         f"name = {quoted(name)}",
         '#? hold = "zero"    # commanded: steering and drive keep their value from one row to the next',
-        '#? hold = "linear"  # measured: they run on between rows. Where nothing is said, a fit weighs both.',
+        '#? hold = "linear"  # measured: they run on between rows. Without hold, a fit compares both.',
     ]
     if proposal.rate:
         lines.append(f"rate = {proposal.rate:g}  # rows a second: the file has no time")

@@ -26,13 +26,13 @@ def as_motion(model: HybridModel, text: str = "") -> MotionModel:
     network = model.network
     if not isinstance(network, FeedForwardNetwork):
         raise BadInput(
-            f"{model.name} has a recurrent network, whose memory equations of motion have no place for. Give a single "
-            "track the stiffnesses it estimates, or fit mlp_lateral or bicycle_mlp."
+            f"{model.name} has a recurrent network, whose memory does not fit into equations of motion. Give a "
+            "single track the stiffnesses it estimates, or fit mlp_lateral or bicycle_mlp."
         )
     if model.integrator != "rk4":
         raise BadInput(
-            f"This {model.name} was trained by steps of {model.integrator}: what its network says is right over its "
-            f"own sample time of {model.sample_time:g} s alone. Train it with integrator=rk4."
+            f"This {model.name} was trained by steps of {model.integrator}: its network is right only over its "
+            f"sample time of {model.sample_time:g} s. Train it with integrator=rk4."
         )
     weights = {name: cs.DM(model[name].array) for name in network.shapes}
     physical = tuple(parameter for parameter in model.parameters if parameter.name not in weights)

@@ -49,7 +49,7 @@ class Status(Enum):
         "progress became negligible before convergence; further steps would change the fit by far less than its error"
     )
     STALLED = "no step improved the fit further, though the gradient is not zero"
-    TOO_FAST = "the motion became faster than rows can show"
+    TOO_FAST = "the motion became too fast for the sample time"
     NOT_FINITE = "the model is not finite at the starting point"
 
 

@@ -84,7 +84,7 @@ def _adapted(model: MemoryModel, task: AdaptTask) -> Adaptation:
     scatter: dict[str, float] = {}
     for part in parts:
         name = part.outputs[0]
-        say(f"{name}: what may move, compared on {seconds:g} s")
+        say(f"{name}: comparing sets of free parameters on {seconds:g} s")
         known, scatter[name] = learnt(part, noise, fit.sd, trained), between_runs(part, trained)
         entry[name] = run_delays(part, new, noise)
         straight = aligned(new, part.inputs, {item.run: item.delay for item in entry[name]})

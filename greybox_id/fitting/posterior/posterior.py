@@ -201,12 +201,12 @@ class Posterior:
         if worst > MET:
             name = str(self.r_hat.idxmax())
             result.append(
-                f"The chains have not met: R-hat of {name} is {worst:.2f}. Take more draws, or thin them more."
+                f"The chains have not converged: R-hat of {name} is {worst:.2f}. Take more draws, or thin them more."
             )
         if least < FEW:
             name = str(self.ess.idxmin())
             result.append(
-                f"The draws of {name} are worth {least:.0f} independent ones, too few for an interval. Draw more."
+                f"The draws of {name} amount to {least:.0f} independent ones, too few for an interval. Draw more."
             )
         return result
 

@@ -264,7 +264,7 @@ class _Run:
                 assert isinstance(following, ParticleSet)
                 growing = None
                 if following is population:
-                    self.say("abc-smc: ends early, nearer particles are hardly found")
+                    self.say("abc-smc: stops early: closer particles are hardly found")
                     break
                 population = following
                 line = f"abc-smc: population {population.number}, distance below {population.threshold:.4g}, "

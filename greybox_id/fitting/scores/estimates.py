@@ -99,7 +99,7 @@ def _must_be_new(members: Sequence[Fit], recordings: Sequence[Recording]) -> Non
     for recording in recordings:
         if recording.source.sha256 in trained:
             raise BadInput(
-                f"{recording.name} was trained on: what is off there says too little of elsewhere. Name recordings for "
+                f"{recording.name} was trained on: errors there are smaller than elsewhere. Name recordings for "
                 "‹calibrated_on› that no member was trained on."
             )
 

@@ -254,8 +254,9 @@ def calibrated_timing(fit: Fit, recording: Recording, seconds: float | None = CA
     timing = Timing(seconds, known)
     if seconds is not None and np.all(timing.looked_at(recording)):
         raise BadInput(
-            f"‹calibrate›: {seconds:g} s of motion at the start of each run tell its delay, and nothing of "
-            f"{recording.name} is left behind them. Ask for fewer seconds, as in timing=2s, or record longer runs."
+            f"‹calibrate›: {seconds:g} s of motion at the start of each run are used to estimate its delay, and "
+            f"nothing of {recording.name} is left to score. Ask for fewer seconds, as in timing=2s, or record longer "
+            "runs."
         )
     return timing
 

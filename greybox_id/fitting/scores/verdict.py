@@ -175,7 +175,11 @@ def _found(fit: Fit) -> Iterator[Reason]:
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
         text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
-        yield Reason(NOT_USABLE, f"{text}: a corner of what is allowed.") if corner else Reason(WITH_CARE, f"{text}.")
+        yield (
+            Reason(NOT_USABLE, f"{text}: so many that the estimates follow the bounds, not the data.")
+            if corner
+            else Reason(WITH_CARE, f"{text}.")
+        )
     known = [float(np.max(fit.sd[p.name])) < UNTOLD * abs(float(p.array)) for p in scalars if p.name in fit.sd]
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
     if len(known) == len(scalars) > 0 and not any(known) and not informed:

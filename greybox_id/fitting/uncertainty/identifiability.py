@@ -133,7 +133,7 @@ class Identifiability:
         known = (
             f"The normal matrix has condition number {number(self.condition, 2)}."
             if np.isfinite(self.condition)
-            else "The normal matrix is singular: no recording like this one tells all parameters."
+            else "The normal matrix is singular: this recording does not determine all parameters."
         )
         return (*(result or ["Every parameter is determined."]), known)
 

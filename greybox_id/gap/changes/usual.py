@@ -106,9 +106,9 @@ def driven_elsewhere(rides: Sequence[FollowedRun], since: Sequence[FollowedRun])
     """How hard recordings are driven beside those from before, in a sentence."""
     (v, a), (w, b) = ((_percentile(part, _speed), _percentile(part, _turning)) for part in (rides, since))
     return (
-        f"What may have changed was driven at up to {number(v, 2)} m/s and {number(a, 2)} m/s² across, what is from "
-        f"before at up to {number(w, 2)} m/s and {number(b, 2)} m/s² ({FAST:g}th percentiles): what equations miss "
-        "where it was not driven before looks like a change, and a change must gain more to be named."
+        f"The recordings to be examined reach {number(v, 2)} m/s and {number(a, 2)} m/s² across, those from before "
+        f"{number(w, 2)} m/s and {number(b, 2)} m/s² ({FAST:g}th percentiles). Model errors beyond the earlier range "
+        "look like a change, so a change needs more evidence to be named."
     )
 
 

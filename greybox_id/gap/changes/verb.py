@@ -197,7 +197,7 @@ def _begun(
     if not since:
         raise BadInput("Since when? Name recordings from before the change.")
     if vehicle is None:
-        raise BadInput(f"Of which vehicle? Nothing is stated of that of {model.name}; name a vehicle, or a fit.")
+        raise BadInput(f"No vehicle is stated for {model.name}: name a vehicle, or a fit.")
     if not isinstance(model, MotionModel) or model.learnt:
         raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
     _must_differ(after, since)

@@ -168,7 +168,7 @@ def _alone(gap: Gap) -> str:
     if gap.applied or gap.unknown_probability <= LIKELY:
         return "its explanations are distinguished already"
     return (
-        f"no two effects that have a name are as likely, and something without a name is there with probability "
+        "no two named effects are similarly likely, and an unmodelled effect is present with probability "
         f"{min(gap.unknown_probability, 0.99):.2f}"
     )
 
@@ -465,9 +465,7 @@ def _amplitudes(gap: Gap, model: MotionModel) -> tuple[tuple[str, ...], Amplitud
         if error.channel in model.outputs and isfinite(error.floor) and error.floor > 0:
             floors[error.channel] = min(error.floor, floors.get(error.channel, inf))
     if not floors:
-        raise BadInput(
-            "The diagnosis does not say how noisy readings are: write its file (gap.json) anew with greybox gap, ‹out›."
-        )
+        raise BadInput("The diagnosis holds no noise levels: write its file (gap.json) anew with greybox gap, ‹out›.")
     result, stated = gap.unnamed, dict[str, StatedModelError]()
     if result is not None:
         stated["F_y"] = StatedModelError(result.share_y, result.floor_y, result.memory_y)

@@ -120,7 +120,7 @@ class Information:
         counted = fit.how.get("counted", noise)
         self.read = tuple(name for name in self.model.outputs if name in noise)
         if not self.read:
-            raise BadInput("The fit says of no reading how noisy it is. Fit again with this version.")
+            raise BadInput("The fit holds no noise levels. Fit again with this version.")
         self.noise = np.array([counted.get(name, 1.0) for name in self.model.outputs])
         believed_nothing = [replace(p, prior=None) for p in self.model.parameters]  # `known` holds the priors
         blank = self.model.with_parameters(*believed_nothing)

@@ -150,7 +150,7 @@ def _exact(model: MotionModel) -> tuple[str, ...]:
     """That a fit takes its equations for exact, which no tyre's curve is."""
     if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
         return ()
-    return ("The fit takes tyre curves for exact; with the setting form=uncertain sd counts what they leave out.",)
+    return ("The fit takes its tyre curves as exact; with the setting form=uncertain, sd includes their error.",)
 
 
 def _hardly(model: MotionModel, known: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
@@ -203,9 +203,10 @@ def no_room(nearest: FoundPlan, task: DesignTask, search: PlanSearch) -> BadInpu
     worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))
     kept = search.kept(nearest, search.samples)
     return BadInput(
-        f"Parameters are known too roughly for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} % of "
-        f"the values that are held possible, and the best does for {100 * kept:.0f} %; with the rest, {worst} exceeds "
-        "its limit. Raise that limit (‹limits›), or drive something gentle first and fit again."
+        f"The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} % "
+        f"of the plausible parameter values, and the best that was found does so for {100 * kept:.0f} %; for the "
+        f"other values, {worst} exceeds its limit. Raise that limit (‹limits›), or drive something gentle first and "
+        "fit again."
     )
 
 

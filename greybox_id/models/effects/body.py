@@ -48,7 +48,7 @@ def _rolling(model: MotionModel) -> MotionModel:
 
 
 mass_change = alteration(
-    GROUP, "mass_change", "1", 1.0, (0.3, 3.0), "mass times this: inertia, static and transferred loads",
+    GROUP, "mass_change", "1", 1.0, (0.3, 3.0), "factor on the mass: inertia, static and transferred loads",
     typical=1.15, m=lambda m, q: m * q.p.mass_change,
 )  # fmt: skip
 
@@ -60,13 +60,13 @@ cog_shift = alteration(
 )  # fmt: skip
 
 yaw_inertia = alteration(
-    GROUP, "yaw_inertia", "1", 1.0, (0.2, 5.0), "yaw inertia times this",
+    GROUP, "yaw_inertia", "1", 1.0, (0.2, 5.0), "factor on the yaw inertia",
     typical=1.3, I_z=lambda I_z, q: I_z * q.p.yaw_inertia,
 )  # fmt: skip
 
 longitudinal_load_transfer = alteration(
     GROUP, "longitudinal_load_transfer", "1", 0.0, (0.0, 2.0),
-    "height of the centre of gravity that moves load with a_x, over its nominal height",
+    "height of the centre of gravity in load transfer by a_x, over its nominal height",
     typical=1.0, passes=3, needs=("a_x", "h_cg", "l_f", "l_r"),
     F_zf=lambda F_z, q: F_z * remaining(_to_rear(q) / F_z),
     F_zr=lambda F_z, q: F_z * remaining(-_to_rear(q) / F_z),

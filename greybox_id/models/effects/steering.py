@@ -99,7 +99,7 @@ steering_offset = alteration(
 )  # fmt: skip
 
 steering_ratio = alteration(
-    GROUP, "steering_ratio", "1", 1.0, (0.3, 3.0), "road-wheel angle over what the command says",
+    GROUP, "steering_ratio", "1", 1.0, (0.3, 3.0), "road-wheel angle over the commanded angle",
     typical=1.1, apply_to_memory=scale_steering, steer=lambda steer, q: steer * q.p.steering_ratio,
 )  # fmt: skip
 
@@ -111,14 +111,16 @@ steering_bandwidth = effect(
 
 steering_jerk_limit = effect(
     GROUP, "steering_jerk_limit", "m/s^3", inf, (0.1, inf),
-    "largest lateral jerk v² dδ/dt / L that the steering is let, as by a driver assistance",
+    "largest lateral jerk v² dδ/dt / L that a driver assistance lets the steering cause",
     touches=("steer",), needs=("v_x", "l_f", "l_r"), driven_by=("v_x",), apply=_jerk_limit, typical=5.0, gradual=False,
     by_name=True,
 )  # fmt: skip
 """Lane-keeping systems are let 5 m/s^3 (ISO 11270:2014)."""
 
 sensor_quantisation = alteration(
-    GROUP, "sensor_quantisation", "rad", 0.0, (0.0, 0.05), "steps of the sensor by which the steering finds its angle",
+    GROUP, "sensor_quantisation", "rad", 0.0, (0.0, 0.05), (
+        "resolution of the angle sensor in the steering's control loop"
+    ),
     typical=0.01, gradual=False, by_name=True, steer=_in_steps,
 )  # fmt: skip
 

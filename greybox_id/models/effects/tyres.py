@@ -73,7 +73,7 @@ def _temperature(model: MotionModel) -> MotionModel:
 
 
 grip_scale = alteration(
-    GROUP, "grip_scale", "1", 1.0, (0.1, 3.0), "friction of both axles times this",
+    GROUP, "grip_scale", "1", 1.0, (0.1, 3.0), "factor on the friction of both axles",
     typical=0.85,
     grip_f=lambda grip, q: grip * q.p.grip_scale,
     grip_r=lambda grip, q: grip * q.p.grip_scale,
@@ -82,17 +82,17 @@ grip_scale = alteration(
     road_limit=lambda limit, q: limit * q.p.grip_scale,
     others=(Parameter(
         "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
-        about="how far slopes at zero slip go with it, as a power: 1 as a factor on D has it, 0 as another road does",
+        about="power of it by which slopes at zero slip change: 1 as for a factor on D, 0 as on another road",
     ),),
 )  # fmt: skip
 
 front_stiffness = alteration(
-    GROUP, "front_stiffness", "1", 1.0, (0.2, 4.0), "slope of the front tyres' force at zero slip, times this",
+    GROUP, "front_stiffness", "1", 1.0, (0.2, 4.0), "factor on the slope of the front tyres' force at zero slip",
     typical=0.85, stiffness_f=lambda stiffness, q: stiffness * q.p.front_stiffness,
 )  # fmt: skip
 
 rear_stiffness = alteration(
-    GROUP, "rear_stiffness", "1", 1.0, (0.2, 4.0), "slope of the rear tyres' force at zero slip, times this",
+    GROUP, "rear_stiffness", "1", 1.0, (0.2, 4.0), "factor on the slope of the rear tyres' force at zero slip",
     typical=0.85, stiffness_r=lambda stiffness, q: stiffness * q.p.rear_stiffness,
 )  # fmt: skip
 
@@ -102,7 +102,7 @@ tyre_relaxation = effect(
 )  # fmt: skip
 
 combined_slip = alteration(
-    GROUP, "combined_slip", "1", 0.0, (0.0, 1.5), "how much of the friction ellipse longitudinal forces take",
+    GROUP, "combined_slip", "1", 0.0, (0.0, 1.5), "share of the friction ellipse that longitudinal forces use",
     typical=0.6, gradual=False, needs=("F_xf", "F_xr", "peak_f", "peak_r"),
     F_yf=lambda F_y, q: F_y * _ellipse(q.F_xf, q.peak_f, q),
     F_yr=lambda F_y, q: F_y * _ellipse(q.F_xr, q.peak_r, q),

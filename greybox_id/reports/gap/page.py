@@ -29,7 +29,7 @@ from .words import judged, main_words, verdict
 BEFORE = look(ORANGE, 1.1, "model as it was")
 AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
 MOVED = "with re-estimated parameters"
-FLOOR = look(INK, 1.2, "floor: as well as noise lets a model fit")
+FLOOR = look(INK, 1.2, "floor: the error that noise alone leaves")
 EXCESS = RUST
 """Colour of what is too much, from pale to dark."""
 EDGED: Look = {"edgecolor": INK, "linewidth": 0.4}
@@ -385,8 +385,8 @@ def _causes(gap: Gap) -> tuple[Drawing, ...]:
     """Which effects there may be; without a gap, which there could be unseen."""
     if gap.gap_detected or not gap.limits:
         caption = (
-            "Which: how probable each effect is, its magnitude with its 95 % interval over the estimate (0 is not "
-            "there)" + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
+            "Which: how probable each effect is, its magnitude with its 95 % interval over the estimate (0: absent)"
+            + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
         )
         return (
             Drawing(
@@ -397,8 +397,8 @@ def _causes(gap: Gap) -> tuple[Drawing, ...]:
     figure = limits(gap)
     assert figure is not None
     caption = (
-        "Unseen: the effects that would show least, by the size from which on they would, over their usual size; and "
-        "where in speed and lateral acceleration the recordings were driven (blank: never)."
+        "Unseen: the effects that are hardest to detect, with their smallest detectable size over their usual one; "
+        "and where in speed and lateral acceleration the recordings were driven (blank: never)."
     )
     return (Drawing("gap_limits", figure, caption, "Bars of sizes that would show; map of what was driven."),)
 

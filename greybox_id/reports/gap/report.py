@@ -44,7 +44,7 @@ HARDLY = 0.05
 LEAST_TOLD = 0.01
 """Of shares that are told."""
 ROLES = {"train": "diagnosed", "validate": "held out"}
-DOUBTS = "What is wrong with the data looks like a gap; it is better mended before effects are sought."
+DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
     "Probability: that the effect is there. Gain: of the log-likelihood over the model without it, beside the other "
     "applied effects. Effects that cannot be distinguished share the evidence."
@@ -131,8 +131,10 @@ def _data(gap: Gap) -> tuple[Part, ...]:
     if gap.doubts:
         return titled("Doubts on the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
-        "The noise of the sensors is stated." if gap.noise_stated else "No sensor noise is stated: what the best "
-        "explanation leaves is taken for it, so that a gap without a name cannot show."
+        "The noise of the sensors is stated." if gap.noise_stated else "No sensor noise is stated: the residual of "
+                                                                       "the best explanation is taken as noise, so "
+                                                                       "that an unmodelled effect cannot be "
+                                                                       "detected."
     )  # fmt: skip
     words = f"Units, signs, time and delays of {listed([*gap.recordings])} raise no doubts. {noise}"
     return titled("Can the data be trusted", Text(words, small=False))
@@ -186,7 +188,7 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
     ]
     one = [sentence for sentence in one if sentence]
     if _touches_null(value):
-        one.append("Its interval reaches to where it is not there at all.")
+        one.append("Its interval includes the value at which it has no effect.")
     if value.indistinguishable_from:
         one.append(f"It cannot be told from {listed([*value.indistinguishable_from])} on {on_these(gap.recordings)}.")
     return one
@@ -236,7 +238,9 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
 def _absorbed(gap: Gap) -> str:
     if not gap.absorbed:
         return ""
-    return f"Stated tolerances or free parameters would take up {listed([*gap.absorbed])}: no gap is left to show it."
+    return (
+        f"Stated tolerances or free parameters would absorb {listed([*gap.absorbed])}, which therefore leaves no gap."
+    )
 
 
 def unseen(gap: Gap) -> list[str]:
@@ -250,10 +254,10 @@ def _could_be(gap: Gap) -> str:
         return ""
     unseen = [name for name, limit in gap.limits.items() if limit.share >= 1.0]
     if not unseen:
-        return f"Each of {len(gap.limits)} effects would show here if it had its usual size."
+        return f"Each of {len(gap.limits)} effects would be detected here in its usual size."
     return (
-        f"Of {len(gap.limits)} effects, {len(unseen)} could be there in their usual size and not show here: "
-        f"{listed(unseen)}."
+        f"Of {len(gap.limits)} effects, {len(unseen)} could be present in their usual size without being detected "
+        f"here: {listed(unseen)}."
     )
 
 
@@ -263,7 +267,7 @@ def _hardly_driven(gap: Gap) -> str:
     rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < HARDLY]
     if not rare:
         return ""
-    return f"Hardly driven: {listed(rare)}. What only shows there could be there unseen."
+    return f"Hardly driven: {listed(rare)}. Effects that show only there could go undetected."
 
 
 def limits_table(gap: Gap) -> Table:

@@ -23,7 +23,7 @@ def timing_lines(timing: Mapping[str, Any]) -> Iterator[str]:
     timing : what `greybox_id.fitting.scores.timing.Timing.as_dict` gives.
     """
     seconds = timing["seconds"]
-    known = "" if seconds is None else f", told by its first {seconds:g} s of motion"
+    known = "" if seconds is None else f", estimated from its first {seconds:g} s of motion"
     for run, outputs in timing["runs"].items():
         stated = ", ".join(f"{name} {_late(output['delay'], output['sd'])}" for name, output in outputs.items())
         yield f"run {run}: {stated}{known}"

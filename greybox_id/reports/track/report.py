@@ -72,7 +72,10 @@ def _memory(digest: Digest) -> str:
     ]
     if not beyond:
         return "; neighbouring innovations do not correlate"
-    return f"; neighbouring innovations correlate by {listed(beyond)}, more than chance: something there has a memory"
+    return (
+        f"; neighbouring innovations correlate by {listed(beyond)}, more than by chance: the model lacks an effect, "
+        "or the noise is correlated"
+    )
 
 
 def _against_what(digest: Digest) -> str:
@@ -90,7 +93,7 @@ def _error(name: str, value: Measured) -> str:
 
 
 NOISES = {
-    "walk": "{} walks by so much in the root of a second",
+    "walk": "random walk of {}, over the root of a second",
     "noise": "white noise of the readings of {}",
     "colour": "slow part of the error of {}",
     "memory": "how long {} lasts",
@@ -309,8 +312,8 @@ def whiteness(digest: Digest) -> Sheet:
 
 ESTIMATES = (
     "Quantiles over the rows, and the median of the standard deviations; row by row they are in the table that the "
-    "track left. Identifiable in: of what walks, the share of rows in which the recording informs beyond what was "
-    "known before."
+    "track left. Identifiable in: for each tracked parameter, the share of rows in which the recording adds to what "
+    "was known before."
 )
 TRUTH = (
     "Estimate less measurement, over the rows that have both. The measurement has errors of its own, which are in "

@@ -111,8 +111,8 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     if net.residual:
         if net.model != fingerprint(model):
             raise BadInput(
-                f"The network adds to the model it was trained beside; {model.name} is another or has other values. "
-                "Train it again with model=."
+                f"The network corrects the model that it was trained with; {model.name} is another model or has "
+                "other parameter values. Train it again with model=."
             )
     else:
         late = {name: seconds for name, seconds in period.equations.shifts().items() if name.startswith("delay")}

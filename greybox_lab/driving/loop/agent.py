@@ -313,7 +313,10 @@ class _Agent(Underway):
                 raise NotSwapped(f"In the twin {result['crashes']} vehicles crash.")
             before, after = result["path_error_before"], result["path_error"]
             if before is not None and after is not None and after > WORSE * before:
-                raise NotSwapped(f"In the twin the path error is {after:.3f} m; with the present one {before:.3f} m.")
+                raise NotSwapped(
+                    f"In the twin, the path error is {after:.3f} m with the new policy, "
+                    f"{before:.3f} m with the present one."
+                )
 
         try:
             seat.swap(body, sha, in_the_twin)

@@ -412,8 +412,8 @@ def twin_of(twin: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable[
         before = foretold(twin.model, vehicle, present.act, units, cap)
         if not before.crashes and after.path_error > WORSE * before.path_error:
             raise NotSwapped(
-                f"In the twin the path error is {after.path_error:.3f} m; "
-                f"with the present one {before.path_error:.3f} m."
+                f"In the twin, the path error is {after.path_error:.3f} m with the new policy, "
+                f"{before.path_error:.3f} m with the present one."
             )
 
     return tried

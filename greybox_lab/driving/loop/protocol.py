@@ -26,11 +26,11 @@ CHALLENGE, NONCE = "X-Greybox-Challenge", "X-Greybox-Nonce"
 
 ARMS: Mapping[str, str] = {
     "named": "closed by what `greybox gap` names, drawn within its intervals",
-    "named_residual": "the same, and five networks of its error where an unmodelled effect is likelier than not",
+    "named_residual": "the same, and five networks for its remaining error where an unmodelled effect is likely",
     "refit": "the parameters of the vehicle file, fitted",
-    "actuator_net": "a network of three steps says the yaw rate, as published",
-    "abstract": "a network of fifteen steps says yaw rate and v_y",
-    "residual": "five networks say what the vehicle file's model is off by, the less the further they part",
+    "actuator_net": "a network predicts the yaw rate from three steps, as published",
+    "abstract": "a network predicts yaw rate and v_y from fifteen steps",
+    "residual": "five networks correct the vehicle file's model, less where they disagree",
     "hand": "the vehicle file; friction, mass and delay drawn from published ranges",
     "nominal": "the vehicle file alone",
 }

@@ -92,7 +92,7 @@ class Envelope:
             return f"{abs(e_y):.2f} m beside the path, of {self.half_width:.2f} m"
         rms = (max(self._sum, 0.0) / len(self._squares)) ** 0.5
         if len(self._squares) == self._squares.maxlen and rms > EXCESS * self.worst:
-            return f"path error {rms:.3f} m over {WINDOW:g} s, {self.worst:.3f} m at most were foretold"
+            return f"path error {rms:.3f} m over {WINDOW:g} s, where at most {self.worst:.3f} m was predicted"
         return ""
 
     def begin(self, worst: float | None = None) -> None:

@@ -132,7 +132,7 @@ class Seat:
                 "probed", str(file), patience=PATIENCE, most=MOST, hear=about.append
             ))  # fmt: skip
         except (Failed, Lost) as error:
-            ended = f"The policy could not be probed ({error})." if isinstance(error, Lost) else str(error)
+            ended = f"The policy could not be tested ({error})." if isinstance(error, Lost) else str(error)
             raise NotSwapped(ended) from error
         assert numbers is not None
         layers = unpacked(numbers, about[0]["sizes"])
@@ -204,7 +204,9 @@ def agree(new: Policy, present: Policy, minute: Sequence[Observations]) -> None:
     NotSwapped : it is not, or there is no minute to ask about.
     """
     if len(minute) < MINUTE:
-        raise NotSwapped("Without a twin a policy is tried on the last minute; drive on before it is offered again.")
+        raise NotSwapped(
+            "Without a twin, a policy is tried on the last minute of driving: drive for a minute, then offer it again."
+        )
     seen = np.concatenate(minute)
     with np.errstate(all="ignore"):
         before, after = present.act(seen), new.act(seen)
@@ -212,8 +214,8 @@ def agree(new: Policy, present: Policy, minute: Sequence[Observations]) -> None:
     for name, square, most in zip(("steering", "drive"), apart, spread, strict=True):
         if not square <= most:
             raise NotSwapped(
-                f"In the last minute its {name} would have been {np.sqrt(square):.2f} from that of the policy in "
-                f"force (rms, of 1), which itself varies by {np.sqrt(most):.2f}; try it in a twin first."
+                f"In the last minute its {name} would have differed by {np.sqrt(square):.2f} from that of the policy "
+                f"in force (rms, of 1), which itself varies by {np.sqrt(most):.2f}; try it in a twin first."
             )
 
 

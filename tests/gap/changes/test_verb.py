@@ -117,7 +117,7 @@ def test_what_drifts_over_recordings_from_before_is_said(offsets, said):
 
 
 def test_nothing_is_asked_of_a_vehicle_of_which_nothing_is_stated():
-    with pytest.raises(BadInput, match="Of which vehicle"):
+    with pytest.raises(BadInput, match="No vehicle is stated"):
         diagnose_change(nominal(), [lap(seconds=4.0)], [lap(seconds=4.0, seed=1)], EFFECTS, vehicle=None)
 
 

@@ -78,7 +78,7 @@ def test_where_nothing_is_ambiguous_that_is_said(saved):
     assert ambiguous(clear()) == ()
     nameless = replace(clear(), applied=(), unknown_probability=0.97)
     (said,) = gb.design(saved(nameless), arena="disc:60").said
-    assert said.endswith("something without a name is there with probability 0.97.")
+    assert said.endswith("an unmodelled effect is present with probability 0.97.")
 
 
 def test_a_model_whose_speed_is_read_has_no_drive_to_scale():
@@ -181,5 +181,5 @@ def test_wrong_files_and_goals_are_sentences(saved, tmp_path, made):
         gb.design(other, arena="disc:60")
     silent = replace(clear().gap, errors=())
     quiet = replace(unsure("steering_delay", "steering_lag", (0.06, 0.06)), gap=silent, held_out=None)
-    with pytest.raises(gb.BadInput, match="how noisy readings are"):
+    with pytest.raises(gb.BadInput, match="holds no noise levels"):
         gb.design(saved(quiet), arena="disc:60", effort=0.02)

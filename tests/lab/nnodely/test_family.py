@@ -148,7 +148,7 @@ def test_centres_that_differ_between_the_steady_and_the_transient_part_are_refus
     body = body_of("lat")
     own = [own for own in body["Functions"].values() if own.get("centers", [0])[0] == -0.3]
     own[0]["centers"] = [-0.4, 3.9]
-    with pytest.raises(BadInput, match="input vx has other centres in its steady"):
+    with pytest.raises(BadInput, match="input vx has different centres in its steady"):
         imported(tmp_path, body)
 
 

@@ -176,7 +176,7 @@ def test_what_does_not_go_together_is_said(car):
         injected(with_effects(car, {"steering_delay": 0.03}), own)
     with pytest.raises(BadInput, match="acts already"):
         injected(injected(car, own), own)
-    with pytest.raises(BadInput, match="has other values"):
+    with pytest.raises(BadInput, match="has other parameter values"):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
     with pytest.raises(BadInput, match="drives along no track"):
         injected(RequestedModel("lateral", vehicle("roboracer")).model(), own)

@@ -32,7 +32,7 @@ def test_the_envelope_is_left_beside_the_path_and_by_more_error_than_foretold():
     own.begin()
     said = [own.left(0.08) for _ in range(150)]
     assert said[98] == ""
-    assert "foretold" in said[99]
+    assert "predicted" in said[99]
     own.begin(0.06)
     assert not any(own.left(0.08) for _ in range(150))
 
