@@ -63,8 +63,8 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
     findings = []
     for pair, agreed in against:
         sentence = (
-            f"{pair.left} and {pair.right} contradict each other in sign (correlation {number(agreed.correlation, 2)}): "
-            f"one of them is not ISO 8855. "
+            f"{pair.left} and {pair.right} contradict each other in sign (correlation "
+            f"{number(agreed.correlation, 2)}): one of them is not ISO 8855. "
         )
         left, right = (sides.get(node, [node]) for node in pair.nodes)
         ground = [side for side in (left, right) if any(node.startswith("course") for node in side)]
@@ -108,7 +108,8 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
     if not agreed.certain or agreed.correlation > 0:
         return []
     sentence = (
-        f"v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation {number(agreed.correlation, 2)}), "
+        "v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation "
+        f"{number(agreed.correlation, 2)}), "
         "where a point ahead of the rear axle moves towards the inside of the turn: one of them is not ISO 8855, "
         "or v_y was measured behind the rear axle."
     )

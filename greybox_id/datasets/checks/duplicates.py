@@ -51,9 +51,8 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     findings = []
     turned = [n for n, a in each.items() if a.beyond_chance and a.correlation < 0]
     if whole.beyond_chance and whole.correlation < 0:
-        sentence = (
-            f"{extra} is {signal} with the opposite sign (correlation {number(whole.correlation, 2)}); set its sign = -1."
-        )
+        by = number(whole.correlation, 2)
+        sentence = f"{extra} is {signal} with the opposite sign (correlation {by}); set its sign = -1."
         findings.append(Finding("sign", Severity.WARNING, FoundAt(extra), sentence, whole.correlation))
     elif turned:
         sentence = f"{extra} has the opposite sign of {signal} in {runs_words(turned)}."
