@@ -8,8 +8,6 @@ from functools import wraps
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-from numba import njit, typeof
-
 from .processes import elsewhere
 
 AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
@@ -17,6 +15,8 @@ AnyFunction = TypeVar("AnyFunction", bound=Callable[..., Any])
 
 def compiled(function: AnyFunction) -> AnyFunction:
     """The function in machine code, for others that are; division by zero is infinite, as in numpy."""
+    from numba import njit
+
     return cast(AnyFunction, njit(error_model="numpy")(function))
 
 
@@ -27,6 +27,8 @@ def kept(function: AnyFunction) -> AnyFunction:
     file alone: where it calls functions of other files, it must be made inside another function that takes a hash of
     them, and mention that, for what is enclosed is part of the key.
     """
+    from numba import njit
+
     try:
         return cast(AnyFunction, njit(error_model="numpy", cache=True)(function))
     except RuntimeError:  # no folder to keep it in
@@ -38,22 +40,25 @@ def begun(function: Callable[..., Any]) -> Any:
 
     That takes ten seconds in a large function, and an interrupt meanwhile is late or lost; another process compiles it.
     """
-    inner: Any = kept(function)
-    ready = False
+    inner: Any = None  # Numba takes as long to load as a small fit, and most who import this never call it
 
     @wraps(function)
     def call(*arguments: Any) -> Any:
-        nonlocal ready
-        if not ready and threading.current_thread() is threading.main_thread() and _is_to_be_kept(inner):
-            elsewhere(lambda: _compile(inner, tuple(map(typeof, arguments))))
-        ready = True
+        nonlocal inner
+        if inner is None:
+            machine: Any = kept(function)
+            if threading.current_thread() is threading.main_thread() and _is_to_be_kept(machine):
+                elsewhere(lambda: _compile(machine, arguments))
+            inner = machine
         return inner(*arguments)
 
     return call
 
 
-def _compile(function: Any, types: tuple[Any, ...]) -> None:
-    function.compile(types)
+def _compile(function: Any, arguments: tuple[Any, ...]) -> None:
+    from numba import typeof
+
+    function.compile(tuple(map(typeof, arguments)))
 
 
 def _is_to_be_kept(function: Any) -> bool:

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import uniform_filter1d
-from scipy.signal import detrend
 
 from ..base.shorthands import Array
+from ..base.statistics import detrended
 from ..datasets.recording import Recording
 
 REST_SHARE = 0.003
@@ -47,7 +46,7 @@ class Noise:
     def of(self, name: str) -> list[Array]:
         """One signal on every stretch that has it whole, its trend removed."""
         result = [recording[name][start:stop] for recording, start, stop in self.stretches if name in recording]
-        return [detrend(values) for values in result if np.all(np.isfinite(values))]
+        return [detrended(values) for values in result if np.all(np.isfinite(values))]
 
     def sd(self, name: str) -> float:
         """Standard deviation of one signal; nan where it was not recorded."""
@@ -89,7 +88,8 @@ def _smooth(recording: Recording, name: str) -> Array:
     length = max(1, round(SMOOTHING / recording.sample_time)) | 1
     result = recording[name].copy()
     for start, stop in recording.runs:
-        result[start:stop] = uniform_filter1d(recording[name][start:stop], length)
+        mirrored = np.pad(recording[name][start:stop], length // 2, "symmetric")
+        result[start:stop] = np.convolve(mirrored, np.full(length, 1.0 / length), "valid")
     return result
 
 

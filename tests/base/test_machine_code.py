@@ -4,6 +4,7 @@ import importlib.util
 import os
 import sys
 
+import numba
 import pytest
 from numba import njit
 
@@ -88,6 +89,6 @@ def test_where_nothing_can_be_kept_it_is_compiled_here(monkeypatch, forks):
             raise RuntimeError("cannot cache function: no locator available")
         return njit(**how)
 
-    monkeypatch.setattr(machine_code, "njit", no_folder)
+    monkeypatch.setattr(numba, "njit", no_folder)
     assert machine_code.begun(lambda x: 2 * x)(4) == 8
     assert forks == []

@@ -3,8 +3,17 @@
 import numpy as np
 import pytest
 from linear_problem import coloured
+from scipy import signal
 
-from greybox_id.base.statistics import correlation, correlation_time, resampled, robust_sd, welch, white_noise_sd
+from greybox_id.base.statistics import (
+    correlation,
+    correlation_time,
+    detrended,
+    resampled,
+    robust_sd,
+    welch,
+    white_noise_sd,
+)
 
 
 @pytest.mark.parametrize("rho", [0.0, 0.5, 0.8, 0.9])
@@ -71,3 +80,11 @@ def test_a_robust_standard_deviation_hardly_moves_with_outliers():
     values = np.random.default_rng(4).normal(size=20_000)
     values[:200] = 1e6
     assert robust_sd(values) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("length", [2, 17, 40])
+def test_spectra_and_trends_are_those_of_scipy(length):
+    values = 3.0 + np.random.default_rng(2).standard_normal(40).cumsum()
+    frequency, density = signal.welch(values, 20.0, "hamming", length, length // 2, detrend="constant")
+    np.testing.assert_allclose(welch(values, 20.0, length), [frequency, density], rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(detrended(values), signal.detrend(values), atol=1e-12)
