@@ -360,7 +360,7 @@ def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iter
             "Handling diagram: steering angle less the wheelbase times the curvature, over lateral acceleration, in "
             "the model's steady turns at the typical speed, thick where it was driven, over the density of measured "
             "samples of all speeds, which hold transients too. A curve that rises to the right of zero understeers.",
-            "Steering angle beyond what curvature needs over lateral acceleration.",
+            "Steering angle in addition to that of the curvature, over lateral acceleration.",
         )
 
 

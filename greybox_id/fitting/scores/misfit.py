@@ -133,6 +133,13 @@ def _short(fit: Fit) -> Iterator[Reason]:
         )
 
 
+def _depends(on: Sequence[str]) -> str:
+    """What residuals vary with, and which error of an input they look like."""
+    like = [word for word in on if word.startswith(("a gain on", "an offset of"))]
+    words = [f"varies with {_listed(plain)}"] if (plain := [word for word in on if word not in like]) else []
+    return f"It {' and '.join([*words, *([f'looks like {_listed(like)}'] if like else [])])}"
+
+
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:
     """What residuals depend on, where it matters."""
     error, noise = _of_form(one), stated.get(name, one["noise"])
@@ -141,7 +148,7 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"It varies with {_listed(on)}"
+        depends = "Its mean is off" if on[:1] == ["none of the drive"] else _depends(on)
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
             f"The error of {name} is {left}{against}. {depends}: the model lacks an effect"

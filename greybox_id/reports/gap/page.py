@@ -101,7 +101,7 @@ def regimes(ax: Axes, strip: Strip) -> None:
         return
     share = np.asarray(strip.map["gap"], dtype=float)
     if not np.any(np.isfinite(share)) or not np.nanmax(share) > 0:
-        notice(ax, "no gap to be placed in a map")
+        notice(ax, "no gap to show in a map")
         return
     if not np.all(np.isfinite(share)):
         never = np.where(np.isfinite(share), np.nan, 1.0)
