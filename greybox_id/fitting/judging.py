@@ -7,11 +7,10 @@ from dataclasses import dataclass
 
 from ..datasets.checks.finding import Finding
 from ..datasets.recording import Recording
-from ..models.kinds import by_kind
-from ..models.model import Model
+from ..models.model import Model, by_kind
 from .fit import Fit
+from .holding import as_fitted
 from .provenance import DataRecord
-from .restated import as_fitted
 from .scores.metrics import Scores, score_beside_hold, unfitted_scores
 from .scores.verdict import HELD_OUT, TRAINED, judged
 from .verdict import NOT_USABLE, USABLE, Reason, Verdict

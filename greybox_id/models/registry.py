@@ -28,12 +28,11 @@ from .effect import AnyModel, Effect
 from .effects import EFFECTS
 from .form import with_form_error
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
-from .kinds import must_be
 from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
 from .longitudinal import longitudinal
-from .model import Model
+from .model import Model, NoSettings, from_mapping, must_be
 from .motion_model import MotionModel
 from .msnn_full import (
     FullSettings,
@@ -47,7 +46,6 @@ from .msnn_full import (
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
 from .roll import must_stand, with_roll
-from .settings import NoSettings, from_mapping
 from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
 from .steering import steering
 from .tyres import TYRES, TyreSettings

@@ -10,8 +10,7 @@ import numpy as np
 from greybox_id.base.numbers import number, with_sd
 from greybox_id.base.version import __version__
 from greybox_id.reports.document import Document, Drawing, Part, Points, Table, Text, titled
-from greybox_id.reports.figures.sheet import Sheet, band
-from greybox_id.reports.figures.style import (
+from greybox_id.reports.figures.sheet import (
     BLUE,
     CHAIN,
     DASHED,
@@ -21,6 +20,8 @@ from greybox_id.reports.figures.style import (
     PURPLE,
     RUST,
     Look,
+    Sheet,
+    band,
     label,
     look,
 )

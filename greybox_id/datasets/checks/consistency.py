@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from ...base.numbers import exact, number, quantity
 from ..recording import Recording
-from .agreement import Agreement, agreement, run_agreements
 from .finding import Finding, FoundAt, Severity, listed, runs_words
-from .pairs import Pair
+from .pairs import Agreement, Pair, agreement, run_agreements
 
 GAIN_RANGE = (0.5, 2.0)
 """Two ways to one quantity agree within a factor of two, whatever noise, slip and slope do; units by 3.6 or more."""

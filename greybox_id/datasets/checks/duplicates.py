@@ -7,8 +7,8 @@ import numpy as np
 from ...base.numbers import number, pretty_unit
 from ...base.signals import SIGNALS
 from ..recording import Recording
-from .agreement import agreement, run_agreements
 from .finding import Finding, FoundAt, Severity, runs_words
+from .pairs import agreement, run_agreements
 
 SAME = 0.9
 """From this correlation on, in one run at least, a channel of the same unit is taken for a copy of the signal."""

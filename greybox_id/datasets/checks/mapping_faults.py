@@ -17,8 +17,8 @@ from ...base.numbers import exact, number, percent, quantity, raised, signed
 from ...base.signals import ANGLES_AROUND
 from ..recording import Recording
 from ..repair import in_words
-from .agreement import CERTAIN, ENOUGH
 from .finding import Finding, FoundAt, Severity, listed
+from .pairs import CERTAIN, ENOUGH
 from .relations import DRIVES, WHEELS, Relation, relations, thinned
 
 HOLDS = 0.65

@@ -23,7 +23,7 @@ from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason
 
 TRAINED = "train"
 FEWEST_ROWS = 80
-"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/blocks.py`), each of ten rows."""
+"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/sandwich.py`), each of ten rows."""
 SHORTEST = 2.0
 """s: the longest horizon that errors are told for (`metrics.HORIZONS`). Of a shorter recording none is."""
 MOVES = 1.5

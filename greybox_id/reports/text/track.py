@@ -12,8 +12,7 @@ from rich.console import RenderableType
 from ...base.numbers import alike, counted, percent, pretty_unit, signed
 from ...base.numbers import number as decimal
 from ...base.signals import unit_of
-from ...filters.track import Track
-from ...filters.verdict import verdict
+from ...filters.track import Track, verdict
 from ..track.digest import Digest
 from .fit import verdict_table
 from .screen import plain_table
