@@ -20,7 +20,7 @@ $(VENV)/done: pyproject.toml constraints.txt
 demo: $(VENV)/done
 	$(BIN)/greybox data check $(SHIPPED)/racer_train.csv --columns roboracer
 	$(BIN)/greybox fit --model msnn_full $(SHIPPED)/racer_train.csv --columns roboracer \
-		--validate $(SHIPPED)/racer_valid.csv --out demo
+		--validate $(SHIPPED)/racer_valid.csv --jobs 2 --out demo
 	$(BIN)/greybox report demo/fit.json --out demo/report.pdf --figures demo/figures
 
 test: $(VENV)/done

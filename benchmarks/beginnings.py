@@ -30,10 +30,9 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.machine_code import kept
 from greybox_id.datasets.recording import Recording
 from greybox_lab.exam.answers import exceeds
-from greybox_lab.exam.foreign.case import DURATION, _ForeignCase
+from greybox_lab.exam.foreign.case import DURATION, _ForeignCase, driven, recorded
 from greybox_lab.exam.foreign.double_track import advance, at_start, record
 from greybox_lab.exam.foreign.families import OF_SENSORS, together, withheld
-from greybox_lab.exam.foreign.ride import driven, recorded
 from greybox_lab.exam.foreign.vehicles import Stepwise
 from greybox_lab.exam.plan import Planned
 from greybox_lab.virtual.virtual_vehicle import vehicle_file_text

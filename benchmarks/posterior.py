@@ -27,7 +27,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior.laplace import trusted
 from greybox_id.fitting.posterior.verb import SampleOptions, sample
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.fitting.verb import fit
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.parameter import Prior

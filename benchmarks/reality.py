@@ -56,13 +56,11 @@ from rich.table import Table
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
-from greybox_id.engine.motion.prediction import Predictor
-from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.engine.motion.simulator import Predictor, Simulator
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of
 from greybox_id.models.vehicle_file import vehicle
-from greybox_lab.exam.foreign.case import columns
-from greybox_lab.exam.foreign.ride import driven, recorded
+from greybox_lab.exam.foreign.case import columns, driven, recorded
 from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text
 

@@ -54,6 +54,7 @@ sphinx_gallery_conf = {
     "show_memory": False,
     "abort_on_example_error": True,
     "min_reported_time": 1e9,
+    "ignore_repr_types": r"matplotlib[.]|numpy[.]ndarray",
 }
 
 OTHERS = {

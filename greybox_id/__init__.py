@@ -28,7 +28,7 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
     from .api.gridding import grid as grid
     from .api.handing_over import export as export
     from .api.handing_over import report as report
-    from .api.known_vehicle import KnownVehicle
+    from .api.models import KnownVehicle
     from .api.predictions import predict as predict
     from .api.predictions import score as score
     from .api.predictions import simulate as simulate
@@ -73,7 +73,7 @@ _PLACES = {
     "models": "api.models:",
     "effects": "api.effects:",
     "Recording": "datasets.recording:Recording",
-    "Vehicle": "api.known_vehicle:KnownVehicle",
+    "Vehicle": "api.models:KnownVehicle",
     "Fit": "api.fit_result:FitResult",
     "FitOptions": "fitting.how:FitOptions",
     "Gap": "api.gap_result:GapResult",

@@ -10,7 +10,7 @@ import matplotlib.pyplot as plt
 import greybox_id as gb
 
 lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name in ("racer_train", "racer_valid"))
-fit = gb.fit("kinematic", lap.rows(0, 400), vehicle="roboracer", effects=["steering_delay"])
+fit = gb.fit("kinematic", lap.rows(0, 800), vehicle="roboracer", effects=["steering_delay"])
 
 # %%
 # Laplace draws, weighed by the posterior itself. ``method="mcmc"`` samples it where the weights say that this is not
@@ -19,7 +19,8 @@ posterior = gb.sample(fit, method="laplace", draws=1000, seed=0)
 print(posterior.summary())
 
 # %%
-# The steering's dead time: draws, and the interval of the fit.
+# The steering's dead time: draws, and the interval of the fit. That is wider, as it allows for what the equations lack;
+# the posterior takes them as true.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 ax.hist(posterior.frame["steering_delay"], weights=posterior.frame["weight"], bins=30, color="#9ecae1")
 ax.axvspan(*fit.conf_int().loc["steering_delay"], color="#d55e00", alpha=0.15, label="95 % interval of the fit")

@@ -32,7 +32,8 @@ for name, model in {"rigid": rigid, "soft": rigid + soft_steering.free()}.items(
 print(f"soft_steering {fit.params['soft_steering']:.4f} ± {fit.stderr['soft_steering']:.4f} s²/m²")
 
 # %%
-# On the recording that neither fit has seen:
+# Its magnitude is uncertain: other errors of so simple a model look alike, and its interval counts them. The error on
+# the recording that neither fit has seen:
 figure, axis = plt.subplots(figsize=(5, 2.5), layout="constrained")
 axis.barh(list(errors), list(errors.values()))
 axis.set_xlabel("RMSE of the yaw rate in free run [rad/s]")

@@ -16,10 +16,8 @@ import numpy as np
 
 import greybox_id as gb
 
-STEP, AHEAD, SPEED = 0.05, 24, 20.0
-"""s between commands, steps looked ahead, m/s."""
-LATE = 0.15
-"""s: the delay of the car's steering, as a diagnosis names it; see the page on a gap."""
+STEP, AHEAD, SPEED = 0.05, 24, 20.0  # s between commands, steps looked ahead, m/s
+LATE = 0.15  # s: the delay of the car's steering, as a diagnosis names it; see the page on a gap
 
 # %%
 # The model of the vehicle file, as CasADi functions that need nothing but CasADi.
@@ -81,6 +79,6 @@ axis.plot(time, path(time), "k--", label="path")
 for label, known in {"vehicle file": 0, "closed model": round(LATE / STEP)}.items():
     places = driven(known)
     error = np.sqrt(np.mean((places - path(time)) ** 2))
-    axis.plot(time, places, label=f"{label}: RMS error {100 * error:.0f} cm")
-axis.set(xlabel="time [s]", ylabel="lateral place [m]")
+    axis.plot(time, places, label=f"{label}: RMS error {error:.2f} m")
+axis.set(xlabel="time [s]", ylabel="lateral place [m]", ylim=(-6, 6))
 axis.legend()

@@ -9,8 +9,7 @@ import numpy as np
 from lap import Lap
 
 from greybox_id.base.files import write_atomically
-from greybox_id.reports.figures.sheet import Sheet
-from greybox_id.reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, look
+from greybox_id.reports.figures.sheet import BLUE, DASHED, INK, ORANGE, PALE, Sheet, look
 from greybox_lab.driving.racing.track import RaceTrack
 
 LINES = {

@@ -13,7 +13,7 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.read import read as read_file
 from ..datasets.recording import Recording
-from ..fitting.adaptation.outcome import Adaptation
+from ..fitting.adaptation.verb import Adaptation
 from ..fitting.adaptation.verb import adapt as adapt_fit
 from ..fitting.fit import Fit
 from ..fitting.how import Say, quiet
@@ -121,8 +121,8 @@ def adapt(
     one = load(fit) if isinstance(fit, str | Path) else fit
     if not isinstance(one, Fit):
         raise BadInput(f"fit: a Fit or the path of its file is needed, not {one!r:.60}.")
-    new = given.recording(recording, columns)
-    scored = None if validation is None else given.recording(validation, columns, "validation")
+    new = given.one_recording(recording, columns)
+    scored = None if validation is None else given.one_recording(validation, columns, "validation")
     return adapted(one, new, seconds, free, scored, given.listed(calibrate, "calibrate"), say=progress or quiet)
 
 

@@ -14,8 +14,8 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.files import at_once, replacing, write_atomically
 from ..base.guard import FileContent, claim, content_of
+from ..base.json_data import format_of
 from ..base.numbers import alike, pretty_unit
-from ..base.saved import format_of
 from ..fitting.fit import KIND as FIT_KIND
 from ..fitting.fit import Fit, load
 from ..gap.design.arena import arena as arena_of

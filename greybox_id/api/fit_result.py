@@ -20,17 +20,16 @@ from ..base.shorthands import Array
 from ..datasets.read import read
 from ..datasets.recording import Recording
 from ..export.equations import entries
-from ..fitting.combined import reach
-from ..fitting.fit import FREE_RUN, Fit
+from ..fitting.fit import FREE_RUN, Fit, reach
+from ..fitting.holding import as_seen
 from ..fitting.provenance import DataRecord
-from ..fitting.restated import as_seen
 from ..fitting.uncertainty.profile import Profile
 from ..reports.recordings import matched
 from ..reports.text.fit import as_dict, parts
 from ..reports.text.screen import as_text
 from . import given, predictions, profiles
 from .given import Columns, Recordings
-from .validating import Validation, validation
+from .predictions import Validation, validation
 
 if TYPE_CHECKING:
     import control

@@ -9,20 +9,18 @@ from typing import Any
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording, join
-from ..fitting.choices.parameters import with_choices
-from ..fitting.choices.requested_model import RequestedModel, doubts, must_be_recorded
+from ..fitting.choices.requested_model import RequestedModel, doubts, must_be_recorded, with_choices
 from ..fitting.fit import Fit
 from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.scores.metrics import must_suit
 from ..fitting.scores.misfit import must_tell
-from ..fitting.scores.prediction import must_suit
 from ..fitting.training import TrainedBefore
 from ..fitting.verb import fit as fit_model
 from ..models.effect import Effect
-from ..models.kinds import by_kind
-from ..models.model import Model
+from ..models.model import Model, by_kind
 from ..models.own import own_effect, own_model
 from ..models.registry import build, install, known
 from ..models.vehicle import Vehicle
@@ -122,7 +120,7 @@ def fit(
     nominal = requested.model() if isinstance(requested, RequestedModel) else requested
     how.must_suit(nominal)
     training = given.recordings(recordings, columns)
-    validate = None if validation is None else given.recording(validation, columns, "validation")
+    validate = None if validation is None else given.one_recording(validation, columns, "validation")
     learnt = (
         None if pretrain is None else pretraining(nominal, pretrain, pretrain_points, pretrain_range, pretrain_beyond)
     )

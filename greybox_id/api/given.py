@@ -7,10 +7,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from ..base.errors import BadInput, near_or_all
-from ..base.quantity import pairs
+from ..base.units import pairs
 from ..datasets.recording import Recording
-from ..fitting.choices.parameters import Choices, magnitudes, named_vehicle
-from ..fitting.choices.requested_model import RequestedModel
+from ..fitting.choices.requested_model import Choices, RequestedModel, magnitudes, named_vehicle
 from ..fitting.fit import Fit
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
@@ -18,9 +17,9 @@ from ..models.model import Model
 from ..models.own import is_place, own_effect, own_model
 from ..models.registry import MODELS, install
 from ..models.vehicle import Vehicle
-from .given_recordings import Columns, Recordings, files, of_type, recording, recordings
+from .reading import Columns, Recordings, files, of_type, one_recording, recordings
 
-__all__ = ["Columns", "Recordings", "files", "recording", "recordings"]
+__all__ = ["Columns", "Recordings", "files", "one_recording", "recordings"]
 
 VehicleLike: TypeAlias = Vehicle | str | Path | None
 """What is stated of a vehicle: read, or named as a shipped one or by its file."""

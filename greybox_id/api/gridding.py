@@ -93,8 +93,8 @@ def grid(
     if not isinstance(varied, Mapping) or not varied:
         raise BadInput("varied: settings with their values are needed, such as {'n_delta': [5, 6, 7]}.")
     target = None if to is None else claimed_table(str(to), "a table of a grid", (".parquet",))
-    train = given.recording(recording, columns)
-    scored = None if validation is None else given.recording(validation, columns, "validation")
+    train = given.one_recording(recording, columns)
+    scored = None if validation is None else given.one_recording(validation, columns, "validation")
     if target is not None:
         ensure_writable(target.parent)
     result = fit_grid(

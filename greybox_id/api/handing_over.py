@@ -13,16 +13,13 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.files import at_once
 from ..base.guard import claim
+from ..base.json_data import format_of
 from ..base.numbers import pretty_unit
-from ..base.saved import format_of
 from ..datasets.recording import Recording
-from ..export.elsewhere import ForeignResult, exporter_of, exporter_of_file
-from ..export.origin import KeyOrigin
-from ..export.subject import Subject
-from ..export.verb import ALONE, cautions, origins
+from ..export.subject import KeyOrigin, Subject
+from ..export.verb import ALONE, ForeignResult, cautions, exporter_of, exporter_of_file, origins
 from ..export.verb import export as export_subject
-from ..fitting.choices.parameters import Magnitudes, magnitudes, with_choices
-from ..fitting.choices.requested_model import RequestedModel
+from ..fitting.choices.requested_model import Magnitudes, RequestedModel, magnitudes, with_choices
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..gap.gap import Gap

@@ -14,7 +14,7 @@ from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.pretraining import Pretraining, Span
 from ..fitting.training import TrainedBefore
 from ..models.hybrid_model import HybridModel
-from ..models.kinds import must_be
+from ..models.model import must_be
 from ..models.motion_model import MotionModel
 from ..models.registry import build
 from .fitting import pretraining

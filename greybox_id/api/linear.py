@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
-from ..engine.of_motion import equations_of_motion
+from ..engine.simulation import equations_of_motion
 from ..export.equations import Equations
 from ..models.model import Model
 

@@ -12,10 +12,16 @@ Examples
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
+from html import escape
+from pathlib import Path
 from typing import Any, cast
 
-from ..base.errors import near_or_all
+from ..api import given
+from ..base.errors import BadInput, near_or_all
+from ..base.numbers import counted, exact, short_with_sd
 from ..datasets.recording import Recording
+from ..fitting.choices.requested_model import named_vehicle
 from ..models.hybrid_model import HybridModel
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
@@ -23,9 +29,8 @@ from ..models.motion_model import MotionModel, State
 from ..models.own import own_model
 from ..models.parameter import Parameter, Prior
 from ..models.registry import MODELS, build, install, prepared
-from ..models.vehicle import Stated
-from ..models.vehicle_file import shipped_vehicles
-from . import given
+from ..models.vehicle import Stated, Vehicle
+from ..models.vehicle_file import shipped_vehicles, write_vehicle
 from .given import VehicleLike
 
 __all__ = [
@@ -116,7 +121,7 @@ def steering() -> MotionModel:
 def _network(name: str, recording: Recording | None, settings: Mapping[str, Any]) -> Model:
     if recording is None:
         return build(name, settings)
-    return prepared(name, given.recording(recording), settings)
+    return prepared(name, given.one_recording(recording), settings)
 
 
 def msnn_lat(recording: Recording | None = None, **settings: Any) -> MemoryModel:
@@ -252,3 +257,62 @@ def __getattr__(name: str) -> Callable[..., Model]:
         return build(name, settings, vehicle=given.vehicle(vehicle))
 
     return brought
+
+
+MOST_SHOWN, IN_A_LINE = 12, 4
+"""Values that are shown, and of those in a line."""
+
+
+@dataclass(frozen=True)
+class KnownVehicle(Vehicle):
+    """What is stated of a vehicle: values, how well they are known, tolerances, sensor noise; from a file and to it.
+
+    Attributes are those of `greybox_id.models.vehicle.Vehicle`: `values` and `effects` (name -> `Stated`), `noise`
+    (signal -> standard deviation), `steer_max` [rad], `model`, `tracking`, all in SI units.
+
+    Examples
+    --------
+    >>> import greybox_id as gb
+    >>> car = gb.Vehicle.load("roboracer")
+    >>> car.values["m"].value
+    3.6
+    >>> gb.Vehicle("my car", values={"m": gb.models.Stated(3.5, sd=0.1)}).values["m"].sd
+    0.1
+    """
+
+    @classmethod
+    def load(cls, path: str | Path) -> KnownVehicle:
+        """A shipped vehicle by its name, or one's own from a .toml or .json file.
+
+        Raises
+        ------
+        BadInput : there is no such vehicle, or its file is no valid vehicle file.
+        """
+        if not isinstance(path, str | Path):
+            raise BadInput(f"path: a shipped name or a path is needed, not {path!r:.60}.")
+        result = named_vehicle(str(path))
+        assert result is not None
+        return cls(**{field.name: getattr(result, field.name) for field in fields(Vehicle)})
+
+    def __repr__(self) -> str:
+        values = [_said(name, value) for name, value in self.values.items()]
+        lines = [", ".join(values[k : k + IN_A_LINE]) for k in range(0, min(len(values), MOST_SHOWN), IN_A_LINE)]
+        more = len(values) - MOST_SHOWN
+        named = {"tolerances": self.effects, "noise of": self.noise}
+        lines += [f"{title} {', '.join(item)}" for title, item in named.items() if item]
+        left = f", {more} of them not shown" if more > 0 else ""
+        first = f"Vehicle {self.name}: {counted(len(values), 'value')}{left}"
+        return "\n  ".join([first, *lines])
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{escape(repr(self))}</pre>"
+
+    def save(self, path: str | Path) -> Path:
+        """Write a vehicle file, .toml or .json, atomically. Raises `BadInput` where it cannot be written."""
+        return write_vehicle(self, path)
+
+
+def _said(name: str, stated: Stated) -> str:
+    if stated.value is None:
+        return name
+    return f"{name} = {short_with_sd(stated.value, stated.sd) if stated.sd else exact(stated.value, 6)}"

@@ -17,8 +17,7 @@ from ..base.shorthands import Array
 from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
 from ..gap.gap import Budget
-from ..models.kinds import must_be
-from ..models.model import Model
+from ..models.model import Model, must_be
 from ..models.motion_model import MotionModel
 from ..reports.figures.characteristics import (
     A_Y,
@@ -29,8 +28,7 @@ from ..reports.figures.characteristics import (
     is_steered,
     turns_beyond_curvature,
 )
-from ..reports.figures.sheet import band
-from ..reports.figures.style import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, look
+from ..reports.figures.sheet import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, band, look
 from ..reports.settled import OverSlip
 from . import given, predictions
 from .given import Columns
@@ -215,7 +213,7 @@ class FitPlots:
 
     def _recording(self, recording: Recording | str | Path | None, columns: Columns) -> Recording:
         if recording is not None:
-            return given.recording(recording, columns)
+            return given.one_recording(recording, columns)
         return (self._fit.seen("validate") or self._fit.seen("train"))[0]
 
     def _speed(self) -> float:

@@ -1,4 +1,7 @@
-"""What a model makes of a recording: free runs, predictions, residuals as recordings; errors as a table."""
+"""What a model makes of a recording: free runs, predictions, residuals as recordings; errors as a table.
+
+How far a fit is from recordings it was not fitted to, and whether it is usable on them.
+"""
 
 from __future__ import annotations
 
@@ -10,26 +13,37 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from rich.console import RenderableType
 
+from ..api import given
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.numbers import counted, pretty_unit, with_sd
-from ..base.quantity import Quantity
 from ..base.signals import unit_of, unit_of_quantity
+from ..base.units import Quantity
 from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
 from ..engine.simulation import Prediction
-from ..fitting.choices.parameters import state_values, with_choices
-from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded
+from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded, state_values, with_choices
 from ..fitting.fit import Fit
+from ..fitting.holding import as_fitted
+from ..fitting.judging import judgement
 from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.posterior.predictive import banded_table, predictive_band
-from ..fitting.restated import as_fitted
-from ..fitting.scores.metrics import FREE_RUN, Error, as_dict, prediction_errors
+from ..fitting.provenance import data_record
+from ..fitting.scores.metrics import (
+    FREE_RUN,
+    Error,
+    Scores,
+    as_dict,
+    as_table,
+    assumed,
+    predicted_how,
+    prediction_errors,
+)
+from ..fitting.scores.metrics import predict as predict_rows
 from ..fitting.scores.metrics import score as score_model
-from ..fitting.scores.prediction import as_table, assumed, predicted_how
-from ..fitting.scores.prediction import predict as predict_rows
-from ..fitting.scores.prediction import simulate as simulate_runs
+from ..fitting.scores.metrics import simulate as simulate_runs
 from ..fitting.scores.timing import (
     calibrated_predictions,
     calibrated_seconds,
@@ -37,9 +51,13 @@ from ..fitting.scores.timing import (
     calibration_words,
     must_have_timing,
 )
+from ..fitting.scores.verdict import HELD_OUT, distrust, used_signals
+from ..fitting.verdict import Verdict
 from ..models.model import Model
+from ..reports.text.fit import errors_table, verdict_table
 from ..reports.text.memory import timing_lines
-from . import given
+from ..reports.text.motion import motion_errors_table
+from ..reports.text.screen import as_text
 from .given import Columns, Effects, ModelLike, Numbers, VehicleLike
 
 PREDICTIONS, SIMULATIONS = "a table of predictions", "a table of simulations"
@@ -289,7 +307,7 @@ def residuals(
     columns: Columns = "canonical",
 ) -> Recording:
     """Measured less predicted, on the recording's time, in SI units."""
-    value = given.recording(recording, columns)
+    value = given.one_recording(recording, columns)
     result = predict(model, value, horizon)
     left = {name: value[name] - values for name, values in result.signals.items() if name in value}
     return replace(result, name=f"{result.name}, residuals", signals=left)
@@ -361,7 +379,7 @@ def _seconds(protocol: str) -> float:
 def _both(
     model: ModelLike | Fit, recording: Recording | str | Path, vehicle: VehicleLike, effects: Effects, columns: Columns
 ) -> tuple[Model, Recording]:
-    chosen, value = given.model(model, vehicle, effects), given.recording(recording, columns)
+    chosen, value = given.model(model, vehicle, effects), given.one_recording(recording, columns)
     if isinstance(model, Fit):
         value = as_fitted(model, value)
     must_be_recorded(chosen, [value])
@@ -380,3 +398,58 @@ def _as_recording(model: Model, recording: Recording, prediction: Prediction, su
     return Recording(
         name=f"{recording.name}, {suffix}", time=recording.time, signals=signals, runs=recording.runs, extra_units=units
     )
+
+
+@dataclass(frozen=True)
+class Validation:
+    """A fit on recordings.
+
+    Attributes
+    ----------
+    model : name of the fit's model.
+    verdict : whether it is usable on them, and why not.
+    scores : recording -> protocol or horizon -> output -> error.
+    held : the same of persistence, the persistence; empty for models with memory.
+    """
+
+    model: str
+    verdict: Verdict
+    scores: Mapping[str, Scores]
+    held: Mapping[str, Scores]
+
+    def parts(self) -> Iterator[RenderableType]:
+        """What it says, part by part."""
+        value, beside = self._tables()
+        yield verdict_table(self.verdict)
+        yield ""
+        yield motion_errors_table(value, beside=beside) if beside else errors_table(value)
+
+    def summary(self) -> str:
+        """What `greybox validate` prints: the verdict and the errors."""
+        return as_text(self.parts())
+
+    def as_dict(self) -> dict[str, Any]:
+        """All of it as plain data."""
+        value, beside = self._tables()
+        more = {"persistence": beside} if beside else {}
+        return {**self.verdict.as_dict(), "model": self.model, "metrics": value, **more}
+
+    def __repr__(self) -> str:
+        return f"Validation of {self.model} on {', '.join(self.scores)}: {self.verdict.usability}"
+
+    def _tables(self) -> tuple[dict[str, Any], dict[str, Any]]:
+        value, beside = ({name: as_dict(each) for name, each in of.items()} for of in (self.scores, self.held))
+        return value, beside
+
+
+def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
+    """Score a fit on recordings, by name.
+
+    Equations of motion are set beside persistence, and beside the model as it was before it was fitted.
+    """
+    model = fit.model
+    must_be_recorded(model, list(recordings.values()))
+    result = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
+    data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
+    value = judgement(fit, recordings, result, data)
+    return Validation(model.name, value.verdict, value.scores, value.held)

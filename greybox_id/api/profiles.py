@@ -23,8 +23,8 @@ from ..datasets.result_table import PLAIN, claimed_table, write_table
 from ..engine.least_squares import LeastSquares
 from ..engine.solvers.gauss_newton import Solution
 from ..fitting.fit import Fit
+from ..fitting.holding import place, profiled, restated
 from ..fitting.how import Say, quiet
-from ..fitting.restated import place, profiled, restated
 from ..fitting.uncertainty import uncertainty
 from ..fitting.uncertainty.profile import End, Profile
 from ..fitting.uncertainty.profile import profile as profile_one

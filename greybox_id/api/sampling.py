@@ -129,7 +129,7 @@ class PosteriorResult(Posterior):
         """
         must_be_horizon(horizon)
         given.must_be_share(level, "level")
-        value = given.recording(recording, columns)
+        value = given.one_recording(recording, columns)
         must_be_recorded(fit.model, [value])
         return banded_table(fit.model, value, predictive_band(fit, self, value, horizon, level=level))
 

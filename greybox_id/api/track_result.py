@@ -21,8 +21,7 @@ from ..base.version import __version__
 from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
 from ..filters.how import TrackOptions
-from ..filters.track import Track, tracked_vehicle
-from ..filters.verdict import verdict
+from ..filters.track import Track, tracked_vehicle, verdict
 from ..fitting.verdict import Verdict
 from ..models.effects import EFFECTS
 from ..models.vehicle import Vehicle

@@ -19,12 +19,11 @@ from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
 from ..fitting.choices.requested_model import RequestedModel
 from ..fitting.fit import Fit
-from ..fitting.restated import as_fitted
+from ..fitting.holding import as_fitted
 from ..fitting.verdict import Verdict
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
-from ..models.kinds import must_be
-from ..models.model import Model
+from ..models.model import Model, must_be
 from ..models.motion_model import MotionModel
 from ..models.registry import install, model_of
 from ..models.vehicle import TrackingPlan, Vehicle
@@ -87,7 +86,7 @@ def track(
     walking, others = meant.names(given.listed(parameters, "parameters"), given.listed(disturbances, "disturbances"))
     named = {**EFFECTS, **{effect.name: effect for effect in effects}}
     how = options or TrackOptions(known=meant.plan.noise)
-    read = given.recording(recording, columns)
+    read = given.one_recording(recording, columns)
     read = as_fitted(model, read) if isinstance(model, Fit) else read
     result = track_recording(
         meant.model, read, walking, disturbances=others, effects=named, how=how, uncertain=meant.uncertain,

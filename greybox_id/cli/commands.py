@@ -138,7 +138,7 @@ GROUPS: Groups = {
         "export": ("greybox_id.cli.export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),
     },
     "This tool": {
-        "completion": ("greybox_id.cli.completion", "Print what makes a shell complete commands, options and names."),
+        "completion": ("greybox_id.cli.options", "Print what makes a shell complete commands, options and names."),
     },
 }
 """Heading -> command -> module that holds it, and its line of help."""

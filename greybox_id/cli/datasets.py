@@ -7,12 +7,10 @@ from typing import Any
 
 import click
 
-from ..datasets.made import made, make
-from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, public
+from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, made, make, public
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
-from .completion import names
-from .options import json_option
+from .options import json_option, names
 from .output import console, print_json, progress, working
 
 

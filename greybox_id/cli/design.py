@@ -47,7 +47,7 @@ from .output import console, print_json, progress, show
 @own_option
 @json_option
 def design(
-    source: str, goal: Literal["precision", "discriminate", "detect"] | None, arena: str, parameters: str,
+    *, source: str, goal: Literal["precision", "discriminate", "detect"] | None, arena: str, parameters: str,
     criterion: str, duration: float, rate: float, limits: str | None, vehicle: str | None,
     speed_max: float | None, grip: float | None, repeat: int, driver: bool,
     effort: float, seed: int, out: str, as_json: bool,

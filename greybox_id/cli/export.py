@@ -9,11 +9,9 @@ import click
 
 from ..api.handing_over import export as export_model
 from ..base.errors import BadInput
-from ..export.elsewhere import exporter_of_file
-from ..export.verb import ALONE, TARGETS
-from .completion import names
+from ..export.verb import ALONE, TARGETS, exporter_of_file
 from .defaults import command_line
-from .options import fit_of, json_option, own_option, parameter_values, requested, simulated_model_options
+from .options import fit_of, json_option, names, own_option, parameter_values, requested, simulated_model_options
 from .output import console, end_by, print_json, working
 from .terminal import tell
 

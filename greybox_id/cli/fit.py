@@ -97,6 +97,7 @@ if TYPE_CHECKING:
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
 @json_option
 def fit(
+    *,
     files: Sequence[str],
     columns: str,
     validation: str | None,
@@ -141,7 +142,7 @@ def fit(
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers
     from ..base.files import ensure_writable
     from ..base.guard import claim
-    from ..base.quantity import pairs
+    from ..base.units import pairs
 
     if options.get("name") == TYRE:
         from .tyre import fit_tyre_command

@@ -21,7 +21,7 @@ from ..base.files import at_once, ensure_writable, write_atomically
 from ..base.guard import claim, option_of
 from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit
-from ..fitting.choices.parameters import named_vehicle
+from ..fitting.choices.requested_model import named_vehicle
 from ..gap.changes.sensitivity import Visible
 from ..gap.changes.verb import Changed
 from ..gap.design.arena import arena as arena_of
@@ -29,14 +29,12 @@ from ..gap.gap import Gap
 from ..models.registry import MODELS
 from ..models.vehicle import Vehicle
 from ..models.vehicle_file import write_vehicle
-from ..reports.gap.plain_data import as_plain_data
-from ..reports.gap.saved import KIND, Made, as_text
+from ..reports.gap.saved import KIND, Made, as_plain_data, as_text
 from ..reports.gap.words import before_words, budget, magnitude_words, unchanged_words
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led
-from .completion import names
 from .defaults import command_line
-from .options import VEHICLES, columns_option, fit_of, json_option, named_model, own_option, read_part
+from .options import VEHICLES, columns_option, fit_of, json_option, named_model, names, own_option, read_part
 from .output import console, print_json, progress
 from .terminal import clean_json, tell
 
@@ -267,6 +265,7 @@ class _Since(click.Command):
 @own_option
 @json_option
 def gap(
+    *,
     recordings: Sequence[str],
     vehicle: str | None,
     fit_file: str | None,

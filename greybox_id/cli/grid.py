@@ -7,8 +7,7 @@ from collections.abc import Sequence
 import click
 
 from ..models import MODEL_NAMES
-from .completion import names
-from .options import columns_option, jobs_option, json_option, read_part
+from .options import columns_option, jobs_option, json_option, names, read_part
 from .output import console, print_json, progress, show
 
 

@@ -14,7 +14,7 @@ from ..base.errors import BadInput, near_or_all
 from ..base.files import write_atomically
 from ..base.numbers import pretty_unit
 from ..base.signals import unit_of
-from ..fitting.choices.parameters import named_vehicle
+from ..fitting.choices.requested_model import named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.model import Model
@@ -23,8 +23,7 @@ from ..models.registry import MODELS, build
 from ..models.vehicle import ChosenModel, Stated, Vehicle
 from ..models.vehicle_file import vehicle_text
 from ..reports.text.screen import plain, plain_table
-from .completion import names
-from .options import VEHICLES, json_option, named_effect, named_model, settings_of
+from .options import VEHICLES, json_option, named_effect, named_model, names, settings_of
 from .output import console, print_json
 
 

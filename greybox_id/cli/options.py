@@ -1,17 +1,22 @@
-"""Options that several commands share, and what they name: models, effects, vehicles, a fit to build on."""
+"""Options that several commands share, and what they name: models, effects, vehicles, a fit to build on.
+
+`greybox completion`: a shell learns the names of commands, options, models, effects, vehicles and column maps.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+import sys
 from collections.abc import Callable, Collection, Sequence
+from glob import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
+from click.shell_completion import CompletionItem, get_completion_class
 
 from ..models import MODEL_NAMES
-from .completion import names
 from .terminal import tell
 
 if TYPE_CHECKING:
@@ -19,6 +24,53 @@ if TYPE_CHECKING:
     from ..datasets.column_map import ColumnMap
     from ..datasets.recording import Recording
     from ..fitting.choices.requested_model import RequestedModel
+
+PROGRAM = "greybox"
+SHELLS = ("bash", "zsh", "fish")
+LOADED = "(( $+functions[compdef] )) || { autoload -Uz compinit && compinit }"
+"""In zsh, what registers a completion is a function that not every set-up loads."""
+Complete = Callable[[click.Context, click.Parameter, str], list[CompletionItem]]
+
+
+def names(known: Collection[str] | Callable[[], Collection[str]], files: str = "") -> Complete:
+    """What completes an option that takes one of the known names, or a file of the working folder.
+
+    Parameters
+    ----------
+    known : the names, or what tells them when they are wanted.
+    files : ending of files that the option takes as well, such as .toml; empty where it takes none.
+    """
+
+    def complete(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:
+        del ctx, param
+        there = known() if callable(known) else known
+        result = [name for name in there if name.startswith(incomplete)]
+        if files:
+            result += sorted(str(path) for path in Path().glob(f"{escape(incomplete)}*{files}") if path.is_file())
+        return [CompletionItem(name) for name in result]
+
+    return complete
+
+
+@click.command()
+@click.argument("shell", metavar="bash|zsh|fish", type=click.Choice(SHELLS))
+@click.pass_context
+def completion(ctx: click.Context, shell: str) -> None:
+    """Print the script that makes a shell complete commands, options and names.
+
+    \b
+    greybox completion bash >> ~/.bashrc                                 # zsh: >> ~/.zshrc
+    greybox completion fish > ~/.config/fish/completions/greybox.fish
+
+    Open a new shell afterwards.
+    """  # fmt: skip
+    of_shell = get_completion_class(shell)
+    assert of_shell is not None
+    script = of_shell(ctx.find_root().command, {}, PROGRAM, f"_{PROGRAM.upper()}_COMPLETE").source()
+    if shell == "zsh":
+        first, rest = script.split("\n", 1)  # "#compdef" has to stay the first line
+        script = f"{first}\n\n{LOADED}\n{rest}"
+    sys.stdout.write(script)
 
 
 def _vehicles() -> tuple[str, ...]:
@@ -235,7 +287,7 @@ def parameter_values(
     per_run: Sequence[str] = (),
 ) -> dict[str, Any]:
     """What is said of parameters, by the names of the arguments of `gb.fit`."""
-    from ..base.quantity import pairs  # not for --help
+    from ..base.units import pairs  # not for --help
 
     return {
         "fix": pairs(fix, "NAME or NAME=VALUE, as in ‹fix› m=3.5kg", alone=True),

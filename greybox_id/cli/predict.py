@@ -9,7 +9,7 @@ from typing import Any
 import click
 
 from ..api.predictions import SIMULATIONS, Predicted, predicted, prediction_target, simulated
-from ..base.quantity import pairs
+from ..base.units import pairs
 from .options import (
     calibrate_option,
     columns_option,

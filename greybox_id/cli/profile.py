@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import click
 
 from ..api.profiles import profiles, profiles_target
-from ..fitting.restated import profiled
+from ..fitting.holding import profiled
 from .options import MOVED, fit_of, jobs_option, json_option, own_option
 from .output import console, print_json, progress, show
 

@@ -14,7 +14,7 @@ from ..api.track_result import track_target
 from ..api.tracking import follow, track_setup
 from ..api.tracking import track as track_recording
 from ..base.errors import BadInput
-from ..base.quantity import number, pairs
+from ..base.units import number, pairs
 from .defaults import command_line
 from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, requested
 from .output import console, end_by, print_json, progress, show
@@ -91,7 +91,7 @@ FROM_STDIN = "-"
 @own_option
 @json_option
 def track(
-    file: str | None, fit_file: str | None, columns: str, parameters: Sequence[str], disturbances: Sequence[str],
+    *, file: str | None, fit_file: str | None, columns: str, parameters: Sequence[str], disturbances: Sequence[str],
     readings: str, coloured: str, kind: Literal["ekf", "ukf"], smooth: bool, noise: Sequence[str], tune: str,
     calibrate: str, gate: float, out: str, figures: str | None, apply: str | None, live: bool, as_json: bool,
     **options: Any,

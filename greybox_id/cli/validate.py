@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import click
 
 from ..api.fitting import load
-from ..api.validating import validation
+from ..api.predictions import validation
 from ..base.numbers import counted
 from .options import columns_option, json_option, own_option, read_part
 from .output import end_by, print_json, show, working

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..base.shorthands import Array
-from ..base.windows import smoothed
+from ..base.statistics import smoothed
 
 FASTEST = 0.03
 """Share by which a clock may run fast or slow."""

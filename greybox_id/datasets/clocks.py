@@ -16,7 +16,7 @@ import numpy as np
 from ..base.errors import BadInput
 from ..base.shorthands import Array
 from ..base.signals import ANGLES_AROUND, COMMANDS
-from ..base.windows import moving_mean
+from ..base.statistics import moving_mean
 from .recording import Recording, Resampled
 
 REGULAR = 0.05

@@ -23,9 +23,8 @@ from functools import lru_cache
 from pathlib import Path
 
 from ..base.errors import GreyboxError
-from ..base.files import cache_folder
+from ..base.files import cache_folder, scratch_folder
 from ..base.processes import elsewhere
-from ..base.scratch import scratch_folder
 
 FLAGS = ("-O1", "-ftree-vectorize", "-ffp-contract=off", "-w", "-fPIC", "-fno-math-errno", "-fno-trapping-math")
 """-O2 takes half as long again and gives nothing: the code is vectors already. No contraction of a b + c, which can

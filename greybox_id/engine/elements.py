@@ -11,8 +11,8 @@ import numpy as np
 from ..base.errors import BadModel
 from ..base.shorthands import Array, Index
 from ..models.model import Symbol
-from .sampled import SampledFunction
 from .trace import Trace, namespace
+from .virtual import SampledFunction
 
 
 class Actuation:

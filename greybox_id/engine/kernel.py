@@ -9,6 +9,13 @@ start of chosen segments; s are the segment's own numbers (inputs, duration), p 
 with Z the derivative of the state by the initial state and by the parameters that move. It runs as generated C,
 several lanes at a time, where a compiler is found and the work pays for it, else in CasADi's virtual machine.
 The numbers are the same (1e-12 relative, unless the model cancels digits).
+
+Lanes of one call shared out between two threads: compiled code holds no lock of Python's, nor do lanes need another.
+
+What comes out is the same to the last digit, as no lane knows of the others. Where other fits run beside (`--jobs`,
+fleets, servers) each keeps to one: GREYBOX_THREADS says how many there are to be, 1 or more.
+
+What simulated readings are held against, lane by lane, and normal equations of what is left.
 """
 
 from __future__ import annotations
@@ -16,19 +23,108 @@ from __future__ import annotations
 import ctypes
 import os
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
 from pathlib import Path
+from threading import Thread
 
 import casadi as cs
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.shorthands import Array
-from .against import Against, led, square
 from .compiler import CannotCompile, library, tell_slow
-from .threads import shared_out
 from .vectors import FEW, WIDE, narrow_source, scratch_size, source
 from .virtual import VirtualMachine
+
+WIDEST = 8
+"""Lanes that run in one vector: threads get whole ones."""
+SHARED_FROM = 8_000
+"""Lanes times segments from which a call is shared out: half a millisecond, ten times what starting a thread takes."""
+MOST = 2
+"""Threads where nothing is said: more of them wait for memory."""
+
+
+def threads() -> int:
+    """How many threads a call may run in."""
+    stated = os.environ.get("GREYBOX_THREADS", "")
+    if stated.isdecimal():
+        return max(1, int(stated))
+    return min(MOST, len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1)
+
+
+def shared_out(lanes: int, segments: int, run: Callable[[int, int], None]) -> None:
+    """Do the work on lanes [first, last), in as many threads as pay."""
+    count = threads() if lanes * segments >= SHARED_FROM and lanes >= 2 * WIDEST else 1
+    blocks = -(-lanes // WIDEST)
+    edges = [min(lanes, WIDEST * (blocks * k // count)) for k in range(count)] + [lanes]
+    beside = [Thread(target=run, args=item, daemon=True) for item in zip(edges[1:-1], edges[2:], strict=True)]
+    for thread in beside:
+        thread.start()
+    run(edges[0], edges[1])
+    for thread in beside:
+        thread.join()
+
+
+@dataclass(frozen=True)
+class Against:
+    """What the readings of lanes are held against.
+
+    Attributes
+    ----------
+    target : (L, R, ny) what should be read.
+    weight : (L, R, ny) what a residual is multiplied with; zero where none counts.
+    robust : weighted residuals beyond it weigh less, as in a Huber loss; None: all alike.
+    """
+
+    target: Array
+    weight: Array
+    robust: float | None = None
+
+    def misfit(self, y: Array) -> float:
+        """Half the sum of squared residuals, those in the tails linear."""
+        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
+            e = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+            if self.robust is None:
+                return 0.5 * float(np.vdot(e, e))
+            e = np.abs(e)
+            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
+
+    def weighted(self, y: Array) -> tuple[Array, Array]:
+        """Weighted residuals of readings and their weights, (L, R, ny) each."""
+        r = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+        if self.robust is None:
+            return r, self.weight
+        tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(r), 1e-300)))
+        return r * tail, self.weight * tail
+
+    def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
+        """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
+        r, weight = self.weighted(y)
+        J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
+        along = J.swapaxes(1, 2)
+        g = along @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
+        return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
+
+
+def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
+    """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
+    states = seed.shape[1]
+    flat = free.reshape(len(free), -1, free.shape[-1])
+    result: Array = flat[:, :, :states] @ seed
+    result[:, :, places] += flat[:, :, states:]
+    return result.reshape(*free.shape[:-1], -1)
+
+
+def square(packed: Array, count: int) -> Array:
+    """Symmetric matrices, of their lower triangles, which are packed row by row."""
+    if not packed.shape[1]:
+        return np.empty((len(packed), 0, 0))
+    row, column = np.tril_indices(count)
+    result = np.empty((len(packed), count, count))
+    result[:, row, column] = result[:, column, row] = packed
+    return result
+
 
 PAYS = 20_000
 """Lanes times segments after which a kernel is compiled: a fifth of what takes the virtual machine as long as
@@ -356,7 +452,7 @@ class _Functions:
 def _writers() -> str:
     """The modules that write the C source, as text."""
     folder = Path(__file__).parent
-    return "\0".join((folder / f"{name}.py").read_text("utf-8") for name in ("kernel", "graph", "emit", "vectors"))
+    return "\0".join((folder / f"{name}.py").read_text("utf-8") for name in ("kernel", "graph", "vectors"))
 
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:

@@ -1,4 +1,7 @@
-"""A model laid over recordings, whichever kind of model it is: what it predicts, and what is asked of a simulation."""
+"""A model laid over recordings, whichever kind of model it is: what it predicts, and what is asked of a simulation.
+
+The equations of motion that a model is made of, or amounts to: what exports and linear systems take.
+"""
 
 from __future__ import annotations
 
@@ -6,8 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+from ..base.errors import BadInput
 from ..base.shorthands import Array, Index, Mask
 from ..models.memory_model import MemoryModel
+from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
 
 
@@ -104,3 +109,24 @@ class FreeRuns(Protocol):
 
     def linearise(self, p: Array, columns: Sequence[int]) -> tuple[Array, Array, Array]:
         """A simulation (N, outputs), its derivatives by some parameters (N, outputs, columns), and by starts."""
+
+
+@by_kind
+def equations_of_motion(model: Model, text: str = "") -> MotionModel:
+    """The model as equations of motion; a network without a memory is part of them, its weights are constants.
+
+    Parameters
+    ----------
+    model : at its values.
+    text : what takes equations of motion only, as the end of a sentence.
+
+    Raises
+    ------
+    BadInput : it is nothing of the kind.
+    """
+    raise BadInput(f"{model.name} is no model of motion{text}.")
+
+
+@equations_of_motion.register(MotionModel)
+def _itself(model: MotionModel, text: str = "") -> MotionModel:
+    return model

@@ -13,7 +13,7 @@ from collections.abc import Sequence
 
 import casadi as cs
 
-from .emit import Result, straight_line
+from .graph import Result, straight_line
 
 WIDE, FEW = 8, 4
 """Lanes of the widest vectors, and of those that take what they would leave half empty."""

@@ -14,9 +14,8 @@ import casadi as cs
 
 from ..base.signals import SIGNALS, unit_of
 from ..engine.trace import Trace, namespace
-from ..models.kinds import by_kind
 from ..models.memory_model import MemoryModel
-from ..models.model import Model, Symbol
+from ..models.model import Model, Symbol, by_kind
 from ..models.parameter import pack
 from .equations import Equations, Named, entries, joined
 from .subject import Subject

@@ -11,8 +11,7 @@ import numpy as np
 
 from ..base.errors import BadInput
 from ..engine.motion.trace import MotionTrace
-from ..models.kinds import must_be
-from ..models.model import Model, Namespace, Symbol
+from ..models.model import Model, Namespace, Symbol, must_be
 from ..models.motion_model import MotionModel, Quantities
 from .subject import Subject
 

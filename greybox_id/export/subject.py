@@ -1,9 +1,13 @@
-"""What is exported: a model at its values, and where these come from."""
+"""What is exported: a model at its values, and where these come from.
+
+Where the entries of exported files come from.
+"""
 
 from __future__ import annotations
 
 import keyword
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -12,7 +16,7 @@ import numpy as np
 
 from ..base.errors import BadInput, near_or_all
 from ..base.version import __version__
-from ..engine.of_motion import equations_of_motion
+from ..engine.simulation import equations_of_motion
 from ..fitting.fit import Fit
 from ..models.model import Model
 from ..models.motion_model import MotionModel
@@ -119,3 +123,29 @@ def _interval(fit: Fit, name: str) -> list[Any] | None:
 
 def _recorded(record: Any) -> dict[str, Any]:
     return {"role": record.role, "name": record.name, "sha256": record.sha256, "samples": record.samples}
+
+
+@dataclass(frozen=True)
+class KeyOrigin:
+    """An entry of a file.
+
+    Attributes
+    ----------
+    file : which.
+    key : of the entry.
+    value : in the file's unit; None where it is left open.
+    behind : the parameter or effect it holds; "" where there is none.
+    why : why it stands at a default or is left open, as a clause; "" where something is behind it.
+    """
+
+    file: str
+    key: str
+    value: float | str | bool | Sequence[float] | None
+    behind: str = ""
+    why: str = ""
+
+    def plain(self) -> dict[str, Any]:
+        """As plain data, for a manifest."""
+        value = list(self.value) if isinstance(self.value, (list, tuple)) else self.value
+        known = {"file": self.file, "key": self.key, "value": value}
+        return known | ({"from": self.behind} if self.behind else {"default": self.why})

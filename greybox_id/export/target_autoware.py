@@ -13,10 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .origin import KeyOrigin
-from .ros_parameters import parameter_file, texts
 from .single_track_numbers import HELD, SingleTrack, single_track_of, value_of
-from .subject import Subject
+from .subject import KeyOrigin, Subject
+from .target_ros2 import parameter_file, texts
 
 SIMULATOR, VEHICLE, CONTROLLER = "simulator_model.param.yaml", "vehicle_info.param.yaml", "mpc.param.yaml"
 ACCELERATING, BRAKING = "accel_map.csv", "brake_map.csv"

@@ -9,10 +9,10 @@ from math import isfinite
 import casadi as cs
 
 from ..base.version import __version__
+from .c.naming import docstring
 from .equations import Equations, Named
 from .memory_equations import MemoryEquations, equations_of
 from .memory_equations import shifts_left_out as cautions
-from .quoting import docstring
 from .subject import Subject
 from .template import filled
 

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from math import isfinite
 from typing import NamedTuple
 
-from .quoting import one_line, yaml_text
+from .c.naming import one_line, yaml_text
 from .single_track_numbers import HELD, Axle, SingleTrack, single_track_of, value_of, without_form_error
 from .subject import Subject
 

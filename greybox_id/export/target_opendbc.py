@@ -7,10 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from .origin import KeyOrigin
-from .quoting import one_line
+from .c.naming import one_line
 from .single_track_numbers import HELD, single_track_of, value_of
-from .subject import Subject
+from .subject import KeyOrigin, Subject
 
 HOLDS = (*HELD, "steering_delay")
 

@@ -1,13 +1,68 @@
-"""Target `ros2`: a parameter file for a ROS 2 node; SI units, angles in radians, axes of REP-103: x forward, y left."""
+"""Target `ros2`: a parameter file for a ROS 2 node; SI units, angles in radians, axes of REP-103: x forward, y left.
+
+Parameter files of ROS 2 nodes: keys under /**: ros__parameters, each with what is behind it as a comment.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite
 
-from .origin import KeyOrigin
-from .ros_parameters import parameter_file, texts
-from .subject import Subject
+from .c.naming import one_line, yaml_text
+from .subject import KeyOrigin, Subject
+
+Value = float | str | bool | Sequence[float]
+
+
+def number_text(value: float) -> str:
+    """A number as YAML reads it back, exactly: one with an exponent needs a point."""
+    text = repr(float(value)).replace("inf", ".inf").replace("nan", ".nan")
+    digits, e, exponent = text.partition("e")
+    return f"{digits}{'.0' * (bool(e) and '.' not in digits)}{e}{exponent}"
+
+
+def value_text(value: Value) -> str:
+    """A value as YAML reads it back."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, str):
+        return yaml_text(value)
+    if isinstance(value, int):  # ROS tells integers from other numbers
+        return str(value)
+    if isinstance(value, float):
+        return number_text(value)
+    return f"[{', '.join(map(number_text, value))}]"
+
+
+def parameter_file(title: str, lines: Iterable[tuple[KeyOrigin, str]], notes: Sequence[str] = ()) -> str:
+    """The file's text; lines are entries and what they mean.
+
+    A key with dots lies in nested tables. Entries without a value stand as comments, to be filled in.
+    """
+    head = [f"# {one_line(title)}; written by greybox-id.", *(f"# {one_line(note)}" for note in notes)]
+    body, open_tables = ["/**:", "  ros__parameters:"], list[str]()
+    for item, about in lines:
+        *tables, key = item.key.split(".")
+        shared = 0
+        while shared < min(len(tables), len(open_tables)) and tables[shared] == open_tables[shared]:
+            shared += 1
+        for depth in range(shared, len(tables)):
+            body.append(f"{'  ' * (depth + 2)}{tables[depth]}:")
+        open_tables = tables
+        indent = "  " * (len(tables) + 2)
+        behind = f"from {item.behind}" if item.behind else f"default: {item.why}"
+        note = one_line("; ".join(filter(None, [about, behind])))
+        if item.value is None:
+            body.append(f"{indent}# {key}:  # {note}")
+        else:
+            body.append(f"{indent}{key}: {value_text(item.value)}  # {note}")
+    return "\n".join([*head, *body, ""])
+
+
+def texts(files: Mapping[str, str]) -> dict[str, bytes]:
+    """Contents of files as bytes."""
+    return {name: text.encode() for name, text in files.items()}
+
 
 FRAME = "base_link"
 

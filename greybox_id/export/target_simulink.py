@@ -15,10 +15,9 @@ from scipy.io import savemat
 
 from ..base.version import __version__
 from .c.motion import MotionC
+from .c.naming import c_comment, matlab_comment, matlab_text
 from .equations import entries
-from .origin import KeyOrigin
-from .quoting import c_comment, matlab_comment, matlab_text
-from .subject import Subject
+from .subject import KeyOrigin, Subject
 from .template import filled
 
 HEAD = 116

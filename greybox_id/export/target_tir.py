@@ -11,10 +11,9 @@ from typing import NamedTuple
 
 from ..base.errors import BadInput
 from ..models.tyre_file import DIGITS
-from .origin import KeyOrigin
-from .quoting import one_line
+from .c.naming import one_line
 from .single_track_numbers import HELD, Axle, single_track_of, value_of, without_form_error
-from .subject import Subject
+from .subject import KeyOrigin, Subject
 
 RADIUS = 0.3
 """Unloaded radius, m, where the model has none: it scales relaxation lengths, which are divided by it again."""

@@ -1,18 +1,98 @@
-"""The verb: a model written down for a controller or simulator elsewhere."""
+"""The verb: a model written down for a controller or simulator elsewhere.
+
+A folder of generated files that appears whole or not at all, with a manifest of what it holds.
+
+Results that are no models, such as a policy; packages write them by the entry point `greybox.exporters`.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+from typing import Any, Protocol
 
 from ..base.errors import BadInput, near_or_all
-from ..base.files import replacing
-from ..base.guard import claim
-from .folder import write_folder
-from .origin import KeyOrigin
-from .subject import Subject
+from ..base.extensions import EXPORTERS, extensions
+from ..base.files import new_folder, replacing
+from ..base.guard import claim, permit_folder
+from ..base.json_data import format_of, read_json, without_nan
+from .subject import KeyOrigin, Subject
+
+MANIFEST = "manifest.json"
+FORMAT = "greybox-export"
+
+
+def write_folder(folder: Path, files: Mapping[str, bytes], about: Mapping[str, Any]) -> list[Path]:
+    """Write files and their manifest beside the folder's place, then put them there.
+
+    A folder that is there already is replaced if it is an export that nobody has touched since, or empty.
+
+    Parameters
+    ----------
+    files : path within the folder -> content.
+    about : what the manifest says besides the files' SHA-256.
+
+    Raises
+    ------
+    BadInput : the folder holds what would be lost, or cannot be written.
+    """
+    claim(folder)
+    _must_be_replaceable(folder, _words(about))
+    manifest = {"format": FORMAT, **about, "files": {name: _sha256(content) for name, content in files.items()}}
+    text = json.dumps(without_nan(manifest), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    with new_folder(folder) as made:
+        for name, content in {**files, MANIFEST: text.encode()}.items():
+            (made / name).parent.mkdir(parents=True, exist_ok=True)
+            (made / name).write_bytes(content)
+    return [folder / name for name in (*files, MANIFEST)]
+
+
+def _must_be_replaceable(folder: Path, becomes: str) -> None:
+    if not folder.exists() and not folder.is_symlink():
+        return
+    if not folder.is_dir() or folder.is_symlink():
+        raise BadInput(f"{folder} is no folder. Name another place with ‹out›.")
+    held = {str(file.relative_to(folder)): file for file in folder.rglob("*") if not file.is_dir()}
+    if not held:
+        return
+    body = _manifest(folder / MANIFEST) if MANIFEST in held else None
+    known = body.get("files") if body is not None else None
+    if known is None or body is None:
+        raise BadInput(f"{folder} holds files that are no export. Name a new folder with ‹out›.")
+    one = [name for name, file in held.items() if name != MANIFEST and known.get(name) != _sha256(file.read_bytes())]
+    if one:
+        raise BadInput(
+            f"{folder} holds {', '.join(sorted(one)[:3])}, which the export there did not write or which was changed "
+            "since; it would be lost. Name another place with ‹out›, or move it away."
+        )
+    permit_folder(folder, _words(body), becomes)
+
+
+def _manifest(file: Path) -> Mapping[str, Any] | None:
+    """What an export wrote of itself; None where this is no manifest of one."""
+    try:
+        body = read_json(file)
+    except BadInput:
+        return None
+    value = isinstance(body, dict) and body.get("format") == FORMAT and isinstance(body.get("files"), dict)
+    return body if value else None
+
+
+def _words(about: Mapping[str, Any]) -> str:
+    """What an export is of: another model or target is another export."""
+    model = about.get("model")
+    named = model.get("name") if isinstance(model, Mapping) else None
+    return f"an export of {named} for {about.get('target')}"
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
 
 TARGETS = {
     "c": "C99: step, derivatives, sensitivities, outputs; a self-test and a CMake target",
@@ -92,3 +172,54 @@ def _module(target: str) -> ModuleType:
     if target not in TARGETS:
         raise BadInput(f"There is no target {target!r}.{near_or_all(target, TARGETS)}")
     return import_module(f".target_{target}", __package__)
+
+
+class Exporter(Protocol):
+    """Writes one kind of result.
+
+    Attributes
+    ----------
+    format : of its files, `base.json_data.Kind.format`.
+    what : it is called, for people: "policy".
+    targets : name -> what is written.
+    """
+
+    format: str
+    what: str
+    targets: Mapping[str, str]
+
+    def load(self, path: str | Path) -> Any:
+        """The result that a file holds."""
+
+    def takes(self, result: object) -> bool:
+        """Whether a value is such a result."""
+
+    def write(self, result: Any, named: ForeignResult, target: str, to: str | Path) -> list[Path]:
+        """Write it for a target into a folder; the files."""
+
+
+@dataclass(frozen=True)
+class ForeignResult:
+    """What files and functions are called after, where the result comes from, and the command, for the manifest."""
+
+    name: str
+    source: str = ""
+    command: str = ""
+
+
+def exporter_of_file(path: str | Path) -> Exporter | None:
+    """Who writes what a file holds; None where it is a fit or nobody knows it."""
+    kind = format_of(path)
+    return (
+        next((extension for extension in extensions(EXPORTERS).values() if extension.format == kind), None)
+        if kind
+        else None
+    )
+
+
+def exporter_of(result: object) -> Exporter:
+    """Who writes a value. Raises `BadInput` where nobody does."""
+    for exporter in extensions(EXPORTERS).values():
+        if exporter.takes(result):
+            return exporter  # type: ignore[no-any-return]
+    raise BadInput(f"model: a Fit, a Model, its name or a saved policy is needed, not {result!r:.60}.")

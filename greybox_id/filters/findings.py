@@ -18,11 +18,11 @@ from ..base.numbers import exact, number
 from ..base.shorthands import Array, Mask
 from ..base.signals import unit_of
 from ..datasets.recording import Recording
-from ..engine.motion.runs import MotionRun
+from ..engine.motion.schedule import MotionRun
 from ..fitting.scores.verdict import distrust
 from ..models.motion_model import MotionModel
+from .filtering import LaidRun
 from .kernel import History
-from .laid import LaidRun
 from .state_space import Tracked
 
 WINDOW = 2.0

@@ -15,18 +15,16 @@ from ..base.shorthands import Array
 from ..datasets.column_map import ColumnMap
 from ..datasets.read import LARGEST
 from ..datasets.recording import Recording
-from ..engine.motion.runs import MotionRun
-from ..engine.motion.schedule import longest_segment
+from ..engine.motion.schedule import MotionRun, longest_segment
 from ..fitting.verdict import Verdict
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
-from .filtering import Filtering
+from .filtering import LONGEST_GAP, Filtering, LaidRun
 from .findings import RunningConsistency
 from .how import TrackOptions
-from .laid import LONGEST_GAP, LaidRun
-from .noise import start_levels
+from .track import of_innovations
+from .tuning import start_levels
 from .verb import Tracker
-from .verdict import of_innovations
 
 STEADY = 8.0
 """An input that jumps by more than so many times its largest step of the last seconds is waited with for a row ..."""

@@ -17,7 +17,7 @@ from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
-from .filtering import Filtering, filtering, smoothed
+from .filtering import Filtering, LaidRun, filtering, guarded, laid, smoothed
 from .findings import (
     Consistency,
     consistency,
@@ -35,12 +35,23 @@ from .findings import (
 )
 from .how import READINGS, TrackOptions
 from .kernel import History, Kept
-from .laid import LaidRun, guarded, laid
-from .noise import NoiseLevels, origins, resolution_of, scatter_of, start_levels, units
-from .state_space import SLOWEST, StateSpace
+from .state_space import SLOWEST, StateSpace, walking
 from .track import Track
-from .tuning import Tuned, beginning, believed, model_coordinates, noise_coordinates, padded, tuned
-from .walking import walking
+from .tuning import (
+    NoiseLevels,
+    Tuned,
+    beginning,
+    believed,
+    model_coordinates,
+    noise_coordinates,
+    origins,
+    padded,
+    resolution_of,
+    scatter_of,
+    start_levels,
+    tuned,
+    units,
+)
 
 REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "alpha_r")
 """Estimated besides states and what is tracked, where a model has it."""

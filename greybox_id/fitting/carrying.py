@@ -1,22 +1,32 @@
-"""Do parameters carry over: the fit on a recording it has not seen, beside the same model fitted to that recording.
+"""What other fits of the same model say of a fit: to a recording it has not seen, to each half of its own, and without
+the tolerances that are stated of the vehicle.
 
-Errors on held-out data alone do not say whether a fit is as good as its model can be: one that was found on a straight
-road may beat every baseline on a winding one, and be far from what the model can do there.
+Errors alone do not say whether a fit is as good as its model can be: one that was found on a straight road may beat
+every baseline on a winding one, and be far from what the model can do there. Nor do residuals say whether the stated
+vehicle is another, or two vehicles are in one recording: what a model of the right vehicle lacks moves estimates as far
+from what is stated. It does not let the same model predict as well again as soon as the numbers are free.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
 from ..base.errors import BadInput
 from ..base.numbers import number
+from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
 from .attempt import refitted
 from .fit import Fit
 from .how import FitOptions
+from .scores.misfit import CLEARLY
 from .scores.motion import score_motion
 from .scores.verdict import times_as_large
-from .verdict import WITH_CARE, Reason
+from .verdict import NOT_USABLE, WITH_CARE, Reason
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0
@@ -27,23 +37,22 @@ LESS = 1.35
 """Errors so many times those of the refitted model are more than refitting gains by chance, which is a few percent: a
 model has ten parameters, a recording hundreds of independent readings. Less than the 1.5 of the best known that a
 usable fit must not exceed, since the best known need not be found."""
+OPEN = 10.0
+"""Times as wide as stated: tolerances that hold nothing back, and leave parameters near the data's what none tells."""
+REFIT = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
 
 
 def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
     """See `judging.carried`."""
     if all(p.fixed for p in model.parameters):
         return []
-    part = recording if len(recording) <= MOST_ROWS else recording.rows(0, MOST_ROWS)
+    part = _beginning(recording)
     simulator, best = Simulator(model), float("nan")
     before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
     unfitted = model.with_parameters(*(model[n].with_value(v) for n, v in before.items()))
     value = score_motion(simulator, part, model.values, HORIZONS)
-    how = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
     for start in (model.values, unfitted.values):
-        try:
-            p = refitted(simulator, [part], start, how)
-        except BadInput:  # no row to begin from: nothing can be said
-            continue
+        p = _refitted(simulator, part, start)
         if p is not None:
             ratio = times_as_large(value, score_motion(simulator, part, p, HORIZONS))
             best = ratio if not best >= ratio else best
@@ -57,3 +66,66 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
             "parameters do not carry over.",
         )
     ]
+
+
+def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[Reason]:
+    """See `judging.refuted`."""
+    if all(p.fixed for p in model.parameters):
+        return
+    simulator, opened = Simulator(model), Simulator(_opened(model))
+    stated = any(p.prior is not None and not p.fixed for p in model.parameters)
+    if stated:
+        part = _beginning(recording)
+        p = _refitted(opened, part, model.values)
+        times = _ratio(simulator, model.values, opened, p, part)
+        if times > LESS:
+            yield Reason(
+                NOT_USABLE,
+                f"The errors are {number(times, 2)} times those of the same model with tolerances {OPEN:g} times as "
+                "wide: the vehicle is another than stated. State wider tolerances, or none.",
+            )
+    if fit.how.get("form", {}).get("halves_gain", 0.0) > CLEARLY:
+        n = len(recording) // 2
+        halves = [_beginning(recording.rows(a, b)) for a, b in ((0, n), (n, len(recording)))]
+        each = [_refitted(simulator, half, model.values) for half in halves]
+        for p, start, half in zip(reversed(each), each, halves, strict=True):
+            if p is None or start is None:
+                continue
+            times = _ratio(simulator, p, opened, _refitted(opened, half, start), half)
+            if times > LESS:
+                yield Reason(
+                    NOT_USABLE,
+                    f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other "
+                    "that it can have: the vehicle has changed, or is another. Fit each half; greybox gap says what "
+                    "changed since the first.",
+                )
+                return
+
+
+def _opened(model: MotionModel) -> MotionModel:
+    """The model with wider tolerances."""
+    free = [p for p in model.parameters if not p.fixed and p.prior is not None]
+    return model.with_parameters(
+        *(replace(p, prior=replace(p.prior, sd=OPEN * np.asarray(p.prior.sd))) for p in free if p.prior is not None)
+    )
+
+
+def _beginning(recording: Recording) -> Recording:
+    return recording if len(recording) <= MOST_ROWS else recording.rows(0, MOST_ROWS)
+
+
+def _refitted(simulator: Simulator, recording: Recording, start: Array) -> Array | None:
+    """The parameters of a quick fit; None where the recording has no row to begin from, or nothing is finite."""
+    try:
+        return refitted(simulator, [recording], start, REFIT)
+    except BadInput:
+        return None
+
+
+def _ratio(simulator: Simulator, p: Array, other: Simulator, best: Array | None, recording: Recording) -> float:
+    """Errors over those of other parameters; NaN where there are none."""
+    if best is None:
+        return float("nan")
+    return times_as_large(
+        score_motion(simulator, recording, p, HORIZONS), score_motion(other, recording, best, HORIZONS)
+    )

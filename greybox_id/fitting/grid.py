@@ -29,8 +29,8 @@ from ..datasets.recording import Recording
 from ..engine.shooting import Problem
 from ..engine.solvers.gauss_newton import Status, gauss_newton
 from ..engine.trace import Trace
-from ..models.kinds import must_be
 from ..models.memory_model import MemoryModel
+from ..models.model import must_be
 from ..models.registry import prepared
 from .crossvalidation import FOLDS, WORST, blocks, choose_strengths
 from .how import Say, above_zero, quiet

@@ -7,11 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, get_args
 
 from ..base.errors import BadInput, near_or_all
-from ..base.quantity import Quantity, number
 from ..base.signals import unit_of, unit_of_quantity
+from ..base.units import Quantity, number
 from ..engine.motion.shooting import Starts
-from ..models.kinds import by_kind
-from ..models.model import Model
+from ..models.model import Model, by_kind
 from .scores.timing import calibrated_seconds, must_have_timing
 
 Solver = Literal["auto", "gauss-newton", "ipopt"]

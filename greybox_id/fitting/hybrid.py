@@ -1,18 +1,155 @@
-"""Fitting hybrid models: their networks are trained, those with a memory over windows, others over growing horizons."""
+"""Fitting hybrid models: their networks are trained, those with a memory over windows, others over growing horizons.
+
+Training networks without a memory: over growing horizons, each begun where the one before ended.
+
+One row ahead almost any network learns which way the vehicle goes; over a whole window a poor one is far from anything.
+Errors count in units of the readings' spread, as published: what ends training is the held-out error.
+"""
 
 from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ..base.errors import BadInput
-from ..engine.hybrid.stretches import stretches
+from ..base.shorthands import Array
+from ..datasets.recording import Recording
+from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
+from ..engine.hybrid.stretches import Stretch, stretches
+from ..engine.solvers.quasi_newton import Descent, descend
 from ..models.hybrid_model import HybridModel
 from .fit import Fit
-from .how import refused
-from .networks import fit_network
-from .pretraining import Pretraining
-from .training import TrainedBefore, fit_hybrid, update_hybrid
+from .how import FitOptions, Say, refused
+from .pretraining import Pretraining, faster, known_physics, pretrained
+from .training import Trained, TrainedBefore, fit_hybrid, manoeuvres, split, trained_best, update_hybrid
 from .verb import FitTask, estimated
+
+HORIZONS = (2, 11, 21)
+"""Rows predicted from one start before the window that is wanted: one, ten and twenty steps, as published."""
+COUNTS = 0.1
+"""Share of an output's spread that an error of one counts as."""
+ADAM, SHORT_STEPS, STEPS, PATIENCE = 100, 120, 400, 60
+"""Steps of Adam from a random start; of L-BFGS over each of the short horizons and over the last; see `descend`."""
+_SAID = 20
+
+Outside = Callable[[Array], float]
+"""Parameter vector -> error on what is held out."""
+
+
+def fit_network(
+    model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say, known: Pretraining | None = None
+) -> Trained:
+    """Train a hybrid model whose network has no memory.
+
+    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
+    end.
+
+    Parameters
+    ----------
+    model : nominal values of physical parameters; weights are drawn.
+    recordings : training data.
+    how : seed, number of starts and known noise.
+    say : progress.
+    known : a vehicle to learn from first; of a model with physics, whose parameters it has.
+
+    Raises
+    ------
+    BadInput : the recordings lack an input or all outputs, differ in sample time, or are too short.
+    """
+    clock = time.process_time()
+    named = manoeuvres(model, recordings)
+    train, held_out, names = split(named, model, how.seed)
+    if known is not None and "m" in model:
+        model = known_physics(model, known)
+    sd = counted(model, [one for _, one in named], how)
+    outside = WindowErrors(model, held_out, sd)
+    best, stage = trained_best(
+        model, how, say, clock,
+        lambda seed, item: trained_from(model, recordings, train, sd, outside, seed, item, known),
+        lambda error: f"{error:.3g}", lambda one: _noise(model, held_out, one.x),
+    )  # fmt: skip
+    inside = WindowErrors(model, train, sd)
+    errors = (float(np.sqrt(inside(best.x))), float(np.sqrt(outside(best.x))))
+    return Trained(model.with_values(best.x), stage, names, errors)
+
+
+def trained_from(
+    model: HybridModel,
+    recordings: Sequence[Recording],
+    train: Sequence[Stretch],
+    sd: Array,
+    outside: Outside,
+    seed: int,
+    say: Say,
+    known: Pretraining | None = None,
+) -> Descent:
+    """One training, from random weights or from a known vehicle's; x are the model's parameters.
+
+    Parameters
+    ----------
+    outside : what is held out and says when to stop, over the last horizon.
+    """
+    p = drawn(model, seed)
+    if known is not None and "m" not in model:
+        p = pretrained(model, p, recordings, known, seed, say)
+    random = known is None or "m" in model
+    further = () if known is None else faster(model, recordings, known, seed)
+    beyond = [one for recording in further for one in stretches(model, recording)]
+    horizons = [*(rows for rows in HORIZONS if rows < model.window), model.window]
+    result: Descent | None = None
+    for rows in horizons:
+        last = rows == model.window
+        short = replace(model, window=rows, warm_up=min(model.warm_up, rows - 1) if last else 0)
+        problem = HybridProblem(short, train, sd, lesson=WindowErrors(short, beyond, sd) if beyond else None)
+
+        def told(step: int, loss: float, held_out: float, rows: int = rows) -> None:
+            line = f"{model.name}, seed {seed}: {rows - 1} steps ahead, step {step}, error {np.sqrt(2.0 * loss):.3f}"
+            say(f"{line}, held out {np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
+
+        def held(q: Array, hybrid_problem: HybridProblem = problem) -> float:
+            return outside(hybrid_problem.parameters(q))
+
+        here = descend(
+            problem, held, problem.unknowns(p), problem.bounds,
+            warm_up=ADAM if random and rows == horizons[0] else 0, steps=STEPS if last else SHORT_STEPS,
+            patience=PATIENCE if last else SHORT_STEPS, say=told,
+        )  # fmt: skip
+        best = problem.parameters(here.x)
+        if result is not None and result.held_out[result.best] < here.held_out[here.best]:
+            best, here = result.x, replace(here, held_out=result.held_out, best=result.best, loss=result.loss)
+        result = replace(here, x=best)
+        p = best
+        if here.status == "interrupted":
+            break
+    assert result is not None
+    return result
+
+
+def counted(model: HybridModel, stretchs: Sequence[Stretch], how: FitOptions) -> Array:
+    """What an error of each output counts as: as stated, else a share of its spread."""
+    spread = []
+    for k, name in enumerate(model.outputs):
+        read = np.concatenate([one.outputs[k][np.isfinite(one.outputs[k])] for one in stretchs])
+        nan = COUNTS * float(np.std(read)) if len(read) else np.nan
+        spread.append(how.noise.get(name, max(nan, 1e-12) if np.isfinite(nan) else np.nan))
+    if not np.any(np.isfinite(spread)):
+        raise BadInput(f"The recordings hold none of {', '.join(model.outputs)}, on which {model.name} is trained.")
+    return np.array(spread)
+
+
+def _noise(model: HybridModel, stretchs: Sequence[Stretch], p: Array) -> Array:
+    """Root mean square error of each output over windows of stretches that were not trained on, in its unit."""
+    errors = []
+    for k in range(len(model.outputs)):
+        one = np.full(len(model.outputs), 1e12)  # all other outputs count for nothing
+        one[k] = 1.0
+        measured = WindowErrors(model, stretchs, one)
+        read = sum(int(np.sum(np.isfinite(item.outputs[k]))) for item in stretchs)
+        errors.append(np.sqrt(measured(p) * len(model.outputs)) if read else 0.0)
+    return np.array(errors)
 
 
 @estimated.register(HybridModel)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ..datasets.checks.finding import Finding
 from ..datasets.recording import Recording
-from ..models.kinds import by_kind
-from ..models.model import Model
+from ..models.model import Model, by_kind
 from .fit import Fit
+from .holding import as_fitted
 from .provenance import DataRecord
-from .restated import as_fitted
 from .scores.metrics import Scores, score_beside_hold, unfitted_scores
 from .scores.verdict import HELD_OUT, TRAINED, judged
-from .verdict import USABLE, Reason, Verdict
+from .verdict import NOT_USABLE, USABLE, Reason, Verdict
 
 
 @dataclass(frozen=True)
@@ -47,6 +46,19 @@ def carried(model: Model, fit: Fit, recording: Recording, name: str = "") -> lis
     return []
 
 
+@by_kind
+def refuted(model: Model, fit: Fit, recording: Recording) -> Iterable[Reason]:
+    """Reasons against a fit that other fits to its training data give; none where there are none, or none is asked.
+
+    Parameters
+    ----------
+    model : the fit's.
+    fit : the fit.
+    recording : that it was trained on.
+    """
+    return []
+
+
 def judgement(
     fit: Fit,
     recordings: Mapping[str, Recording],
@@ -67,13 +79,12 @@ def judgement(
     held = {name: beside for name, (_, beside) in both.items() if beside}
     unseen = {name: recording for name, recording in recordings.items() if name != TRAINED}
     before = {name: unfitted_scores(fit, recording) for name, recording in (unseen or recordings).items()}
-    verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data)
+    verdict, against = judged(fit, value, held=held, unfitted=before, findings=findings, data=data), list[Reason]()
     if verdict.usability == USABLE:
-        against = [
-            reason
-            for name, recording in unseen.items()
-            for reason in carried(fit.model, fit, recording, "" if name == HELD_OUT else name)
-        ]
-        if against:
-            verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data, more=against)
+        for name, recording in unseen.items():
+            against += carried(fit.model, fit, recording, "" if name == HELD_OUT else name)
+    if verdict.usability != NOT_USABLE and TRAINED in recordings:
+        against += refuted(fit.model, fit, recordings[TRAINED])
+    if against:
+        verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data, more=against)
     return Judgement(value, held, verdict)

@@ -20,9 +20,8 @@ from ..base.numbers import number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
-from ..engine.motion.runs import motion_runs, recorded_as
 from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
-from ..engine.motion.schedule import longest_segment
+from ..engine.motion.schedule import longest_segment, motion_runs, recorded_as
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
@@ -35,18 +34,18 @@ from .attempt import (
     Attempt,
     SentAttempt,
     attempted,
+    certified,
     free_numbers,
     misfit,
     residual_noise,
     starting_points,
 )
-from .carrying import carries_over
-from .certificate import certified
+from .carrying import carries_over, withstands
 from .fit import Fit, conflict
+from .holding import stated_again
 from .how import FOR_MOTION, FitOptions, Say, quiet, refused
-from .judging import carried
+from .judging import carried, refuted
 from .provenance import Certificate, Stage
-from .restated import stated_again
 from .uncertainty import uncertainty
 from .uncertainty.form import FormError, form_error
 from .verb import FitTask, estimated
@@ -400,6 +399,7 @@ def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
 
 
 carried.register(MotionModel)(carries_over)
+refuted.register(MotionModel)(withstands)
 
 
 @refused.register(MotionModel)
@@ -414,7 +414,7 @@ def _refused(model: MotionModel, option: str) -> str:
 
 @stated_again.register(MotionModel)
 def motion_problem(model: MotionModel, fit: Fit, recordings: Sequence[Recording]) -> tuple[MotionProblem, Array]:
-    """See `restated.stated_again`."""
+    """See `holding.stated_again`."""
     how = fit.how
     noise = how.get("counted", fit.stages[-1].noise)
     simulator = Simulator(model)

@@ -20,8 +20,7 @@ from ..base.errors import BadInput, near_or_all
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from ..engine.hybrid.problem import HybridProblem, RateErrors
-from ..engine.motion.prediction import Predictor
-from ..engine.motion.simulator import Simulator
+from ..engine.motion.simulator import Predictor, Simulator
 from ..engine.solvers.quasi_newton import descend
 from ..models.hybrid_model import HybridModel
 from ..models.motion_model import MotionModel

@@ -17,7 +17,7 @@ from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.solvers.ipopt import ipopt
 from ..engine.trace import Trace
 from ..models.memory_model import MemoryModel
-from .certificate import certified
+from .attempt import certified
 from .crossvalidation import choose_strengths
 from .how import FitOptions, Say, quiet
 from .provenance import Stage

@@ -18,16 +18,14 @@ from ..base.numbers import number
 from ..datasets.checks.finding import Finding
 from ..datasets.checks.rest import standing
 from ..datasets.recording import Recording, join
-from ..models.kinds import by_kind
-from ..models.model import Model
+from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
 from .fit import Fit
-from .holding import Holding, in_doubt, other_than, reason, weighed
+from .holding import IN_MOTION, Holding, in_doubt, other_than, reason, weighed, with_hold
 from .how import FitOptions, Say, Solver, quiet
 from .judging import judgement
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
-from .restated import IN_MOTION, with_hold
 from .scores.metrics import Scores, as_dict, score
 from .scores.timing import (
     calibrated_errors,

@@ -16,12 +16,11 @@ import numpy as np
 
 from ..datasets.recording import Recording
 from .memory_model import MemoryModel, Past
-from .model import Namespace, Symbol
+from .model import Namespace, Symbol, within
 from .msnn_lat import average_gain
 from .msnn_long import GRAVITY
 from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .parameter import Parameter, Prior
-from .settings import within
 
 TYPICAL_RANGE = {"v_x": 1.0, "motor_current": 3.0, "steer": 0.2}
 """Standard deviations of a 1:10 car's inputs, SI units, where no recording tells better."""

@@ -14,9 +14,8 @@ from ..base.declared import understood
 from ..base.errors import BadModel
 from ..base.numbers import pretty_unit
 from ..base.origin import origin_of
-from .kinds import by_kind
 from .memory_model import MemoryModel
-from .model import Model
+from .model import Model, by_kind
 from .motion_model import MotionModel
 from .parameter import Parameter
 

@@ -31,9 +31,8 @@ from ..base.errors import BadInput
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from .hybrid_model import Carried, FeedForwardNetwork, HybridModel, RecurrentNetwork
-from .model import Namespace, Symbol
+from .model import Namespace, Symbol, within
 from .parameter import Parameter, Prior
-from .settings import within
 from .single_track import BODY, DRIVE, G
 from .smooth import remaining
 from .tyres import TYRES, TyreSettings, axle

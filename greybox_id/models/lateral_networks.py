@@ -27,9 +27,8 @@ from ..base.errors import BadInput, near_or_all
 from ..datasets.recording import Recording
 from .hybrid import sized, v_y_of, weights
 from .hybrid_model import Carried, FeedForwardNetwork, HybridModel, Integrator
-from .model import Namespace, Symbol
+from .model import Namespace, Symbol, within
 from .parameter import Parameter
-from .settings import within
 from .single_track import BODY, G
 from .tyres import axle, pacejka
 

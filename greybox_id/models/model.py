@@ -3,19 +3,52 @@
 There are three kinds: a page of equations of motion, states and their derivatives (motion_model.py); a discrete map,
 whose next outputs follow from windows of past inputs (memory_model.py); and physics with a network inside
 (hybrid_model.py). What every model is known by stands here; what is done with each kind in a way of its own, in modules
-of its name (kinds.py).
+of its name.
+
+What every kind of model does in a way of its own: one function for each question, with an answer for each kind.
+
+    @by_kind
+    def simulate(model: Model, recording: Recording) -> Prediction:
+        "Free run of every unbroken run of a recording."
+        raise BadInput(f"{model.name} is not simulated.")  # kinds that bring no answer
+
+    @simulate.register(MotionModel)
+    def _simulated(model: MotionModel, recording: Recording) -> Prediction: ...
+
+A floor asks its questions in one of its modules and calls them like functions. A kind answers them in a module of its
+own that is called after `Model.kind` (`fitting/scores/motion.py`, `fitting/motion.py`) and is imported when a model
+of that kind is first asked about, or wherever else it calls `register`. So a new kind changes no file of the others.
+
+Hyperparameters of models as plain data: read from files and options, checked field by field.
 """
 
 from __future__ import annotations
 
+import types
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import cache, update_wrapper
 from html import escape
+from importlib import import_module
+from importlib.util import find_spec
 from types import MappingProxyType, SimpleNamespace
-from typing import Any, ClassVar, Self
+from typing import (
+    Any,
+    ClassVar,
+    Concatenate,
+    Generic,
+    ParamSpec,
+    Self,
+    TypeVar,
+    Union,
+    cast,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from ..base.declared import understood
-from ..base.errors import BadModel, near
+from ..base.errors import BadInput, BadModel, near
 from ..base.origin import Origin, origin_of
 from ..base.shorthands import Array
 from .parameter import Parameter, pack, unpack
@@ -172,3 +205,120 @@ MOST_LISTED = 12
 def _listed(names: tuple[str, ...]) -> str:
     more = len(names) - MOST_LISTED
     return ", ".join(names[:MOST_LISTED]) + (f" and {more} more" if more > 0 else "")
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+Kind = TypeVar("Kind", bound=Model)
+
+
+class ByKind(Generic[P, T]):
+    """A question about a model, as a function.
+
+    Parameters
+    ----------
+    otherwise : the answer for kinds that bring none, often a sentence that says why.
+    """
+
+    def __init__(self, otherwise: Callable[Concatenate[Model, P], T]) -> None:
+        self._answers: dict[type[Model], Callable[..., T]] = {Model: otherwise}
+        self._floor = otherwise.__module__.rpartition(".")[0]
+        update_wrapper(self, otherwise)
+
+    def __call__(self, model: Model, /, *args: P.args, **kwargs: P.kwargs) -> T:
+        """The answer of the model's kind."""
+        for kind in type(model).__mro__:
+            if kind not in self._answers and vars(kind).get("kind"):
+                _load(f"{self._floor}.{vars(kind)['kind']}")
+            if kind in self._answers:
+                return self._answers[kind](model, *args, **kwargs)
+        raise TypeError(f"{model!r:.60} is no model.")
+
+    def register(
+        self, kind: type[Kind]
+    ) -> Callable[[Callable[Concatenate[Kind, P], T]], Callable[Concatenate[Kind, P], T]]:
+        """Decorator of a kind's own answer; it holds for subclasses too."""
+
+        def keep(answer: Callable[Concatenate[Kind, P], T]) -> Callable[Concatenate[Kind, P], T]:
+            self._answers[kind] = answer
+            return answer
+
+        return keep
+
+
+def by_kind(otherwise: Callable[Concatenate[Model, P], T]) -> ByKind[P, T]:
+    """Decorator: a function of a model, then anything, to which kinds of models bring answers of their own."""
+    return ByKind(otherwise)
+
+
+def must_be(kind: type[Kind], model: Model, otherwise: str = "") -> Kind:
+    """The model, where it is of the kind that is needed. Raises `BadInput` with that sentence where it is not."""
+    if isinstance(model, kind):
+        return model
+    raise BadInput(otherwise or f"{model.name} is {model.called}; {kind.called} is needed here.")
+
+
+@cache
+def _load(module: str) -> None:
+    if find_spec(module) is not None:
+        import_module(module)
+
+
+Settings = TypeVar("Settings")
+
+
+@dataclass(frozen=True)
+class NoSettings:
+    """Hyperparameters of models that have none."""
+
+
+def from_mapping(kind: type[Settings], values: Mapping[str, Any], where: str = "") -> Settings:
+    """A settings dataclass from plain data.
+
+    Raises
+    ------
+    BadInput : an unknown name, or a value of the wrong kind; the sentence says which and what would do.
+    """
+    hints = get_type_hints(kind)
+    known = [f.name for f in fields(cast(Any, kind))]
+    there_are = f"there are {', '.join(where + name for name in known)}" if known else "there are none"
+    for name in values:
+        if name not in known:
+            raise BadInput(
+                f"There is no setting {where}{name}; {there_are}.{near(where + name, (where + one for one in known))}"
+            )
+    return kind(**{name: _value(hints[name], value, where + name) for name, value in values.items()})
+
+
+def within(settings: object, **limits: tuple[float, float]) -> None:
+    """Raise `BadInput` where a hyperparameter lies outside what can be built."""
+    for name, (low, high) in limits.items():
+        value = getattr(settings, name)
+        if not low <= value <= high:
+            raise BadInput(f"Setting {name} must lie between {low:g} and {high:g}; {value:g} was given.")
+
+
+def _value(hint: Any, value: Any, name: str) -> Any:
+    origin = get_origin(hint)
+    if origin in (Union, types.UnionType):
+        if value is None and type(None) in get_args(hint):
+            return None
+        hint = next(h for h in get_args(hint) if h is not type(None))
+        origin = get_origin(hint)
+    if is_dataclass(hint) and isinstance(hint, type):
+        if not isinstance(value, Mapping):
+            raise BadInput(f"Setting {name} is a group of settings, but {value!r} was given.")
+        return from_mapping(hint, value, f"{name}.")
+    if origin is tuple:
+        if not isinstance(value, (list, tuple)) or not value:
+            raise BadInput(f"Setting {name} is a list of numbers, but {value!r} was given.")
+        return tuple(_value(float, v, name) for v in value)
+    if hint is bool and isinstance(value, bool):
+        return value
+    if hint is int and isinstance(value, int) and not isinstance(value, bool):
+        return value
+    if hint is float and isinstance(value, (int, float)) and not isinstance(value, bool):
+        return float(value)
+    if hint is str and isinstance(value, str):
+        return value
+    raise BadInput(f"Setting {name} is a {getattr(hint, '__name__', hint)}, but {value!r} was given.")

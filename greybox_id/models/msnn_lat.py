@@ -17,10 +17,9 @@ import numpy as np
 
 from ..datasets.recording import Recording
 from .memory_model import MemoryModel, Past
-from .model import Namespace, Symbol
+from .model import Namespace, Symbol, within
 from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .parameter import Parameter, Prior
-from .settings import within
 
 TYPICAL_GAIN = 3.0
 """Curvature per steering angle of a 1:10 car, 1/(m rad), where no recording tells better."""

@@ -18,10 +18,9 @@ import numpy as np
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from .memory_model import MemoryModel, Past
-from .model import Namespace, Symbol
+from .model import Namespace, Symbol, within
 from .msnn_parts import centres, fading, fading_prior, memberships, over
 from .parameter import Parameter, Prior
-from .settings import within
 
 GRAVITY = 9.81  # m/s^2
 

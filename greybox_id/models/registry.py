@@ -28,12 +28,11 @@ from .effect import AnyModel, Effect
 from .effects import EFFECTS
 from .form import with_form_error
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
-from .kinds import must_be
 from .kinematic import KinematicSettings, kinematic
 from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
 from .longitudinal import longitudinal
-from .model import Model
+from .model import Model, NoSettings, from_mapping, must_be
 from .motion_model import MotionModel
 from .msnn_full import (
     FullSettings,
@@ -46,8 +45,7 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
-from .roll import with_roll
-from .settings import NoSettings, from_mapping
+from .roll import must_stand, with_roll
 from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
 from .steering import steering
 from .tyres import TYRES, TyreSettings
@@ -340,6 +338,7 @@ def _completed(model: Model, effects: Magnitudes | None, vehicle: Vehicle | None
     if vehicle is None:
         return with_effects(model, effects or {})
     whole = with_effects(with_vehicle(model, vehicle), effects or {})
+    must_stand(whole)
     stated = {name: value.value for name, value in vehicle.values.items() if name in _seconds() and name in whole}
     return whole.with_parameters(
         *(whole[name].with_value(value) for name, value in stated.items() if value is not None)

@@ -14,7 +14,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from .model import Namespace, Symbol
+from ..base.errors import BadInput
+from ..base.numbers import quantity
+from .model import Model, Namespace, Symbol
 from .motion_model import MotionModel, Quantities, State
 from .parameter import Parameter
 from .single_track import G
@@ -50,3 +52,16 @@ def with_roll(model: MotionModel) -> MotionModel:
     states = (State("roll", "rad", 0.03, start=steady), State("roll_rate", "rad/s", 0.05))
     result = model.with_states(rolling, *states).sensed(on_the_body).with_parameters(*PARAMETERS)
     return replace(result, outputs=(*result.outputs, "roll_rate"), settings=dict(result.settings) | {"body": "rolling"})
+
+
+def must_stand(model: Model) -> None:
+    """Raise `BadInput` where a body that rolls has no equilibrium: its weight tips it further than springs hold."""
+    if model.settings.get("body") != "rolling":
+        return
+    stiffness, m, h_cg = (float(model[name].array) for name in ("roll_stiffness", "m", "h_cg"))
+    if stiffness <= m * h_cg * G:
+        stiff, weight = quantity(stiffness, "N m/rad"), quantity(m * h_cg * G, "N m/rad")
+        raise BadInput(
+            f"{model.name}: the body tips over: roll_stiffness is {stiff}, and its weight, m · h_cg · g, needs more "
+            f"than {weight}. State a larger roll_stiffness in the vehicle file, or set body=stiff."
+        )

@@ -172,7 +172,7 @@ class TyreSettings:
     ----------
     tyre : one of `TYRES`.
     form : "exact", or "uncertain": a fit estimates the error of the equations' form along (`models.form`).
-    body : "stiff", or "rolling": with a roll rate among what is predicted (`models.roll`).
+    body : "stiff", or "rolling": with a roll rate among what is predicted (`models.single_track`).
     """
 
     tyre: str = "pacejka"

@@ -18,9 +18,8 @@ from ..engine.simulation import Prediction
 from ..fitting.fit import Fit
 from ..fitting.scores.metrics import FREE_RUN
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
-from .figures.sheet import sheet_of
-from .figures.style import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look
-from .sections import seen
+from .figures.sheet import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look, sheet_of
+from .report import seen
 
 DRAWS = 2000
 """Of blocks, with replacement, for each interval."""

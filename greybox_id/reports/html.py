@@ -10,7 +10,7 @@ from ..base.files import write_atomically
 from ..base.guard import MARK
 from .document import Document, Drawing, Formulas, Pairs, Part, Points, Section, Table, Text, Together, VerdictBox
 from .equations.typesetting import in_mathml
-from .figures.style import DARK, LIGHT
+from .figures.sheet import DARK, LIGHT
 from .words import Span, clean, is_symbol_index, named, spans
 
 STYLE = "page.css"

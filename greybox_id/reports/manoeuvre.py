@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..gap.design.plan import Design
-from .figures.sheet import Sheet, band
-from .figures.style import BLUE, DASHED, INK, ORANGE, PALE, look
+from .figures.sheet import BLUE, DASHED, INK, ORANGE, PALE, Sheet, band, look
 
 TALL, LOW = 210.0, 62.0
 """Heights of the path's panel and of the others, points."""

@@ -46,14 +46,13 @@ from .content import (
     written_down,
 )
 from .document import Drawing, Part, Points, Table, Text, Together, titled
-from .driven import Driven, Errors, driven, held_errors
 from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
 from .figures.predictions import NEAR, horizons
 from .posterior import posterior_parts
-from .recordings import Seen, shown_first
-from .sections import Sections, sections, seen
+from .recordings import Driven, Errors, Seen, driven, held_errors, shown_first
+from .report import Sections, sections, seen
 
 LEADS = ("How good", "Against what", "How sure")
 DRAWN = (HORIZONS[0], NEAR)
@@ -360,7 +359,7 @@ def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iter
             "Handling diagram: steering angle less the wheelbase times the curvature, over lateral acceleration, in "
             "the model's steady turns at the typical speed, thick where it was driven, over the density of measured "
             "samples of all speeds, which hold transients too. A curve that rises to the right of zero understeers.",
-            "Steering angle beyond what curvature needs over lateral acceleration.",
+            "Steering angle in addition to that of the curvature, over lateral acceleration.",
         )
 
 

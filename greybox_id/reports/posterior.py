@@ -11,13 +11,11 @@ from ..datasets.recording import Recording
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.posterior.predictive import PredictiveBand, predictive_band
+from .content import stretch_words
 from .document import Drawing, Part, Points, Table, Text, titled
-from .driven import Driven
 from .figures.estimates import corner
-from .figures.sheet import Sheet, band
-from .figures.style import BLUE, DASHED, MEASURED, look, signal_label
-from .figures_of import stretch_words
-from .recordings import shown_first, typical_stretch
+from .figures.sheet import BLUE, DASHED, MEASURED, Sheet, band, look, signal_label
+from .recordings import Driven, shown_first, typical_stretch
 
 MOST_DRAWN = 7
 """Parameters of a corner plot: those of which the draws know least, relative to the fit's standard deviations."""

@@ -1,21 +1,32 @@
-"""The recordings that a fit saw, found again, and what its model predicts of them."""
+"""The recordings that a fit saw, found again, and what its model predicts of them.
+
+The recordings of a fit of equations of motion: what the model predicts of them, and what holding a reading would.
+
+The sensors' noise, heard where the vehicle gives no signal: straight at constant speed, else at rest.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
+from ..base.statistics import detrended
 from ..datasets.recording import Recording
+from ..engine.motion.schedule import MotionRun, recorded_outputs
+from ..engine.motion.simulator import Predictor, Simulator
 from ..engine.simulation import Prediction
 from ..fitting.fit import Fit
+from ..fitting.holding import as_seen
 from ..fitting.provenance import DataRecord
-from ..fitting.restated import as_seen
-from ..fitting.scores.metrics import FREE_RUN
+from ..fitting.scores.metrics import FREE_RUN, HORIZONS, Error, ahead, prediction_errors
+from ..fitting.scores.motion import hold
+from ..models.motion_model import MotionModel
 
 SECONDS = 15.0
 """Length of a typical stretch."""
@@ -144,3 +155,224 @@ def _named(record: DataRecord) -> str:
 
 def _where(recording: Recording) -> str:
     return recording.source.path or recording.name
+
+
+SHOWN = ("alpha_f", "alpha_r")
+"""Quantities whose values along the drive are shown."""
+
+MOVING = 0.25
+"""Samples count as moving when they are faster than this share of the top speed."""
+
+Errors = Mapping[str, Mapping[str, Error]]
+"""Protocol -> output -> error."""
+
+
+@dataclass(frozen=True)
+class Driven(Seen):
+    """A recording that a fit saw, with predictions over every horizon and in free run.
+
+    Attributes
+    ----------
+    held : protocol -> the same rows predicted by holding the reading they are predicted from.
+    quantities : name -> values along the drive, as the model has them a little after each reading.
+    """
+
+    held: Mapping[str, Prediction]
+    quantities: Mapping[str, Array]
+
+
+def driven(
+    model: MotionModel, fit: Fit, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS
+) -> tuple[Driven, ...]:
+    """The recordings of a fit, in its order, with predictions.
+
+    Parameters
+    ----------
+    model, fit, recordings : the fit, its model and what it saw.
+    horizons : s, over which the model predicts, beside the free run; what is held is told over all of `HORIZONS`.
+
+    Raises
+    ------
+    BadInput : one that the fit saw is missing, or is another file.
+    """
+    shown = tuple(name for name in SHOWN if name in model.quantities and name not in model.outputs)
+    simulator = Simulator(replace(model, outputs=(*model.outputs, *shown)))
+    return tuple(
+        _driven(record, recording, model, simulator, horizons)
+        for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
+    )
+
+
+def held_errors(recordings: Sequence[Driven]) -> dict[str, Errors]:
+    """Role -> protocol -> output -> the error of holding the reading that a prediction starts from."""
+    result: dict[str, Errors] = {}
+    for role in dict.fromkeys(one.role for one in recordings):
+        value = of_role(recordings, role)
+        outputs = tuple(name for name in value[0].outputs if all(name in one.outputs for one in value))
+        protocols = dict.fromkeys(protocol for one in value for protocol in one.held)
+        result[role] = {
+            protocol: prediction_errors(outputs, _joined(value, protocol, outputs), value[0].recording.sample_time)
+            for protocol in protocols
+        }
+    return result
+
+
+def typical_speed(recordings: Sequence[Driven]) -> float:
+    """The speed that half of the recorded samples are below, of those that move; 1 m/s where none was recorded."""
+    speeds = [one.recording["v_x"] for one in recordings if "v_x" in one.recording]
+    known = np.concatenate([np.empty(0), *speeds])
+    moving = known[np.isfinite(known) & (known > MOVING * np.nanmax(known, initial=0.0))]
+    return float(np.median(moving)) if len(moving) else 1.0
+
+
+def _driven(
+    record: DataRecord, recording: Recording, model: MotionModel, simulator: Simulator, horizons: Sequence[float]
+) -> Driven:
+    predictor = Predictor(simulator, recording, model.values)
+    result = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
+    every: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in result.items() if len(p[0].rows)}
+    every[FREE_RUN] = (predictor.free_run(), None)
+    rows = {ahead(h): (_rows_of(*next(iter(result.values())), h, predictor.runs), h) for h in HORIZONS}
+    kept = {n: p for n, p in rows.items() if len(p[0].rows)} | {FREE_RUN: every[FREE_RUN]}
+    outputs = recorded_outputs(model, recording)
+    columns = [model.outputs.index(name) for name in outputs]
+    soon, _ = next(iter(every.values()))
+    return Driven(
+        role=record.role,
+        recording=recording,
+        outputs=outputs,
+        predicted={name: _of(item, columns) for name, (item, _) in every.items()},
+        held={name: _of(hold(item, predictor.runs, horizon), columns) for name, (item, horizon) in kept.items()},
+        quantities={
+            name: values[np.isfinite(values)]
+            for name, values in zip(simulator.trace.model.outputs, soon.predicted.T, strict=True)
+            if name in SHOWN
+        },
+    )
+
+
+def _rows_of(prediction: Prediction, near: float, horizon: float, runs: Sequence[MotionRun]) -> Prediction:
+    """The rows that would be predicted over a horizon, told by those that are over a nearer one."""
+    rows, number, measured = [], [], []
+    for k, run in enumerate(runs):
+        first, later = (max(1, round(item / run.sample_time)) for item in (near, horizon))
+        value = prediction.rows[prediction.run == k] - run.rows.start - first + later
+        value = value[value < len(run)]
+        rows.append(run.rows.start + value)
+        number.append(np.full(len(value), k))
+        measured.append(run.measured[value])
+    read = np.vstack(measured)
+    return Prediction(np.concatenate(rows), np.full(read.shape, np.nan), read, np.concatenate(number))
+
+
+def _of(prediction: Prediction, columns: Sequence[int]) -> Prediction:
+    """Some outputs of predictions, in the order of the recording's rows."""
+    value = prediction.taken(np.argsort(prediction.rows, kind="stable")).of(columns)
+    return replace(value, predicted=np.where(np.isinf(value.predicted), np.nan, value.predicted))
+
+
+def _joined(recordings: Sequence[Driven], protocol: str, outputs: Sequence[str]) -> Prediction:
+    """What holding predicts of several recordings, one after the other."""
+    parts = [(one, one.held[protocol]) for one in recordings if protocol in one.held]
+    places = [[one.outputs.index(name) for name in outputs] for one, _ in parts]
+    return Prediction(
+        rows=np.concatenate([part.rows for _, part in parts]),
+        predicted=np.vstack([part.predicted[:, k] for (_, part), k in zip(parts, places, strict=True)]),
+        measured=np.vstack([part.measured[:, k] for (_, part), k in zip(parts, places, strict=True)]),
+        run=np.concatenate([part.run for _, part in parts]),
+    )
+
+
+REST_SHARE = 0.003
+"""At rest: slower than this share of the top speed (the 99 % quantile of speed)."""
+MOVING_SHARE, STEADY_SHARE = 0.2, 0.05
+"""Straight at constant speed: faster than the first share of the top speed, smoothed yaw rate and change of speed
+below the second share of their own 99 % quantile, or below what counts as none anyway."""
+NO_TURN, NO_CHANGE = 0.01, 0.02
+"""Yaw rate, rad/s, and change of speed, share of the top speed per second, that count as none."""
+SMOOTHING = 0.5
+"""s over which yaw rate and speed are smoothed before the stretch is judged."""
+STRAIGHT_SECONDS, REST_SECONDS = 2.0, 1.0
+"""Least length of a stretch."""
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Stretches without a signal.
+
+    Attributes
+    ----------
+    where : "straight at constant speed" or "at rest".
+    stretches : recording, first row, end row of each.
+    """
+
+    where: str
+    stretches: tuple[tuple[Recording, int, int], ...]
+
+    @property
+    def seconds(self) -> float:
+        """Their length together."""
+        return float(sum((stop - start) * recording.sample_time for recording, start, stop in self.stretches))
+
+    def of(self, name: str) -> list[Array]:
+        """One signal on every stretch that has it whole, its trend removed."""
+        result = [recording[name][start:stop] for recording, start, stop in self.stretches if name in recording]
+        return [detrended(values) for values in result if np.all(np.isfinite(values))]
+
+    def sd(self, name: str) -> float:
+        """Standard deviation of one signal; nan where it was not recorded."""
+        parts = self.of(name)
+        return float(np.sqrt(np.mean(np.concatenate(parts) ** 2))) if parts else float("nan")
+
+
+def noise(recordings: Sequence[Recording]) -> Noise | None:
+    """Where noise can be heard alone in some recordings: straight at constant speed, else at rest, else None."""
+    for where, stretches in (("straight at constant speed", _straight), ("at rest", _at_rest)):
+        result = tuple((r, a, b) for r in recordings if "v_x" in r for a, b in stretches(r))
+        if result:
+            return Noise(where, result)
+    return None
+
+
+def _at_rest(recording: Recording) -> list[tuple[int, int]]:
+    speed = np.abs(recording["v_x"])
+    return _stretches(speed < REST_SHARE * _top(speed), recording, REST_SECONDS)
+
+
+def _straight(recording: Recording) -> list[tuple[int, int]]:
+    if "yaw_rate" not in recording:
+        return []
+    speed = recording["v_x"]
+    turning, slope = np.abs(_smooth(recording, "yaw_rate")), np.zeros(len(recording))
+    smooth = _smooth(recording, "v_x")
+    for start, stop in recording.runs:
+        if stop - start > 1:
+            slope[start:stop] = np.abs(np.gradient(smooth[start:stop], recording.sample_time))
+    top = _top(np.abs(speed))
+    quiet = (speed > MOVING_SHARE * top) & (turning < max(STEADY_SHARE * _top(turning), NO_TURN))
+    steady = slope < max(STEADY_SHARE * _top(slope), NO_CHANGE * top)
+    return _stretches(quiet & steady, recording, STRAIGHT_SECONDS)
+
+
+def _smooth(recording: Recording, name: str) -> Array:
+    """Smoothed within runs; a missing value makes its neighbours missing."""
+    length = max(1, round(SMOOTHING / recording.sample_time)) | 1
+    result = recording[name].copy()
+    for start, stop in recording.runs:
+        mirrored = np.pad(recording[name][start:stop], length // 2, "symmetric")
+        result[start:stop] = np.convolve(mirrored, np.full(length, 1.0 / length), "valid")
+    return result
+
+
+def _top(values: Array) -> float:
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, 0.99)) if known.size else 0.0
+
+
+def _stretches(quiet: NDArray[np.bool_], recording: Recording, seconds: float) -> list[tuple[int, int]]:
+    """Row ranges inside runs in which `quiet` holds for long enough."""
+    least, result = round(seconds / recording.sample_time), []
+    for start, stop in recording.runs:
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], quiet[start:stop].astype(np.int8), [0]))))
+        result += [(start + int(a), start + int(b)) for a, b in edges.reshape(-1, 2) if b - a >= least]
+    return result

@@ -21,7 +21,7 @@ from greybox_id.datasets.mapping.evidence import USUAL
 from greybox_id.datasets.recording import Recording
 from greybox_id.datasets.shipped import named_text
 from greybox_id.models.motion_model import MotionModel as Model
-from greybox_id.reports.figures.style import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
+from greybox_id.reports.figures.sheet import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY
 
 if TYPE_CHECKING:
     from greybox_id import Fit as FitResult
@@ -69,7 +69,7 @@ def gap_parts(gap: Gap) -> tuple[str, str]:
 
 def change_parts(gap: Gap, answer: dict[str, Any]) -> str:
     """What changed, what did not, and of what recordings do not say whether it did, as HTML."""
-    from greybox_id.reports.gap.changes import what_changed
+    from greybox_id.reports.gap.report import what_changed
     from greybox_id.reports.html import part_html
 
     return "".join(map(part_html, what_changed(gap, answer)))
@@ -114,8 +114,7 @@ def free_runs(model: Model, recording: Recording) -> Callable[[Model], dict[str,
     callable
         The same model with other values -> output -> (n,) free run, NaN in rows that are not predicted.
     """
-    from greybox_id.engine.motion.prediction import Predictor
-    from greybox_id.engine.motion.simulator import Simulator
+    from greybox_id.engine.motion.simulator import Predictor, Simulator
 
     simulator = Simulator(model)
     simulator.kernel.prepare()

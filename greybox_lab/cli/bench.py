@@ -42,8 +42,7 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
     )
     @json_option
     def command(data: Path | None, quick: bool, report: str | None, as_json: bool) -> None:
-        from ..papers.bench import on_screen
-        from ..papers.kept import pages_of, write_pages
+        from ..papers.bench import on_screen, pages_of, write_pages
 
         pages = pages_of(report, name)
         with progress() as say:
@@ -103,8 +102,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     \b
     greybox bench msnn --data roboracer --quick --report msnn
     """  # fmt: skip
-    from ..papers.bench import on_screen
-    from ..papers.kept import KeptBench, pages_of, write_pages
+    from ..papers.bench import KeptBench, on_screen, pages_of, write_pages
     from ..papers.msnn import measure
     from ..papers.msnn_report import msnn_report
 
@@ -150,8 +148,7 @@ def truck_command(
     greybox bench truck --data truck --quick --json
     greybox bench truck --data truck --out truck.json --minutes 60 --report truck
     """  # fmt: skip
-    from ..papers.bench import on_screen
-    from ..papers.kept import KeptBench, pages_of, write_pages
+    from ..papers.bench import KeptBench, on_screen, pages_of, write_pages
     from ..papers.truck import TruckOptions, truck_tables
     from ..papers.truck_report import truck_report
 

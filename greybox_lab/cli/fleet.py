@@ -17,7 +17,7 @@ from greybox_id.cli.terminal import tell
 from greybox_id.reports.text.screen import Screen
 
 if TYPE_CHECKING:
-    from ..fleet.progress import FleetProgress, Watch
+    from ..fleet.status import FleetProgress, Watch
 
 EVERY = 10.0
 """s between plain lines of progress."""
@@ -163,7 +163,7 @@ def _watching() -> Iterator[Watch]:
         return
     from rich.live import Live
 
-    from ..fleet.progress import live
+    from ..fleet.status import live
 
     with Live(console=screen, refresh_per_second=4, transient=True) as table:
 

@@ -14,7 +14,7 @@ from greybox_id.base.errors import GreyboxError
 from greybox_id.datasets.read import read
 from greybox_id.gap.closing import closure
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.kinds import must_be
+from greybox_id.models.model import must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import build, motion_model_of
 from greybox_id.models.vehicle import Stated

@@ -24,7 +24,7 @@ from scipy.optimize import brentq
 from scipy.special import chdtrc, gammaincc, log_ndtr, ndtri, stdtr
 
 from greybox_id.base.shorthands import Array
-from greybox_id.fitting.combined import Z
+from greybox_id.fitting.fit import Z
 
 from .hierarchy import Population
 

@@ -15,9 +15,9 @@ import numpy as np
 
 from greybox_id.base.shorthands import Array
 
-from .apart import Flags, FleetDistances, distances, spared, strangers
 from .changes import WALK, VehicleChange, changes_of, dismissed, shows, together
 from .hierarchy import Informed, Population, marginal, population, scattered
+from .joined import Flags, FleetDistances, distances, spared, strangers
 
 RATE = 0.05
 """False discovery rate."""

@@ -14,7 +14,7 @@ from scipy.special import chdtri, ndtr
 
 from greybox_id.base.declared import understood
 from greybox_id.base.numbers import counted, number, pretty_unit, quantity, with_interval
-from greybox_id.fitting.combined import Z, reach
+from greybox_id.fitting.fit import Z, reach
 
 from .changes import CONSTANT, SLOPE, STEP, VehicleChange
 from .drift import Drifted, drifted

@@ -16,9 +16,9 @@ from typing import Any
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import near_file
-from greybox_id.base.quantity import number
+from greybox_id.base.units import number
 from greybox_id.datasets.formats import SUFFIXES, hash_of
-from greybox_id.fitting.choices.parameters import named_vehicle
+from greybox_id.fitting.choices.requested_model import named_vehicle
 
 from .plan import FleetPlan, content_of, vehicle_named
 from .statuses import FIT

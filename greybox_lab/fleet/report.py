@@ -16,10 +16,9 @@ from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.base.guard import claim
 from greybox_id.base.numbers import alike, counted, number, pretty_unit
 from greybox_id.base.shorthands import Array
-from greybox_id.fitting.combined import Z
+from greybox_id.fitting.fit import Z
 from greybox_id.reports.document import Document, Drawing, Pairs, Part, Points, Section, Table, Text, VerdictBox, titled
-from greybox_id.reports.figures.sheet import Sheet, band
-from greybox_id.reports.figures.style import BLUE, DASHED, INK, ORANGE, PALE, label, look
+from greybox_id.reports.figures.sheet import BLUE, DASHED, INK, ORANGE, PALE, Sheet, band, label, look
 from greybox_id.reports.html import write_html
 
 from .changes import STEP

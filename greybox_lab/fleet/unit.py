@@ -15,8 +15,8 @@ import numpy as np
 from greybox_id.api import given
 from greybox_id.api.fitting import fit as fit_model
 from greybox_id.base.errors import BadInput
-from greybox_id.base.quantity import pairs
 from greybox_id.base.shorthands import Array
+from greybox_id.base.units import pairs
 from greybox_id.base.version import __version__
 from greybox_id.datasets.checks import Finding, check, distrusted
 from greybox_id.datasets.read import read

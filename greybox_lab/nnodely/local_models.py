@@ -97,7 +97,9 @@ def _response(network: Network, fir: str, fuzzy: Collection[str]) -> Response:
     selects, rest = _parted(network, factors)
     sums = [name for name in rest if name in fuzzy]
     if len(sums) > 1:
-        raise network.wrong(f"relation {fir} filters a product of two sums of local models; one is read.")
+        raise network.wrong(
+            f"relation {fir} filters a product of two sums of local models; only a single sum is understood."
+        )
     others = tuple(_simple(network, name) for name in rest if name not in sums)
     return Response(W[:, 0], _place(network, selects), sums[0] if sums else None, others)
 

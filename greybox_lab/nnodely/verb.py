@@ -17,15 +17,14 @@ from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.scores.memory import predictions
-from greybox_id.models.kinds import must_be
 from greybox_id.models.memory_model import MemoryModel
+from greybox_id.models.model import must_be
 from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
 
 from .evaluation import evaluate
-from .family import NetworkFamily, recognise
+from .family import NetworkFamily, recognise, roles_of
 from .network import Network, read_network
-from .roles import roles_of
 
 CHECKED = 1e-9
 """Of the largest prediction: how near the model has to come to the file's own graph."""

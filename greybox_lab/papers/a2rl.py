@@ -78,7 +78,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         f"The inverse single track needs {one.parameters} parameters where the published network has 155 to 225; its "
         f"error {verdict} below the best one printed ({one.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
         f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}). Fitted to the validation lap itself "
-        f"it would err by {floor:.2f} mrad: what is left is not its parameters, but its form and the driver.",
+        f"it would err by {floor:.2f} mrad, so that better parameters would not help.",
         servo_words(result),
         f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap stand in the training lap too, so that "
         "published figures are partly in sample. The table of rows that the training lap lacks is not.",
@@ -88,7 +88,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         "steer_target, and steer_meas in a full run.",
         "Fitted to the training lap alone; its terms were chosen by blocked cross-validation of that lap. The authors "
         "chose structure and seed on the validation lap.",
-        "RMSE pooled over all windows; theirs is a mean over batches. Servo: whole laps simulated from the target, "
+        "RMSE pooled over all windows; theirs as they print it. Servo: whole laps simulated from the target, "
         f"which runs straight between rows; intervals of 95 % of the mean over {PARTS} parts of a lap.",
     )
     about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."
@@ -107,8 +107,8 @@ def servo_words(result: Mapping[str, Any]) -> str:
         )
     delay, lag = (1e3 * result[f"servo, {symbol}, RMSE"] for symbol in ("steering_delay", "lag"))
     return (
-        f"Take the servo as a {'delay' if delay < lag else 'lag'}: it leaves {min(delay, lag):.2f} mrad of the other "
-        f"lap, the other form {max(delay, lag):.2f}. Of the two laps: {'; '.join(words)}."
+        f"The servo is better described as a {'delay' if delay < lag else 'lag'}: on the other lap the delay errs by "
+        f"{delay:.2f} mrad, the lag by {lag:.2f} mrad. The laps give: {'; '.join(words)}."
     )
 
 

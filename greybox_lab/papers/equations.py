@@ -26,10 +26,12 @@ AHEAD = 10
 def inverse_steering() -> MemoryModel:
     """Steering that makes the path that follows, of curvature, speed and accelerations over the next half second.
 
-    It runs on a recording turned round in time, so that what is to come is its past. Geometry, understeer that braking
-    and driving change through load transfer and combined slip, a self-steer that saturates on straights, and a pull
-    under braking. The car answers late and smoothly: curvature is weighed by a bell over the samples to come, forces by
-    an exponential. Scales: 10 m/s² for accelerations, 40 m/s, 1/40 m for curvature.
+    It runs on a recording turned round in time, so that what is to come is its past. The path's curvature is read
+    twice, as it was recorded and as a_y / v_x²: their noise differs, and so do they where the car slides. Beside
+    geometry there is the rate of turning in, understeer that braking brings, oversteer under power, slip of the tyres,
+    a self-steer that saturates on straights, and a pull that a_x makes now and half a second later. The car answers
+    late and smoothly: paths are weighed by a bell over the samples to come, forces by an exponential. Scales: 10 m/s²
+    for accelerations, 40 m/s, 1/40 m for curvature.
     """
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
@@ -38,15 +40,19 @@ def inverse_steering() -> MemoryModel:
         fade = [cs.exp(-float(k) / p.force_lag) for k in age]
         total, sum_fade = sum(bell), sum(fade)
         bell, fade = [w / total for w in bell], [w / sum_fade for w in fade]
-        path = 40.0 * past(u.curvature, bell)
-        bend, a_x, a_y = 40.0 * past(u.curvature, fade), past(u.a_x, fade) / 10.0, past(u.a_y, fade) / 10.0
-        v = past(u.v_x, fade) / 40.0
-        load, drive, brake = cs.sqrt(a_y**2 + 1e-4), cs.fmax(a_x, 0.0), cs.fmin(a_x, 0.0)
+        middle = sum(float(k) * w for k, w in zip(age, bell, strict=True))
+        turning = 40.0 * u.a_y / u.v_x**2
+        path, turn, bend = 40.0 * past(u.curvature, bell), past(turning, bell), 40.0 * past(u.curvature, fade)
+        rate = past(turning, [w * (float(k) - middle) for k, w in zip(age, bell, strict=True)])
+        v, a_x, a_y = (past(own, fade) / unit for own, unit in ((u.v_x, 40.0), (u.a_x, 10.0), (u.a_y, 10.0)))
+        beyond = past(u.a_y - u.v_x**2 * u.curvature, fade) / 10.0
+        later = past(u.a_x, [1.0] + [0.0] * (AHEAD - 1)) / 10.0
+        brake, load = cs.fmin(a_x, 0.0), cs.sqrt(a_y**2 + 1e-4)
         return {
-            "steering": p.geometry * path + p.straight * cs.tanh(bend / (40.0 * p.bend)) * v
-            + p.pull * a_x + p.brake_pull * brake + p.understeer_drive * bend * drive
-            + p.understeer_brake * bend * brake * v + p.load_transfer * bend * a_y**2 * a_x
-            + p.combined * bend * load * a_x**2 + p.cornering * a_y * a_x * v + p.slip * path * load / v
+            "steering": p.geometry * path + p.balance * turn + p.turn_in * rate + p.sliding * beyond
+            + p.straight * cs.tanh(bend / (40.0 * p.bend)) * v + p.pull * a_x + p.pull_later * later
+            + p.brake_path * bend * brake + p.brake_turn * turn * brake
+            + p.power * a_y * cs.fmax(a_x, 0.0) * v + p.slip * turn * load
         }  # fmt: skip
 
     def weight(name: str, value: float, about: str) -> Parameter:
@@ -56,22 +62,20 @@ def inverse_steering() -> MemoryModel:
         name="inverse_steering", about="steering angle of the path that follows",
         inputs=("curvature", "v_x", "a_x", "a_y"), outputs=("steering",), sample_time=0.05, equations=equations,
         parameters=(
-            Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which curvature follows the steering"),
+            Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which the path follows the steering"),
             Parameter("width", "1", 1.3, (0.3, 8.0), about="their spread, samples"),
             Parameter("force_lag", "1", 2.4, (0.3, 20.0), about="samples over which forces fade in"),
             Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="curvature at which self-steer saturates"),
             weight("geometry", 3.1 / 40.0, "steering per curvature of 1/40 m: wheelbase over 40 m"),
-            weight("straight", 0.0, "steering that holds the car straight, at 40 m/s"), weight("pull", 0.0, (
-                "steering per a_x"
-            )),
-            weight("brake_pull", 0.0, "steering per a_x, in addition under braking"),
-            weight("understeer_drive", 0.0, "understeer under driving"),
-            weight("understeer_brake", 0.0, "understeer under braking, over speed"),
-            weight("load_transfer", 0.0, "effect of lateral and longitudinal load transfer"),
-            weight("combined", 0.0, "effect of combined slip"), weight("cornering", 0.0, (
-                "effect of lateral force times a_x"
-            )),
-            weight("slip", 0.0, "share of slip angles in the geometry"),
+            weight("balance", 0.0, "the same per a_y / v_x²"),
+            weight("turn_in", 0.0, "steering per change of a_y / v_x² in a sample"),
+            weight("sliding", 0.0, "steering per a_y beyond v_x² times curvature"),
+            weight("straight", 0.0, "steering that holds the car straight, at 40 m/s"),
+            weight("pull", 0.0, "steering per a_x"), weight("pull_later", 0.0, "steering per a_x half a second later"),
+            weight("brake_path", 0.0, "steering per curvature, under braking"),
+            weight("brake_turn", 0.0, "steering per a_y / v_x², under braking"),
+            weight("power", 0.0, "steering per a_y, under power at 40 m/s"),
+            weight("slip", 0.0, "steering that slip of the tyres needs, per a_y / v_x² and a_y"),
         ),
     )  # fmt: skip
 

@@ -33,8 +33,7 @@ from greybox_id.engine.simulation import Prediction
 from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
 from greybox_id.engine.trace import Trace
 from greybox_id.fitting.adaptation.memory import tuned_in_sample
-from greybox_id.fitting.adaptation.outcome import Adaptation
-from greybox_id.fitting.adaptation.verb import adapt
+from greybox_id.fitting.adaptation.verb import Adaptation, adapt
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.grid import Grid, fit_grid
 from greybox_id.fitting.how import FitOptions, Say, quiet
@@ -43,9 +42,8 @@ from greybox_id.fitting.scores.metrics import Error
 from greybox_id.fitting.scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
 from greybox_id.fitting.steps import MOST_STEPS, fit_briefly
 from greybox_id.fitting.verb import fit
-from greybox_id.models.kinds import must_be
 from greybox_id.models.memory_model import MemoryModel
-from greybox_id.models.model import Model
+from greybox_id.models.model import Model, must_be
 from greybox_id.models.registry import candidates, prepared
 from greybox_id.reports.comparison import paired
 

@@ -14,11 +14,10 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.engine.simulation import Prediction
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.grid import Grid
-from greybox_id.models.kinds import must_be
 from greybox_id.models.memory_model import MemoryModel
+from greybox_id.models.model import must_be
 from greybox_id.reports.figures.predictions import psd
-from greybox_id.reports.figures.sheet import Sheet, band, density, scale_of_counts
-from greybox_id.reports.figures.style import (
+from greybox_id.reports.figures.sheet import (
     BLUE,
     CHAIN,
     DASHED,
@@ -33,11 +32,15 @@ from greybox_id.reports.figures.style import (
     RUST,
     ZERO,
     Look,
+    Sheet,
+    band,
+    density,
     label,
     look,
+    scale_of_counts,
     signal_label,
 )
-from greybox_id.reports.noise import Noise
+from greybox_id.reports.recordings import Noise
 
 LOOKS = {
     "MS-NN-full": look(BLUE, 1.1, "MS-NN-full"),

@@ -10,12 +10,12 @@ from greybox_id.base.numbers import number, pretty_unit, with_sd
 from greybox_id.base.version import __version__
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.simulation import Prediction
-from greybox_id.fitting.adaptation.outcome import parted
+from greybox_id.fitting.adaptation.verb import parted
 from greybox_id.fitting.scores.timing import CALIBRATED, calibration_words, timed
-from greybox_id.models.kinds import must_be
 from greybox_id.models.memory_model import MemoryModel
+from greybox_id.models.model import must_be
 from greybox_id.reports.document import Document, Drawing, Part, Points, Table, Text, titled
-from greybox_id.reports.noise import noise
+from greybox_id.reports.recordings import noise
 
 from .msnn import OURS, PHYSICAL, MsnnBench, Row, one_output
 from .msnn_figures import adapted, criterion, densities, handling, predicted, responses, speed_ranges

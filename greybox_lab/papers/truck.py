@@ -28,7 +28,7 @@ from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting.how import Say, quiet
 from greybox_id.models.motion_model import MotionModel
 
-from .kept import KeptBench
+from .bench import KeptBench
 from .truck_authors import AUTHORS, PRIORS, authors_errors, authors_particles
 from .truck_grey_boxes import CANDIDATES, OUTPUTS, PAPER, TruckCandidate, deviations, fitted, identified
 from .truck_inputs import SPLITS, Chunks, by_speed, causal, published_signs, raw, splits

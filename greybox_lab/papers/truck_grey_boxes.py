@@ -28,11 +28,10 @@ import numpy as np
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.least_squares import LeastSquares, NormalEquations
-from greybox_id.engine.motion.prediction import Predictor
 from greybox_id.engine.motion.shooting import MotionProblem, SimulatedRuns
-from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.engine.motion.simulator import Predictor, Simulator
 from greybox_id.engine.solvers.gauss_newton import Solution, Status, gauss_newton
-from greybox_id.fitting.combined import combined
+from greybox_id.fitting.fit import combined
 from greybox_id.fitting.uncertainty import uncertainty
 from greybox_id.models.motion_model import MotionModel
 

@@ -23,10 +23,10 @@ from greybox_id.engine.hybrid.cell import free_run
 from greybox_id.engine.hybrid.problem import WindowErrors
 from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.fitting.how import FitOptions, Say
-from greybox_id.fitting.networks import counted, trained_from
+from greybox_id.fitting.hybrid import counted, trained_from
 from greybox_id.fitting.pretraining import Pretraining, known_physics
 from greybox_id.models.hybrid_model import HybridModel
-from greybox_id.models.kinds import must_be
+from greybox_id.models.model import must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import prepared
 

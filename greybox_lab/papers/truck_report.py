@@ -10,8 +10,7 @@ import numpy as np
 from greybox_id.base.numbers import number, with_sd
 from greybox_id.base.version import __version__
 from greybox_id.reports.document import Document, Drawing, Part, Points, Table, Text, titled
-from greybox_id.reports.figures.sheet import Sheet, band
-from greybox_id.reports.figures.style import (
+from greybox_id.reports.figures.sheet import (
     BLUE,
     CHAIN,
     DASHED,
@@ -21,6 +20,8 @@ from greybox_id.reports.figures.style import (
     PURPLE,
     RUST,
     Look,
+    Sheet,
+    band,
     label,
     look,
 )
@@ -93,9 +94,9 @@ Found = Mapping[str, Any]
 BICYCLES = ("bicycle, signs as published", "bicycle, signs put right, lever arm")
 """Grey boxes of Fig. 3, beside networks."""
 OUT_OF_RANGE = (
-    "Trained on trajectories that stay below 60 km/h and stopped by such, scored on those above 70 km/h in the mean, "
-    f"of other recordings of the truck; intervals are over recordings. After {FASTER}: what the bicycle does up to "
-    f"{BEYOND:g} times as fast as any of these was driven is trained on as well."
+    "Trained, and stopped, on trajectories below 60 km/h; scored on trajectories of other recordings with a mean "
+    f"above 70 km/h. Intervals are over recordings. After {FASTER}: what the bicycle does up to {BEYOND:g} times as "
+    "fast as any of these was driven is trained on as well."
 )
 PAIRED = "Difference of RMSE, trajectory by trajectory; what includes zero is not distinguished."
 PROTOCOLS = (

@@ -14,7 +14,7 @@ from toys import tiny
 from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.how import FitOptions
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.fitting.verb import fit
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.gap import Ranked

@@ -8,8 +8,7 @@ import pytest
 
 import greybox_id as gb
 from greybox_id.fitting.fit import Fit
-from greybox_id.fitting.scores.metrics import score
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import score, simulate
 
 mpl.use("Agg")
 

@@ -11,7 +11,7 @@ from greybox_id.base.errors import BadInput
 PACKAGE = Path(__file__).parents[2] / "greybox_id"
 FLAG = re.compile(r"(?<![\w-])--[a-z]")
 PARSED = ("synthetic_simrod/__main__.py", "synthetic_racer/__main__.py", "synthetic_simrod/__init__.py",
-          "synthetic_racer/__init__.py", "c/build.py", "exam/calibrate.py",
+          "synthetic_racer/__init__.py", "export/target_c.py", "exam/calibrate.py",
           "reports/text/recordings.py")  # fmt: skip
 """Modules that have a command line, or write one for CMake."""
 

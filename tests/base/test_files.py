@@ -7,17 +7,27 @@ import time
 
 import pytest
 
-from greybox_id.base import files, scratch
+from greybox_id.base import files
 from greybox_id.base.errors import BadInput
-from greybox_id.base.files import at_once, ensure_writable, held, near_file, new_folder, replacing, write_atomically
+from greybox_id.base.files import (
+    NAME,
+    SET_ASIDE,
+    at_once,
+    ensure_writable,
+    held,
+    near_file,
+    new_folder,
+    replacing,
+    scratch_folder,
+    scratch_name,
+    write_atomically,
+)
 from greybox_id.base.guard import allow_overwriting, claim, guarding, protect
-from greybox_id.base.scratch import NAME, SET_ASIDE, scratch_folder, scratch_name
 
 KILLED = """
 import os, pathlib, signal, sys
 sys.path[:] = {path!r}
-from greybox_id.base.files import at_once, held, new_folder, replacing
-from greybox_id.base.scratch import scratch_folder
+from greybox_id.base.files import at_once, held, new_folder, replacing, scratch_folder
 folder = pathlib.Path({folder!r})
 with {what}:
     {body}
@@ -32,7 +42,7 @@ def killed(folder, what, body="pass"):
 
 @pytest.fixture(autouse=True)
 def _as_at_the_start():
-    scratch._swept.clear()
+    files._swept.clear()
 
 
 @pytest.mark.parametrize(
@@ -48,7 +58,7 @@ def test_what_a_killed_process_leaves_is_swept_at_the_next_start(what, tmp_path)
 
 
 def test_what_a_living_process_is_at_is_left_alone(tmp_path):
-    code = "import os, sys; sys.path[:] = {!r}; from greybox_id.base.scratch import scratch_name; "
+    code = "import os, sys; sys.path[:] = {!r}; from greybox_id.base.files import scratch_name; "
     code += "from pathlib import Path; "
     code += "scratch_name(Path({!r})).touch(); print(flush=True); sys.stdin.read()"
     command = [sys.executable, "-c", code.format(sys.path, str(tmp_path))]
@@ -57,7 +67,7 @@ def test_what_a_living_process_is_at_is_left_alone(tmp_path):
         ensure_writable(tmp_path)
         assert len(list(tmp_path.iterdir())) == 1
         other.stdin.close()
-    scratch._swept.clear()
+    files._swept.clear()
     ensure_writable(tmp_path)
     assert not list(tmp_path.iterdir())
 
@@ -72,7 +82,7 @@ def test_files_of_other_machines_and_of_people_are_left_alone(tmp_path):
 
 
 def test_a_folder_set_aside_by_a_killed_process_comes_back(tmp_path):
-    left = tmp_path / f".greybox-{scratch._machine()}-4194304-1-{'0' * 12}"
+    left = tmp_path / f".greybox-{files._machine()}-4194304-1-{'0' * 12}"
     (left / SET_ASIDE / "car").mkdir(parents=True)
     (left / SET_ASIDE / "car" / "car.h").write_text("old")
     ensure_writable(tmp_path)
@@ -201,7 +211,7 @@ def test_looking_for_leftovers_among_many_files_takes_no_time(tmp_path):
         (tmp_path / str(k)).touch()
     clock = time.perf_counter()
     for _ in range(20):
-        scratch.sweep(tmp_path)
+        files.sweep(tmp_path)
     assert time.perf_counter() - clock < 1.0
 
 

@@ -17,7 +17,8 @@ import pytest
 
 from greybox_id.base import processes
 from greybox_id.base.errors import GreyboxError
-from greybox_id.base.processes import FORKS, apart, elsewhere, interrupt, interrupts_return, side_by_side
+from greybox_id.base.interrupts import interrupt, interrupts_return
+from greybox_id.base.processes import FORKS, apart, elsewhere, side_by_side
 from greybox_id.datasets.read import read
 from greybox_id.datasets.shipped import shipped
 from greybox_id.engine.compiler import CannotCompile

@@ -3,7 +3,7 @@
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.base.quantity import Belief, belief, number, pairs
+from greybox_id.base.units import Belief, belief, number, pairs
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.base.saved import Kind, format_of
+from greybox_id.base.json_data import Kind, format_of
 
 KIND = Kind("greybox-lap", 3, "a lap", "greybox lap", "drive again")
 BODY = {"name": "Nürburg", "seconds": float("inf"), "rows": [1.0, float("nan")], "version": "9.9"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy import interpolate, ndimage
 
-from greybox_id.base.windows import CubicSpline, median_of_five, moving_maximum, moving_mean, smoothed
+from greybox_id.base.statistics import CubicSpline, median_of_five, moving_maximum, moving_mean, smoothed
 
 SERIES = np.random.default_rng(0).standard_normal(300).cumsum()
 

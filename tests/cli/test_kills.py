@@ -12,7 +12,7 @@ import pandas as pd
 import pytest
 from driven import driven, written
 
-from greybox_id.base.scratch import NAME
+from greybox_id.base.files import NAME
 from greybox_id.fitting.fit import load
 from greybox_id.models.registry import build
 

@@ -13,12 +13,11 @@ import casadi as cs
 import numpy as np
 import pytest
 
-from greybox_id.base import scratch
-from greybox_id.engine import compiler, emit, kernel, threads
-from greybox_id.engine.against import Against
+from greybox_id.base import files
+from greybox_id.engine import compiler, graph, kernel
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
-from greybox_id.engine.kernel import Kernel
+from greybox_id.engine.kernel import Against, Kernel
 
 BINARY = [cs.fmin, cs.fmax, cs.copysign, cs.SX.__pow__, cs.atan2, cs.hypot, cs.fmod, cs.remainder]
 NAMES = {*CHEAP, *CALLS} - {"pow", *[function.__name__ for function in BINARY]}
@@ -184,7 +183,7 @@ def tangle(seed, size=150):
 @needs_compiler
 @pytest.mark.parametrize(("seed", "piece"), [(0, 1000), (1, 25), (2, 25)])
 def test_random_models_whole_and_in_pieces(seed, piece, monkeypatch):
-    monkeypatch.setattr(emit, "PIECE", piece)
+    monkeypatch.setattr(graph, "PIECE", piece)
     random, model = np.random.default_rng(seed), tangle(seed)
     given = random.normal(size=(11, 6)), random.normal(size=(11, 20, 3)), random.normal(size=(11, 12))
     reads = np.arange(20) % 3 == 0
@@ -238,7 +237,7 @@ def test_normal_equations_are_those_of_the_jacobian(lanes, robust, compiled):
 @needs_compiler
 @pytest.mark.parametrize("lanes", [16, 21, 40])
 def test_two_threads_give_the_same_digits(lanes, monkeypatch):
-    monkeypatch.setattr(threads, "PAYS", 1)
+    monkeypatch.setattr(kernel, "SHARED_FROM", 1)
     (*given, reads), made = driven(lanes, 30), Kernel(*single_track(), compiled=True)
     against = Against(*np.random.default_rng(1).random((2, lanes, int(np.sum(reads)), 3)))
     seed, found = np.tile(np.eye(3, 5), (lanes, 1, 1)), []
@@ -512,7 +511,7 @@ def test_a_full_disk_where_libraries_are_kept_ends_in_an_answer(empty_cache, mon
 def test_what_a_killed_compiler_left_is_swept(empty_cache):
     folder = empty_cache / "kernels"
     folder.mkdir(mode=0o700, parents=True)
-    left = folder / f".greybox-{scratch._machine()}-4194304-1-{'0' * 12}"
+    left = folder / f".greybox-{files._machine()}-4194304-1-{'0' * 12}"
     left.mkdir()
     worked(compiled=True)
     assert not left.exists()

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.export.folder import MANIFEST, write_folder
+from greybox_id.export.verb import MANIFEST, write_folder
 
 FILES = {"car.h": b"header", "sub/car.c": b"source"}
 

@@ -7,7 +7,7 @@ import subprocess
 import pytest
 import yaml
 
-from greybox_id.export.quoting import c_comment, c_string, docstring, one_line, yaml_text
+from greybox_id.export.c.naming import c_comment, c_string, docstring, one_line, yaml_text
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
 from greybox_id.models.registry import build

@@ -15,7 +15,7 @@ from lxml import etree
 
 from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
-from greybox_id.export.fmu.steps import steps_of
+from greybox_id.export.fmu.description import steps_of
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_fmu import VERSIONS, files
 from greybox_id.fitting.fit import Fit

@@ -5,9 +5,8 @@ import pytest
 import yaml
 
 from greybox_id.base.errors import BadInput
-from greybox_id.export.ros_parameters import number_text
 from greybox_id.export.subject import Subject
-from greybox_id.export.target_ros2 import files, origins
+from greybox_id.export.target_ros2 import files, number_text, origins
 from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle

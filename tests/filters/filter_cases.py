@@ -14,8 +14,7 @@ from greybox_id.engine import compiler
 from greybox_id.engine.compiler import CannotCompile
 from greybox_id.filters.kernel import CompiledFilter, SigmaPoints
 from greybox_id.filters.plain import PlainFilter
-from greybox_id.filters.state_space import StateSpace, Tracked
-from greybox_id.filters.walking import walking
+from greybox_id.filters.state_space import StateSpace, Tracked, walking
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel, State
 from greybox_id.models.parameter import Parameter

@@ -6,7 +6,8 @@ from driven import driven
 from filter_cases import LinearCase, filtered, needs_compiler
 
 from greybox_id.base.errors import BadInput
-from greybox_id.engine.motion.runs import MotionRun
+from greybox_id.engine.motion.schedule import MotionRun
+from greybox_id.filters.filtering import LaidRun
 from greybox_id.filters.findings import (
     bounds,
     consistency,
@@ -21,7 +22,6 @@ from greybox_id.filters.findings import (
     windowed,
 )
 from greybox_id.filters.kernel import blank_history
-from greybox_id.filters.laid import LaidRun
 from greybox_id.filters.state_space import Tracked
 from greybox_id.models.registry import build
 

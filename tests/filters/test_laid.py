@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import Recording, join
-from greybox_id.filters.laid import guarded
+from greybox_id.filters.filtering import guarded
 
 DT = 0.01
 

@@ -12,8 +12,8 @@ from greybox_id.datasets.column_map import column_map
 from greybox_id.datasets.recording import Recording
 from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.live import follow
+from greybox_id.filters.track import verdict
 from greybox_id.filters.verb import track
-from greybox_id.filters.verdict import verdict
 from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
 

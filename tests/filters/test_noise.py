@@ -6,7 +6,7 @@ from filter_cases import driven_space
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
-from greybox_id.filters.noise import origins, resolution_of, scatter_of, start_levels, units
+from greybox_id.filters.tuning import origins, resolution_of, scatter_of, start_levels, units
 
 
 @pytest.fixture(scope="module")

@@ -6,8 +6,7 @@ import pytest
 from filter_cases import LinearCase, car, driven_space, driving
 
 from greybox_id.base.errors import BadModel
-from greybox_id.filters.state_space import StateSpace, Tracked
-from greybox_id.filters.walking import walking
+from greybox_id.filters.state_space import StateSpace, Tracked, walking
 from greybox_id.models.effects import EFFECTS
 
 RICH = {"steering_lag": 0.05, "tyre_relaxation": 0.4}

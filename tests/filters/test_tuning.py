@@ -8,12 +8,10 @@ from filter_cases import C_R, NOISES, WALKS, changed, needs_compiler, shaken, tr
 from linear_bicycle import SIMROD
 
 from greybox_id.base.errors import BadInput
-from greybox_id.filters.filtering import filtering
+from greybox_id.filters.filtering import filtering, laid
 from greybox_id.filters.kernel import SigmaPoints
-from greybox_id.filters.laid import laid
-from greybox_id.filters.noise import scatter_of, start_levels
 from greybox_id.filters.state_space import StateSpace
-from greybox_id.filters.tuning import _Search, model_coordinates, noise_coordinates, tuned
+from greybox_id.filters.tuning import _Search, model_coordinates, noise_coordinates, scatter_of, start_levels, tuned
 from greybox_id.filters.verb import track
 
 pytestmark = needs_compiler

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from greybox_id.filters.findings import consistency, widening
-from greybox_id.filters.verdict import verdict
+from greybox_id.filters.track import verdict
 from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE
 
 

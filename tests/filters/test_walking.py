@@ -8,7 +8,7 @@ from filter_cases import car
 
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.motion.trace import MotionTrace
-from greybox_id.filters.walking import trackable, walking
+from greybox_id.filters.state_space import trackable, walking
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Parameter, Prior
 from greybox_id.models.registry import build

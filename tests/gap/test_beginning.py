@@ -14,7 +14,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.estimation.axes import ActingRows
 from greybox_id.models.effects import vocabulary
-from greybox_id.reports.gap.plain_data import as_plain_data, from_plain_data
+from greybox_id.reports.gap.saved import as_plain_data, from_plain_data
 from greybox_id.reports.gap.words import carried_over, magnitude_words, verdict
 
 AT = 12.0

@@ -14,16 +14,14 @@ from calling import greybox, refused
 
 import greybox_id as gb
 from greybox_id.datasets.recording import join
-from greybox_id.engine.of_motion import equations_of_motion
-from greybox_id.engine.simulation import Prediction
+from greybox_id.engine.simulation import Prediction, equations_of_motion
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.provenance import Stage
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.fitting.verb import FitTask, estimated
 from greybox_id.models.effect import acting
-from greybox_id.models.kinds import by_kind, must_be
 from greybox_id.models.memory_model import MemoryModel
-from greybox_id.models.model import Model
+from greybox_id.models.model import Model, by_kind, must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.parameter import unpack
 from greybox_id.models.registry import build, known
@@ -207,7 +205,7 @@ def test_a_kind_answers_for_its_subclasses_and_others_are_told_so():
 def test_a_kind_is_imported_when_a_model_of_it_is_first_asked_about():
     code = (
         "import sys; from greybox_id.models.registry import build;"
-        "from greybox_id.fitting.scores.prediction import predicted_how;"
+        "from greybox_id.fitting.scores.metrics import predicted_how;"
         "assert 'greybox_id.fitting.scores.motion' not in sys.modules;"
         "assert predicted_how(build('kinematic'), 0.5, False)"
         " == ('0.5 s ahead', {'horizon': 0.5}); assert 'greybox_id.fitting.scores.memory' not in sys.modules"

@@ -12,7 +12,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.engine.hybrid.cell import Cell, free_run, said
 from greybox_id.engine.hybrid.motion import as_motion
 from greybox_id.engine.hybrid.problem import drawn
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build, prepared
 
 

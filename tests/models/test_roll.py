@@ -17,6 +17,7 @@ from greybox_id.models.lateral import lateral
 from greybox_id.models.registry import build, vehicle_parameters
 from greybox_id.models.roll import PARAMETERS, with_roll
 from greybox_id.models.single_track import single_track
+from greybox_id.models.vehicle import Stated, Vehicle
 
 START = {"v_y": 0.0, "yaw_rate": 0.0}
 I_X, STIFFNESS, DAMPER = (float(own.array) for own in PARAMETERS)
@@ -87,3 +88,11 @@ def test_it_is_a_setting_whose_numbers_a_vehicle_states():
     assert {own.name for own in PARAMETERS} <= set(vehicle_parameters())
     with pytest.raises(BadInput, match="stiff or rolling, not 'rolls'"):
         build("lateral", {"body": "rolls"})
+
+
+def test_a_body_that_its_springs_do_not_hold_up_is_refused():
+    tall = Vehicle("tall truck", {"m": Stated(17000.0), "h_cg": Stated(1.4)})
+    with pytest.raises(BadInput, match=r"tips over: roll_stiffness is .*2\.33·10⁵ N m/rad"):
+        build("single_track", {"body": "rolling"}, vehicle=tall)
+    springs = Vehicle("tall truck", {**tall.values, "roll_stiffness": Stated(1e6)})
+    assert build("single_track", {"body": "rolling"}, vehicle=springs)["roll_stiffness"].array == 1e6

@@ -6,8 +6,7 @@ import pytest
 from linearised import matrices
 
 from greybox_id.base.errors import BadInput, BadModel
-from greybox_id.fitting.choices.parameters import Choices
-from greybox_id.fitting.choices.requested_model import RequestedModel
+from greybox_id.fitting.choices.requested_model import Choices, RequestedModel
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
 from greybox_id.models.tyres import TYRES

@@ -30,10 +30,10 @@ from greybox_id.reports.equations.expression import (
     Window,
     readable,
 )
-from greybox_id.reports.equations.memory import memory_equations
 from greybox_id.reports.equations.motion import motion_equations
 from greybox_id.reports.equations.tracing import Reader
 from greybox_id.reports.equations.typesetting import in_mathml, in_typst
+from greybox_id.reports.memory import memory_equations
 from greybox_id.reports.settled import without_memory
 
 FUNCTIONS = {

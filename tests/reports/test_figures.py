@@ -16,8 +16,7 @@ from greybox_id.models.msnn_long import msnn_long
 from greybox_id.reports.document import write_drawings
 from greybox_id.reports.figures.characteristics import has_steering, responses, steady_yaw_rate
 from greybox_id.reports.figures.predictions import psd
-from greybox_id.reports.noise import noise
-from greybox_id.reports.recordings import typical_stretch
+from greybox_id.reports.recordings import noise, typical_stretch
 from greybox_id.reports.report import prepared
 
 UNIT = re.compile(r"\[.+\]")

@@ -16,8 +16,7 @@ from greybox_id.gap.gap import Ranked, Where
 from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.document import Formulas, Text
 from greybox_id.reports.equations.typesetting import in_typst
-from greybox_id.reports.figures.sheet import Sheet
-from greybox_id.reports.figures.style import SMALL
+from greybox_id.reports.figures.sheet import SMALL, Sheet
 from greybox_id.reports.gap.page import (
     MOVED,
     after_words,

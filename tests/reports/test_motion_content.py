@@ -9,7 +9,7 @@ from report_parts import below, flat
 from greybox_id.base.numbers import interval
 from greybox_id.fitting.scores.metrics import FREE_RUN, ahead, prediction_errors, score_beside_hold
 from greybox_id.reports.document import Table, Text
-from greybox_id.reports.driven import held_errors
+from greybox_id.reports.recordings import held_errors
 from greybox_id.reports.report import prepared
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.combined import reach
+from greybox_id.fitting.fit import reach
 from greybox_id.fitting.provenance import Stage
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 from greybox_id.reports.figures.characteristics import handling, share_with_band, tyres

@@ -10,8 +10,23 @@ import numpy as np
 import pytest
 from letters_of import troubles
 
-from greybox_id.reports.figures.sheet import Sheet, band, cells, notice, shades, sheet_of
-from greybox_id.reports.figures.style import BLUE, DARK, INK, LIGHT, PALE, SMALL, ZERO, label, look
+from greybox_id.reports.figures.sheet import (
+    BLUE,
+    DARK,
+    INK,
+    LIGHT,
+    PALE,
+    SMALL,
+    ZERO,
+    Sheet,
+    band,
+    cells,
+    label,
+    look,
+    notice,
+    shades,
+    sheet_of,
+)
 from greybox_id.reports.words import Span, named, spans
 
 SVG = "{http://www.w3.org/2000/svg}"

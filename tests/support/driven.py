@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 
 from greybox_id.datasets.recording import Recording, join
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 

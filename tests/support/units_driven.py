@@ -10,7 +10,7 @@ from fmpy.fmi3 import FMU3Slave
 from greybox_id.datasets.recording import Recording
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle
 

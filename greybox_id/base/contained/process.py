@@ -16,7 +16,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ..errors import GreyboxError
-from . import wire
+from . import inside
 
 START = "import sys; sys.path[:] = {!r}; from greybox_id.base.contained.inside import main; main()"
 """What a process runs: it finds modules where this one does, and imports no script of a user's."""
@@ -121,8 +121,8 @@ class Contained:
         watch.daemon = True
         watch.start()
         try:
-            wire.send(questions, {"ask": question, "of": of})
-            while "told" in (message := wire.receive(answers, most))[0]:
+            inside.send(questions, {"ask": question, "of": of})
+            while "told" in (message := inside.receive(answers, most))[0]:
                 if hear is not None:
                     hear(message[0]["told"])
         except Exception as error:  # nothing is known of what a process writes that is about to crash

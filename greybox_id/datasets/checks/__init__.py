@@ -14,10 +14,8 @@ from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
-from .reading import check_reading
 from .rest import check_rest
-from .time import check_time, sample_time_believable
-from .values import check_values
+from .values import check_reading, check_time, check_values, sample_time_believable
 
 __all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]
 

@@ -7,9 +7,8 @@ from numpy.typing import NDArray
 
 from ...base.numbers import exact, number, quantity
 from ..recording import Recording
-from .agreement import Agreement, agreement, run_agreements
 from .finding import Finding, FoundAt, Severity, listed, runs_words
-from .pairs import Pair
+from .pairs import Agreement, Pair, agreement, run_agreements
 
 GAIN_RANGE = (0.5, 2.0)
 """Two ways to one quantity agree within a factor of two, whatever noise, slip and slope do; units by 3.6 or more."""
@@ -63,8 +62,8 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
     findings = []
     for pair, agreed in against:
         sentence = (
-            f"{pair.left} and {pair.right} contradict each other in sign (correlation {agreed.correlation:.2f}): "
-            f"one of them is not ISO 8855. "
+            f"{pair.left} and {pair.right} contradict each other in sign (correlation "
+            f"{number(agreed.correlation, 2)}): one of them is not ISO 8855. "
         )
         left, right = (sides.get(node, [node]) for node in pair.nodes)
         ground = [side for side in (left, right) if any(node.startswith("course") for node in side)]
@@ -108,7 +107,8 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
     if not agreed.certain or agreed.correlation > 0:
         return []
     sentence = (
-        f"v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation {agreed.correlation:.2f}), "
+        "v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation "
+        f"{number(agreed.correlation, 2)}), "
         "where a point ahead of the rear axle moves towards the inside of the turn: one of them is not ISO 8855, "
         "or v_y was measured behind the rear axle."
     )

@@ -7,8 +7,8 @@ import numpy as np
 from ...base.numbers import number, pretty_unit
 from ...base.signals import SIGNALS
 from ..recording import Recording
-from .agreement import agreement, run_agreements
 from .finding import Finding, FoundAt, Severity, runs_words
+from .pairs import agreement, run_agreements
 
 SAME = 0.9
 """From this correlation on, in one run at least, a channel of the same unit is taken for a copy of the signal."""
@@ -51,9 +51,8 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     findings = []
     turned = [n for n, a in each.items() if a.beyond_chance and a.correlation < 0]
     if whole.beyond_chance and whole.correlation < 0:
-        sentence = (
-            f"{extra} is {signal} with the opposite sign (correlation {whole.correlation:.2f}); set its sign = -1."
-        )
+        by = number(whole.correlation, 2)
+        sentence = f"{extra} is {signal} with the opposite sign (correlation {by}); set its sign = -1."
         findings.append(Finding("sign", Severity.WARNING, FoundAt(extra), sentence, whole.correlation))
     elif turned:
         sentence = f"{extra} has the opposite sign of {signal} in {runs_words(turned)}."
@@ -62,7 +61,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if off:
         low = min(each[n].correlation for n in off)
         sentence = (
-            f"{extra} does not follow {signal} in {runs_words(off)} (correlation down to {low:.2f}), "
+            f"{extra} does not follow {signal} in {runs_words(off)} (correlation down to {number(low, 2)}), "
             "though it does elsewhere: use one of them, not both."
         )
         findings.append(

@@ -21,8 +21,8 @@ from ...base.numbers import number, percent, quantity, signed
 from ...base.shorthands import Array
 from ..recording import Recording
 from ..repair import in_words
+from .delays import estimate_lag
 from .finding import Finding, FoundAt, Severity, listed
-from .lag import estimate_lag
 from .pairs import course_and_speed, grounds, rate, smooth
 from .relations import thinned
 

@@ -17,8 +17,8 @@ from ...base.numbers import exact, number, percent, quantity, raised, signed
 from ...base.signals import ANGLES_AROUND
 from ..recording import Recording
 from ..repair import in_words
-from .agreement import CERTAIN, ENOUGH
 from .finding import Finding, FoundAt, Severity, listed
+from .pairs import CERTAIN, ENOUGH
 from .relations import DRIVES, WHEELS, Relation, relations, thinned
 
 HOLDS = 0.65
@@ -204,7 +204,7 @@ def _repair(fault: Fault) -> dict[str, tuple[str, float, float]]:
 
 def _numbers(relation: Relation) -> str:
     gain = f" and gain {number(relation.gain)}" if relation.known else ""
-    return f"correlation {relation.correlation:.2f}{gain}"
+    return f"correlation {number(relation.correlation, 2)}{gain}"
 
 
 # ---- faults that are undone
@@ -420,8 +420,8 @@ def _commanded(result: Sequence[Relation]) -> list[Finding]:
     if one is None or one.correlation < WITNESS or not _certain(one) or one.agreement > 1 - WITNESS:
         return []
     sentence = (
-        f"dv_x/dt is {number(one.gain, 2)} times ax_cmd, where about 1 is due (correlation {one.correlation:.2f}): "
-        "check unit and scale of ax_cmd in the column map."
+        f"dv_x/dt is {number(one.gain, 2)} times ax_cmd, where about 1 is due (correlation "
+        f"{number(one.correlation, 2)}): check unit and scale of ax_cmd in the column map."
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("ax_cmd"), sentence, one.gain)]
 
@@ -437,8 +437,8 @@ def _strange(result: Sequence[Relation]) -> list[Finding]:
         if len(value) >= 2 and len(low) == len(value) and sides:
             sentence = (
                 f"{name} follows neither {listed((r.right for r in low), 3).replace(' and ', ' nor ')} (correlation "
-                f"{low[0].correlation:.2f}), though {sides[0].left} follows {sides[0].right} "
-                f"({sides[0].correlation:.2f}): its column holds something else, such as another axis. "
+                f"{number(low[0].correlation, 2)}), though {sides[0].left} follows {sides[0].right} "
+                f"({number(sides[0].correlation, 2)}): its column holds something else, such as another axis. "
                 f"Map {name} to the right column."
             )
             findings.append(Finding("mapping", Severity.DISTRUST, FoundAt(name), sentence, low[0].correlation))

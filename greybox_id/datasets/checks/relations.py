@@ -14,8 +14,16 @@ import numpy as np
 from ...base.shorthands import Array
 from ...base.signals import ANGLES_AROUND
 from ..recording import Recording
-from .agreement import TINY, independent_samples
-from .pairs import acceleration_ahead, acceleration_aside, course_and_speed, grounds, rate, smooth
+from .pairs import (
+    TINY,
+    acceleration_ahead,
+    acceleration_aside,
+    course_and_speed,
+    grounds,
+    independent_samples,
+    rate,
+    smooth,
+)
 
 RATE, MOST_ROWS, SLOWEST = 20.0, 30_000, 5.0
 """Rows a second to which a recording is thinned: what a vehicle does as a whole is slower than 10 Hz. Recordings with

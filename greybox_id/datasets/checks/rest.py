@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numbers import short_with_sd, with_unit
-from ...base.windows import moving_mean
+from ...base.statistics import moving_mean
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity
 

@@ -20,7 +20,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from ...base.errors import BadInput
-from ...base.scratch import scratch_folder
+from ...base.files import scratch_folder
 from ...base.shorthands import Array
 from ..column_map import ColumnMap
 from .contents import TIME, Columns, Contents, Group, RawTable, needed, sound

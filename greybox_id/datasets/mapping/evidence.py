@@ -12,9 +12,8 @@ from ...base.numbers import number
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
-from ..checks.agreement import Agreement, agreement
 from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
-from ..checks.pairs import Pair, pairs
+from ..checks.pairs import Agreement, Pair, agreement, pairs
 from ..column_map import Column
 from ..recording import Recording
 

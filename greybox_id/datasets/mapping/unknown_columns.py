@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from ...base.numbers import exact, signed
+from ...base.numbers import exact, number, signed
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
@@ -72,7 +72,7 @@ def _as_yaw(raw: Recording, entry: MapEntry) -> tuple[str, str] | None:
         for item in met(raw.with_signals(yaw=raw[entry.signal] * factor)):
             if "yaw" in item.pair.nodes and abs(item.agreed.correlation) > AGREES:
                 words = f'"{entry.column}" may be roll or heading; {item.pair.left} follows its rate (correlation '
-                known = (abs(item.agreed.correlation), unit, f"{words}{item.agreed.correlation:.2f})")
+                known = (abs(item.agreed.correlation), unit, f"{words}{number(item.agreed.correlation, 2)})")
                 best = max(best, known) if best else known
     return (entry.unit, best[2]) if best else None
 

@@ -8,7 +8,7 @@ import asammdf
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.contained.wire import KINDS
+from ...base.contained.inside import KINDS
 
 
 class MdfReader:

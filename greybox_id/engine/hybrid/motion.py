@@ -11,7 +11,7 @@ from ...base.errors import BadInput
 from ...models.hybrid_model import FeedForwardNetwork, HybridModel
 from ...models.model import Namespace, Symbol
 from ...models.motion_model import MotionModel, Quantities, State
-from ..of_motion import equations_of_motion
+from ..simulation import equations_of_motion
 from .cell import said
 
 

@@ -2,6 +2,8 @@
 
 An interval is a stretch of rows predicted from one start. It may be cut into several lanes that are integrated at the
 same time once the states at the cuts are known: the parallel form of multiple shooting.
+
+What predictions are held against: readings, how much each counts, and how residuals in the tails count.
 """
 
 from __future__ import annotations
@@ -14,8 +16,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...base.shorthands import Array, Index
-from .schedule import Schedule
+from ...base.shorthands import Array, Index, Mask
+from ...models.motion_model import MotionModel
+from .schedule import MotionRun, Schedule
 
 
 @dataclass(frozen=True)
@@ -312,3 +315,69 @@ def chained(
         G[lane] = end[:, :size] @ beginning
         G[lane, :, :moving] += end[:, size:]
     return G
+
+
+CRAWLING = 0.1
+"""Where equations hold in less than this share of an output's readings, the recording is of nothing else: all count."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Readings of all rows of all intervals, one interval after the other.
+
+    Attributes
+    ----------
+    reading : (N, outputs), zero where there is none.
+    weight : (N, outputs) square root of how much each counts, over its standard deviation; zero where there is none.
+    robust : residuals beyond so many standard deviations count linearly (Huber); None for least squares throughout.
+    """
+
+    reading: Array
+    weight: Array
+    robust: float | None
+
+    def errors(self, y: Array, taken: Mask) -> Array:
+        """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
+        return np.where((self.weight > 0) & taken, y - self.reading, np.nan)
+
+
+def targets(
+    runs: Sequence[MotionRun],
+    intervals: Sequence[Interval],
+    noise: Array,
+    robust: float | None = None,
+    keep: Sequence[Array] | None = None,
+) -> Targets:
+    """What the intervals' predictions are held against.
+
+    Parameters
+    ----------
+    runs : the recordings' runs.
+    intervals : what is predicted.
+    noise : (outputs,) standard deviation that one residual counts as.
+    robust : as of `Targets`.
+    keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
+    """
+    reading = np.vstack([runs[i.run].measured[i.start : i.stop] for i in intervals])
+    weight = np.where(np.isfinite(reading), 1.0 / noise, 0.0)
+    if keep is not None:
+        kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in intervals]
+        weight = weight * np.sqrt(np.vstack([item.reshape(len(item), -1) for item in kept]))
+    return Targets(np.where(np.isfinite(reading), reading, 0.0), weight, robust)
+
+
+def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Array]:
+    """Per run, (n, outputs): 1 where the model's equations hold, or the signal that tells is not read; 0 elsewhere."""
+    result = [np.ones(run.measured.shape) for run in runs]
+    for item in model.validity:
+        holds = []
+        for run in runs:
+            names, table = (model.inputs, run.inputs) if item.signal in model.inputs else (model.outputs, run.measured)
+            holds.append(~(np.abs(table[:, names.index(item.signal)]) < item.least))
+        for k, output in enumerate(model.outputs):
+            read = [np.isfinite(run.measured[:, k]) for run in runs]
+            left, all_there = sum(np.sum(a & b) for a, b in zip(read, holds, strict=True)), sum(map(np.sum, read))
+            if output in item.outputs and left >= CRAWLING * all_there:
+                for one, there in zip(result, holds, strict=True):
+                    one[:, k] *= there
+    return result

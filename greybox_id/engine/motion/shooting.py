@@ -3,7 +3,7 @@
 A run is predicted in intervals. Each starts from the readings of its first row, taken back through the sensors; where
 the start is free, it may deviate from them. Over the whole run (no horizon) that is output error: one interval, cut
 only so that its pieces can be linearised side by side. With a horizon it is multi-step prediction: every interval
-starts afresh from readings; actuators, and what nothing reads, carry on (starts.py).
+starts afresh from readings; actuators, and what nothing reads, carry on (`simulator`).
 
 The states at cuts follow by simulation; their derivatives follow from piece to piece by the chain rule (lanes.py). What
 is left is a dense problem in the parameters and the free starts.
@@ -23,14 +23,11 @@ import scipy.sparse as sp
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
-from ..against import Against
+from ..kernel import Against
 from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
-from .lanes import Chain, Interval, Lanes, chained, lay
-from .runs import MotionRun, motion_runs
-from .schedule import Schedule, longest_segment, schedule, segments_of_rows
-from .simulator import Simulator
-from .starts import IntervalStarts
-from .targets import Targets, targets, where_valid
+from .lanes import Chain, Interval, Lanes, Targets, chained, lay, targets, where_valid
+from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
+from .simulator import IntervalStarts, Simulator
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""

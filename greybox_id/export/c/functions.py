@@ -16,9 +16,9 @@ from functools import cached_property
 import casadi as cs
 
 from ...engine.graph import FUNCTIONS, LOGIC, OPERATORS, SELECT, SLOW, TESTS, Graph, Leaf, Operation, traced
-from ..quoting import c_comment
 from .mathematics import FUNCTIONS as OWN
 from .mathematics import definitions
+from .naming import c_comment
 
 OWN_OF = {name: f"own_{name}" for name in FUNCTIONS.values() if f"own_{name}" in OWN}
 """Functions that this project has its own C for."""

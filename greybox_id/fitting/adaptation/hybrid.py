@@ -5,8 +5,7 @@ from __future__ import annotations
 from ...base.errors import BadInput
 from ...models.hybrid_model import HybridModel
 from .motion import adapted_motion
-from .outcome import Adaptation
-from .verb import AdaptTask, adapted
+from .verb import Adaptation, AdaptTask, adapted
 
 
 @adapted.register(HybridModel)

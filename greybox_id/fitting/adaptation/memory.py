@@ -30,10 +30,24 @@ from ..scores.timing import (
     run_delays,
     timed,
 )
-from .choosing import AdaptedCandidate, LinearisedPart, between_runs, chosen, foretold, surely_better
-from .outcome import Adaptation, Outcome, moved_from, parted
-from .subsets import ADAPTING, COMPARED, FEW, Held, about_itself, learnt, members, must_name_something, part_with_few
-from .verb import AdaptTask, adapted
+from .choosing import (
+    ADAPTING,
+    COMPARED,
+    FEW,
+    AdaptedCandidate,
+    Held,
+    LinearisedPart,
+    about_itself,
+    between_runs,
+    chosen,
+    foretold,
+    learnt,
+    members,
+    must_name_something,
+    part_with_few,
+    surely_better,
+)
+from .verb import Adaptation, AdaptTask, Outcome, adapted, moved_from, parted
 
 STEPS = 12
 """Steps of the final fit: it starts where it nearly is."""

@@ -18,8 +18,7 @@ import numpy as np
 from ...base.errors import BadInput, near_or_all
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
-from ...engine.motion.prediction import Predictor
-from ...engine.motion.simulator import Simulator
+from ...engine.motion.simulator import Predictor, Simulator
 from ...engine.simulation import Prediction
 from ...models.hybrid_model import HybridModel
 from ...models.motion_model import MotionModel
@@ -27,13 +26,11 @@ from ...models.parameter import Parameter, Prior
 from ..choices.requested_model import must_be_recorded
 from ..fit import Fit
 from ..how import FitOptions, quiet
-from ..scores.metrics import Error, prediction_errors
-from ..scores.prediction import simulate
+from ..scores.metrics import Error, prediction_errors, simulate
 from ..training import update_hybrid
 from ..verb import fit as fit_model
 from .choosing import FOLD, GAP, SHORT, STRENGTHS, AdaptedCandidate, chosen, foretold
-from .outcome import Adaptation, Outcome, moved_from, parted
-from .verb import AdaptTask, adapted
+from .verb import Adaptation, AdaptTask, Outcome, adapted, moved_from, parted
 
 Equations = MotionModel | HybridModel
 """What is adapted."""

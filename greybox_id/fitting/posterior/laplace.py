@@ -24,7 +24,7 @@ import numpy as np
 
 from ...base.errors import BadInput
 from ...base.shorthands import Array
-from .target import RIDGE, Target
+from .density import RIDGE, Target
 
 TAIL = 6.0
 """Degrees of freedom of the distribution that is drawn from."""

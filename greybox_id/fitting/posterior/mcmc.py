@@ -24,7 +24,7 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...datasets.formats.contents import needed
-from .target import RIDGE, Target
+from .density import RIDGE, Target
 
 FEWEST_WALKERS = 16
 BURN_IN = 20

@@ -15,13 +15,12 @@ import pandas as pd
 from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
-from ...engine.motion.prediction import Predictor
-from ...engine.motion.simulator import Simulator
+from ...engine.motion.simulator import Predictor, Simulator
 from ...engine.simulation import Prediction
 from ...models.model import Model
 from ..fit import Fit
+from ..scores.metrics import as_table, must_suit
 from ..scores.motion import in_order
-from ..scores.prediction import as_table, must_suit
 from .posterior import Posterior, must_name
 from .verb import must_suit_sampling
 

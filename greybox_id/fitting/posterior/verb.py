@@ -16,19 +16,18 @@ from ...base.errors import BadInput, near_or_all
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
-from ...models.kinds import must_be
+from ...models.model import must_be
 from ...models.motion_model import MotionModel
 from ..fit import KIND, Fit
+from ..holding import restated
 from ..how import Say, quiet
-from ..restated import restated
 from ..uncertainty import uncertainty
 from . import abc_smc, mcmc
 from .abc_smc import Distance, Growing, ParticleSet
-from .density import PosteriorDensity
+from .density import PosteriorDensity, Target
 from .laplace import ROUNDS, weighted_draws
 from .mcmc import BURN_IN, Ensemble
 from .posterior import Method, Posterior, identity
-from .target import Target
 
 KEEP_EVERY = 2.0
 """s between two savings of an unfinished run."""

@@ -14,7 +14,7 @@ from ...base.shorthands import Array
 from ...datasets.recording import Recording
 from ...engine.hybrid.cell import free_run
 from ...models.hybrid_model import HybridModel
-from ...models.kinds import must_be
+from ...models.model import must_be
 from ..fit import Fit
 
 SD = "_sd"

@@ -11,8 +11,7 @@ from ...base.shorthands import Array
 from ...base.signals import unit_of
 from ...datasets.recording import Recording
 from ...engine.kernel import PAYS
-from ...engine.motion.prediction import Predictor
-from ...engine.motion.simulator import Simulator
+from ...engine.motion.simulator import Predictor, Simulator
 from ...engine.simulation import Diagnosed, Prediction
 from ...models.memory_model import MemoryModel
 from .memory import predictions

@@ -11,7 +11,7 @@ from ...datasets.recording import Recording
 from ...engine.hybrid.cell import free_run
 from ...engine.simulation import Prediction
 from ...models.hybrid_model import HybridModel
-from .prediction import simulate
+from .metrics import simulate
 
 
 def hybrid_predictions(model: HybridModel, recording: Recording) -> Prediction:

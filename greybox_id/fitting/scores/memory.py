@@ -25,8 +25,7 @@ from ...engine.series import Run, runs
 from ...engine.simulation import Prediction
 from ...engine.trace import Trace
 from ...models.memory_model import MemoryModel
-from .metrics import Error, Scores, error_of, score, standard_error
-from .prediction import predict, predicted_how, simulate
+from .metrics import Error, Scores, error_of, predict, predicted_how, score, simulate, standard_error
 
 Protocol = Literal["honest", "published", "closed_loop"]
 PROTOCOLS: tuple[Protocol, ...] = ("honest", "published", "closed_loop")

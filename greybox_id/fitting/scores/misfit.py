@@ -23,7 +23,7 @@ from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason
 
 TRAINED = "train"
 FEWEST_ROWS = 80
-"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/blocks.py`), each of ten rows."""
+"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/sandwich.py`), each of ten rows."""
 SHORTEST = 2.0
 """s: the longest horizon that errors are told for (`metrics.HORIZONS`). Of a shorter recording none is."""
 MOVES = 1.5
@@ -38,9 +38,9 @@ TIMES_NOISE = 5.0
 """Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
 ALSO = 0.25
 """Of what explains most of the residuals, the part that is named beside it."""
-HALVES, SMALL_HALVES, CLEARLY = 0.1, 0.01, 10.0
-"""Error over the spread that other parameters in the second half explain: of a fit that is refused, and the least that
-is told; log of how much likelier that has to be."""
+SMALL_HALVES, CLEARLY = 0.01, 10.0
+"""Error over the spread that other parameters in the second half explain, the least that is told; log of how much
+likelier that has to be."""
 
 
 def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
@@ -112,19 +112,13 @@ def misfit(fit: Fit) -> Iterator[Reason]:
 
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
-    """Whether the second half of the data is of another vehicle than the first."""
-    size, gain = form.get("halves", 0.0) ** 0.5 * error, form.get("halves_gain", 0.0)
-    if gain > CLEARLY and size > HALVES:
-        yield Reason(
-            NOT_USABLE,
-            "The second half of the data needs other parameters than the first: the vehicle has changed, or is "
-            "another. Fit each half; greybox gap says what changed since the first.",
-        )
-    elif gain > CLEARLY and size > SMALL_HALVES:
+    """Whether the second half of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
+    if form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES:
         yield Reason(
             WITH_CARE,
             "The second half of the data prefers other parameters than the first "
-            f"(log-likelihood higher by {gain:.0f}): the vehicle may have changed, or be another. Fit each half.",
+            f"(log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or be another. Fit "
+            "each half.",
         )
 
 
@@ -139,6 +133,13 @@ def _short(fit: Fit) -> Iterator[Reason]:
         )
 
 
+def _depends(on: Sequence[str]) -> str:
+    """What residuals vary with, and which error of an input they look like."""
+    like = [word for word in on if word.startswith(("a gain on", "an offset of"))]
+    words = [f"varies with {_listed(plain)}"] if (plain := [word for word in on if word not in like]) else []
+    return f"It {' and '.join([*words, *([f'looks like {_listed(like)}'] if like else [])])}"
+
+
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:
     """What residuals depend on, where it matters."""
     error, noise = _of_form(one), stated.get(name, one["noise"])
@@ -147,7 +148,7 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Its mean is off" if on[:1] == ["none of the drive"] else f"It varies with {_listed(on)}"
+        depends = "Its mean is off" if on[:1] == ["none of the drive"] else _depends(on)
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
             f"The error of {name} is {left}{against}. {depends}: the model lacks an effect"

@@ -13,13 +13,25 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...datasets.recording import Recording
-from ...engine.motion.prediction import Predictor
-from ...engine.motion.runs import MotionRun
-from ...engine.motion.simulator import Simulator
+from ...engine.motion.schedule import MotionRun
+from ...engine.motion.simulator import Predictor, Simulator
 from ...engine.simulation import Prediction
 from ...models.motion_model import MotionModel
-from .metrics import FREE_RUN, HORIZONS, Error, Scores, ahead, prediction_errors, score, score_beside_hold
-from .prediction import assumed, must_suit, predict, predicted_how, simulate
+from .metrics import (
+    FREE_RUN,
+    HORIZONS,
+    Error,
+    Scores,
+    ahead,
+    assumed,
+    must_suit,
+    predict,
+    predicted_how,
+    prediction_errors,
+    score,
+    score_beside_hold,
+    simulate,
+)
 
 
 @simulate.register(MotionModel)

@@ -25,9 +25,8 @@ from ...base.statistics import correlation_time
 from ...datasets.recording import Recording
 from ...engine.simulation import Prediction
 from ...engine.trace import Trace
-from ...models.kinds import must_be
 from ...models.memory_model import MemoryModel
-from ...models.model import Model
+from ...models.model import Model, must_be
 from ...models.smooth import ROLLING
 from ..fit import Fit
 from .memory import errors, predictions

@@ -127,7 +127,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     siz = sizes[owner == halves]
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
     explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
-    return FormError(outputs, covariance, min(1.0, explained), float(gains[halves]))
+    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), float(gains[halves]))
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...base.errors import BadInput
 from ...base.shorthands import Array
-from ...engine.solvers.box import least_within
+from ...engine.solvers.gauss_newton import least_within
 from ..estimation.calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
 

@@ -25,12 +25,10 @@ from scipy.optimize import minimize
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index
 from ...datasets.recording import Recording
-from ...filters.filtering import filtering
+from ...filters.filtering import LaidRun, filtering, laid
 from ...filters.kernel import SigmaPoints
-from ...filters.laid import LaidRun, laid
-from ...filters.noise import resolution_of, scatter_of, start_levels
 from ...filters.state_space import SLOWEST, StateSpace, Tracked
-from ...filters.tuning import noise_coordinates, tuned
+from ...filters.tuning import noise_coordinates, resolution_of, scatter_of, start_levels, tuned
 from ...models.effects.timing import LATEST
 from ...models.motion_model import MotionModel
 from ..estimation.calibration import CAL

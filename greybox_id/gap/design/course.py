@@ -9,8 +9,7 @@ import numpy as np
 
 from ...base.shorthands import Array, Index
 from ...engine.motion.lanes import Interval, lay
-from ...engine.motion.runs import MotionRun
-from ...engine.motion.schedule import longest_segment, schedule
+from ...engine.motion.schedule import MotionRun, longest_segment, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
 from .driver import PATH, PLANNED, TOLD, PlanDriver, driven

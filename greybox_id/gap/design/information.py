@@ -13,7 +13,7 @@ from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
 from ...engine.motion.simulator import Simulator
 from ...fitting.fit import Fit
-from ...models.kinds import must_be
+from ...models.model import must_be
 from ...models.motion_model import MotionModel
 from .course import PlannedMotion
 from .scatter import ForceScatter, Rough, Scores, by_interval

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from ...base.saved import Kind
+from ...base.json_data import Kind
 from ...base.shorthands import Array
 from .arena import Arena, Placement
 from .course import AT, PlannedMotion

@@ -10,8 +10,7 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Say
 from ...fitting.fit import Fit
-from ...models.kinds import must_be
-from ...models.model import Model
+from ...models.model import Model, must_be
 from ...models.motion_model import MotionModel
 from .arena import Arena, Placement
 from .course import AT, PlanCourse, PlannedMotion, strain

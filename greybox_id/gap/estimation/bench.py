@@ -17,8 +17,7 @@ from ...base.shorthands import Array, Index
 from ...datasets.recording import Recording
 from ...engine.kernel import PAYS
 from ...engine.motion.lanes import Interval, Lanes, chained, cut_rows, lay, packed
-from ...engine.motion.runs import MotionRun, motion_runs
-from ...engine.motion.schedule import Schedule, longest_segments, schedule
+from ...engine.motion.schedule import MotionRun, Schedule, longest_segments, motion_runs, schedule
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
 from .calibration import CAL

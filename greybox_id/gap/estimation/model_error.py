@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize
 
 from ...base.shorthands import Array
-from ...engine.sampled import SampledFunction
+from ...engine.virtual import SampledFunction
 from ...models.vehicle import StatedModelError
 from .bench import Bench
 from .calibration import CAL

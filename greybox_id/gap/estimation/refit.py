@@ -9,7 +9,7 @@ import numpy as np
 
 from ...base.shorthands import Array
 from ...engine.motion.lanes import WIDTHS
-from ...engine.solvers.box import least_within
+from ...engine.solvers.gauss_newton import least_within
 from .axes import Axis
 from .calibration import CAL
 from .hypothesis import Hypothesis, Start, parts_of

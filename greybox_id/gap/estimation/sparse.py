@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from ...base.shorthands import Array, Mask
-from ...engine.solvers.box import least_within
+from ...engine.solvers.gauss_newton import least_within
 from .calibration import CAL
 from .problem import RIDGE, Linear
 

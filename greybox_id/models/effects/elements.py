@@ -13,8 +13,7 @@ import casadi as cs
 
 from ..model import Namespace, Symbol
 from ..motion_model import Actuator
-from ..smooth import within_limit
-from ..transient import mean_and_slope
+from ..smooth import mean_and_slope, within_limit
 
 Line = tuple[Symbol, Symbol]
 """Value at the beginning and at the end of a segment."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from types import SimpleNamespace
 from typing import Any
 
-from ...engine.motion.quantities import NamedQuantities
+from ...engine.motion.trace import NamedQuantities
 from ...models.model import Namespace
 from ...models.model import Symbol as Casadi
 from ...models.motion_model import MotionModel

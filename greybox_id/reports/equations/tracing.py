@@ -6,8 +6,7 @@ from collections.abc import Callable, Mapping
 
 import casadi as cs
 
-from ...models.kinds import by_kind
-from ...models.model import Model
+from ...models.model import Model, by_kind
 from ...models.model import Symbol as Casadi
 from .expression import (
     Call,

@@ -14,17 +14,30 @@ from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...datasets.recording import Recording
 from ...engine.trace import Trace
-from ...fitting.combined import combined
-from ...fitting.fit import Fit
+from ...fitting.fit import Fit, combined
 from ...models.memory_model import MemoryModel
 from ...models.model import Combination, Model, Namespace
 from ...models.motion_model import MotionModel
 from ...models.parameter import Parameter
-from ..driven import MOVING, Driven, typical_speed
-from ..recordings import Seen, of_role
+from ..recordings import MOVING, Driven, Seen, of_role, typical_speed
 from ..settled import OverSlip, steady_turns
-from .sheet import Sheet, apart, band, density, scale_of_counts, sheet_of
-from .style import BLUE, LEVELS, ORANGE, PALE, ZERO, Look, label, look, symbol
+from .sheet import (
+    BLUE,
+    LEVELS,
+    ORANGE,
+    PALE,
+    ZERO,
+    Look,
+    Sheet,
+    apart,
+    band,
+    density,
+    label,
+    look,
+    scale_of_counts,
+    sheet_of,
+    symbol,
+)
 
 WITHIN = (0.001, 0.999)
 """Quantiles of the samples at which the map ends."""

@@ -10,8 +10,7 @@ from ...base.numbers import pretty_unit
 from ...base.shorthands import Array
 from ...fitting.fit import Fit
 from ...fitting.provenance import Stage
-from .sheet import WIDE, Sheet, cells, shades
-from .style import BLUE, INK, ORANGE, SMALL, look, symbol
+from .sheet import BLUE, INK, ORANGE, SMALL, WIDE, Sheet, cells, look, shades, symbol
 
 CELL, SMALLEST, LARGEST = 18.0, 70.0, 235.0
 """Side of a cell, and height of the whole picture, points, at least and at most."""

@@ -16,10 +16,8 @@ from ...base.statistics import correlation, welch
 from ...engine.simulation import Prediction
 from ...fitting.fit import Fit
 from ...fitting.scores.metrics import FREE_RUN, ahead
-from ..noise import Noise
-from ..recordings import Seen, run_rows, typical_stretch
-from .sheet import Sheet, band, sheet_of
-from .style import (
+from ..recordings import Noise, Seen, run_rows, typical_stretch
+from .sheet import (
     BLUE,
     DASHED,
     DOTTED,
@@ -30,8 +28,11 @@ from .style import (
     PALE,
     ZERO,
     Look,
+    Sheet,
+    band,
     label,
     look,
+    sheet_of,
     signal_label,
     symbol,
 )

@@ -21,8 +21,28 @@ from ...gap.estimation.strip import Strip, running
 from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ..document import Document, Drawing, VerdictBox
-from ..figures.sheet import Sheet, band, cells, notice, notice_sheet, shades
-from ..figures.style import BLUE, DASHED, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SMALL, ZERO, Look, label, look, symbol
+from ..figures.sheet import (
+    BLUE,
+    DASHED,
+    FAINT,
+    INK,
+    ORANGE,
+    PALE,
+    PURPLE,
+    RUST,
+    SMALL,
+    ZERO,
+    Look,
+    Sheet,
+    band,
+    cells,
+    label,
+    look,
+    notice,
+    notice_sheet,
+    shades,
+    symbol,
+)
 from ..pdf import write_pdf, write_png
 from .words import judged, main_words, verdict
 
@@ -101,7 +121,7 @@ def regimes(ax: Axes, strip: Strip) -> None:
         return
     share = np.asarray(strip.map["gap"], dtype=float)
     if not np.any(np.isfinite(share)) or not np.nanmax(share) > 0:
-        notice(ax, "no gap to be placed in a map")
+        notice(ax, "no gap to show in a map")
         return
     if not np.all(np.isfinite(share)):
         never = np.where(np.isfinite(share), np.nan, 1.0)

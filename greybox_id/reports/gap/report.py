@@ -1,10 +1,14 @@
-"""The report of a diagnosis, part by part."""
+"""The report of a diagnosis, part by part.
+
+What changed between recordings of one vehicle, as parts of a report.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import inf, isfinite, isnan
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +28,7 @@ from .page import after_words, drawings
 from .saved import Made
 from .words import (
     REGIMES,
+    before_words,
     carried_over,
     handy,
     how_far,
@@ -32,6 +37,7 @@ from .words import (
     magnitude_words,
     on_these,
     probability_words,
+    unchanged_words,
     verdict,
 )
 
@@ -422,4 +428,31 @@ def _provenance(made: Made) -> tuple[tuple[str, str], ...]:
         ("version", f"greybox-id {made.version}"),
         ("command", made.command or "not recorded (diagnosed from Python)"),
         ("seed", str(made.seed)),
+    )
+
+
+def what_changed(gap: Gap, answer: Mapping[str, Any]) -> tuple[Part, ...]:
+    """What changed, what did not, and of what recordings do not say whether it did.
+
+    Parameters
+    ----------
+    gap : the diagnosis of what changed.
+    answer : its `since`, `changed`, `not_changed` and `not_seen`, as `Changed.to_json` gives them.
+    """
+    of, changed = {each.effect: each for each in gap.ranking}, answer["changed"]
+    rows = tuple(
+        (cause.effect, before_words(cause, mean), magnitude_words(cause), probability_words(cause.probability))
+        for cause, mean in ((of[each["effect"]], each["before"]) for each in changed)
+    )
+    same = [unchanged_words(each["effect"], each["within"]) for each in answer["not_changed"]]
+    others = (
+        ("Not changed, to two standard deviations:", same),
+        ("Not known, as a usual change is below the detection limit:", answer["not_seen"]),
+    )
+    return titled(
+        f"Changed since {listed(answer['since'])}",
+        Table(("effect", "before", "after", "probability"), rows, "LLLL"),
+        Text("" if rows else "Nothing beyond the scatter of the drives from before.", small=False),
+        *(Text(f"{listed(names)}.", lead=lead, small=False) for lead, names in others if names),
+        level=2,
     )

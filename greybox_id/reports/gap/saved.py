@@ -1,20 +1,109 @@
-"""What a diagnosis was made with, and its file."""
+"""What a diagnosis was made with, and its file.
+
+A diagnosis as plain data and back: numbers and words, nothing that is executed.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field, fields, replace
+from math import inf, nan
 from pathlib import Path
-from typing import Any
+from typing import Any, cast, get_type_hints
 
 from ...base.declared import of_plain
-from ...base.saved import Kind
+from ...base.json_data import Kind, plain
 from ...fitting.provenance import DataRecord
-from ...gap.gap import Gap
+from ...fitting.scores.horizons import Errors
+from ...gap.estimation.strip import Strip
+from ...gap.gap import Budget, Closure, Gap, Limit, Ranked, Share, Unnamed
 from ...models.effects import EFFECTS
 from ...models.model import Model
 from ...models.vehicle import Vehicle
-from .plain_data import as_plain_data, from_plain_data
+
+
+def as_plain_data(gap: Gap) -> dict[str, Any]:
+    """Everything of a diagnosis but the closed model, in kinds that JSON knows."""
+    body = gap.to_json() | {"strip": asdict(gap.strip) if gap.strip is not None else None}
+    return {name: plain(value) for name, value in body.items()}
+
+
+def from_plain_data(body: Mapping[str, Any]) -> Gap:
+    """The diagnosis again, without its closed model.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError : `body` was not made by `as_plain_data`.
+    """
+    kinds, other = get_type_hints(Gap), {
+        "ranking": tuple(_ranked(item) for item in body["ranking"]),
+        "gap": _closure(body["gap"]),
+        "held_out": None if body["held_out"] is None else _closure(body["held_out"]),
+        "closed": None,
+        "strip": None if body["strip"] is None else _strip(body["strip"]),
+        "limits": of_plain(Mapping[str, Limit], body.get("limits", {}), "limits", null=inf),
+        "budget": _budget(body.get("budget", []), body),
+        "unnamed": _unnamed(body.get("model_error")),
+    }  # fmt: skip
+    plain = {
+        item.name: of_plain(kinds[item.name], body[item.name], item.name, null=nan)
+        for item in fields(Gap)
+        if item.name in body and item.name not in other
+    }
+    return Gap(**plain, **other)
+
+
+def _ranked(body: Mapping[str, Any]) -> Ranked:
+    low, high = body["interval"]
+    filled = {**body, "magnitude": _number(body["magnitude"], inf), "interval": _interval(low, high)}
+    return cast(Ranked, of_plain(Ranked, filled, "ranking", null=nan))
+
+
+def _closure(body: Mapping[str, Any]) -> Closure:
+    ends = {name: _number(body[name], inf) for name in ("before", "after")}
+    errors = of_plain(tuple[Errors, ...], body["errors"], "errors", null=inf)
+    rest = {**body, **ends, "closed_interval": _interval(*body["closed_interval"]), "errors": ()}
+    return replace(cast(Closure, of_plain(Closure, rest, "gap", null=nan)), errors=errors)
+
+
+def _budget(rows: Sequence[Mapping[str, Any]], body: Mapping[str, Any]) -> Budget | None:
+    if not rows:
+        return None
+    named = [{"effect": "unexplained", "share": row.get("unnamed"), **row} for row in rows]
+    *shares, rest = of_plain(tuple[Share, ...], named, "budget")
+    on = body["held_out"] or body["gap"]
+    recordings = of_plain(tuple[str, ...], on["recordings"], "recordings")
+    return Budget(tuple(shares), rest, recordings, body["held_out"] is not None)
+
+
+def _unnamed(body: Mapping[str, Any] | None) -> Unnamed | None:
+    if body is None:
+        return None
+    ends = {"share": "share", "floor": "amplitude", "memory": "correlation_time"}
+    forces = {f"{name}_{axis}": body[f"F_{axis}"][key] for name, key in ends.items() for axis in "yx"}
+    worst = (body["worst"]["name"], body["worst"]["sd"])
+    filled = {**body, **forces, "worst": worst, "expected": body.get("expected") or nan}
+    return cast(Unnamed, of_plain(Unnamed, filled, "model_error", null=nan))
+
+
+def _strip(body: Mapping[str, Any]) -> Strip:
+    result = cast(Strip, of_plain(Strip, body, "strip"))
+    spectra = [*result.spectrum_before.values(), *result.spectrum_after.values()]
+    if result.time.ndim != 1 or not result.time.shape == result.before.shape == result.after.shape:
+        raise ValueError("the lines of its picture do not belong together")
+    if any(item.shape != result.frequency.shape for item in spectra):
+        raise ValueError("the spectra of its picture do not belong to its frequencies")
+    return result
+
+
+def _number(value: Any, unknown: float) -> Any:
+    """A number; where it was printed for readers who know none that are not finite, what null stands for."""
+    return unknown if value is None else value
+
+
+def _interval(low: Any, high: Any) -> tuple[Any, Any]:
+    return _number(low, -inf), _number(high, inf)
+
 
 KIND = Kind("greybox-gap", 1, "a diagnosis", "greybox gap", "diagnose again")
 

@@ -8,7 +8,7 @@ from rich.console import RenderableType
 
 from ...base.numbers import number, pretty_unit, with_sd
 from ...base.signals import unit_of
-from ...fitting.adaptation.outcome import Adaptation
+from ...fitting.adaptation.verb import Adaptation
 from ...models.motion_model import MotionModel
 from .screen import led, plain_table
 

@@ -16,8 +16,7 @@ from ...fitting.fit import Fit
 from ...fitting.provenance import DataRecord, Stage
 from ...fitting.uncertainty.identifiability import absent, told_together
 from ...fitting.verdict import Verdict
-from ...models.kinds import by_kind
-from ...models.model import Model
+from ...models.model import Model, by_kind
 from ...models.parameter import Parameter, Prior
 from .screen import plain, plain_table
 

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 from rich.console import RenderableType
 
-from ...base.numbers import alike, counted, percent, pretty_unit
+from ...base.numbers import alike, counted, percent, pretty_unit, signed
 from ...base.numbers import number as decimal
 from ...base.signals import unit_of
-from ...filters.track import Track
-from ...filters.verdict import verdict
+from ...filters.track import Track, verdict
 from ..track.digest import Digest
 from .fit import verdict_table
 from .screen import plain_table
@@ -43,7 +42,7 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
     for name, item in track.consistency.items():
         checks.add_row(
             name, str(item.count), decimal(item.rms), pretty_unit(unit_of(name)), f"{item.nis:.2f}",
-            f"{100 * item.inside:.0f} %", f"{item.correlation:+.2f}", str(item.gated),
+            f"{100 * item.inside:.0f} %", signed(item.correlation, 2), str(item.gated),
         )  # fmt: skip
     yield checks
     yield ""

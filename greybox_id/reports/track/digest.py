@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.declared import of_plain
-from ...base.saved import Kind
+from ...base.json_data import Kind
 from ...base.shorthands import Array
 from ...base.statistics import correlation
 from ...datasets.recording import Recording

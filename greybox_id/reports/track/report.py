@@ -10,17 +10,16 @@ from matplotlib.axes import Axes
 from ...base.numbers import alike, counted, listed, number, percent, pretty_unit, quantity, signal_words, with_sd
 from ...base.signals import unit_of
 from ...filters.findings import WINDOW
-from ...filters.walking import walking
+from ...filters.state_space import walking
 from ...models.effects import EFFECTS
-from ...models.kinds import must_be
+from ...models.model import must_be
 from ...models.motion_model import MotionModel
 from ...models.registry import build
 from ..content import recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
 from ..equations.motion import motion_equations
 from ..figures.characteristics import forces_over_slip
-from ..figures.sheet import Sheet, band
-from ..figures.style import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, look, symbol
+from ..figures.sheet import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, Sheet, band, look, symbol
 from .digest import Course, Digest, Measured
 
 MOST_NAMED = 4

@@ -24,8 +24,7 @@ from greybox_id.base.json_data import checksum, plain
 from greybox_id.base.shorthands import Array
 from greybox_id.engine.kernel import Kernel
 from greybox_id.export.equations import Equations
-from greybox_id.models.kinds import must_be
-from greybox_id.models.model import Model, Symbol
+from greybox_id.models.model import Model, Symbol, must_be
 from greybox_id.models.motion_model import MotionModel, Quantities
 from greybox_id.models.parameter import Parameter
 

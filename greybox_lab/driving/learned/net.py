@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from greybox_id.base.files import write_atomically
-from greybox_id.base.saved import Kind
+from greybox_id.base.json_data import Kind
 from greybox_id.base.shorthands import Array
 
 from ..racing.network import Perceptron, elu

@@ -13,7 +13,7 @@ from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.kinds import must_be
+from greybox_id.models.model import must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import motion_model_of, with_effects
 from greybox_id.models.vehicle import Vehicle

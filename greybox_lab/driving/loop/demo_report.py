@@ -10,8 +10,7 @@ import numpy as np
 from greybox_id.base.numbers import percent, quantity
 from greybox_id.base.version import __version__
 from greybox_id.reports.document import Document, Drawing, Table, Text, titled
-from greybox_id.reports.figures.sheet import Sheet
-from greybox_id.reports.figures.style import BLUE, INK, ORANGE, PALE, PURPLE, look
+from greybox_id.reports.figures.sheet import BLUE, INK, ORANGE, PALE, PURPLE, Sheet, look
 
 from .scene import effect_words
 

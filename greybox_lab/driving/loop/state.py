@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from greybox_id.base.errors import BadInput
-from greybox_id.base.files import ensure_writable, write_atomically
+from greybox_id.base.files import ensure_writable, scratch_name, write_atomically
 from greybox_id.base.json_data import plain, read_json, without_nan
-from greybox_id.base.scratch import scratch_name
 
 Found = TypeVar("Found")
 

@@ -24,9 +24,8 @@ from pathlib import Path
 from typing import Any
 
 from greybox_id.base.errors import BadInput
-from greybox_id.base.files import ensure_writable, replacing, writable, write_atomically
+from greybox_id.base.files import ensure_writable, replacing, scratch_name, writable, write_atomically
 from greybox_id.base.json_data import finite, read_json
-from greybox_id.base.scratch import scratch_name
 
 from .protocol import ARMS, PROTOCOL, digest_of
 

@@ -14,17 +14,15 @@ import numpy as np
 from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
-from greybox_id.export.c.build import cmake, commands
 from greybox_id.export.c.functions import INLINE
 from greybox_id.export.c.mathematics import definitions
-from greybox_id.export.c.naming import numbers, vector
+from greybox_id.export.c.naming import c_comment, numbers, vector
 from greybox_id.export.c.self_test import table
-from greybox_id.export.elsewhere import ForeignResult
 from greybox_id.export.equations import Named
-from greybox_id.export.folder import write_folder
-from greybox_id.export.quoting import c_comment
 from greybox_id.export.subject import named_in_c
+from greybox_id.export.target_c import cmake, commands
 from greybox_id.export.template import filled
+from greybox_id.export.verb import ForeignResult, write_folder
 
 from .policy import POLICY, Layer, Policy, load_policy
 from .world import LARGEST, SEEN

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from greybox_id.base.files import write_atomically
-from greybox_id.base.saved import Kind
+from greybox_id.base.json_data import Kind
 from greybox_id.base.shorthands import Array
 
 from .world import Observations

@@ -5,8 +5,7 @@ import pytest
 from simulated import clean, clean_runs, wander
 
 from greybox_id.datasets.checks import Severity, check
-from greybox_id.datasets.checks.delays import check_delays, run_lags
-from greybox_id.datasets.checks.lag import estimate_lag
+from greybox_id.datasets.checks.delays import check_delays, estimate_lag, run_lags
 from greybox_id.datasets.checks.pairs import pairs
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import join

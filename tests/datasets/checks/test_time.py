@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.checks import Severity, distrusted
-from greybox_id.datasets.checks.time import check_time
+from greybox_id.datasets.checks.values import check_time
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 

@@ -124,7 +124,7 @@ def test_a_reader_starts_without_what_it_does_not_need(tmp_path):
     own = {name for name in reader.answer("modules") if name.startswith("greybox_id")}
     assert own <= {
         "greybox_id", "greybox_id.base", "greybox_id.base.contained", "greybox_id.base.contained.inside",
-        "greybox_id.base.contained.wire", "greybox_id.base.version", "greybox_id.export", "greybox_id.models",
+        "greybox_id.base.version", "greybox_id.export", "greybox_id.models",
     }  # fmt: skip
 
 

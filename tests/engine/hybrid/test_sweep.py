@@ -86,6 +86,6 @@ def test_training_is_interrupted_at_once(lap, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("greybox_id.engine.hybrid.layers.NetworkLayers.backward", stop)
+    monkeypatch.setattr("greybox_id.engine.hybrid.sweep.NetworkLayers.backward", stop)
     with pytest.raises(KeyboardInterrupt):
         problem(problem.unknowns(drawn(model, 0)))

@@ -10,14 +10,11 @@ from reference_vehicle import FULL_SIZE_CAR, simulate
 
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion import shooting, simulator
-from greybox_id.engine.motion.prediction import Predictor
-from greybox_id.engine.motion.runs import motion_runs
-from greybox_id.engine.motion.schedule import schedule
+from greybox_id.engine.motion.schedule import motion_runs, schedule
 from greybox_id.engine.motion.shooting import MotionProblem
-from greybox_id.engine.motion.simulator import Simulator, observed
-from greybox_id.engine.solvers import programs
+from greybox_id.engine.motion.simulator import Predictor, Simulator, observed
 from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
-from greybox_id.engine.solvers.ipopt import ipopt
+from greybox_id.engine.solvers.ipopt import at_nodes, ipopt
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 
@@ -232,12 +229,12 @@ def test_what_ipopt_solved_is_let_go_with_its_last_name():
 def test_some_lanes_at_a_time_are_as_all_at_once(monkeypatch):
     asked = problem(car("lateral"), [driven(duration=4.0)])
     inner = asked.simulated_nodes(asked.start).starts[1:] + 0.01
-    all_at_once = programs.at_nodes(asked, asked.start, inner)
-    monkeypatch.setattr(programs, "LANES", 3)
-    for whole, part in zip(all_at_once, programs.at_nodes(asked, asked.start, inner), strict=True):
+    all_at_once = at_nodes(asked, asked.start, inner)
+    monkeypatch.setattr("greybox_id.engine.solvers.ipopt.LANES", 3)
+    for whole, part in zip(all_at_once, at_nodes(asked, asked.start, inner), strict=True):
         np.testing.assert_allclose(part, whole, rtol=1e-12, atol=1e-12 * np.max(np.abs(whole)))
     nodes = asked.simulated_nodes(asked.start)
-    at = programs.at_nodes(asked, asked.start, nodes.starts[1:])
+    at = at_nodes(asked, asked.start, nodes.starts[1:])
     assert at.objective == pytest.approx(asked.objective(asked.start, nodes), rel=1e-12)
 
 

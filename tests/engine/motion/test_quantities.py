@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from greybox_id.engine.motion.quantities import JUST_AFTER, NamedQuantities
-from greybox_id.engine.motion.trace import MotionTrace
+from greybox_id.engine.motion.trace import JUST_AFTER, MotionTrace, NamedQuantities
 from greybox_id.models.motion_model import MotionModel, Relaxation, State
 from greybox_id.models.parameter import Parameter
 

@@ -4,11 +4,18 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.engine.motion.runs import motion_runs
-from greybox_id.engine.motion.schedule import AT_ONCE, MOST_STEPS, STABLE, least_segment, longest_segment, schedule
+from greybox_id.engine.motion.schedule import (
+    AT_ONCE,
+    MOST_STEPS,
+    STABLE,
+    least_segment,
+    longest_segment,
+    motion_runs,
+    schedule,
+)
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.engine.motion.trace import MotionTrace
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.motion_model import MotionModel, State
 from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build

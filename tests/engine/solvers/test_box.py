@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import lsq_linear
 
-from greybox_id.engine.solvers.box import least_within
+from greybox_id.engine.solvers.gauss_newton import least_within
 
 
 def quadratic(size, seed, wide):

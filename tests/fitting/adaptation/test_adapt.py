@@ -19,8 +19,7 @@ from greybox_id.fitting.adaptation.choosing import (
     chosen,
     foretold,
 )  # fmt: skip
-from greybox_id.fitting.adaptation.outcome import parted
-from greybox_id.fitting.adaptation.verb import adapt
+from greybox_id.fitting.adaptation.verb import adapt, parted
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.fitting.scores.timing import run_delays

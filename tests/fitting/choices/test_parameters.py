@@ -6,8 +6,7 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.parameters import Choices, magnitudes, with_choices
-from greybox_id.fitting.choices.requested_model import RequestedModel, doubts
+from greybox_id.fitting.choices.requested_model import Choices, RequestedModel, doubts, magnitudes, with_choices
 from greybox_id.fitting.how import FitOptions
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import ChosenModel, Stated

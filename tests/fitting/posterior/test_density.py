@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from driven import driven
 
+from greybox_id.fitting.holding import restated
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior.density import PosteriorDensity
-from greybox_id.fitting.restated import restated
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build

@@ -5,9 +5,8 @@ import pytest
 from scipy.stats import gamma, genpareto, norm, truncnorm
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.posterior.density import DrawnNumber
+from greybox_id.fitting.posterior.density import DrawnNumber, Target
 from greybox_id.fitting.posterior.laplace import BATCH, ROUNDS, pareto_shape, smoothed, trusted, weighted_draws
-from greybox_id.fitting.posterior.target import Target
 
 SD = np.array([0.3, 0.5])
 

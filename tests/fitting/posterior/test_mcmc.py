@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from greybox_id.fitting.posterior.density import DrawnNumber
+from greybox_id.fitting.posterior.density import DrawnNumber, Target
 from greybox_id.fitting.posterior.mcmc import BURN_IN, FORGET, TAIL, Ensemble, TowardsMiddle, begun, middle, moved
-from greybox_id.fitting.posterior.target import Target
 
 COUNTED = np.array([[0.04, 0.01, 0.0], [0.01, 0.09, 0.02], [0.0, 0.02, 0.25]])
 

@@ -7,13 +7,13 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
+from greybox_id.fitting.holding import restated
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.posterior import verb
 from greybox_id.fitting.posterior.density import PosteriorDensity
 from greybox_id.fitting.posterior.posterior import identity, load_posterior
 from greybox_id.fitting.posterior.predictive import predictive_band
 from greybox_id.fitting.posterior.verb import SampleOptions, sample
-from greybox_id.fitting.restated import restated
 from greybox_id.fitting.uncertainty import uncertainty
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior

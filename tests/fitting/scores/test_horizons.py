@@ -7,8 +7,7 @@ from gap_cases import CAR
 from toys import joined, tiny
 
 from greybox_id.engine.kernel import Kernel
-from greybox_id.engine.motion.prediction import Predictor
-from greybox_id.engine.motion.simulator import Simulator
+from greybox_id.engine.motion.simulator import Predictor, Simulator
 from greybox_id.fitting.scores.horizons import by_horizon, diverges, mean_squares
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.registry import build

@@ -7,8 +7,7 @@ from toys import tiny
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording, join
-from greybox_id.fitting.scores.metrics import score_beside_hold
-from greybox_id.fitting.scores.prediction import as_table, assumed, predict, simulate
+from greybox_id.fitting.scores.metrics import as_table, assumed, predict, score_beside_hold, simulate
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle_file import vehicle

@@ -9,8 +9,8 @@ from toys import drive
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import join
-from greybox_id.fitting.aligning import alignment
 from greybox_id.fitting.how import FitOptions, quiet
+from greybox_id.fitting.memory import alignment
 from greybox_id.fitting.scores.timing import (
     RunDelay,
     Timing,

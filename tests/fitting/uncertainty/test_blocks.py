@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse as sp
 from linear_problem import Linear
 
-from greybox_id.fitting.uncertainty import blocks
+from greybox_id.fitting.uncertainty import sandwich
 
 
 def predictions(rng, pieces=80, rows=15):
@@ -29,9 +29,9 @@ def test_eliminating_the_starts_of_short_predictions_changes_nothing(monkeypatch
     problem = Linear(y, J, R, index)
     short = problem.told()
     assert short.blocks == 40  # of two pieces each
-    monkeypatch.setattr(blocks, "LOCAL", 0.0)
-    monkeypatch.setattr(blocks, "LONGER", np.inf)
-    monkeypatch.setattr(blocks, "FEWEST", short.blocks)  # the same blocks
+    monkeypatch.setattr(sandwich, "LOCAL", 0.0)
+    monkeypatch.setattr(sandwich, "LONGER", np.inf)
+    monkeypatch.setattr(sandwich, "FEWEST", short.blocks)  # the same blocks
     full = problem.told()
     assert full.blocks == short.blocks
     np.testing.assert_allclose(short.independent, full.independent, rtol=1e-6, atol=1e-9)

@@ -8,7 +8,7 @@ from driven import driven, without
 from gap_cases import CAR, place
 
 from greybox_id.datasets.recording import join
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.models.registry import build

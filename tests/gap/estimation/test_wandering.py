@@ -10,7 +10,7 @@ from driven import commands, without
 from gap_cases import lap, nominal
 
 import greybox_id as gb
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.gap.estimation.axes import candidates, shifting
 from greybox_id.gap.estimation.model_error import ForceSizes, believed, estimated, linearised
 from greybox_id.gap.estimation.preparing import prepare

@@ -12,7 +12,7 @@ import pytest
 
 import greybox_id as gb
 from greybox_lab.app.session import Session
-from greybox_lab.app.takeaway import commands, pack
+from greybox_lab.app.step_take import commands, pack
 from greybox_lab.app.work import Work
 
 MODEL = {

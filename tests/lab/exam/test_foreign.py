@@ -16,7 +16,7 @@ from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.exam.aliases import always_alike, group_of
 from greybox_lab.exam.answers import read_answer
 from greybox_lab.exam.folder import unbroken
-from greybox_lab.exam.foreign.case import FORM_MOST, accelerations, identified
+from greybox_lab.exam.foreign.case import FORM_MOST, accelerations, driven, identified, readings, replayed
 from greybox_lab.exam.foreign.double_track import DoubleTrack, curve
 from greybox_lab.exam.foreign.families import (
     DEVELOPMENT,
@@ -32,7 +32,6 @@ from greybox_lab.exam.foreign.families import (
     roughened,
     withheld,
 )
-from greybox_lab.exam.foreign.ride import driven, readings, replayed
 from greybox_lab.exam.foreign.suspended_car import SuspendedCar
 from greybox_lab.exam.foreign.vehicles import single_track
 from greybox_lab.exam.make import make_foreign

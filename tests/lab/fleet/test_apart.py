@@ -5,9 +5,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from greybox_lab.fleet.apart import spared, strangers
 from greybox_lab.fleet.drift import drifted
 from greybox_lab.fleet.hierarchy import Informed, population
+from greybox_lab.fleet.joined import spared, strangers
 
 
 def fleet(seed, vehicles=12, each=8, size=3, wrong=(), shifted=(), step=0.0):

@@ -12,7 +12,7 @@ import greybox_id as gb
 from greybox_lab.fleet import manifest as manifest_module
 from greybox_lab.fleet import run as fleet_run
 from greybox_lab.fleet import status as fleet_status
-from greybox_lab.fleet.anew import differences, origin_of
+from greybox_lab.fleet.run import differences, origin_of
 from greybox_lab.fleet.store import COLUMNS, OF_RESULTS, SCHEMA
 
 

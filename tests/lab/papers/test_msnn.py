@@ -12,7 +12,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.memory import errors, predictions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
-from greybox_lab.papers.kept import pages_of, write_pages
+from greybox_lab.papers.bench import pages_of, write_pages
 from greybox_lab.papers.msnn import ENTRIES, PAPER, MsnnBench, as_the_authors, compared, measure
 from greybox_lab.papers.msnn_figures import WHEELBASE, quasi_steady
 from greybox_lab.papers.msnn_report import msnn_report

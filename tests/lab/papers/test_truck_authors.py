@@ -13,7 +13,7 @@ from greybox_id.fitting.how import quiet
 from greybox_id.fitting.posterior import abc_smc
 from greybox_lab.papers import truck as bench
 from greybox_lab.papers import truck_authors
-from greybox_lab.papers.kept import KeptBench
+from greybox_lab.papers.bench import KeptBench
 from greybox_lab.papers.truck import _of_authors
 from greybox_lab.papers.truck_authors import PRIORS, WindowDistances, authors_errors, authors_particles
 

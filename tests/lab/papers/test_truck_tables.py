@@ -12,9 +12,9 @@ from made_up_truck import truck_file
 from greybox_id.base.errors import BadInput
 from greybox_id.base.json_data import finite
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting import networks, pretraining
+from greybox_id.fitting import hybrid, pretraining
 from greybox_lab.papers import truck as bench
-from greybox_lab.papers.kept import KeptBench
+from greybox_lab.papers.bench import KeptBench
 from greybox_lab.papers.truck import GreyBoxRun, TruckOptions, _redrawn, _spread, truck_tables
 from greybox_lab.papers.truck_grey_boxes import CANDIDATES
 from greybox_lab.papers.truck_inputs import Chunks, by_speed, chunks, raw, splits
@@ -132,7 +132,7 @@ def made_up(tmp_path, monkeypatch):
     monkeypatch.setattr(bench, "CANDIDATES", bench.CANDIDATES[:2])
     monkeypatch.setattr(bench, "SIZES", (2, 2, 2))
     for name in ("ADAM", "SHORT_STEPS", "STEPS"):
-        monkeypatch.setattr(networks, name, 3)
+        monkeypatch.setattr(hybrid, name, 3)
         monkeypatch.setattr(pretraining, name, 3, raising=False)
     return tmp_path
 

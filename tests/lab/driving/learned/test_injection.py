@@ -8,7 +8,7 @@ from actuator_networks import network
 
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.choices.requested_model import RequestedModel
-from greybox_id.fitting.scores.prediction import simulate
+from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import with_effects
 from greybox_id.models.vehicle_file import vehicle
 from greybox_lab.driving.learned.injection import LEARNED, injected

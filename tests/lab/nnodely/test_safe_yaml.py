@@ -6,7 +6,7 @@ import pytest
 from calling import refused
 
 from greybox_id.base.errors import BadInput
-from greybox_id.datasets.safe_yaml import parse_yaml, read_yaml
+from greybox_lab.nnodely.vehicles import parse_yaml, read_yaml
 
 HOSTILE = {
     "object": "!!python/object/apply:os.system ['true']",

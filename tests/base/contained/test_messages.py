@@ -6,27 +6,27 @@ import json
 import numpy as np
 import pytest
 
-from greybox_id.base.contained import wire
+from greybox_id.base.contained import inside
 
 ARRAY = {"dtype": "<f8", "shape": [2]}
 
 
 def framed(head, rest=b""):
     text = head if isinstance(head, bytes) else json.dumps(head).encode()
-    return io.BytesIO(wire.LENGTH.pack(len(text)) + text + rest)
+    return io.BytesIO(inside.LENGTH.pack(len(text)) + text + rest)
 
 
 def test_messages_follow_each_other():
     pipe = io.BytesIO()
-    wire.send(pipe, {"ask": "größe"}, np.arange(6.0).reshape(2, 3).T)
-    wire.send(pipe, {"of": [None]})
+    inside.send(pipe, {"ask": "größe"}, np.arange(6.0).reshape(2, 3).T)
+    inside.send(pipe, {"of": [None]})
     pipe.seek(0)
-    message, array = wire.receive(pipe, 48)
+    message, array = inside.receive(pipe, 48)
     assert message == {"ask": "größe"}
     np.testing.assert_array_equal(array, np.arange(6.0).reshape(2, 3).T)
-    assert wire.receive(pipe, 0) == ({"of": [None]}, None)
+    assert inside.receive(pipe, 0) == ({"of": [None]}, None)
     with pytest.raises(EOFError):
-        wire.receive(pipe, 0)
+        inside.receive(pipe, 0)
 
 
 @pytest.mark.parametrize(
@@ -42,12 +42,12 @@ def test_messages_follow_each_other():
 )  # fmt: skip
 def test_nonsense_is_refused(head):
     with pytest.raises(Exception):  # noqa: B017, PT011 - which one depends on the nonsense
-        wire.receive(framed(head, bytes(16)), 1000)
+        inside.receive(framed(head, bytes(16)), 1000)
 
 
 def test_a_message_of_a_length_no_message_has_is_refused_before_it_is_read():
     with pytest.raises(ValueError, match="a message of"):
-        wire.receive(io.BytesIO(b"\xff" * 100), 1000)
+        inside.receive(io.BytesIO(b"\xff" * 100), 1000)
 
 
 @pytest.mark.parametrize(
@@ -56,5 +56,5 @@ def test_a_message_of_a_length_no_message_has_is_refused_before_it_is_read():
 def test_what_cannot_be_sent_leaves_the_pipe_clean(message, array):
     pipe = io.BytesIO()
     with pytest.raises((TypeError, ValueError)):
-        wire.send(pipe, message, array)
+        inside.send(pipe, message, array)
     assert pipe.getvalue() == b""

@@ -1,0 +1,55 @@
+"""What other fits of the same model say of a fit: another vehicle than stated, and two vehicles in one recording."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from driven import driven
+
+from greybox_id.datasets.recording import join
+from greybox_id.fitting.carrying import withstands
+from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.verb import fit
+from greybox_id.models.parameter import Prior
+from greybox_id.models.registry import build
+from greybox_id.models.vehicle_file import vehicle
+
+QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
+
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+
+
+def stated(**values):
+    """The full-size car's, B_f and I_z stated to 2 %, at other values where they are given."""
+    car = build("lateral", None, {}, vehicle("full_size_car"))
+    known = {name: values.get(name, float(car[name].array)) for name in ("B_f", "I_z")}
+    fixed = car.with_parameters(*(replace(p, fixed=p.name not in known, prior=None) for p in car.parameters))
+    return fixed.with_parameters(
+        *(
+            replace(fixed[n].with_value(v), prior=Prior(sd=np.asarray(0.02 * v), mean=np.asarray(v)))
+            for n, v in known.items()
+        )
+    )
+
+
+def against(model, recording, gain=0.0):
+    found = fit(model, [recording], how=QUICK)
+    found = replace(found, how={**found.how, "form": {"halves_gain": gain}})
+    return [reason.sentence for reason in withstands(found.model, found, recording)]
+
+
+def test_nothing_is_said_against_the_right_vehicle():
+    assert against(stated(), driven(runs=2, seconds=8.0), gain=100.0) == []
+
+
+def test_another_vehicle_than_stated_is_told_by_what_wider_tolerances_gain():
+    right = float(stated()["B_f"].array)
+    (sentence,) = against(stated(B_f=0.4 * right), driven(runs=1, seconds=8.0, noise=0.1))
+    assert "times those of the same model with tolerances 10 times as wide" in sentence
+
+
+def test_two_vehicles_in_one_recording_are_told_by_the_fit_to_one_on_the_other():
+    right = float(stated()["B_f"].array)
+    halves = [driven(runs=1, seconds=8.0, noise=0.1, values={"B_f": times * right}) for times in (1.0, 0.5)]
+    sentences = against(stated(), join(halves, "halves"), gain=100.0)
+    assert any("Fitted to one half of the data" in one for one in sentences)
