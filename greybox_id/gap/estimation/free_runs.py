@@ -16,7 +16,7 @@ from ...base.shorthands import Array, Mask
 from ...base.statistics import correlation_time, robust_sd
 from ...datasets.recording import Recording
 from ...engine.simulation import Diagnosed, FreeRuns
-from ...engine.solvers.box import least_within
+from ...engine.solvers.gauss_newton import least_within
 from ...models.effect import Effect
 from ...models.vehicle import Vehicle
 from .axes import nuisances, shifting
