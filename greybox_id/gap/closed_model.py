@@ -17,7 +17,7 @@ from ..engine.solvers.gauss_newton import Status, gauss_newton
 from ..fitting.attempt import LEAST_NOISE
 from ..fitting.scores.horizons import Errors, between, mean_squares
 from ..models.motion_model import MotionModel
-from .closing import closure, left_open
+from .closing import closure
 from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis

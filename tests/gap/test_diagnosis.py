@@ -245,7 +245,12 @@ def test_what_a_refused_name_explains_is_unnamed():
         evidence = SimpleNamespace(weights=(sure, 1.0 - sure))
         return by_no_name(
             SimpleNamespace(
-                varying=varying, unnamed=own, best=best, selection=selection, evidence=evidence, stands=True,
+                varying=varying,
+                unnamed=own,
+                best=best,
+                selection=selection,
+                evidence=evidence,
+                stands=True,
                 of_strained={},
             )  # fmt: skip
         )

@@ -18,10 +18,10 @@ from gap_cases import (
     weighted,
 )
 
-from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation import refit as module
 from greybox_id.gap.estimation.axes import Candidate, candidates, shifting
 from greybox_id.gap.estimation.bench import Bench
+from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.hypothesis import Start
 from greybox_id.gap.estimation.refit import refit, settled, with_slopes
 from greybox_id.models.effects import EFFECTS
