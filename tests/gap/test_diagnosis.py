@@ -252,7 +252,7 @@ def test_what_a_refused_name_explains_is_unnamed():
                 evidence=evidence,
                 stands=True,
                 of_strained={},
-            )  # fmt: skip
+            )
         )
 
     differs = Spread("along speed", 3 * CAL.varies, 1e-6, (1.0, 2.0, 3.0))
