@@ -130,4 +130,6 @@ if __name__ == "__main__":
     if "--write" in sys.argv:
         GOLDEN.write_text(json.dumps(numbers, indent=0, ensure_ascii=False) + "\n", encoding="utf-8")
     else:
-        print("\n".join(differences(json.loads(GOLDEN.read_text(encoding="utf-8")), numbers)) or "equal")
+        differ = differences(json.loads(GOLDEN.read_text(encoding="utf-8")), numbers)
+        print("\n".join(differ) or "equal")
+        sys.exit(bool(differ))
