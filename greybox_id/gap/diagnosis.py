@@ -39,7 +39,7 @@ from .estimation.variance import fresh
 from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import TINY, Examined, examine
-from .gap import Budget, CauseClass, Gap, Ranked
+from .gap import Budget, CauseClass, Gap, Ranked, Share
 from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
@@ -95,11 +95,21 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     scattered = [name for name, (_, present) in it.scatter.items() if present > CAL.present]
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
-    shared = _budget(it, held_out, tell) if it.best.candidates else None
-    telling = shared if shared is not None and shared.shows and shared.held_out else None
+    best, reasons, shared, telling = it.best, dict[str, str](), None, None
+    while best.candidates:
+        shared = _budget(it, best, held_out, tell)
+        telling = shared if shared is not None and shared.shows and shared.held_out else None
+        refused = _refused(it, best, telling)
+        weak = {name: by.share for name in refused if telling is not None and (by := _weak(telling, name)) is not None}
+        if len(weak) > 1:  # the least of them leaves first: it may hide what the others close
+            least = min(weak, key=lambda name: weak[name])
+            refused = {name: why for name, why in refused.items() if name not in weak or name == least}
+        reasons |= refused
+        best = _only(it, set(best.names) - set(refused))
+        if len(weak) < 2:
+            break
     if telling is not None and telling.unnamed.low > CAL.present:  # more than half is surely no named effect's
         unknown = max(unknown, CAL.nameless)
-    best, reasons = _causes(it, telling)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
     closed, verified, worse = closed_model(it, best, detected, held_out)
@@ -213,19 +223,21 @@ def _without_forces(examined: Examined) -> float:
     return p if examined.best.candidates or scattered else max(p, CAL.nameless)
 
 
-def _budget(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
-    """Which share of the excess each effect of the best hypothesis closes, on what was held out if there is any."""
-    names = examined.best.names
+def _budget(
+    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
+) -> Budget | None:
+    """Which share of the excess each effect of a hypothesis closes, on what was held out if there is any."""
+    names = best.names
     if len(names) > CAL.few:
-        return _budget_of_many(examined, held_out, tell)
+        return _budget_of_many(examined, best, held_out, tell)
     if held_out:
         tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
-        full = with_effects(examined, examined.best)
-        there = examined.selection.search.values(examined.best)
+        full = with_effects(examined, best)
+        there = examined.selection.search.values(best)
         whole, bench = refitted_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
         misfits = {frozenset(names): whole}
         for subset in subsets(names)[:-1]:
-            model = with_effects(examined, examined.best, subset)
+            model = with_effects(examined, best, subset)
             try:
                 misfits[subset], _ = refitted_tolerances(
                     model, held_out, examined.vehicle, examined.effects, examined.sd, whole.values, whole.trust
@@ -239,7 +251,7 @@ def _budget(examined: Examined, held_out: Sequence[Recording], tell: Callable[..
     search = examined.selection.search
     known = {frozenset(item.names): item for item in examined.selection.tried}
     more = [subset for subset in subsets(names) if subset not in examined.freed]
-    parts = [known.get(item) or refitted(search, examined.best.only(item)) for item in more]
+    parts = [known.get(item) or refitted(search, best.only(item)) for item in more]
     free = dict(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
     misfits = {subset: misfit(search, {**free, **examined.freed}[subset]) for subset in subsets(names)}
     good = plain(misfits[frozenset(names)].e, examined.good, examined.bench)
@@ -254,9 +266,11 @@ def _budget(examined: Examined, held_out: Sequence[Recording], tell: Callable[..
     )
 
 
-def _budget_of_many(examined: Examined, held_out: Sequence[Recording], tell: Callable[..., None]) -> Budget | None:
+def _budget_of_many(
+    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
+) -> Budget | None:
     """The same of many effects: what each does adds up, to first order, in sets that are neither none nor all."""
-    best, names = examined.best, examined.best.names
+    names = best.names
     search = examined.selection.search
     if held_out:
         tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
@@ -274,7 +288,7 @@ def _budget_of_many(examined: Examined, held_out: Sequence[Recording], tell: Cal
             whole.trust,
         )
         known = {frozenset(names): whole, frozenset[str](): nothing}
-        misfits = of_subsets(search, result, _absent(examined, search), known)
+        misfits = of_subsets(search, result, _absent(examined, best, search), known)
         good = plain(whole.e, fresh(search.bench), search.bench)
         return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
     known = {frozenset(item): misfit(search, examined.freed[item]) for item in (frozenset(names), frozenset[str]())}
@@ -283,33 +297,35 @@ def _budget_of_many(examined: Examined, held_out: Sequence[Recording], tell: Cal
             search.recoloured(white_noise(examined.sd, examined.good, examined.bench.rows))
         result = examined.freed[frozenset(names)]
         search.about(result)
-        misfits = of_subsets(search, result, _absent(examined, search), known)
+        misfits = of_subsets(search, result, _absent(examined, best, search), known)
     good = plain(known[frozenset(names)].e, examined.good, examined.bench)
     recordings = tuple(item.name for item in examined.recordings)
     return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
 
 
-def _absent(examined: Examined, search: Search) -> dict[str, dict[int, float]]:
+def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, dict[int, float]]:
     """Effect of the best hypothesis -> parameter that is elsewhere without it -> where."""
     same = search is examined.selection.search
     places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
-    mains = {each.effect: each.axes[0] for each in examined.best.candidates}
+    mains = {each.effect: each.axes[0] for each in best.candidates}
     return {name: {axis.index if same else places[axis.name]: axis.value(axis.null)} for name, axis in mains.items()}
 
 
-def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str, str]]:
-    """The effects of the best hypothesis that are called causes, and why the others are not, by name.
+def _refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str, str]:
+    """Effects of a hypothesis that are not called causes, and why, by name.
 
     Parameters
     ----------
     one : what was examined.
+    some : the best hypothesis, or what is left of it.
     shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
     """
-    best, reasons = one.best, dict[str, str]()
-    varying = one.varying
+    best, reasons, varying = one.best, dict[str, str](), one.varying
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
-        share = shared.judged(name) if shared is not None else None
+        if name not in some.names:
+            continue
+        share = _weak(shared, name) if shared is not None else None
         sure = _of_class(one, name)
         spread = varying.get(name)
         if not one.stands:
@@ -331,7 +347,7 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
-        elif shared is not None and share is not None and share.share < _least_share(shared):
+        elif shared is not None and share is not None:
             judged = "on what was held out" if shared.held_out else "in free run"
             reasons[name] = (
                 f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
@@ -341,10 +357,7 @@ def _causes(one: Examined, shared: Budget | None) -> tuple[Hypothesis, dict[str,
             entry = (1.0 - CAL.nothing_unknown) * sure * _itself(one, best, name, spread) * _closes(shared, name)
             if entry <= CAL.present:
                 reasons[name] = f"its probability is {entry:.2f}, no more than one half"
-    reasons |= _beside_mimics(one, best, reasons)
-    if not reasons:
-        return best, reasons
-    return _only(one, set(best.names) - set(reasons)), reasons
+    return reasons | _beside_mimics(one, some, reasons)
 
 
 def _only(examined: Examined, names: Collection[str]) -> Hypothesis:
@@ -525,6 +538,12 @@ def _closes(shared: Budget | None, name: str) -> float:
         return 1.0
     sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
     return float(ndtr((value.share - _least_share(shared)) / sd))
+
+
+def _weak(shared: Budget, name: str) -> Share | None:
+    """What an effect closes, if a cause closes more."""
+    share = shared.judged(name)
+    return share if share is not None and share.share < _least_share(shared) else None
 
 
 def _least_share(shared: Budget) -> float:

@@ -68,5 +68,5 @@ def test_each_file_is_read_in_one_call(real_data):
 
 def test_rows_before_the_first_command_are_left_out(real_data):
     recording = read(real_data / "dart" / "tape_drift_1813.csv.gz", "dart")
-    assert any('rows before "elapsed time sensors" is first other than zero' in note for note in recording.notes)
+    assert any('rows before "elapsed time sensors" first differs from zero' in note for note in recording.notes)
     assert recording["imu_a_x"][0] != 0.0

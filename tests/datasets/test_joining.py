@@ -107,7 +107,7 @@ def test_files_with_nothing_in_common_are_taken_at_their_stamps(topics):
     odom, imu, commands = topics(0.05, gyro="unknown")
     recording, offsets = join_files([odom, imu, commands], mapping())
     assert all(not offset.taken_off and np.isnan(offset.seconds) for offset in offsets)
-    assert any("imu: taken at its stamps" in note for note in recording.notes)
+    assert any("imu: its time stamps are kept" in note for note in recording.notes)
 
 
 def split(t):

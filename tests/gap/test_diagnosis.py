@@ -169,6 +169,22 @@ def test_where_more_than_half_surely_stays_something_unknown_is_at_work(monkeypa
 
 
 @pytest.mark.slow
+def test_a_name_that_closes_nothing_leaves_before_the_others_are_judged(monkeypatch):
+    lacks = {"steering_delay": 0.05, "yaw_rate_bias": 0.02}
+
+    def shares(examined, best, *_):
+        closes = {"yaw_rate_bias": -0.3} if len(best.names) == 2 else {}
+        each = tuple(Share(name, own := closes.get(name, 0.0 if closes else 0.9), own - 0.1, own + 0.1)
+                     for name in best.names)  # fmt: skip
+        return Budget(each, Share("unnamed", 0.1, 0.0, 0.2), ("lap",), True, beside=each)
+
+    monkeypatch.setattr(diagnosis, "_budget", shares)
+    gap = diagnosed(lap(lacks, 15.0), held_out=[lap(lacks, 10.0, seed=7)])
+    assert gap.applied == ("steering_delay",)
+    assert "−30 %" in next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias")
+
+
+@pytest.mark.slow
 def test_what_harms_predictions_held_out_leaves_one_by_one_the_weakest_first(monkeypatch):
     lacks = {"steering_delay": 0.05, "yaw_rate_bias": 0.02}
     plain, tried = diagnosis.closed_model, []
@@ -197,7 +213,7 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
     closes = Share(own.effect, share, low, 2 * share - low)
     shared = Budget((closes,), Share("unnamed", 1 - share, 0.0, 1.0), ("lap",), True, beside=(closes,))
-    assert (diagnosis._causes(found, shared)[0] is best) == applied
+    assert (diagnosis._refused(found, best, shared) == {}) == applied
 
 
 def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
@@ -498,7 +514,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
     monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.9)
     monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
-    assert diagnosis._causes(found, None) == (best, {})
+    assert diagnosis._refused(found, best, None) == {}
     spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
-    assert diagnosis._causes(found, None) == (nothing, {own.effect: "its probability is 0.45, no more than one half"})
+    assert diagnosis._refused(found, best, None) == {own.effect: "its probability is 0.45, no more than one half"}

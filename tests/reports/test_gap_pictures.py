@@ -99,7 +99,7 @@ def test_the_map_is_grey_where_nothing_was_driven_and_says_where_there_is_no_gap
     assert most.get_path().vertices[0].tolist() == [own.map["v_x"][i], own.map["a_y"][j]]
     assert place.child_axes[0].get_ylabel() == "share of the gap [%]"
     regimes(nowhere, none().strip)
-    assert "no gap to be placed" in " ".join(nowhere.texts[0].get_text().split())
+    assert "no gap to show in a map" in " ".join(nowhere.texts[0].get_text().split())
 
 
 def test_the_stretch_that_holds_half_of_the_gap_is_shaded():

@@ -203,7 +203,7 @@ class JointSearch:
         """A state where equations are so rough."""
         moved = self.problem.roughly(rough, state)
         self.problem.forget()
-        return self.settled(moved or state, rough, self.variance(there), rounds=2)
+        return self.settled(moved or state, rough, self.variance(there), rounds=CAL.rounds_as_rough)
 
     def _as_rough(self, stage: JointStage) -> float:
         """Times as rough as usual, that forces are which no equation has; no smoother than usual."""
@@ -228,6 +228,10 @@ class JointSearch:
         stage, gains : and what each of its causes gains, (causes,) zero where none is.
         """
         looked, together = np.zeros(len(stage.there), dtype=bool), set[tuple[int, int]]()
+        if np.any(
+            stage.there
+        ):  # what is taken away is refitted: what it is compared with must have had the same chance
+            stage = self.refitted(stage, stage.there, CAL.exchange_steps)
         while True:
             gains, beyond = np.zeros(len(stage.there)), stage.sets.beyond(stage.there)
             if np.any(beyond):  # a step that overshot, or a size that is not there
@@ -301,11 +305,12 @@ class JointSearch:
             return 0.0  # it is simulated, and does nothing
         there[k] = False
         gain = stage.sets.cost(there) - stage.sets.cost(stage.there)
-        far = CAL.doubted * price if problem.causes[k].gradual else np.inf  # of these first order tells little
-        if not price <= gain < far:
+        gradual = problem.causes[k].gradual
+        if gradual and not price <= gain < CAL.doubted * price:
             return gain
         without = self.refitted(stage, there)
-        return min(gain, without.sets.cost(there) - stage.sets.cost(stage.there))
+        simulated = without.sets.cost(there) - stage.sets.cost(stage.there)
+        return min(gain, simulated) if gradual else simulated  # of abrupt ones first order tells little
 
     def refitted(self, stage: JointStage, there: Mask, steps: int = CAL.refits) -> JointStage:
         """A stage with another set of causes, everything refitted in the same model error."""
@@ -333,22 +338,28 @@ class JointSearch:
         ----------
         state, rough, variance : where everything is, and what is believed.
         whitener : of the first round; None: of what is left there.
-        rounds : of refits.
+        rounds : of refits at most.
         there : the set of causes, where it is known.
         """
         known = there is not None
         if there is None:
             there = np.sqrt(variance) > np.maximum(CAL.likely_there * self.problem.usual, 2 * self.problem.zone)
-        for _ in range(rounds):
-            by = whitener or self._of_what_is_left(state)
+        best: JointStage | None = None
+        for step in range(rounds + 1):
+            by = whitener if whitener is not None and step < rounds else self._of_what_is_left(state)
             state, squares = self._linear(state, by, False, self.variance(there))
-            there = there if known else self._sets(squares).climbed(there)
-            state, _ = self._stepped(state, squares, self.variance(there), by, there)
-        by = self._of_what_is_left(state)
-        state, squares = self._linear(state, by, False, self.variance(there))
-        sets = self._sets(squares)
-        there = there if known else sets.climbed(there)
-        return JointStage(rough, state, there, by, squares, sets, self._of_whitener(by, rough))
+            sets = self._sets(squares)
+            there = there if known else sets.climbed(there)
+            stage = JointStage(rough, state, there, by, squares, sets, self._of_whitener(by, rough))
+            if by is not whitener and (best is None or not stage.evidence < best.evidence):
+                best = stage
+            if step == rounds:
+                break
+            state, went = self._stepped(state, squares, self.variance(there), by, there)
+            if went < CAL.still and by is not whitener:
+                break
+        assert best is not None
+        return best
 
     def _of_what_is_left(self, state: JointState) -> Whitener:
         p = self.problem.vector(state)

@@ -167,7 +167,7 @@ def test_a_fit_of_another_kind_and_a_recording_that_lacks_a_signal_are_refused(f
     other = replace(fitted, model=build("kinematic"))
     with pytest.raises(BadInput, match="No parameter of this fit"):
         adapt(other, recording)
-    with pytest.raises(BadInput, match="it keeps no uncertainty"):
+    with pytest.raises(BadInput, match="it holds no covariance"):
         adapt(replace(fitted, model=build("mlp_lateral")), recording)
 
 

@@ -130,6 +130,6 @@ def test_predictions_of_the_library_are_those_of_the_command(fitted, new, tmp_pa
     assert np.count_nonzero(np.isfinite(found["yaw_rate"])) == told["rows"]
     said = greybox("predict", "fit.json", "new.csv", "--calibrate", "timing").out
     assert "run 1: yaw_rate" in said
-    assert "ms late, told by its first 5 s of motion" in said
+    assert "ms late, estimated from its first 5 s of motion" in said
     assert "--horizon" in refused("predict", "fit.json", "new.csv", "--calibrate", "timing", "--horizon", 1)
     assert "left" in refused("predict", "fit.json", "new.csv", "--calibrate", "timing=70s")

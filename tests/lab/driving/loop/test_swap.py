@@ -110,7 +110,7 @@ def with_last(policy, factors):
 def test_without_a_twin_a_policy_has_to_agree_in_the_last_minute(factors, minute, tmp_path):
     policy = shipped_learned().policy
     seat, body = Seat(body_of(policy), tmp_path), body_of(with_last(policy, factors))
-    with pytest.raises(NotSwapped, match="drive on"):
+    with pytest.raises(NotSwapped, match="drive for a minute"):
         seat.swap(body, digest_of(body))
     for seen in minute:
         seat.act(seen)
