@@ -110,8 +110,11 @@ def select(
             break
         worse = weak[: -(-len(weak) // 2)]  # others may differ between parts because these are there
         unsteady[worse] = seen[worse]
-        stage, gains = together.pruned(stage, prices, unsteady)
-        best = _refitted(search, _placed(search, together, stage))
+        later, gained = together.pruned(stage, prices, unsteady)
+        again = _refitted(search, _placed(search, together, later))
+        if np.any(later.there) and not again.names:  # simulations with these leave the range of numbers
+            break
+        stage, gains, best = later, gained, again
     base = _base(search, best)
     if not best.names:  # model error as it is beside nothing: there is no effect that could live on it
         whitening = together.whitening

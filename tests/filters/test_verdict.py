@@ -38,7 +38,11 @@ def test_innovations_that_are_what_the_filter_expects_are_usable():
 
 @pytest.mark.parametrize(
     ("off", "words"),
-    [(white(0.2), "bands are too wide"), (white(1.8), "bands were widened"), (hanging(), "successive innovations correlate")],
+    [
+        (white(0.2), "bands are too wide"),
+        (white(1.8), "bands were widened"),
+        (hanging(), "successive innovations correlate"),
+    ],
     ids=["NIS .04", "NIS 3", "coloured"],
 )
 def test_innovations_outside_their_band_are_to_be_used_with_care(off, words):

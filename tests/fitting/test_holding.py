@@ -26,7 +26,10 @@ def test_the_likelier_way_is_taken_where_nobody_says(true):
 def test_a_map_that_is_wrong_is_asked_about_and_its_doubt_counted():
     wrong = fit(car("lateral", held=SHAPE), [drive("linear", "zero", True)])
     assert wrong.verdict.usability != "usable"
-    assert any('The column map says hold = "zero"' in reason and 'hold = "linear"' in reason for reason in wrong.verdict.reasons)
+    assert any(
+        'The column map says hold = "zero"' in reason and 'hold = "linear"' in reason
+        for reason in wrong.verdict.reasons
+    )
     low, high = wrong.interval("I_z")
     assert low < FULL_SIZE_CAR["I_z"] < high
     right = fit(car("lateral", held=SHAPE), [drive("linear", "linear", True)])
