@@ -100,13 +100,15 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         shared = _budget(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and shared.held_out else None
         refused = _refused(it, best, telling)
-        weak = {name: by.share for name in refused if telling is not None and (by := _weak(telling, name)) is not None}
-        if len(weak) > 1:  # the least of them leaves first: it may hide what the others close
-            least = min(weak, key=lambda name: weak[name])
-            refused = {name: why for name, why in refused.items() if name not in weak or name == least}
+        closes = {
+            name: by.share for name in refused if telling is not None and (by := _weak(telling, name)) is not None
+        }
+        if len(closes) > 1:  # the least of them leaves first: it may hide what the others close
+            least = min(closes, key=lambda name: closes[name])
+            refused = {name: why for name, why in refused.items() if name not in closes or name == least}
         reasons |= refused
         best = _only(it, set(best.names) - set(refused))
-        if len(weak) < 2:
+        if len(closes) < 2:
             break
     if telling is not None and telling.unnamed.low > CAL.present:  # more than half is surely no named effect's
         unknown = max(unknown, CAL.nameless)
