@@ -130,7 +130,8 @@ class JointSearch:
         """Every stage, roughest first."""
         problem, result = self.problem, list[JointStage]()
         state, variance = problem.begin(), (0.3 * problem.usual) ** 2
-        for rough, steps in zip(CAL.stages, CAL.steps_of_stage, strict=True):
+        steps_of = CAL.steps_of_rough_stage if len(problem.tolerances) else CAL.steps_of_stage
+        for rough, steps in zip(CAL.stages, steps_of, strict=True):
             moved = problem.roughly(rough, state)
             assert moved is not None
             state = moved
@@ -228,9 +229,7 @@ class JointSearch:
         stage, gains : and what each of its causes gains, (causes,) zero where none is.
         """
         looked, together = np.zeros(len(stage.there), dtype=bool), set[tuple[int, int]]()
-        if np.any(
-            stage.there
-        ):  # what is taken away is refitted: what it is compared with must have had the same chance
+        if np.any(stage.there):  # as far as what is compared with it: without each of its causes all is refitted
             stage = self.refitted(stage, stage.there, CAL.exchange_steps)
         while True:
             gains, beyond = np.zeros(len(stage.there)), stage.sets.beyond(stage.there)

@@ -77,7 +77,10 @@ def driven_with(canned, folder, monkeypatch, **options):
     [
         ({"crashes": 0, "path_error": 0.02, "path_error_before": 0.03}, ""),
         ({"crashes": 2, "path_error": 0.02, "path_error_before": 0.03}, "2 vehicles crash"),
-        ({"crashes": 0, "path_error": 0.04, "path_error_before": 0.03}, "0.040 m; with the present one 0.030 m"),
+        (
+            {"crashes": 0, "path_error": 0.04, "path_error_before": 0.03},
+            "0.040 m with the new policy, 0.030 m with the present one",
+        ),
     ],
     ids=["better", "crashes", "worse"],
 )
