@@ -1,8 +1,6 @@
-"""What series of numbers tell: spectra, correlations, how long these last, and intervals by drawing blocks of rows.
+"""Series of numbers: spectra, correlations, how long these last, moving filters, intervals by drawing blocks of rows.
 
-What moves along a series: means, medians, greatest values and Gaussian smoothing, in numpy alone.
-
-SciPy's filters do the same; loading them takes longer than most files take to be read and checked.
+In numpy alone: SciPy has the filters and spectra too, but loading them takes longer than reading and checking most files.
 """
 
 from __future__ import annotations

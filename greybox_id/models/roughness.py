@@ -65,8 +65,8 @@ def _regimes(usual: Mapping[str, float]) -> list[Effect]:
         "braking": (lambda q: cs.fmax(-q.u.drive / q.p.usual_drive, 0), ("drive",)),
         "hard_braking": (lambda q: cs.fmin(q.u.drive / q.p.usual_drive, 0) ** 2 / HARD, ("drive",)),
     }
-    units = {"steer": "rad", "speed": "m/s", "drive": "1", "braking": "1", "hard_braking": "1"}
-    of = {"braking": "drive", "hard_braking": "drive"}
+    over = {"steer": ("steer", "rad"), "speed": ("speed", "m/s"),
+            **dict.fromkeys(("drive", "braking", "hard_braking"), ("drive", "1"))}  # fmt: skip
     result = []
     for force in ("F_yf", "F_yr", "F_drag"):
         for regime, (size, needs) in sizes.items():
@@ -80,8 +80,7 @@ def _regimes(usual: Mapping[str, float]) -> list[Effect]:
             one = Parameter(name, "1", 0.0, (-0.5, 0.5), prior=Prior(FORM_SD), about=f"error of {force} over {regime}")
             others = tuple(
                 Parameter(f"usual_{base}", unit, usual[base], (0.0, inf), fixed=True, about=f"usual {base}")
-                for base, unit in [(of.get(regime, regime), units.get(regime))]
-                if unit
+                for base, unit in ([over[regime]] if regime in over else [])
             )
             apply = _altering({force: shaped})
             result.append(Effect(name, one, (force,), apply, group=GROUP, needs=needs, others=others))
