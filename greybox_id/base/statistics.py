@@ -1,6 +1,6 @@
 """Series of numbers: spectra, correlations, how long these last, moving filters, intervals by drawing blocks of rows.
 
-In numpy alone: SciPy has the filters and spectra too, but loading them takes longer than reading and checking most files.
+In numpy alone: SciPy has filters and spectra too, but loading them takes longer than reading and checking most files.
 """
 
 from __future__ import annotations
