@@ -24,7 +24,7 @@ from .estimation.calibration import CAL
 from .estimation.causes import causes
 from .estimation.constancy import Spread, orders_of, unsteadiness, varies
 from .estimation.free_runs import at_their_best, misfit, plain
-from .estimation.hypothesis import Hypothesis
+from .estimation.hypothesis import Hypothesis, by_cost
 from .estimation.model_error import Amplitudes, Believed, ForceSizes, estimated, linearised, model_error
 from .estimation.model_error import believed as believed_amplitudes
 from .estimation.noise import Whitener, colour, sound, stated_noise, white_noise
@@ -161,13 +161,15 @@ def examine(
     everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
     problem = JointProblem(bench, tolerances, everything, good)
     observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
+    stands = partial(_stands, observer, good)
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
-    selection = select(together, believed, cost, _unsteadiness, search.trust)
+    selection = select(together, believed, cost, _unsteadiness, search.trust, partial(stands, bench))
     search = selection.search
-    selection = with_beginnings(selection, value, whiten, cost)
+    if stands(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
+        selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
-    least = min((selection.base, *selection.tried), key=lambda item: item.cost)
+    least = min((selection.base, *selection.tried), key=by_cost)
     (freed,) = at_their_best(search, (least,), sd, good) if tempered else (least,)
     left = float(np.mean((freed.e / sd)[good] ** 2)) - 1.0 if entry and np.any(good) else 0.0  # nobody knows
     seen = signals(selection.search.bench, np.where(bench.counted, least.e + bench.measured, 0.0))
@@ -211,7 +213,7 @@ def examine(
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, entry, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
-        observer is None or _stands(search, best, observer, good),
+        stands(bench, search.vector(best)),
     )  # fmt: skip
 
 
@@ -291,9 +293,11 @@ def _kept_from_spinning(problem: JointProblem) -> int | None:
     return at
 
 
-def _stands(search: Search, best: Hypothesis, observer: int, good: NDArray[np.bool_]) -> bool:
-    """Whether free runs with the best explanation do without the observer that a search needed."""
-    p = search.vector(best)
+def _stands(observer: int | None, good: NDArray[np.bool_], bench: FreeRuns, p: Array) -> bool:
+    """Whether free runs with these parameters do without the observer that a search needed, if it needed one."""
+    if observer is None:
+        return True
+    p = p.copy()
     p[observer] = 0.0
-    (e,) = search.residuals([p])
-    return not spins(search.bench, e, good)
+    y = bench.simulate(p[None])[0]
+    return not spins(bench, np.where(bench.counted, y - bench.measured, 0.0), good)

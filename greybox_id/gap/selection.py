@@ -77,6 +77,7 @@ def select(
     costs: Callable[[str], float],
     unsteadiness: Unsteadiness,
     trust: float,
+    stands: Callable[[Array], bool],
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -87,12 +88,20 @@ def select(
     costs : log-likelihood that effects must gain, by name.
     unsteadiness : of each effect of a hypothesis, see `constancy`.
     trust : as how many readings one counts.
+    stands : whether free runs with a vector do not spin: where they do, no name is weighed.
     """
     problem = together.problem
     prices = np.array([
         costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
     ])  # fmt: skip
-    stage = together.exchanged(together.explained())
+    stage = together.explained()
+    if stands(problem.vector(stage.state)):
+        stage = together.exchanged(stage)
+    else:
+        stage, prices = (
+            together.refitted(stage, np.zeros_like(stage.there), CAL.exchange_steps),
+            np.full_like(prices, inf),
+        )
     stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
             for a in nuisances]  # fmt: skip
@@ -210,8 +219,8 @@ def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains:
 
 def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: Hypothesis) -> list[Hypothesis]:
     """The best explanation with others in the place of each effect, as far as they may explain as much."""
-    problem, result, sets = together.problem, list[Hypothesis](), stage.sets
-    here = sets.cost(stage.there)
+    problem, sets, state = together.problem, stage.sets, stage.state
+    here, starts, offs = sets.cost(stage.there), list[Start](), list[float]()
     for k in np.flatnonzero(stage.there):
         tried = list[tuple[float, int, Mask]]()
         for new in np.flatnonzero(~stage.there):
@@ -223,15 +232,18 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
         for off, other, swap in tried[: CAL.exchanged]:
             if off > CAL.exchange_look and problem.causes[k].gradual:  # of the others first order tells little
                 break
-            cause, state = problem.causes[other], stage.state
-            form = cause.forms[state.form[other]]
+            form = problem.causes[other].forms[state.form[other]]
             candidate = _as_refitted(form.candidate)
             seconds = [axis.value(x) for axis, x in zip(form.candidate.axes[1:], state.seconds[other], strict=True)]
             size = float(np.clip(sets.sizes(swap)[0][other], problem.low[other], problem.high[other]))
-            start = Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
-            again = refit(search, [start])
-            result += [min(again[0], replace(again[0], cost=best.cost + max(off, 0.0)), key=by_cost)] if again else []
-    return result
+            offs.append(max(off, 0.0))
+            starts.append(
+                Start((*rest.candidates, candidate), np.append(rest.m, [size, *seconds]), best.theta, best.linear)
+            )
+    refits = {item.names: item for item in refit(search, starts)}
+    result = [(refits[names], off) for start, off in zip(starts, offs, strict=True)
+              if (names := tuple(each.effect for each in start.candidates)) in refits]  # fmt: skip
+    return [min(item, replace(item, cost=best.cost + off), key=by_cost) for item, off in result]
 
 
 def _base(search: Search, best: Hypothesis) -> Hypothesis:

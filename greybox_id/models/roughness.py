@@ -14,7 +14,7 @@ import casadi as cs
 
 from .effect import AnyModel, Effect
 from .effects.stating import speed
-from .effects.tyres import FRONT_SHARE
+from .effects.tyres import COMBINED_BALANCE, COMBINED_POWER, FRONT_SHARE
 from .model import Symbol
 from .motion_model import MotionModel, Quantities
 from .parameter import Parameter, Prior
@@ -29,6 +29,9 @@ TRACK_SD = 0.5
 share its lateral force as they share its load."""
 HARD = 3.0
 """Times the usual drive, at which an error that grows with its square is as large as one that grows with itself."""
+POWER_SD, BALANCE_SD = 0.5, 0.3
+"""Of the power with which longitudinal forces take from lateral ones: between ellipses, 2, and Burckhardt's tyres, 1;
+and of how much of its friction an axle uses for them: curves that end at .8 of their D, and loads that move by .2."""
 DRAG_SD = 0.1
 """Of the power of speed that resistance has beside the stated one: air drag goes with v^1.8 to v^2 (rolling resistance
 with v^0 to v^0.2)."""
@@ -49,7 +52,7 @@ def with_roughness(model: AnyModel, vehicle: Vehicle, usual: Mapping[str, float]
                       (_bent("c_2", usual["speed"]), {"c_2"})):  # fmt: skip
         if by <= stated and rough.name not in model and rough.concerns(model):
             model = model + rough
-    for rough in _regimes(usual) if stated else ():
+    for rough in (*combined_slip(), *_regimes(usual)) if stated else ():
         if rough.concerns(model):
             model = model + rough
     return model
@@ -111,6 +114,21 @@ def steered_wheels() -> Effect:
         parameter.name, parameter, ("M_z",), lambda model: model.altered(M_z=turned_back), group=GROUP,
         needs=("steer", "F_yf", "F_yr", "F_zf", "h_cg"),
     )  # fmt: skip
+
+
+def combined_slip() -> list[Effect]:
+    """How longitudinal forces take from lateral ones, should they: see `effects.tyres.combined_slip`, which reads it."""
+    power = Parameter(
+        COMBINED_POWER, "1", 0.0, (-0.5, 1.0), prior=Prior(POWER_SD), about="two, less the power of combined slip"
+    )
+    balance = Parameter(
+        COMBINED_BALANCE, "1", 0.0, (-0.8, 0.8), prior=Prior(BALANCE_SD), about="of combined slip, more in front"
+    )
+    needs = ("F_xf", "F_xr", "peak_f", "peak_r")
+    return [
+        Effect(one.name, one, ("F_yf", "F_yr"), lambda model: model, group=GROUP, needs=needs)
+        for one in (power, balance)
+    ]
 
 
 def _bent(coefficient: str, usual_speed: float) -> Effect:

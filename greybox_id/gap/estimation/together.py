@@ -184,7 +184,7 @@ class JointSearch:
                 swap = better.there.copy()
                 swap[k], swap[j] = False, True
                 formed = replace(better, state=self.problem.formed(better.state, j, form))
-                tried = self.refitted(formed, swap, CAL.exchange_steps)
+                tried = self.refitted(formed, swap, CAL.exchange_steps, trial=True)
                 if tried.explains > better.explains:  # in the same model error
                     better, k = tried, j
         if better is stage:
@@ -273,9 +273,9 @@ class JointSearch:
             looked.add((a, b))
             rest = stage.there.copy()
             rest[[a, b]] = False
-            without = self.refitted(stage, rest, CAL.exchange_steps)
+            without = self.refitted(stage, rest, CAL.exchange_steps, trial=True)
             if without.sets.cost(rest) - stage.sets.cost(stage.there) < prices[a] + prices[b]:
-                return without
+                return self.refitted(without, rest, 1)
         return None
 
     @staticmethod
@@ -307,16 +307,20 @@ class JointSearch:
         gradual = problem.causes[k].gradual
         if gradual and not price <= gain < CAL.doubted * price:
             return gain
-        without = self.refitted(stage, there)
+        without = self.refitted(stage, there, trial=True)
         simulated = without.sets.cost(there) - stage.sets.cost(stage.there)
         return min(gain, simulated) if gradual else simulated  # of abrupt ones first order tells little
 
-    def refitted(self, stage: JointStage, there: Mask, steps: int = CAL.refits) -> JointStage:
-        """A stage with another set of causes, everything refitted in the same model error."""
+    def refitted(self, stage: JointStage, there: Mask, steps: int = CAL.refits, trial: bool = False) -> JointStage:
+        """A stage with another set of causes, everything refitted in the same model error.
+
+        On trial, abrupt causes that are not there stay as they were looked at last: they keep to their zones.
+        """
         state, squares, variance = stage.state, stage.squares, self.variance(there)
-        self.problem.forget()
+        if not trial:
+            self.problem.forget()
         for _ in range(steps):
-            state, went = self._stepped(state, squares, variance, stage.whitener, there)
+            state, went = self._stepped(state, squares, variance, stage.whitener, there, trial)
             state, squares = self._linear(state, stage.whitener, False, variance)
             if went < CAL.still:
                 break
@@ -387,8 +391,9 @@ class JointSearch:
         return state, Quadratic.of(linear)
 
     def _stepped(
-        self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
-    ) -> tuple[JointState, float]:
+        self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None,
+        trial: bool = False,
+    ) -> tuple[JointState, float]:  # fmt: skip
         """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
         problem, value = self.problem, squares.about
         x, _ = squares.best(variance)
@@ -418,7 +423,7 @@ class JointSearch:
         scales = np.concatenate([problem.theta_sd, problem.usual])
         went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
         far = float(np.max(np.abs(went), initial=0.0))
-        if far > CAL.moved_on:
+        if far > CAL.moved_on and not trial:
             problem.forget()
         return new, far
 

@@ -17,6 +17,10 @@ FRONT_SHARE = 0.55
 """Of the lateral load transfer, as springs and stabilisers of most cars have it."""
 
 
+NEXT_TO_NOTHING = 1e-4
+"""Of the square of the friction that longitudinal forces use: below a hundredth of it a power of it is smooth."""
+
+
 def _relaxed(model: MotionModel) -> MotionModel:
     """Slip angles follow over the distance rolled."""
     return model.relaxed(lambda q: q.p.tyre_relaxation / forward_speed(speed(q)), "alpha_f", "alpha_r")
@@ -31,9 +35,25 @@ def _kept_slope(q: Quantities) -> Symbol | float:
     return q.p.grip_scale ** (q.p.grip_scale_slope - 1) if hasattr(q.p, "B_f") else 1.0
 
 
-def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities) -> Symbol:
-    """Lateral force left beside a longitudinal one: sqrt(1 - (s F_x / peak)^2), rounded where nothing is left."""
-    return cs.sqrt(remaining((q.p.combined_slip * F_x / peak) ** 2))
+COMBINED_POWER, COMBINED_BALANCE = "combined_power", "combined_balance"
+"""How much less than two the power is with which longitudinal forces take from lateral ones, and how much more of their
+friction those of the front axle use than those of the rear one: where a vehicle's file leaves that open."""
+
+
+def _ellipse(F_x: Symbol, peak: Symbol, q: Quantities, side: int) -> Symbol:
+    """Lateral force left beside a longitudinal one: sqrt(1 - |s F_x / peak|^n), rounded where nothing is left.
+
+    n = 2 is the friction ellipse. Tyres whose force has the direction of their slip and grows like 1 - exp(-slip), as
+    Burckhardt's, lose half of |F_x / peak| where slip is small, n = 1; a brush loses a third of it, magic formulas lose
+    a part of its square (Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 1.2.2, 3.2, 4.3.2).
+    """
+    share = q.p.combined_slip
+    if hasattr(q.p, COMBINED_BALANCE):
+        share = share * (1 + side * getattr(q.p, COMBINED_BALANCE))
+    used = (share * F_x / peak) ** 2
+    if hasattr(q.p, COMBINED_POWER):
+        used = used * (used + NEXT_TO_NOTHING) ** (-0.5 * getattr(q.p, COMBINED_POWER))
+    return cs.sqrt(remaining(used))
 
 
 def _friction_of_loads(F_z: Symbol, static: Symbol, share: float, track: Symbol, q: Quantities) -> Symbol:
@@ -104,8 +124,8 @@ tyre_relaxation = effect(
 combined_slip = alteration(
     GROUP, "combined_slip", "1", 0.0, (0.0, 1.5), "share of the friction ellipse that longitudinal forces use",
     typical=0.6, gradual=False, needs=("F_xf", "F_xr", "peak_f", "peak_r"),
-    F_yf=lambda F_y, q: F_y * _ellipse(q.F_xf, q.peak_f, q),
-    F_yr=lambda F_y, q: F_y * _ellipse(q.F_xr, q.peak_r, q),
+    F_yf=lambda F_y, q: F_y * _ellipse(q.F_xf, q.peak_f, q, 1),
+    F_yr=lambda F_y, q: F_y * _ellipse(q.F_xr, q.peak_r, q, -1),
 )  # fmt: skip
 
 load_sensitivity = alteration(
