@@ -24,7 +24,7 @@ from ..base.errors import BadInput, near_or_all
 from ..base.numbers import number, with_unit
 from ..base.shorthands import Array
 from ..base.statistics import correlation_time
-from ..datasets.checks.rest import standing
+from ..datasets.checks.consistency import standing
 from ..datasets.recording import Recording
 from ..engine.least_squares import LeastSquares
 from ..engine.motion.simulator import Simulator

@@ -15,8 +15,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.lateral import lateral
 from greybox_id.models.registry import build, vehicle_parameters
-from greybox_id.models.roll import PARAMETERS, with_roll
-from greybox_id.models.single_track import single_track
+from greybox_id.models.single_track import PARAMETERS, single_track, with_roll
 from greybox_id.models.vehicle import Stated, Vehicle
 
 START = {"v_y": 0.0, "yaw_rate": 0.0}
