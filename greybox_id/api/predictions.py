@@ -24,7 +24,7 @@ from ..base.units import Quantity
 from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
 from ..engine.simulation import Prediction
-from ..fitting.fit import Fit
+from ..fitting.fit import Fit, Verdict
 from ..fitting.holding import as_fitted
 from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.posterior.predictive import banded_table, predictive_band
@@ -52,7 +52,6 @@ from ..fitting.scores.timing import (
 )
 from ..fitting.scores.verdict import HELD_OUT, distrust, used_signals
 from ..fitting.verb import judgement
-from ..fitting.verdict import Verdict
 from ..models.model import Model
 from ..reports.text.fit import errors_table, verdict_table
 from ..reports.text.memory import timing_lines

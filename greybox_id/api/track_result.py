@@ -22,7 +22,7 @@ from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
 from ..filters.how import TrackOptions
 from ..filters.track import Track, tracked_vehicle, verdict
-from ..fitting.verdict import Verdict
+from ..fitting.fit import Verdict
 from ..models.effects import EFFECTS
 from ..models.vehicle import Vehicle, write_vehicle
 from ..reports.document import write_drawings

@@ -317,7 +317,7 @@ def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> 
 def fit_of(file: str | Path) -> FitResult:
     """The fit of a file; where its verdict is that it cannot be used, a warning says so. Raises `BadInput`."""
     from ..api.fitting import load
-    from ..fitting.verdict import NOT_USABLE
+    from ..fitting.fit import NOT_USABLE
 
     one = load(file)
     if one.verdict is not None and one.verdict.usability == NOT_USABLE:

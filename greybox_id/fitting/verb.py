@@ -21,7 +21,7 @@ from ..datasets.checks.finding import Finding
 from ..datasets.recording import Recording, join
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
-from .fit import Fit
+from .fit import NOT_USABLE, USABLE, Fit, Reason, Verdict, with_reason
 from .holding import IN_MOTION, Holding, as_fitted, in_doubt, other_than, reason, weighed, with_hold
 from .how import FitOptions, Say, Solver, quiet
 from .pretraining import Pretraining
@@ -30,7 +30,6 @@ from .scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_
 from .scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words, must_have_timing
 from .scores.verdict import HELD_OUT, TRAINED, WORSE, distrust, judged, times_as_large, used_signals
 from .training import TrainedBefore
-from .verdict import NOT_USABLE, USABLE, Reason, Verdict, with_reason
 
 
 @dataclass(frozen=True)

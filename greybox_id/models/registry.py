@@ -38,10 +38,8 @@ from .effect import AnyModel, Effect
 from .effects import EFFECTS
 from .form import with_form_error
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
-from .kinematic import KinematicSettings, kinematic
-from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
-from .longitudinal import longitudinal
+from .longitudinal import PARAMETERS, longitudinal
 from .model import Model, NoSettings, from_mapping, must_be
 from .motion_model import MotionModel
 from .msnn_full import (
@@ -55,7 +53,23 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
-from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, must_stand, single_track, with_roll
+from .single_track import (
+    BODY,
+    BRAKE,
+    BRAKES,
+    DRIVE,
+    DRIVE_SIGNALS,
+    DRIVES,
+    MOTOR,
+    ROLLING,
+    TURNING,
+    KinematicSettings,
+    kinematic,
+    lateral,
+    must_stand,
+    single_track,
+    with_roll,
+)
 from .steering import steering
 from .tyres import TYRES, TyreSettings
 from .vehicle import Stated, Vehicle
@@ -259,13 +273,9 @@ def motion_model_of(vehicle: Vehicle) -> MotionModel:
 
 def vehicle_parameters() -> tuple[str, ...]:
     """Parameters that equations of motion know, on any tyre, and effects as second ones: what a vehicle may state."""
-    tyres = [{"tyre": tyre} for tyre in TYRES]
-    known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
-    known += [
-        build("single_track", {"drive": "motor", "brake": "separate", "body": "rolling"}),
-        *(build(name) for name in ("longitudinal", "kinematic")),
-    ]
-    return tuple(dict.fromkeys((*(parameter.name for model in known for parameter in model.parameters), *_seconds())))
+    tyres = (parameter for tyre in TYRES.values() for axle in "fr" for parameter in tyre.parameters(axle))
+    known = (*BODY, *DRIVE, *tyres, *MOTOR, *BRAKE, *ROLLING, *PARAMETERS, *TURNING)
+    return tuple(dict.fromkeys((*(parameter.name for parameter in known), *_seconds())))
 
 
 SHIPPED = frozenset((*MODELS, *EFFECTS))

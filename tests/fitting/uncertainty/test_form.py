@@ -9,11 +9,11 @@ from driven import driven
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.fit import NOT_USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
 from greybox_id.fitting.uncertainty.form import _Joint
 from greybox_id.fitting.verb import fit
-from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
