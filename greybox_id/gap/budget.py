@@ -7,20 +7,39 @@ unexplained rest add up to one. Source: Shapley, A value for n-person games, 195
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
+from ..base.errors import BadInput
 from ..base.shorthands import Array
-from ..base.statistics import resampled
+from ..base.statistics import NORMAL, resampled
+from ..datasets.checks.finding import listed
+from ..datasets.recording import Recording
 from ..engine.simulation import FreeRuns
+from .closed_model import with_effects
+from .estimation.axes import scalars
 from .estimation.calibration import CAL
-from .estimation.free_runs import Misfit
-from .estimation.noise import blocks
+from .estimation.free_runs import (
+    Misfit,
+    at_their_best,
+    freed_tolerances,
+    misfit,
+    of_subsets,
+    plain,
+    refitted_tolerances,
+)
+from .estimation.hypothesis import Hypothesis
+from .estimation.noise import blocks, white_noise
+from .estimation.search import Search
+from .estimation.variance import fresh
+from .examining import Examined
 from .gap import Budget, Share
+from .selection import refitted
 
 Set = frozenset[str]
 
@@ -95,3 +114,110 @@ def _weight(name: str, value: Set, n: int) -> float:
     if name in value:
         return -factorial(len(value) - 1) * factorial(n - len(value)) / factorial(n)
     return factorial(len(value)) * factorial(n - len(value) - 1) / factorial(n)
+
+
+def shared_out(
+    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
+) -> Budget | None:
+    """Which share of the excess each effect of a hypothesis closes, on what was held out if there is any."""
+    names = best.names
+    if len(names) > CAL.few:
+        return _of_many(examined, best, held_out, tell)
+    if held_out:
+        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        full = with_effects(examined, best)
+        there = examined.selection.search.values(best)
+        whole, bench = refitted_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
+        misfits = {frozenset(names): whole}
+        for subset in subsets(names)[:-1]:
+            model = with_effects(examined, best, subset)
+            try:
+                misfits[subset], _ = refitted_tolerances(
+                    model, held_out, examined.vehicle, examined.effects, examined.sd, whole.values, whole.trust
+                )
+            except BadInput:  # some effects without the others may leave the range of numbers
+                if not subset:
+                    raise
+                misfits[subset] = misfits[frozenset()]
+        good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
+        return budget(misfits, names, examined.sd, good, bench, tuple(item.name for item in held_out), True)
+    search = examined.selection.search
+    known = {frozenset(item.names): item for item in examined.selection.tried}
+    more = [subset for subset in subsets(names) if subset not in examined.freed]
+    parts = [known.get(item) or refitted(search, best.only(item)) for item in more]
+    free = dict(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
+    misfits = {subset: misfit(search, {**free, **examined.freed}[subset]) for subset in subsets(names)}
+    good = plain(misfits[frozenset(names)].e, examined.good, examined.bench)
+    return budget(
+        misfits,
+        names,
+        examined.sd,
+        good,
+        examined.bench,
+        tuple(recording.name for recording in examined.recordings),
+        False,
+    )
+
+
+def _of_many(
+    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
+) -> Budget | None:
+    """The same of many effects: what each does adds up, to first order, in sets that are neither none nor all."""
+    names = best.names
+    search = examined.selection.search
+    if held_out:
+        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        full = with_effects(examined, best)
+        there = search.values(best)
+        whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
+        search.about(result)
+        nothing, _ = refitted_tolerances(
+            with_effects(examined, best, set()),
+            held_out,
+            examined.vehicle,
+            examined.effects,
+            examined.sd,
+            whole.values,
+            whole.trust,
+        )
+        known = {frozenset(names): whole, frozenset[str](): nothing}
+        misfits = of_subsets(search, result, _absent(examined, best, search), known)
+        good = plain(whole.e, fresh(search.bench), search.bench)
+        return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
+    known = {frozenset(item): misfit(search, examined.freed[item]) for item in (frozenset(names), frozenset[str]())}
+    with search.elsewhere():
+        if examined.unnamed is not None:
+            search.recoloured(white_noise(examined.sd, examined.good, examined.bench.rows))
+        result = examined.freed[frozenset(names)]
+        search.about(result)
+        misfits = of_subsets(search, result, _absent(examined, best, search), known)
+    good = plain(known[frozenset(names)].e, examined.good, examined.bench)
+    recordings = tuple(item.name for item in examined.recordings)
+    return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
+
+
+def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, dict[int, float]]:
+    """Effect of the best hypothesis -> parameter that is elsewhere without it -> where."""
+    same = search is examined.selection.search
+    places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
+    mains = {each.effect: each.axes[0] for each in best.candidates}
+    return {name: {axis.index if same else places[axis.name]: axis.value(axis.null)} for name, axis in mains.items()}
+
+
+def closes(shared: Budget | None, name: str) -> float:
+    """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
+    if shared is None or (value := shared.judged(name)) is None:
+        return 1.0
+    sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
+    return float(ndtr((value.share - _least_share(shared)) / sd))
+
+
+def weak(shared: Budget, name: str) -> Share | None:
+    """What an effect closes, if a cause closes more."""
+    share = shared.judged(name)
+    return share if share is not None and share.share < _least_share(shared) else None
+
+
+def _least_share(shared: Budget) -> float:
+    """The share from which on an effect is a cause: on the recordings that chose it, any that is surely there."""
+    return CAL.least_share if shared.held_out else 0.0

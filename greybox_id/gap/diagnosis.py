@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from math import exp, log
 
 import numpy as np
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from ..base.errors import BadInput
-from ..base.numbers import number, pretty_unit, whole_percent
-from ..base.statistics import NORMAL
+from ..base.numbers import number, pretty_unit
 from ..datasets.checks import Severity, check
 from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
@@ -22,27 +19,21 @@ from ..fitting.scores.horizons import by_horizon
 from ..models.effect import Effect
 from ..models.vehicle import Vehicle
 from .advice import advice, limits, not_excited, unread
-from .budget import budget, subsets
-from .closed_model import closed_model, moved, place_of, with_effects
+from .budget import closes, shared_out, weak
+from .closed_model import closed_model, moved, place_of
 from .closing import left_open
-from .estimation.axes import ActingRows, scalars
+from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
-from .estimation.constancy import Spread
-from .estimation.free_runs import at_their_best, freed_tolerances, misfit, of_subsets, plain, refitted_tolerances
 from .estimation.hypothesis import Hypothesis
-from .estimation.noise import white_noise
 from .estimation.observer import PULLED
 from .estimation.preparing import excerpt
-from .estimation.search import Search
 from .estimation.strip import strip
-from .estimation.variance import fresh
 from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
-from .examining import TINY, Examined, examine
-from .gap import Budget, CauseClass, Gap, Ranked, Share
+from .examining import Examined, examine
+from .gap import Budget, CauseClass, Gap, Ranked
+from .judging import alike_of, by_no_name, gain_of, itself, of_class, only, refused, something_unnamed
 from .regimes import where
-from .selection import refitted
-from .unknown import unknown_probability, without_a_name
 
 DIFFERS = "its estimate differs between parts of the drive, as it does where the equations have the wrong form"
 OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
@@ -97,18 +88,16 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     best, reasons, shared, telling = it.best, dict[str, str](), None, None
     while best.candidates:
-        shared = _budget(it, best, held_out, tell)
+        shared = shared_out(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and shared.held_out else None
-        refused = _refused(it, best, telling)
-        closes = {
-            name: by.share for name in refused if telling is not None and (by := _weak(telling, name)) is not None
-        }
-        if len(closes) > 1:  # the least of them leaves first: it may hide what the others close
-            least = min(closes, key=lambda name: closes[name])
-            refused = {name: why for name, why in refused.items() if name not in closes or name == least}
-        reasons |= refused
-        best = _only(it, set(best.names) - set(refused))
-        if len(closes) < 2:
+        leaving = refused(it, best, telling)
+        little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
+        if len(little) > 1:  # the least of them leaves first: it may hide what the others close
+            least = min(little, key=lambda name: little[name])
+            leaving = {name: why for name, why in leaving.items() if name not in little or name == least}
+        reasons |= leaving
+        best = only(it, set(best.names) - set(leaving))
+        if len(little) < 2:
             break
     if telling is not None and telling.unnamed.low > CAL.present:  # more than half is surely no named effect's
         unknown = max(unknown, CAL.nameless)
@@ -116,9 +105,9 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
     closed, verified, worse = closed_model(it, best, detected, held_out)
     while worse:
-        weakest = min(best.names, key=partial(_gain, it, it.best))
+        weakest = min(best.names, key=partial(gain_of, it, it.best))
         reasons[weakest] = worse
-        best = _only(it, set(best.names) - {weakest})
+        best = only(it, set(best.names) - {weakest})
         closed, verified, worse = closed_model(it, best, detected, held_out)
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
     if (
@@ -136,7 +125,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         for c in range(len(it.sd))
     ])  # fmt: skip
     place = where(it.bench, excess, ratio, it.seen, selection.promised, it.effects)
-    weak, absorbed = not_excited(it)
+    unexcited, absorbed = not_excited(it)
     sets = [(item.effect, *item.indistinguishable_from) for item in ranking[:2] if item.indistinguishable_from]
     counted = np.where(it.good, 1.0, 0.0)
     return Gap(
@@ -157,9 +146,9 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         applied=applied,
         gap=it.closed if applied or not it.best.candidates else left_open(it.closed),
         held_out=verified,
-        not_excited=weak,
+        not_excited=unexcited,
         absorbed=absorbed,
-        advice=advice(sets, list(weak), it.effects, unread(it)),
+        advice=advice(sets, list(unexcited), it.effects, unread(it)),
         closed=closed,
         strip=strip(
             it.bench,
@@ -194,235 +183,6 @@ def _held(examined: Examined) -> str:
     )
 
 
-def something_unnamed(examined: Examined) -> float:
-    """The probability that something outside the named effects is at work; it silences no name.
-
-    Told by the model error that is left beside them, over what is believed of it, by noise over what is stated, and by
-    tolerances that are further off than they are stated to be.
-    """
-    if examined.unnamed is None:
-        return _without_forces(examined)
-    value, usual = examined.unnamed, examined.expected.median
-    share = max(value.share_y / usual.share_y, value.share_x / usual.share_x)
-    loud = max(value.noise.values(), default=1.0) if examined.told else 1.0
-    odds = [
-        CAL.unnamed_slope * log(share / CAL.unnamed_share),
-        CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
-    ]
-    if value.strain > 0:
-        odds.append(CAL.mimic_slope * log(value.strain / CAL.unnamed_strain))
-    return float(1 - np.prod([1 / (1 + exp(min(x, 30.0))) for x in odds]))
-
-
-def _without_forces(examined: Examined) -> float:
-    """The same of models that know no forces: told by what is left of free runs, and how that follows driving."""
-    scattered = any(present > CAL.present for _, present in examined.scatter.values())
-    stated = examined.rough and not examined.bench.learnt  # what training left follows driving anyway
-    nameless = without_a_name(examined.signs, examined.evidence.temper, stated, examined.told)
-    if not examined.best.candidates and not scattered and not nameless:
-        return CAL.nothing_unknown
-    p = unknown_probability(examined.signs, examined.told)
-    return p if examined.best.candidates or scattered else max(p, CAL.nameless)
-
-
-def _budget(
-    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
-) -> Budget | None:
-    """Which share of the excess each effect of a hypothesis closes, on what was held out if there is any."""
-    names = best.names
-    if len(names) > CAL.few:
-        return _budget_of_many(examined, best, held_out, tell)
-    if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
-        full = with_effects(examined, best)
-        there = examined.selection.search.values(best)
-        whole, bench = refitted_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
-        misfits = {frozenset(names): whole}
-        for subset in subsets(names)[:-1]:
-            model = with_effects(examined, best, subset)
-            try:
-                misfits[subset], _ = refitted_tolerances(
-                    model, held_out, examined.vehicle, examined.effects, examined.sd, whole.values, whole.trust
-                )
-            except BadInput:  # some effects without the others may leave the range of numbers
-                if not subset:
-                    raise
-                misfits[subset] = misfits[frozenset()]
-        good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
-        return budget(misfits, names, examined.sd, good, bench, tuple(item.name for item in held_out), True)
-    search = examined.selection.search
-    known = {frozenset(item.names): item for item in examined.selection.tried}
-    more = [subset for subset in subsets(names) if subset not in examined.freed]
-    parts = [known.get(item) or refitted(search, best.only(item)) for item in more]
-    free = dict(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
-    misfits = {subset: misfit(search, {**free, **examined.freed}[subset]) for subset in subsets(names)}
-    good = plain(misfits[frozenset(names)].e, examined.good, examined.bench)
-    return budget(
-        misfits,
-        names,
-        examined.sd,
-        good,
-        examined.bench,
-        tuple(recording.name for recording in examined.recordings),
-        False,
-    )
-
-
-def _budget_of_many(
-    examined: Examined, best: Hypothesis, held_out: Sequence[Recording], tell: Callable[..., None]
-) -> Budget | None:
-    """The same of many effects: what each does adds up, to first order, in sets that are neither none nor all."""
-    names = best.names
-    search = examined.selection.search
-    if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
-        full = with_effects(examined, best)
-        there = search.values(best)
-        whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
-        search.about(result)
-        nothing, _ = refitted_tolerances(
-            with_effects(examined, best, set()),
-            held_out,
-            examined.vehicle,
-            examined.effects,
-            examined.sd,
-            whole.values,
-            whole.trust,
-        )
-        known = {frozenset(names): whole, frozenset[str](): nothing}
-        misfits = of_subsets(search, result, _absent(examined, best, search), known)
-        good = plain(whole.e, fresh(search.bench), search.bench)
-        return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
-    known = {frozenset(item): misfit(search, examined.freed[item]) for item in (frozenset(names), frozenset[str]())}
-    with search.elsewhere():
-        if examined.unnamed is not None:
-            search.recoloured(white_noise(examined.sd, examined.good, examined.bench.rows))
-        result = examined.freed[frozenset(names)]
-        search.about(result)
-        misfits = of_subsets(search, result, _absent(examined, best, search), known)
-    good = plain(known[frozenset(names)].e, examined.good, examined.bench)
-    recordings = tuple(item.name for item in examined.recordings)
-    return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)
-
-
-def _absent(examined: Examined, best: Hypothesis, search: Search) -> dict[str, dict[int, float]]:
-    """Effect of the best hypothesis -> parameter that is elsewhere without it -> where."""
-    same = search is examined.selection.search
-    places = {parameter.name: index for index, parameter in scalars(search.bench.model)}
-    mains = {each.effect: each.axes[0] for each in best.candidates}
-    return {name: {axis.index if same else places[axis.name]: axis.value(axis.null)} for name, axis in mains.items()}
-
-
-def _refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str, str]:
-    """Effects of a hypothesis that are not called causes, and why, by name.
-
-    Parameters
-    ----------
-    one : what was examined.
-    some : the best hypothesis, or what is left of it.
-    shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
-    """
-    best, reasons, varying = one.best, dict[str, str](), one.varying
-    for candidate, at in best.parts:
-        name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
-        if name not in some.names:
-            continue
-        share = _weak(shared, name) if shared is not None else None
-        sure = _of_class(one, name)
-        spread = varying.get(name)
-        if not one.stands:
-            reasons[name] = "with it, free runs still spin where the vehicle did not"
-        elif spread is not None and spread.relative > CAL.varies:
-            reasons[name] = (
-                f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
-                f"{spread.place}, which that of a true cause would not"
-            )
-        elif one.unnamed is not None and _mimics(one, best, name) > CAL.present:
-            reasons[name] = (
-                "another effect may mimic it: it needs parameters beyond their stated tolerances (chi-square "
-                f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
-                "they do"
-            )
-        elif sure <= CAL.present:
-            alike = _alike(one, name, CAL.alike)
-            beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
-            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
-        elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
-            reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
-        elif shared is not None and share is not None:
-            judged = "on what was held out" if shared.held_out else "in free run"
-            reasons[name] = (
-                f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
-                f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
-            )
-        else:  # several doubts, each of them below one half
-            entry = (1.0 - CAL.nothing_unknown) * sure * _itself(one, best, name, spread) * _closes(shared, name)
-            if entry <= CAL.present:
-                reasons[name] = f"its probability is {entry:.2f}, no more than one half"
-    return reasons | _beside_mimics(one, some, reasons)
-
-
-def _only(examined: Examined, names: Collection[str]) -> Hypothesis:
-    """The best explanation with these of its effects alone, everything else refitted."""
-    selection = examined.selection
-    known = {frozenset(item.names): item for item in (*selection.tried, selection.base)}
-    return known.get(frozenset(names)) or refitted(selection.search, examined.best.only(names))
-
-
-def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:
-    """Why effects beside others whose sizes are refuted are no causes, by name, where equations are exact.
-
-    These have an unknown cause to share among them: what more of it went to refuted names than to one may go to it too.
-    """
-    varies = [name for name, spread in one.varying.items() if spread.relative > CAL.varies and name in reasons]
-    refuted = sum(_gain(one, best, name) for name in varies)
-    if not refuted or one.rough:
-        return {}
-    beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
-    return {
-        name: f"another effect may mimic it: it explains less than what stands {beside}"
-        for name in best.names
-        if name not in reasons and _gain(one, best, name) < refuted
-    }
-
-
-def _gain(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """Log-likelihood that an effect gains beside the others of a hypothesis."""
-    base, others = examined.selection.base, set(hypothesis.names) - {name}
-    without = [item.cost for item in examined.selection.tried if set(item.names) == others]
-    return max(min([base.cost, *without]) - hypothesis.cost, 0.0)  # either may have been left on its way
-
-
-def _mimics(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """The probability that an effect stands for one without a name, which strains tolerances where it is none."""
-    if examined.unnamed is None or examined.unnamed.strain == 0.0:
-        return 0.0
-    strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
-    x = CAL.mimic_slope * log(CAL.mimic * strain / max(_gain(examined, hypothesis, name), TINY))
-    return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
-
-
-def by_no_name(examined: Examined) -> float:
-    """The probability that an effect of the best explanation is there and is not what it is called."""
-    varying, tried = examined.varying, examined.selection.tried
-    others = [
-        probability(examined.evidence, tried, name) * (1.0 - _itself(examined, examined.best, name, varying.get(name)))
-        for name in examined.best.names
-    ]
-    return float(1.0 - np.prod([1.0 - other for other in others]))
-
-
-def _itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
-    """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
-    stands = 1.0 if examined.stands else 1.0 - CAL.present
-    return stands * _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
-
-
-def _of_class(examined: Examined, name: str) -> float:
-    """The probability that an effect is there, or one that these recordings cannot tell from it."""
-    return probability(examined.evidence, examined.selection.tried, name, *_alike(examined, name, CAL.alike))
-
-
 def _classes(examined: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:
     """Of every effect of the best explanation, what acts as it does."""
     classes, known = [], 1.0 - CAL.nothing_unknown
@@ -430,9 +190,9 @@ def _classes(examined: Examined, ranking: Sequence[Ranked], applied: Sequence[st
     for name in examined.best.names:
         if not any(item.effect == name for item in ranking):
             continue
-        members = (name, *_alike(examined, name, CAL.alike))
+        members = (name, *alike_of(examined, name, CAL.alike))
         alone = {member: probability(examined.evidence, tried, member) for member in members}
-        whole = known * _of_class(examined, name)
+        whole = known * of_class(examined, name)
         total = sum(alone.values()) or 1.0
         each = {member: whole * p / total for member, p in sorted(alone.items(), key=lambda item: -item[1])}
         each = {member: p for member, p in each.items() if p >= CAL.told_probability or member == name}
@@ -460,8 +220,8 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         magnitude, interval = _magnitude(examined, most, name)
         part = next(candidate.part for candidate in most.candidates if candidate.effect == name)
         by = 1.0 if name in examined.best.names else weighed.outdone.get(name, 1.0)
-        p = known * probability(weighed, tried, name) * _itself(examined, most, name, varying.get(name))
-        p *= _closes(shared, name)
+        p = known * probability(weighed, tried, name) * itself(examined, most, name, varying.get(name))
+        p *= closes(shared, name)
         ranked.append(
             Ranked(
                 name,
@@ -469,8 +229,8 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
                 magnitude,
                 most.main(name)[0].unit,
                 interval,
-                _alike(examined, name, CAL.alike),
-                _gain(examined, most, name),
+                alike_of(examined, name, CAL.alike),
+                gain_of(examined, most, name),
                 reasons.get(name, DIFFERS if by > 1.0 else ""),
                 *((None, None, "") if part is None else (part.since, part.until, _place(examined, part))),
                 _others(examined, most, name),
@@ -526,33 +286,6 @@ def _p_value(examined: Examined, unexplained: bool) -> float:
     return min(p, default=1.0)
 
 
-def _constant(spread: Spread | None) -> float:
-    """The probability that a magnitude that differs so between parts of a recording is a cause's."""
-    if spread is None:
-        return 1.0
-    x = (spread.relative - CAL.varies) / CAL.varies_width
-    return float(1 / (1 + exp(min(x, 30.0))))
-
-
-def _closes(shared: Budget | None, name: str) -> float:
-    """The probability that an effect closes as much as a cause does; one for those of which no share is known."""
-    if shared is None or (value := shared.judged(name)) is None:
-        return 1.0
-    sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
-    return float(ndtr((value.share - _least_share(shared)) / sd))
-
-
-def _weak(shared: Budget, name: str) -> Share | None:
-    """What an effect closes, if a cause closes more."""
-    share = shared.judged(name)
-    return share if share is not None and share.share < _least_share(shared) else None
-
-
-def _least_share(shared: Budget) -> float:
-    """The share from which on an effect is a cause: on the recordings that chose it, any that is surely there."""
-    return CAL.least_share if shared.held_out else 0.0
-
-
 def _magnitude(examined: Examined, hypothesis: Hypothesis, name: str) -> tuple[float, tuple[float, float]]:
     """Magnitude of one effect in a hypothesis, with its 95 % interval."""
     (axis, at), search = hypothesis.main(name), examined.selection.search
@@ -576,22 +309,6 @@ def _place(examined: Examined, part: ActingRows) -> str:
     """The name of the recording in which an effect begins or ends, and of its run where it has several."""
     k, run, _ = place_of(examined, part)
     return f"{part.recording}, run {run + 1}" if len(examined.recordings[k].runs) > 1 else part.recording
-
-
-def _alike(examined: Examined, name: str, within: float) -> tuple[str, ...]:
-    """Effects that explain as much in this one's place, within so much log-likelihood."""
-    tried, scores = examined.selection.tried, examined.evidence.scores
-    holding = [k for k, item in enumerate(tried) if name in item.names]
-    k = max(holding, key=lambda j: scores[j])
-    others = set(tried[k].names) - {name}
-    alike = []
-    for j, item in enumerate(tried):
-        new = set(item.names) - others
-        if j != k and len(item.names) == len(tried[k].names) and others < set(item.names) | {""} and len(new) == 1:
-            (other,) = new
-            if other != name and abs(scores[j] - scores[k]) < within and scores[k] > 0:
-                alike.append(other)
-    return tuple(dict.fromkeys(alike))
 
 
 def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:

@@ -117,7 +117,7 @@ def steered_wheels() -> Effect:
 
 
 def combined_slip() -> list[Effect]:
-    """How longitudinal forces take from lateral ones, should they: see `effects.tyres.combined_slip`, which reads it."""
+    """How longitudinal forces take from lateral ones, should they; read by the effect combined_slip."""
     power = Parameter(
         COMBINED_POWER, "1", 0.0, (-0.5, 1.0), prior=Prior(POWER_SD), about="two, less the power of combined slip"
     )

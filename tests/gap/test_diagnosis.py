@@ -14,11 +14,12 @@ from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 from greybox_id.base.errors import BadInput
 from greybox_id.gap import diagnosis
 from greybox_id.gap.closed_model import HARMS
-from greybox_id.gap.diagnosis import _mimics, _of_sets, by_no_name, diagnose, something_unnamed
+from greybox_id.gap.diagnosis import _of_sets, diagnose
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
+from greybox_id.gap.judging import _mimics, by_no_name, something_unnamed
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle

@@ -4,8 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from driving import read
 from linearised import rates, vector
 
+from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.roughness import with_roughness
 from greybox_id.models.vehicle import Stated, Vehicle
@@ -22,9 +24,10 @@ def rough(name="single_track", **values):
 
 
 def test_they_stand_beside_stated_tolerances_and_nowhere_else():
-    assert named() == ("steered_wheels", "power_of_c_0", "power_of_c_2")
-    assert named(c_0=Stated(200.0)) == ("steered_wheels", "power_of_c_2")
-    assert named(C_f=Stated(1.4)) == ("power_of_c_0", "power_of_c_2")
+    combined = ("combined_power", "combined_balance")
+    assert named() == ("steered_wheels", "power_of_c_0", "power_of_c_2", *combined)
+    assert named(c_0=Stated(200.0)) == ("steered_wheels", "power_of_c_2", *combined)
+    assert named(C_f=Stated(1.4)) == ("power_of_c_0", "power_of_c_2", *combined)
     exact = Vehicle("car", {name: replace(own, sd=None) for name, own in SD.items()})
     assert with_roughness(build("single_track"), exact, DRIVEN).effects == ()
     assert rough("kinematic").effects == ()
@@ -67,7 +70,40 @@ def test_errors_of_form_under_brakes_are_none_of_what_drives(name, usual, twice)
         assert p["m"] * (off["v_y"] - plain["v_y"]) == pytest.approx(share * F_yr, rel=1e-6, abs=1e-6)
 
 
-@pytest.mark.parametrize("name", ["steered_wheels", "power_of_c_0", "power_of_c_2"])
+def left_beside(drive, slip=1.0, **values):
+    """Share of the lateral force of each axle beside a longitudinal one, and the friction that this one uses."""
+    model = with_roughness(build("single_track"), Vehicle("car", SD), DRIVEN) + EFFECTS["combined_slip"]
+    names = ("F_yf", "F_yr", "F_xf", "F_xr", "peak_f", "peak_r")
+    states = dict(zip(("v_x", "v_y", "yaw_rate"), TURNING, strict=True))
+    free, braked = (
+        read(model, names, states, {"steer": 0.05, "drive": drive}, combined_slip=s, **values) for s in (0.0, slip)
+    )
+    return [(braked[f"F_y{k}"] / free[f"F_y{k}"], abs(slip * braked[f"F_x{k}"] / braked[f"peak_{k}"])) for k in "fr"]
+
+
+@pytest.mark.parametrize("drive", [-1.0, -4.0])
+def test_the_power_of_combined_slip_goes_from_an_ellipse_to_tyres_that_saturate_exponentially(drive):
+    for left, used in left_beside(drive):
+        assert left == pytest.approx(np.sqrt(1 - used**2), rel=1e-6)
+    for left, used in left_beside(drive, combined_power=1.0):
+        assert left == pytest.approx(np.sqrt(1 - used), rel=2e-3)
+    (left, used), _ = left_beside(-1.0, combined_power=1.0)
+    # a force of size 1 - exp(-s) in the direction of its slip, little of it lateral
+    assert left == pytest.approx(-used / np.log1p(-used), abs=0.02)
+
+
+def test_the_balance_of_combined_slip_is_that_share_more_of_it_in_front_and_less_behind():
+    plain, more = left_beside(-4.0), left_beside(-4.0, combined_balance=0.2)
+    for (_, used), (left, _), by in zip(plain, more, (1.2, 0.8), strict=True):
+        assert left == pytest.approx(np.sqrt(1 - (by * used) ** 2), rel=1e-6)
+
+
+def test_without_combined_slip_its_form_is_nothing():
+    plain, other = (left_beside(-4.0, slip=0.0, **values) for values in ({}, {"combined_power": 1.0}))
+    assert [left for left, _ in plain] == [left for left, _ in other] == [1.0, 1.0]
+
+
+@pytest.mark.parametrize("name", ["steered_wheels", "power_of_c_0", "power_of_c_2", "combined_power"])
 def test_each_is_one_number_that_is_believed_to_be_nothing(name):
     own = rough()[name]
     assert float(own.array) == 0.0

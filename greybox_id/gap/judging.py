@@ -1,0 +1,185 @@
+"""What is called a cause: which effects of the best explanation are, why others are not, and what has no name."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from math import exp, log
+
+import numpy as np
+
+from ..base.numbers import whole_percent
+from ..datasets.checks.finding import listed
+from .budget import closes, weak
+from .estimation.calibration import CAL
+from .estimation.constancy import Spread
+from .estimation.hypothesis import Hypothesis
+from .evidence import probability
+from .examining import TINY, Examined
+from .gap import Budget
+from .selection import refitted
+from .unknown import unknown_probability, without_a_name
+
+
+def something_unnamed(examined: Examined) -> float:
+    """The probability that something outside the named effects is at work; it silences no name.
+
+    Told by the model error that is left beside them, over what is believed of it, by noise over what is stated, and by
+    tolerances that are further off than they are stated to be.
+    """
+    if examined.unnamed is None:
+        return _without_forces(examined)
+    value, usual = examined.unnamed, examined.expected.median
+    share = max(value.share_y / usual.share_y, value.share_x / usual.share_x)
+    loud = max(value.noise.values(), default=1.0) if examined.told else 1.0
+    odds = [
+        CAL.unnamed_slope * log(share / CAL.unnamed_share),
+        CAL.unnamed_noise_slope * log(loud / CAL.unnamed_noise),
+    ]
+    if value.strain > 0:
+        odds.append(CAL.mimic_slope * log(value.strain / CAL.unnamed_strain))
+    return float(1 - np.prod([1 / (1 + exp(min(x, 30.0))) for x in odds]))
+
+
+def _without_forces(examined: Examined) -> float:
+    """The same of models that know no forces: told by what is left of free runs, and how that follows driving."""
+    scattered = any(present > CAL.present for _, present in examined.scatter.values())
+    stated = examined.rough and not examined.bench.learnt  # what training left follows driving anyway
+    nameless = without_a_name(examined.signs, examined.evidence.temper, stated, examined.told)
+    if not examined.best.candidates and not scattered and not nameless:
+        return CAL.nothing_unknown
+    p = unknown_probability(examined.signs, examined.told)
+    return p if examined.best.candidates or scattered else max(p, CAL.nameless)
+
+
+def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str, str]:
+    """Effects of a hypothesis that are not called causes, and why, by name.
+
+    Parameters
+    ----------
+    one : what was examined.
+    some : the best hypothesis, or what is left of it.
+    shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
+    """
+    best, reasons, varying = one.best, dict[str, str](), one.varying
+    for candidate, at in best.parts:
+        name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
+        if name not in some.names:
+            continue
+        share = weak(shared, name) if shared is not None else None
+        sure = of_class(one, name)
+        spread = varying.get(name)
+        if not one.stands:
+            reasons[name] = "with it, free runs still spin where the vehicle did not"
+        elif spread is not None and spread.relative > CAL.varies:
+            reasons[name] = (
+                f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
+                f"{spread.place}, which that of a true cause would not"
+            )
+        elif one.unnamed is not None and _mimics(one, best, name) > CAL.present:
+            reasons[name] = (
+                "another effect may mimic it: it needs parameters beyond their stated tolerances (chi-square "
+                f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
+                "they do"
+            )
+        elif sure <= CAL.present:
+            alike = alike_of(one, name, CAL.alike)
+            beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
+            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
+        elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
+            reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
+        elif shared is not None and share is not None:
+            judged = "on what was held out" if shared.held_out else "in free run"
+            reasons[name] = (
+                f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
+                f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
+            )
+        else:  # several doubts, each of them below one half
+            entry = (1.0 - CAL.nothing_unknown) * sure * itself(one, best, name, spread) * closes(shared, name)
+            if entry <= CAL.present:
+                reasons[name] = f"its probability is {entry:.2f}, no more than one half"
+    return reasons | _beside_mimics(one, some, reasons)
+
+
+def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:
+    """Why effects beside others whose sizes are refuted are no causes, by name, where equations are exact.
+
+    These have an unknown cause to share among them: what more of it went to refuted names than to one may go to it too.
+    """
+    varies = [name for name, spread in one.varying.items() if spread.relative > CAL.varies and name in reasons]
+    refuted = sum(gain_of(one, best, name) for name in varies)
+    if not refuted or one.rough:
+        return {}
+    beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
+    return {
+        name: f"another effect may mimic it: it explains less than what stands {beside}"
+        for name in best.names
+        if name not in reasons and gain_of(one, best, name) < refuted
+    }
+
+
+def by_no_name(examined: Examined) -> float:
+    """The probability that an effect of the best explanation is there and is not what it is called."""
+    varying, tried = examined.varying, examined.selection.tried
+    others = [
+        probability(examined.evidence, tried, name) * (1.0 - itself(examined, examined.best, name, varying.get(name)))
+        for name in examined.best.names
+    ]
+    return float(1.0 - np.prod([1.0 - other for other in others]))
+
+
+def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
+    """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
+    stands = 1.0 if examined.stands else 1.0 - CAL.present
+    return stands * _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
+
+
+def _mimics(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """The probability that an effect stands for one without a name, which strains tolerances where it is none."""
+    if examined.unnamed is None or examined.unnamed.strain == 0.0:
+        return 0.0
+    strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
+    x = CAL.mimic_slope * log(CAL.mimic * strain / max(gain_of(examined, hypothesis, name), TINY))
+    return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
+
+
+def gain_of(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """Log-likelihood that an effect gains beside the others of a hypothesis."""
+    base, others = examined.selection.base, set(hypothesis.names) - {name}
+    without = [item.cost for item in examined.selection.tried if set(item.names) == others]
+    return max(min([base.cost, *without]) - hypothesis.cost, 0.0)  # either may have been left on its way
+
+
+def of_class(examined: Examined, name: str) -> float:
+    """The probability that an effect is there, or one that these recordings cannot tell from it."""
+    return probability(examined.evidence, examined.selection.tried, name, *alike_of(examined, name, CAL.alike))
+
+
+def alike_of(examined: Examined, name: str, within: float) -> tuple[str, ...]:
+    """Effects that explain as much in this one's place, within so much log-likelihood."""
+    tried, scores = examined.selection.tried, examined.evidence.scores
+    holding = [k for k, item in enumerate(tried) if name in item.names]
+    k = max(holding, key=lambda j: scores[j])
+    others = set(tried[k].names) - {name}
+    alike = []
+    for j, item in enumerate(tried):
+        new = set(item.names) - others
+        if j != k and len(item.names) == len(tried[k].names) and others < set(item.names) | {""} and len(new) == 1:
+            (other,) = new
+            if other != name and abs(scores[j] - scores[k]) < within and scores[k] > 0:
+                alike.append(other)
+    return tuple(dict.fromkeys(alike))
+
+
+def _constant(spread: Spread | None) -> float:
+    """The probability that a magnitude that differs so between parts of a recording is a cause's."""
+    if spread is None:
+        return 1.0
+    x = (spread.relative - CAL.varies) / CAL.varies_width
+    return float(1 / (1 + exp(min(x, 30.0))))
+
+
+def only(examined: Examined, names: Collection[str]) -> Hypothesis:
+    """The best explanation with these of its effects alone, everything else refitted."""
+    selection = examined.selection
+    known = {frozenset(item.names): item for item in (*selection.tried, selection.base)}
+    return known.get(frozenset(names)) or refitted(selection.search, examined.best.only(names))
