@@ -48,8 +48,18 @@ def test_another_vehicle_than_stated_is_told_by_what_wider_tolerances_gain():
     assert "times those of the same model with tolerances 10 times as wide" in sentence
 
 
+@pytest.mark.slow
 def test_two_vehicles_in_one_recording_are_told_by_the_fit_to_one_on_the_other():
     right = float(stated()["B_f"].array)
     halves = [driven(runs=1, seconds=8.0, noise=0.1, values={"B_f": times * right}) for times in (1.0, 0.5)]
     sentences = against(stated(), join(halves, "halves"), gain=100.0)
     assert any("Fitted to one half of the data" in one for one in sentences)
+
+
+@pytest.mark.slow
+def test_halves_that_differ_no_more_than_mixed_ones_tell_of_no_other_vehicle():
+    right = float(stated()["B_f"].array)
+    blocks = [driven(runs=1, seconds=4.0, seed=k, noise=0.1, values={"B_f": times * right})
+              for k, times in enumerate((1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5, 1.0))]  # fmt: skip
+    sentences = against(stated(), join(blocks, "by turns"), gain=100.0)
+    assert not any("Fitted to one half of the data" in one for one in sentences)
