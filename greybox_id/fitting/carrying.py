@@ -9,11 +9,12 @@ from what is stated. It does not let the same model predict as well again as soo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import combinations, pairwise, product
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from ..base.errors import BadInput
 from ..base.numbers import number
@@ -40,9 +41,9 @@ model has ten parameters, a recording hundreds of independent readings. Less tha
 usable fit must not exceed, since the best known need not be found."""
 OPEN = 10.0
 """Times as wide as stated: tolerances that hold nothing back, and leave parameters near the data's what none tells."""
-BLOCKS, MIXED = 8, 9
-"""Parts of a recording, in order of time, and in how many ways halves are mixed of them: by chance alone the first and
-the second half differ more than all nine in one of ten. What a model lacks differs between manoeuvres, not halves."""
+BLOCKS, MIXED, BY_CHANCE = 8, 9, 0.01
+"""Parts of a recording, in order of time; in how many ways halves are mixed of them; and how seldom the first and the
+second half of one vehicle's drive stand out from those. What a model lacks differs between manoeuvres, not halves."""
 REFIT = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
 
 
@@ -91,12 +92,12 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
     if fit.how.get("form", {}).get("halves_gain", 0.0) > CLEARLY:
         compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
         times = compared.apart(*next(halves))
-        if times > LESS and not any(compared.apart(*mixed) >= times for mixed in halves):
+        if times > LESS and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
             yield Reason(
                 NOT_USABLE,
                 f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other that "
-                "it can have, more than between halves that mix early and late data: the vehicle has changed, or is "
-                "another. Fit each half; greybox gap says what changed since the first.",
+                "it can have, well above halves that mix early and late data: the vehicle has changed, or is another. "
+                "Fit each half; greybox gap says what changed since the first.",
             )
 
 
@@ -120,6 +121,21 @@ class _Compared:
             if p is not None and start is not None
         ]
         return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
+
+
+def _stands_out(times: float, mixed: Iterable[float]) -> bool:
+    """Whether a ratio is beyond the scatter of others of its kind: a prediction limit by Student's t, of logarithms."""
+    logs = list[float]()
+    for other in mixed:
+        if other >= times:
+            return False
+        if other > 0.0:
+            logs.append(float(np.log(other)))
+    n = len(logs)
+    if n < 2:
+        return True
+    limit = student_t.isf(BY_CHANCE, n - 1) * np.sqrt(1.0 + 1.0 / n)
+    return bool(np.log(times) - np.mean(logs) > limit * np.std(logs, ddof=1))
 
 
 def _halves(recording: Recording) -> Iterator[tuple[Recording, Recording]]:
