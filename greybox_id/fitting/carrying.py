@@ -27,7 +27,7 @@ from .fit import Fit
 from .how import FitOptions
 from .scores.misfit import CLEARLY
 from .scores.motion import score_motion
-from .scores.verdict import times_as_large
+from .scores.verdict import WORSE, times_as_large
 from .verdict import NOT_USABLE, WITH_CARE, Reason
 
 HORIZONS = (0.5, 1.0, 2.0)
@@ -92,7 +92,7 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
     if fit.how.get("form", {}).get("halves_gain", 0.0) > CLEARLY:
         compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
         times = compared.apart(*next(halves))
-        if times > LESS and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
+        if times > WORSE and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
             yield Reason(
                 NOT_USABLE,
                 f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other that "
