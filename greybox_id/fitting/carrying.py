@@ -47,7 +47,7 @@ REFIT = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
 
 
 def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
-    """See `judging.carried`."""
+    """See `verb.carried`."""
     if all(p.fixed for p in model.parameters):
         return []
     part = _beginning(recording)
@@ -73,7 +73,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
 
 
 def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[Reason]:
-    """See `judging.refuted`."""
+    """See `verb.refuted`."""
     if all(p.fixed for p in model.parameters):
         return
     simulator, opened = Simulator(model), Simulator(_opened(model))
