@@ -155,10 +155,10 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Its mean is off" if on[:1] == ["none of the drive"] else _depends(on)
+        depends = ". Its mean is off" if on[:1] == ["none of the drive"] else f". {_depends(on)}" if on else ""
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
-            f"The error of {name} is {left}{against}. {depends}: the model lacks an effect"
+            f"The error of {name} is {left}{against}{depends}: the model lacks an effect"
             f"{', or is of another vehicle' if error > DOUBTFUL else ''}. Intervals include it; greybox gap looks for "
             "the cause.",
         )

@@ -243,3 +243,9 @@ def test_a_recording_is_not_blamed_for_what_the_model_lacks(good):
     assert not foreign_form(good)
     assert not any("determines none" in one for one in sentences["lacks"])
     assert any("determines none" in one for one in sentences["short"])
+
+
+def test_an_error_that_varies_with_nothing_is_a_sentence_all_the_same(good):
+    one = {"residual": 0.2, "spread": 1.0, "noise": 0.02, "explained": 0.6, "on": {}}
+    (reason,) = misfit(replace(good, how={**good.how, "form": {"outputs": {"a_x": one}}}))
+    assert "its fast noise: the model lacks an effect" in reason.sentence
