@@ -35,9 +35,9 @@ start from rest, is extrapolated when it is held out, and would decide everythin
 
 NEAR, WHOLE_STEPS = 1e-3, 25
 TOLERANCE, FOLD_STEPS = 1e-4, 10
-"""When the fit to everything and a fold's fit end: where a step promises less than this share of the objective, or after
-so many steps. Folds that end at 1e-3 still know what was held out: on the RoboRacer's training runs weak priors gain
-by it, and another strength is chosen."""
+"""When the fit to everything and a fold's fit end: where a step promises less than this share of the objective, or
+after so many steps. Folds that end at 1e-3 still know what was held out: on the RoboRacer's training runs weak
+priors gain by it, and another strength is chosen."""
 
 Progress = Callable[[str], None]
 
