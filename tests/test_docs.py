@@ -62,10 +62,6 @@ def test_the_readmes_python_runs():
     assert Path("lap.pdf").read_bytes().startswith(b"%PDF")
 
 
-def test_the_mathematics_hold():
-    run_page("mathematics.md")
-
-
 def test_the_numbers_of_the_mathematics_are_those_of_the_code():
     rows = re.findall(r"^\| `([\w.]+)\.(\w+)` \| (.+) \|$", page("mathematics.md"), re.MULTILINE)
     assert len(rows) > 40

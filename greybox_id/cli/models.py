@@ -130,7 +130,7 @@ def _write_vehicle(model: Model, like: Vehicle | None, out: Path) -> None:
     }
     comments = {p.name: p.about if p.unit == "1" else f"{p.unit}: {p.about}" for p in numbers}
     comments |= {
-        "parameters": "in SI units; sd says how well a number is known: a fit keeps it within that",
+        "parameters": "in SI units; sd is the standard deviation of a number, which becomes its prior in a fit",
         "effects": "how large each effect may be without counting as a gap",
         "noise": "standard deviations of the sensors",
     }

@@ -65,9 +65,8 @@ INTERVALS = (
     "parameter's bounds."
 )
 ERRORS = (
-    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is "
-    "the standard deviation of the residuals of the fit over the horizon that it was solved over: what the model "
-    "leaves, sensors' noise and all that it lacks."
+    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is the "
+    "standard deviation of the fit's residuals over its horizon: sensor noise and all that the model lacks."
 )
 EQUATIONS = (
     "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an "
@@ -98,7 +97,7 @@ def _sections(
             "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
             *_convergence(last), starts_table(fit, last), *_starts(fit, last),
         ),
-        beside="; the free run starts where the run starts, before this stretch",
+        beside="; the free run starts at the start of the run, before this stretch",
     )  # fmt: skip
 
 
@@ -305,9 +304,9 @@ def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors
     return Drawing(
         "horizons",
         horizons(scored, fit.metrics, plain, fit.stages[-1].noise),
-        "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every row, "
-        "and in free run from the first row of each run to its end. In free run what is held is the reading of the "
-        "run's first row.",
+        "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every "
+        "row, and in free run from the first row of each run to its end. In free run, persistence holds the reading "
+        "of the run's first row.",
         f"Errors of {outputs} over the horizon of prediction, of the model and of persistence.",
     )
 
@@ -346,9 +345,9 @@ def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iter
         yield Drawing(
             "tyres",
             curves,
-            "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the slip "
-            "angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of the "
-            "slip angles driven, as the model has them a tenth of a second after each reading, in all recordings.",
+            "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the "
+            "slip angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of "
+            "the slip angles driven in all recordings, as predicted a tenth of a second after each reading.",
             "Tyre curves of front and rear axle with bands, over histograms of slip angles.",
         )
     diagram = handling(model, recordings)
@@ -376,8 +375,8 @@ def _convergence(stage: Stage) -> Iterator[Drawing]:
         yield Drawing(
             "convergence",
             ends,
-            "The objective over the steps of the last solve, above the best value found"
-            + ("; beside it, where each start ended." if several else "."),
+            "The objective minus its best value, over the steps of the last solve"
+            + ("; beside it, the end of each start." if several else "."),
             "The objective over the solver's steps.",
         )
 
@@ -388,7 +387,8 @@ def _starts(fit: Fit, stage: Stage) -> Iterator[Drawing]:
         yield Drawing(
             "starts",
             others,
-            "Where each start ended, in standard deviations from the estimate. Starts with the best objective ended at "
-            "the estimate where they lie on the line; where not, the recordings do not distinguish the two.",
+            "Where each start ended, in standard deviations from the estimate. Starts that end on the line reached "
+            "the estimate. A start with the best objective that ends elsewhere is a second solution, which the "
+            "recordings do not distinguish from the first.",
             "Ends of the starts, parameter by parameter, in standard deviations.",
         )

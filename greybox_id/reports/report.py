@@ -160,8 +160,8 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
     """
     if not fit.data:
         raise BadInput(
-            f"This fit of {fit.model.name} was imported and has seen no recording that a report could tell of. See how "
-            "far it is from one with greybox validate."
+            f"This fit of {fit.model.name} was imported and has seen no recording, so there is nothing to report. "
+            "Compare it with a recording: greybox validate."
         )
     if posterior is not None:
         must_suit_sampling(fit)

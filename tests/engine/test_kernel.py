@@ -264,7 +264,7 @@ def test_normal_equations_of_more_unknowns_than_are_added_up_at_once_are_the_sam
     fused = made.normal_equations(*given)
     monkeypatch.setattr(kernel, "MOST_FUSED", 3)
     assert_same(fused, made.normal_equations(*given))
-    with pytest.raises(ValueError, match="do not go with"):
+    with pytest.raises(ValueError, match="do not match"):
         made.normal_equations(*given[:-1], Against(against.target[:, 1:], against.weight[:, 1:]))
 
 

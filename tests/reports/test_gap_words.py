@@ -93,7 +93,7 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
 
 def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     gap = unknown()
-    assert told_apart(gap, gap.ranking[0]) == "cannot be told from 2 and accel_bias_y on this recording"
+    assert told_apart(gap, gap.ranking[0]) == "cannot be distinguished from 2 and accel_bias_y on this recording"
     assert told_apart(replace(gap, recordings=("a", "b")), gap.ranking[1]).endswith("on these recordings")
     assert told_apart(gap, DELAY) == ""
 
@@ -102,7 +102,7 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     ("closed", "interval", "said"),
     [
         (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
-        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); it may not close at all"),
+        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); the gap may not close at all"),
         (-0.12, (-0.3, 0.04), "adding steering_delay makes predictions worse by 12 % of the excess [−4, 30]"),
         (-0.12, (-0.3, -0.02), "worse by 12 % of the excess [2, 30] on lap8 (held out)"),
         (NAN, (NAN, NAN), "no excess error above the floor on lap8 (held out)"),
@@ -188,7 +188,7 @@ def test_doubts_come_first_and_many_are_counted():
 def test_a_report_holds_words_only(case):
     record = DataRecord("validate", "lap8", "runs/lap8.csv", "b3" * 32, "canonical", 3000, 1, 60.0)
     document = gap_report(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
-    recordings, made = below(document, "How to make it again")
+    recordings, made = below(document, "How to repeat it")
     assert recordings.rows[0][:2] == ("held out", "lap8.csv")
     assert dict(made.pairs)["command"] == "greybox gap lap7.csv"
     for table in tables(document):
@@ -200,4 +200,4 @@ def test_a_report_holds_words_only(case):
 def test_the_runner_up_is_always_discussed():
     (first, _), (second, words) = evidence(clear())
     assert (first, second) == ("steering_delay", "steering_lag")
-    assert "gains 190, 24.0 less than with the best. It cannot be told from steering_delay" in words
+    assert "gains 190, 24.0 less than with the best hypothesis. It cannot be distinguished from steering_delay" in words

@@ -151,7 +151,9 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
         if pair.kinematic:
             low, high = GAIN_RANGE
             if not low < gain < high:
-                sentence = f"{pair.left} is {number(gain)} times {pair.right}, where 1 is due: {_blame(pair, gain)}"
+                sentence = (
+                    f"{pair.left} is {number(gain)} times {pair.right}, where 1 is expected: {_blame(pair, gain)}"
+                )
                 place = FoundAt(pair.nodes[0])
                 findings.append(Finding("unit", Severity.DISTRUST, place, sentence, gain, error))
         elif pair.nodes == ("yaw_rate", "steer"):

@@ -73,7 +73,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if scales:
         worst = max(scales, key=lambda n: abs(np.log(scales[n])))
         sentence = (
-            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}, where 1 is due: "
+            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}, where 1 is expected: "
             f"check its unit (the column map says {pretty_unit(unit)}) or its calibration."
         )
         findings.append(Finding("unit", Severity.WARNING, FoundAt(extra), sentence, scales[worst]))

@@ -102,7 +102,7 @@ def test_a_vehicle_file_that_changed_is_what_is_left_to_say(fleet, tmp_path):
     car.write_text("# weighed again\n" + car.read_text(encoding="utf-8"), encoding="utf-8")
     told = greybox("fleet", "run", plan, "--out", results, "--json").told
     assert told["done"] == 8
-    assert told["anew"].endswith("are done again: a vehicle file, or a recording's vehicle, is not what it was.")
+    assert told["anew"].endswith("are done again: a vehicle file, or a recording's vehicle, has changed.")
 
 
 NOW = {"version": "0.1.0", "steps": ["fit"], "options": {"fit": {"model": "lateral"}}, "columns": "my.toml", "map": "a"}
@@ -117,7 +117,7 @@ NOW = {"version": "0.1.0", "steps": ["fit"], "options": {"fit": {"model": "later
         ({**NOW, "steps": ["check", "fit"]}, ['steps was ["check", "fit"] and is ["fit"]']),
         ({**NOW, "options": None}, ['[fit] model was not given and is "lateral"']),
         ({**NOW, "columns": "other.toml", "map": "b"}, ['columns was "other.toml" and is "my.toml"']),
-        ({**NOW, "map": "b"}, ["the column map my.toml is not what it was"]),
+        ({**NOW, "map": "b"}, ["the column map my.toml has changed"]),
     ],
 )
 def test_what_differs_is_in_words(before, said):
