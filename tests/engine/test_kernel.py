@@ -347,7 +347,7 @@ def test_shapes_that_do_not_go_together_and_doubled_columns_are_refused():
     made = Kernel(*single_track(), compiled=False)
     z0, s, p, reads = driven(3, 6)
     for wrong in [(z0[:2], s, p, reads), (z0, s[:, :, :4], p, reads), (z0, s, p[:, :8], reads), (z0, s, p, reads[:5])]:
-        with pytest.raises(ValueError, match="do not go together"):
+        with pytest.raises(ValueError, match="do not match"):
             made.simulate(*wrong)
     with pytest.raises(ValueError, match="twice"):
         made.linearise(z0, s, p, reads, [1, 1])

@@ -83,7 +83,7 @@ def test_whether_there_is_a_gap():
 def test_where_is_silent_without_a_gap_and_names_shares_with_one():
     assert where(none()) == ""
     said = where(clear())
-    assert said.startswith("steering 78 % and M_z 15 %; 78 % of it in 22 % of the time, while the steering moves")
+    assert said.startswith("steering 78 % and M_z 15 %; 78 % of it lies in 22 % of the time, while the steering moves")
     assert said.endswith("half of it between 31.5 and 40.0 s, 14 % of the time")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
     assert where(everywhere) == "steering 78 % and M_z 15 %; evenly spread"
@@ -119,10 +119,10 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     gap = clear(gap=small, held_out=None)
     said = how_far(gap, small, False)
     assert re.search(r"free runs exceed noise by 1\.?0? % on lap8", said)
-    assert "there is hardly a gap" in said
+    assert "the gap is too small" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
-    assert "there is hardly a gap" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
+    assert "the gap is too small" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
     assert "worse by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
     sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
     assert "closes by 90 %" in how_far(gap, sure, False)

@@ -65,7 +65,7 @@ def test_exact_aliases_are_called_impossible(saved, pair, turned):
     design = gb.design(saved(unsure(first, second, (0.02, 0.02))), arena="disc:60")
     assert design.plan is None
     assert len(design.impossible) == 1
-    assert "no manoeuvre tells them apart" in design.impossible[0]
+    assert "no manoeuvre distinguishes them" in design.impossible[0]
     assert first in design.impossible[0]
     assert second in design.impossible[0]
 

@@ -192,7 +192,7 @@ def test_folders_with_something_else_are_left_alone(fleet):
     assert "would be written over" in refused("fleet", "run", plan, "--out", plan)
     other = plan.with_name("other.txt")
     other.write_text("mine", encoding="utf-8")
-    assert "is a file; name a folder with --out" in refused("fleet", "run", plan, "--out", other)
+    assert "is a file; name another folder with --out" in refused("fleet", "run", plan, "--out", other)
     assert other.read_text(encoding="utf-8") == "mine"
 
 
@@ -250,4 +250,4 @@ def test_a_second_pass_needs_fits(fleet, tmp_path):
     plan, _, _ = fleet
     alone = plan.with_name("checked.toml")
     alone.write_text('recordings = "data/V0/*.csv"\nvehicle = "car.toml"\nsteps = ["check"]\n')
-    assert "which steps does not have" in refused("fleet", "run", alone, "--out", tmp_path / "R", "--second-pass")
+    assert "which is not in steps" in refused("fleet", "run", alone, "--out", tmp_path / "R", "--second-pass")

@@ -178,7 +178,7 @@ def test_what_does_not_go_together_is_said(car):
         injected(injected(car, own), own)
     with pytest.raises(BadInput, match="has other parameter values"):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
-    with pytest.raises(BadInput, match="drives along no track"):
+    with pytest.raises(BadInput, match="cannot drive along a track"):
         injected(RequestedModel("lateral", vehicle("roboracer")).model(), own)
     with pytest.raises(BadInput, match="no model of motion"):
         injected(RequestedModel("msnn_lat", None).model(), own)
