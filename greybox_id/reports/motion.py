@@ -23,13 +23,13 @@ from ..base.numbers import (
     signal_words,
     with_sd,
 )
-from ..base.signals import unit_of
 from ..datasets.recording import Recording
 from ..fitting.fit import SURPRISING, Fit
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.provenance import Stage
 from ..fitting.scores.metrics import FREE_RUN, HORIZONS, ahead
 from ..fitting.uncertainty.identifiability import absent, left_open, told_together
+from ..models.model import Model
 from ..models.motion_model import MotionModel
 from ..models.parameter import Parameter
 from .content import (
@@ -118,7 +118,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
     role = "validate" if "validate" in fit.metrics else "train"
     scores, near = fit.metrics[role], _near(fit.metrics[role])
     return (
-        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(scores, near)}.",
+        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(fit.model, scores, near)}.",
         f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
         f"{_against_training(fit) if role == 'validate' else ''}.",
         f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
@@ -131,12 +131,12 @@ def _near(scores: Mapping[str, Any]) -> str | None:
     return ahead(NEAR) if ahead(NEAR) in horizons else next(reversed(horizons), None)
 
 
-def _how_good(scores: Mapping[str, Any], near: str | None) -> str:
+def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
     each = []
     for name, error in scores[FREE_RUN].items():
         soon = scores[near].get(name) if near else None
         beside = f" ({_rmse(soon)})" if soon else ""
-        each.append(f"{_rmse(error)}{beside} {pretty_unit(unit_of(name))} in {signal_words(name)}")
+        each.append(f"{_rmse(error)}{beside} {pretty_unit(model.unit(name))} in {signal_words(name)}")
     return f"in free run{f' ({near})' if near else ''} by an RMSE of {listed(each)}"
 
 
@@ -303,7 +303,7 @@ def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors
     outputs = listed([signal_words(name) for name in shown_first(drives).outputs])
     return Drawing(
         "horizons",
-        horizons(scored, fit.metrics, plain, fit.stages[-1].noise),
+        horizons(fit.model, scored, fit.metrics, plain, fit.stages[-1].noise),
         "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every "
         "row, and in free run from the first row of each run to its end. In free run, persistence holds the reading "
         "of the run's first row.",
@@ -319,7 +319,7 @@ def errors_by_horizon(fit: Fit, held: Mapping[str, Errors]) -> Table:
     head = ("output", "prediction", *(p.removesuffix(" ahead") for p in protocols))
     rows = []
     for name in fit.model.outputs:
-        output = f"{signal_words(name)} [{pretty_unit(unit_of(name))}]"
+        output = f"{signal_words(name)} [{pretty_unit(fit.model.unit(name))}]"
         for role in roles:
             metric = fit.metrics[role]
             if not any(name in of for of in metric.values()):
