@@ -174,7 +174,7 @@ def test_what_does_not_go_together_is_said(car):
         world(1, model=injected(car, own), period=0.01)
     with pytest.raises(BadInput, match=r"delays commands .delay of steer 30 ms"):
         injected(with_effects(car, {"steering_delay": 0.03}), own)
-    with pytest.raises(BadInput, match="acts already"):
+    with pytest.raises(BadInput, match="has a network already"):
         injected(injected(car, own), own)
     with pytest.raises(BadInput, match="has other parameter values"):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
