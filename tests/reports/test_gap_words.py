@@ -148,7 +148,7 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     assert as_it_stands(gap, gap.held_out) == ""
     free = next(own for own in gap.held_out.errors if own.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
-    assert "than the model had before: mean square 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
+    assert "than the model had before: mean square error 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
     assert as_it_stands(gap, replace(worse, closed=-0.2)) == ""  # how far it closes has said it
     better = replace(worse, errors=(replace(free, before=9 * free.floor, after=2 * free.floor),))
     assert as_it_stands(gap, better) == ""
