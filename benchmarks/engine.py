@@ -22,8 +22,8 @@ from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.engine.solvers.gauss_newton import gauss_newton
 from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_ROWS, SHORT_STEPS
-from greybox_id.models.lateral import lateral
 from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.single_track import lateral
 
 DT = 0.02
 NOISE = np.array([0.02, 0.01, 0.15])

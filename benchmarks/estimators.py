@@ -33,7 +33,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.track import Track
 from greybox_id.filters.verb import track
-from greybox_id.fitting.choices.requested_model import RequestedModel, named_vehicle
+from greybox_id.fitting.requested_model import RequestedModel, named_vehicle
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.parameter import Parameter

@@ -25,7 +25,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.estimates import Estimates, apply_hybrid
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import prepared
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.virtual.synthetic_simrod import Test, make
 
 Row = dict[str, str | float]

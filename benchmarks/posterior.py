@@ -32,7 +32,7 @@ from greybox_id.fitting.verb import fit
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 PRIORS = {
     "I_z": (2400.0, 480.0), "l_f": (1.3, 0.05), "l_r": (1.4, 0.05), "B_f": (10.0, 2.0), "D_f": (0.95, 0.1),

@@ -59,7 +59,7 @@ from greybox_id.datasets.read import read
 from greybox_id.engine.motion.simulator import Predictor, Simulator
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.exam.foreign.case import columns, driven, recorded
 from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import Tolerances, VirtualCar, tolerances, vehicle_file_text

@@ -21,7 +21,7 @@ from greybox_id.base.shorthands import Array
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.solvers.gauss_newton import gauss_newton
 from greybox_id.fitting.attempt import SHORT_HORIZONS, SHORT_STEPS
-from greybox_id.models.lateral import lateral
+from greybox_id.models.single_track import lateral
 
 CHAINS: dict[str, tuple[int | None, ...]] = {
     "growing horizons: " + ", ".join(f"{rows} rows" for rows in SHORT_HORIZONS) + ", whole run": (

@@ -40,7 +40,7 @@ from greybox_id.fitting.scores.motion import score_motion
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, Vehicle
-from greybox_id.models.vehicle_file import vehicle as vehicle_of
+from greybox_id.models.vehicle import vehicle as vehicle_of
 from greybox_lab.virtual.virtual_vehicle import drive, random_vehicle
 from greybox_lab.virtual.virtual_vehicle.drive import steered
 

@@ -22,7 +22,7 @@ from greybox_id.models.msnn_parts import fading_prior
 from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
 from greybox_id.models.smooth import mean_and_slope
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 INTEGRATOR = MotionModel(
     name="integrator",

@@ -20,7 +20,7 @@ from scene import PAIRS, PERIOD, SEED, STAGES, Scene
 
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.racing.track import POINTS, RaceTrack
 
 

@@ -14,7 +14,7 @@ from wishes import Wishes
 from greybox_id.cli.gap import gap
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import model_of, with_effects
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.racing.track import RaceTrack, Usage, track
 from greybox_lab.exam.make import write_recording
 from greybox_lab.virtual.virtual_vehicle import (

@@ -13,10 +13,10 @@ from ..base.version import __version__
 from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, equations_of_motion
-from ..fitting.choices.requested_model import doubts, must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.holding import as_fitted
 from ..fitting.provenance import data_record
+from ..fitting.requested_model import doubts, must_be_recorded
 from ..gap.changes.sensitivity import Visible
 from ..gap.changes.verb import diagnose_change, visible_changes
 from ..gap.diagnosis import diagnose as diagnose_gap

@@ -15,8 +15,7 @@ from ..base.errors import near_or_all
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.effects.stating import alteration
-from ..models.own import own_effect
-from ..models.registry import install
+from ..models.registry import install, own_effect
 
 __all__ = ["Effect", "alteration", "names", "own"]
 

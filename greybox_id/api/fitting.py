@@ -9,20 +9,19 @@ from typing import Any
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording, join
-from ..fitting.choices.requested_model import RequestedModel, doubts, must_be_recorded, with_choices
 from ..fitting.fit import Fit
 from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.requested_model import RequestedModel, doubts, must_be_recorded, with_choices
 from ..fitting.scores.metrics import must_suit
 from ..fitting.scores.misfit import must_tell
 from ..fitting.training import TrainedBefore
 from ..fitting.verb import fit as fit_model
 from ..models.effect import Effect
 from ..models.model import Model, by_kind
-from ..models.own import own_effect, own_model
-from ..models.registry import build, install, known
+from ..models.registry import build, install, known, own_effect, own_model
 from ..models.vehicle import Vehicle
 from . import given
 from .fit_result import FitResult

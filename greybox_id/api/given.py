@@ -9,13 +9,12 @@ from typing import Any, TypeAlias
 from ..base.errors import BadInput, near_or_all
 from ..base.units import pairs
 from ..datasets.recording import Recording
-from ..fitting.choices.requested_model import Choices, RequestedModel, magnitudes, named_vehicle
 from ..fitting.fit import Fit
+from ..fitting.requested_model import Choices, RequestedModel, magnitudes, named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.model import Model
-from ..models.own import is_place, own_effect, own_model
-from ..models.registry import MODELS, install
+from ..models.registry import MODELS, install, is_place, own_effect, own_model
 from ..models.vehicle import Vehicle
 from .reading import Columns, Recordings, files, of_type, one_recording, recordings
 

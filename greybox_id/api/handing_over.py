@@ -19,9 +19,9 @@ from ..datasets.recording import Recording
 from ..export.subject import KeyOrigin, Subject
 from ..export.verb import ALONE, ForeignResult, cautions, exporter_of, exporter_of_file, origins
 from ..export.verb import export as export_subject
-from ..fitting.choices.requested_model import Magnitudes, RequestedModel, magnitudes, with_choices
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior, load_posterior
+from ..fitting.requested_model import Magnitudes, RequestedModel, magnitudes, with_choices
 from ..gap.gap import Gap
 from ..models.effect import Effect
 from ..models.model import Model

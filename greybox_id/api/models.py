@@ -21,16 +21,14 @@ from ..api import given
 from ..base.errors import BadInput, near_or_all
 from ..base.numbers import counted, exact, short_with_sd
 from ..datasets.recording import Recording
-from ..fitting.choices.requested_model import named_vehicle
+from ..fitting.requested_model import named_vehicle
 from ..models.hybrid_model import HybridModel
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
 from ..models.motion_model import MotionModel, State
-from ..models.own import own_model
 from ..models.parameter import Parameter, Prior
-from ..models.registry import MODELS, build, install, prepared
-from ..models.vehicle import Stated, Vehicle
-from ..models.vehicle_file import shipped_vehicles, write_vehicle
+from ..models.registry import MODELS, build, install, own_model, prepared
+from ..models.vehicle import Stated, Vehicle, shipped_vehicles, write_vehicle
 from .given import VehicleLike
 
 __all__ = [

@@ -24,13 +24,12 @@ from ..base.units import Quantity
 from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
 from ..engine.simulation import Prediction
-from ..fitting.choices.requested_model import doubts_of_drive, must_be_recorded, state_values, with_choices
-from ..fitting.fit import Fit
+from ..fitting.fit import Fit, Verdict
 from ..fitting.holding import as_fitted
-from ..fitting.judging import judgement
 from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.posterior.predictive import banded_table, predictive_band
 from ..fitting.provenance import data_record
+from ..fitting.requested_model import doubts_of_drive, must_be_recorded, state_values, with_choices
 from ..fitting.scores.metrics import (
     FREE_RUN,
     Error,
@@ -52,7 +51,7 @@ from ..fitting.scores.timing import (
     must_have_timing,
 )
 from ..fitting.scores.verdict import HELD_OUT, distrust, used_signals
-from ..fitting.verdict import Verdict
+from ..fitting.verb import judgement
 from ..models.model import Model
 from ..reports.text.fit import errors_table, verdict_table
 from ..reports.text.memory import timing_lines

@@ -16,9 +16,8 @@ from ..base.errors import BadInput
 from ..base.files import ensure_writable
 from ..base.guard import claim, content_of
 from ..base.numbers import interval, number, pretty_unit
-from ..datasets.formats.contents import needed
+from ..datasets.formats import needed
 from ..datasets.recording import Recording
-from ..fitting.choices.requested_model import must_be_recorded
 from ..fitting.fit import Fit
 from ..fitting.how import Say, quiet
 from ..fitting.posterior.abc_smc import Distance
@@ -26,6 +25,7 @@ from ..fitting.posterior.posterior import Method, Posterior, load_posterior
 from ..fitting.posterior.predictive import banded_table, predictive_band
 from ..fitting.posterior.verb import SampleOptions, must_suit_sampling
 from ..fitting.posterior.verb import sample as sample_fit
+from ..fitting.requested_model import must_be_recorded
 from ..reports.figures.estimates import corner
 from ..reports.recordings import matched
 from ..reports.text.screen import as_text, plain_table

@@ -22,10 +22,9 @@ from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
 from ..filters.how import TrackOptions
 from ..filters.track import Track, tracked_vehicle, verdict
-from ..fitting.verdict import Verdict
+from ..fitting.fit import Verdict
 from ..models.effects import EFFECTS
-from ..models.vehicle import Vehicle
-from ..models.vehicle_file import write_vehicle
+from ..models.vehicle import Vehicle, write_vehicle
 from ..reports.document import write_drawings
 from ..reports.text.screen import as_text
 from ..reports.text.track import as_dict, parts

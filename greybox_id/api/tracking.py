@@ -17,10 +17,9 @@ from ..datasets.column_map import column_map
 from ..datasets.recording import Recording
 from ..filters.how import TrackOptions
 from ..filters.verb import track as track_recording
-from ..fitting.choices.requested_model import RequestedModel
-from ..fitting.fit import Fit
+from ..fitting.fit import Fit, Verdict
 from ..fitting.holding import as_fitted
-from ..fitting.verdict import Verdict
+from ..fitting.requested_model import RequestedModel
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.model import Model, must_be

@@ -21,14 +21,13 @@ from ..base.files import at_once, ensure_writable, write_atomically
 from ..base.guard import claim, option_of
 from ..base.json_data import finite, plain
 from ..base.numbers import listed, number, pretty_unit
-from ..fitting.choices.requested_model import named_vehicle
+from ..fitting.requested_model import named_vehicle
 from ..gap.changes.sensitivity import Visible
 from ..gap.changes.verb import Changed
 from ..gap.design.arena import arena as arena_of
 from ..gap.gap import Gap
 from ..models.registry import MODELS
-from ..models.vehicle import Vehicle
-from ..models.vehicle_file import write_vehicle
+from ..models.vehicle import Vehicle, write_vehicle
 from ..reports.gap.saved import KIND, Made, as_plain_data, as_text
 from ..reports.gap.words import before_words, budget, magnitude_words, unchanged_words
 from ..reports.text.gap import parts, probability

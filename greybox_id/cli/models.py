@@ -13,7 +13,7 @@ from rich.table import Table
 from ..base.errors import BadInput, near_or_all
 from ..base.files import write_atomically
 from ..base.numbers import pretty_unit
-from ..fitting.choices.requested_model import named_vehicle
+from ..fitting.requested_model import named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.model import Model

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from ..api.fit_result import FitResult
     from ..datasets.column_map import ColumnMap
     from ..datasets.recording import Recording
-    from ..fitting.choices.requested_model import RequestedModel
+    from ..fitting.requested_model import RequestedModel
 
 PROGRAM = "greybox"
 SHELLS = ("bash", "zsh", "fish")
@@ -74,7 +74,7 @@ def completion(ctx: click.Context, shell: str) -> None:
 
 
 def _vehicles() -> tuple[str, ...]:
-    from ..models.vehicle_file import shipped_vehicles
+    from ..models.vehicle import shipped_vehicles
 
     return shipped_vehicles()
 
@@ -191,7 +191,7 @@ def named_model(ctx: click.Context, param: click.Parameter, value: str | None) -
     del ctx, param
     if value is None or MARK not in value:
         return value
-    from ..models.own import own_model
+    from ..models.registry import own_model
 
     return own_model(value).name
 
@@ -203,7 +203,7 @@ def named_effects(ctx: click.Context, param: click.Parameter, values: Sequence[s
     for value in values:
         place, equals, magnitude = value.partition("=")
         if MARK in place:
-            from ..models.own import own_effect
+            from ..models.registry import own_effect
 
             place = own_effect(place.strip()).name
         result.append(f"{place}{equals}{magnitude}")
@@ -218,7 +218,7 @@ def named_effect(ctx: click.Context, param: click.Parameter, value: str | None) 
 def _known(ctx: click.Context, param: click.Parameter, values: Sequence[str]) -> None:
     del ctx, param
     for value in values:
-        from ..models.own import own
+        from ..models.registry import own
 
         own(value)
 
@@ -317,7 +317,7 @@ def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> 
 def fit_of(file: str | Path) -> FitResult:
     """The fit of a file; where its verdict is that it cannot be used, a warning says so. Raises `BadInput`."""
     from ..api.fitting import load
-    from ..fitting.verdict import NOT_USABLE
+    from ..fitting.fit import NOT_USABLE
 
     one = load(file)
     if one.verdict is not None and one.verdict.usability == NOT_USABLE:

@@ -19,8 +19,8 @@ from ..reports.text.screen import WIDTH, Screen, as_text
 from .terminal import clean_json, tell
 
 if TYPE_CHECKING:
+    from ..fitting.fit import Verdict
     from ..fitting.how import Say
-    from ..fitting.verdict import Verdict
 
 
 def console() -> Console:
@@ -92,7 +92,7 @@ UNUSABLE = 3
 def end_by(verdict: Verdict | None) -> None:
     """End the command with the exit code that a verdict has."""
     if verdict is not None:
-        from ..fitting.verdict import NOT_USABLE  # loads all of fitting, which many commands do without
+        from ..fitting.fit import NOT_USABLE  # loads all of fitting, which many commands do without
 
         if verdict.usability == NOT_USABLE:
             sys.exit(UNUSABLE)

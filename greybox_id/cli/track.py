@@ -21,7 +21,7 @@ from .output import console, end_by, print_json, progress, show
 from .terminal import tell
 
 if TYPE_CHECKING:
-    from ..fitting.choices.requested_model import RequestedModel
+    from ..fitting.requested_model import RequestedModel
 
 FROM_STDIN = "-"
 

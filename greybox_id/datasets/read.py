@@ -15,11 +15,9 @@ from ..base.signals import SD, unit_of
 from .alignment import ClockAlignment
 from .clocks import Joined, Readings, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
-from .formats import SUFFIXES, Contents, Group, bare_name, contents, hash_of
-from .formats.contents import TIME, RawTable, one_column
-from .instants import Instants, instants, origin_of
+from .formats import SUFFIXES, TIME, Contents, Group, RawTable, bare_name, contents, hash_of, one_column
+from .instants import Instants, evened, instants, origin_of
 from .recording import Recording, Source, split_runs
-from .uneven import evened
 
 __all__ = ["SUFFIXES", "read"]
 

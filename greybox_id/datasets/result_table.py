@@ -14,8 +14,7 @@ from ..base.errors import BadInput
 from ..base.files import replacing
 from ..base.guard import MARK, claim
 from ..base.signals import unit_of, unit_of_quantity
-from .formats import mdf
-from .formats.contents import BETWEEN_RUNS, Columns, needed
+from .formats import BETWEEN_RUNS, Columns, mdf, needed
 
 PLAIN = (".csv", ".parquet")
 SUFFIXES = (*PLAIN, ".mf4", ".mcap")

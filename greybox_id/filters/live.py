@@ -16,7 +16,7 @@ from ..datasets.column_map import ColumnMap
 from ..datasets.read import LARGEST
 from ..datasets.recording import Recording
 from ..engine.motion.schedule import MotionRun, longest_segment
-from ..fitting.verdict import Verdict
+from ..fitting.fit import Verdict
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from .filtering import LONGEST_GAP, Filtering, LaidRun

@@ -19,7 +19,7 @@ import pandas as pd
 from ..base.numbers import number
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
-from ..fitting.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
+from ..fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from ..models.vehicle import ChosenModel, Stated, TrackingPlan, Vehicle

@@ -21,12 +21,11 @@ from ..datasets.recording import Recording
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
 from .attempt import refitted
-from .fit import Fit
+from .fit import NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
 from .scores.misfit import CLEARLY
 from .scores.motion import score_motion
 from .scores.verdict import times_as_large
-from .verdict import NOT_USABLE, WITH_CARE, Reason
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0

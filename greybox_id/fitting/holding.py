@@ -24,7 +24,7 @@ from ..base.errors import BadInput, near_or_all
 from ..base.numbers import number, with_unit
 from ..base.shorthands import Array
 from ..base.statistics import correlation_time
-from ..datasets.checks.rest import standing
+from ..datasets.checks.consistency import standing
 from ..datasets.recording import Recording
 from ..engine.least_squares import LeastSquares
 from ..engine.motion.simulator import Simulator
@@ -32,9 +32,8 @@ from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
 from .attempt import Attempt, attempted, errors_at, misfit
-from .fit import Fit
+from .fit import WITH_CARE, Fit, Reason
 from .how import FitOptions, quiet
-from .verdict import WITH_CARE, Reason
 
 TOLERANCE = 1e-10
 Hold = Literal["zero", "linear"]

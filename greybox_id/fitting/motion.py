@@ -44,11 +44,10 @@ from .carrying import carries_over, withstands
 from .fit import Fit, conflict
 from .holding import stated_again
 from .how import FOR_MOTION, FitOptions, Say, quiet, refused
-from .judging import carried, refuted
 from .provenance import Certificate, Stage
 from .uncertainty import uncertainty
 from .uncertainty.form import FormError, form_error
-from .verb import FitTask, estimated
+from .verb import FitTask, carried, estimated, refuted
 
 CARRIED_ON, LOWER = 2, 1e-6
 """How often Gauss-Newton and Ipopt hand an optimum that is not confirmed to each other; share of the objective that

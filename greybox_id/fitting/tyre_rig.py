@@ -23,8 +23,7 @@ from ..base.shorthands import Array
 from ..base.statistics import correlation_time
 from ..base.units import known_unit, to_si
 from ..datasets.column_map import Column, ColumnMap
-from ..datasets.formats import contents
-from ..datasets.formats.contents import RawTable
+from ..datasets.formats import RawTable, contents
 
 COLUMNS: Mapping[str, tuple[str, str]] = {
     "slip": (r"sa|slip ?angle|alpha|schr(ä|ae)glaufwinkel", "rad"),

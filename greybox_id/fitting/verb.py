@@ -2,11 +2,12 @@
 
 A model with parts is fitted in two steps, as the papers on model-structured networks do: each part alone, on
 measured inputs (step 1), then everything together with its own predictions fed back (step 2).
+The result is judged on what it saw and on what is new: by errors beside those of holding a reading, and by a verdict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,28 +16,95 @@ from threadpoolctl import threadpool_limits
 
 from ..base.errors import BadInput
 from ..base.numbers import number
+from ..datasets.checks.consistency import standing
 from ..datasets.checks.finding import Finding
-from ..datasets.checks.rest import standing
 from ..datasets.recording import Recording, join
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
-from .fit import Fit
-from .holding import IN_MOTION, Holding, in_doubt, other_than, reason, weighed, with_hold
+from .fit import NOT_USABLE, USABLE, Fit, Reason, Verdict, with_reason
+from .holding import IN_MOTION, Holding, as_fitted, in_doubt, other_than, reason, weighed, with_hold
 from .how import FitOptions, Say, Solver, quiet
-from .judging import judgement
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
-from .scores.metrics import Scores, as_dict, score
-from .scores.timing import (
-    calibrated_errors,
-    calibrated_seconds,
-    calibrated_timing,
-    calibration_words,
-    must_have_timing,
-)
-from .scores.verdict import WORSE, distrust, times_as_large, used_signals
+from .scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
+from .scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words, must_have_timing
+from .scores.verdict import HELD_OUT, TRAINED, WORSE, distrust, judged, times_as_large, used_signals
 from .training import TrainedBefore
-from .verdict import NOT_USABLE, Reason, with_reason
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """What is held of a fit.
+
+    Attributes
+    ----------
+    scores : role or recording -> protocol -> output -> its error.
+    held : the same of holding the reading a prediction starts from, where its kind of model is set beside that.
+    verdict : on the fit.
+    """
+
+    scores: Mapping[str, Scores]
+    held: Mapping[str, Scores]
+    verdict: Verdict
+
+
+@by_kind
+def carried(model: Model, fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
+    """A reason against a fit whose parameters do not carry over to a recording; empty where they do, or none is asked.
+
+    Parameters
+    ----------
+    model : the fit's.
+    fit : the fit.
+    recording : that it has not seen.
+    name : what to call it.
+    """
+    return []
+
+
+@by_kind
+def refuted(model: Model, fit: Fit, recording: Recording) -> Iterable[Reason]:
+    """Reasons against a fit that other fits to its training data give; none where there are none, or none is asked.
+
+    Parameters
+    ----------
+    model : the fit's.
+    fit : the fit.
+    recording : that it was trained on.
+    """
+    return []
+
+
+def judgement(
+    fit: Fit,
+    recordings: Mapping[str, Recording],
+    findings: Mapping[str, Sequence[Finding]],
+    data: Sequence[DataRecord] | None = None,
+) -> Judgement:
+    """Score a fit, and judge it.
+
+    Parameters
+    ----------
+    fit : the fit.
+    recordings : by role or name; "train" is what it was fitted to, all else was held out.
+    findings, data : as of `judged`.
+    """
+    recordings = {name: as_fitted(fit, recording) for name, recording in recordings.items()}
+    both = {name: score_beside_hold(fit.model, recording) for name, recording in recordings.items()}
+    value = {name: scores for name, (scores, _) in both.items()}
+    held = {name: beside for name, (_, beside) in both.items() if beside}
+    unseen = {name: recording for name, recording in recordings.items() if name != TRAINED}
+    before = {name: unfitted_scores(fit, recording) for name, recording in (unseen or recordings).items()}
+    verdict, against = judged(fit, value, held=held, unfitted=before, findings=findings, data=data), list[Reason]()
+    if verdict.usability == USABLE:
+        for name, recording in unseen.items():
+            against += carried(fit.model, fit, recording, "" if name == HELD_OUT else name)
+    if verdict.usability != NOT_USABLE and TRAINED in recordings:
+        against += refuted(fit.model, fit, recordings[TRAINED])
+    if against:
+        verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data, more=against)
+    return Judgement(value, held, verdict)
+
 
 __all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
 

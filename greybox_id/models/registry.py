@@ -1,18 +1,28 @@
-"""Models and effects by name, and how to build them from plain data."""
+"""Models and effects by name, and how to build them from plain data.
+
+One's own are named by the file they stand in, FILE.py:NAME. Naming a file runs it: only a person may do so.
+"""
 
 from __future__ import annotations
 
+import hashlib
+import re
+import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from functools import cache
 from importlib.metadata import entry_points
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from ..base.errors import BadInput, near
+from ..base.errors import BadInput, near, near_or_all
+from ..base.files import near_file
 from ..datasets.recording import Recording
 from .baselines import (
     GeneralSettings,
@@ -28,10 +38,8 @@ from .effect import AnyModel, Effect
 from .effects import EFFECTS
 from .form import with_form_error
 from .hybrid import HybridSettings, covering_hybrid, hybrid_force, hybrid_stiffness
-from .kinematic import KinematicSettings, kinematic
-from .lateral import lateral
 from .lateral_networks import LateralNetworkSettings, bicycle_mlp, covering_networks, mlp_lateral
-from .longitudinal import longitudinal
+from .longitudinal import PARAMETERS, longitudinal
 from .model import Model, NoSettings, from_mapping, must_be
 from .motion_model import MotionModel
 from .msnn_full import (
@@ -45,8 +53,23 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
-from .roll import must_stand, with_roll
-from .single_track import BRAKES, DRIVE_SIGNALS, DRIVES, single_track
+from .single_track import (
+    BODY,
+    BRAKE,
+    BRAKES,
+    DRIVE,
+    DRIVE_SIGNALS,
+    DRIVES,
+    MOTOR,
+    ROLLING,
+    TURNING,
+    KinematicSettings,
+    kinematic,
+    lateral,
+    must_stand,
+    single_track,
+    with_roll,
+)
 from .steering import steering
 from .tyres import TYRES, TyreSettings
 from .vehicle import Stated, Vehicle
@@ -252,13 +275,9 @@ def motion_model_of(vehicle: Vehicle) -> MotionModel:
 
 def vehicle_parameters() -> tuple[str, ...]:
     """Parameters that equations of motion know, on any tyre, and effects as second ones: what a vehicle may state."""
-    tyres = [{"tyre": tyre} for tyre in TYRES]
-    known = [build(name, chosen) for name in ("single_track", "lateral") for chosen in tyres]
-    known += [
-        build("single_track", {"drive": "motor", "brake": "separate", "body": "rolling"}),
-        *(build(name) for name in ("longitudinal", "kinematic")),
-    ]
-    return tuple(dict.fromkeys((*(parameter.name for model in known for parameter in model.parameters), *_seconds())))
+    tyres = (parameter for tyre in TYRES.values() for axle in "fr" for parameter in tyre.parameters(axle))
+    known = (*BODY, *DRIVE, *tyres, *MOTOR, *BRAKE, *ROLLING, *PARAMETERS, *TURNING)
+    return tuple(dict.fromkeys((*(parameter.name for parameter in known), *_seconds())))
 
 
 SHIPPED = frozenset((*MODELS, *EFFECTS))
@@ -365,3 +384,107 @@ def _effect(name: str, magnitude: float | Stated | None) -> Effect:
     if isinstance(magnitude, bool) or not isinstance(magnitude, (int, float)):
         raise BadInput(f"Effect {name} needs a number, in {effect.parameter.unit}; {magnitude!r} was given.")
     return effect.at(magnitude)
+
+
+_PLACE = re.compile(r"(.+\.py):([^\W\d]\w*)")
+
+
+def is_place(text: str) -> bool:
+    """Whether a text names something in a file of one's own: my_car.py:my_model."""
+    return _PLACE.fullmatch(text) is not None
+
+
+def own_model(place: str) -> Model:
+    """The model of that name in a file, made known by its own name.
+
+    Parameters
+    ----------
+    place : FILE.py:NAME, where NAME is a model or a function without arguments that makes one.
+
+    Raises
+    ------
+    BadInput : the file is not there or does not run, or it has no model of that name.
+    """
+    result = _named(place)
+    made = result if isinstance(result, Model) or not callable(result) else _called(result, place)
+    if not isinstance(made, Model):
+        raise BadInput(f"{place} is no model but {made!r:.60}; name a MotionModel, or a function that makes one.")
+    register(made)
+    return made
+
+
+def own_effect(place: str) -> Effect:
+    """The effect of that name in a file, made known by its own name. Raises `BadInput` as `own_model` does."""
+    result = _named(place)
+    if not isinstance(result, Effect):
+        raise BadInput(
+            f"{place} is no effect but {result!r:.60}; make one with gb.effects.alteration or gb.effects.Effect."
+        )
+    register(result)
+    return result
+
+
+def own(place: str) -> Model | Effect:
+    """The model or the effect of that name in a file, made known. Raises `BadInput` as `own_model` does."""
+    return own_effect(place) if isinstance(_named(place), Effect) else own_model(place)
+
+
+def _named(place: str) -> object:
+    match = _PLACE.fullmatch(place)
+    if match is None:
+        raise BadInput(f"{place!r} is not FILE.py:NAME, as in my_car.py:my_model.")
+    file, name = Path(match[1]), match[2]
+    module = _loaded(file)
+    if not hasattr(module, name):
+        there = [name for name, thing in vars(module).items() if isinstance(thing, Model | Effect)]
+        raise BadInput(
+            f"{file} has no {name}.{near_or_all(name, there) if there else ' It has no model and no effect.'}"
+        )
+    return getattr(module, name)
+
+
+def _loaded(file: Path) -> ModuleType:
+    """The file run as a module, once for each content."""
+    try:
+        content = file.read_bytes()
+    except OSError as error:
+        raise BadInput(f"{file} cannot be read ({error.strerror}).{near_file(file)}") from error
+    called = f"own_{hashlib.sha256(str(file.resolve()).encode() + content).hexdigest()[:16]}"
+    if called in sys.modules:
+        return sys.modules[called]
+    spec = spec_from_file_location(called, file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[called] = module_from_spec(spec)
+    try:
+        spec.loader.exec_module(module)
+    except (Exception, SystemExit) as error:
+        del sys.modules[called]
+        raise _failed(file, error) from error
+    return module
+
+
+def _failed(file: Path, error: BaseException) -> BadInput:
+    return BadInput(f"{file}{_line_of(error, file)}: {type(error).__name__}: {error}")
+
+
+def _called(function: object, place: str) -> object:
+    assert callable(function)
+    try:
+        return function()
+    except TypeError as error:
+        raise BadInput(f"{place} cannot be called without arguments: {error}") from error
+    except (Exception, SystemExit) as error:
+        raise _failed(Path(place.rpartition(":")[0]), error) from error
+
+
+def _line_of(error: BaseException, file: Path) -> str:
+    """The line of the file at which it went wrong."""
+    if isinstance(error, SyntaxError):
+        return f", line {error.lineno}"
+    line, trace = None, error.__traceback__
+    while trace is not None:
+        if trace.tb_frame.f_code.co_filename == str(file.absolute()):
+            line = trace.tb_lineno
+        trace = trace.tb_next
+    return f", line {line}" if line else ""

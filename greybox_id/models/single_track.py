@@ -1,17 +1,37 @@
-"""Single-track model, three degrees of freedom: v_x, v_y and yaw rate.
+"""Single-track models: with three degrees of freedom, lateral at a measured speed, kinematic; and a body that rolls.
 
-ISO 8855 axes. States v_x, v_y [m/s], yaw_rate [rad/s]; inputs steer [rad] at the road wheels and drive (N, m/s^2, A or
-a throttle, whichever is recorded). F_z is the static load of an axle, c_0 + c_1 v_x + c_2 v_x^2 resists the motion.
+ISO 8855 axes. `single_track` has the states v_x, v_y [m/s] and yaw_rate [rad/s]; inputs steer [rad] at the road wheels
+and drive (N, m/s^2, A or a throttle, whichever is recorded). F_z is the static load of an axle, c_0 + c_1 v_x + c_2
+v_x^2 resists the motion. `lateral` takes the speed as an input and leaves longitudinal forces out.
 Source: Rajamani, Vehicle Dynamics and Control, 2nd ed., Sec. 2.3 and 4.1, with nonlinear tyres.
+
+A body may roll on its springs: roll angle and roll rate, which a gyro reads, follow from
+
+    (I_x + m h_cg^2) roll'' = m h_cg (a_y + g roll) - roll_stiffness roll - roll_damper roll'
+
+about an axis on the road, positive where the left side rises, as it does in a left turn. Springs are stated in N m/rad,
+so that how far and how fast a body rolls tells its mass, which lateral motion alone tells only together with the
+tyres' forces. An accelerometer on the body reads g roll more and h_cg roll'' less of a_y, as one of `roll_dynamics`
+does, which is the same body by its roll gradient and natural frequency. Source: Rajamani, Sec. 15.2.
+
+In `kinematic`, whose rear wheels do not slip (v_y = l_r yaw_rate), the yaw rate settles at
+
+    yaw_rate = v_x tan(steer_gain steer) / (L + K_us v_x^2),   L = l_f + l_r
+
+with the time constant yaw_lag. With K_us = 0 it is the purely kinematic model. Below zero the vehicle oversteers, up to
+a critical speed at which the equation ends: L + K_us v_x^2 stays above a tenth of L. Source: Rajamani, Sec. 2.2, 3.3.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
 
 import casadi as cs
 
-from .model import Combination, Namespace, Symbol
+from ..base.errors import BadInput
+from ..base.numbers import quantity
+from .model import Combination, Model, Namespace, Symbol
 from .motion_model import MotionModel, Quantities, State
 from .parameter import Parameter
 from .smooth import SLIPPING, forward_speed, sign_of_motion, steer_slip
@@ -70,17 +90,9 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear", brake: str = "driv
     """
 
     def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
-        L = p.l_f + p.l_r
-        v_x = forward_speed(x.v_x)
         c, s = cs.cos(u.steer), cs.sin(u.steer)
 
-        q.alpha_f = steer_slip(u.steer, x.v_x) - cs.atan2(x.v_y + p.l_f * x.yaw_rate, v_x)
-        q.alpha_r = -cs.atan2(x.v_y - p.l_r * x.yaw_rate, v_x)
-        q.F_zf = p.m * G * p.l_r / L
-        q.F_zr = p.m * G * p.l_f / L
-        q.grip_f = q.grip_r = q.stiffness_f = q.stiffness_r = 1.0
-        q.peak_f = tyre.peak(q.F_zf, axle(p, "f"), q.grip_f)
-        q.peak_r = tyre.peak(q.F_zr, axle(p, "r"), q.grip_r)
+        _slip(q, x, u.steer, x.v_x, p, tyre)
 
         pedal = cs.fmax(u.drive, 0) if brake == "negative" else u.drive
         q.drive_force = p.force_per_unit * pedal if drive == "linear" else motor_force(pedal, x.v_x, p)
@@ -129,6 +141,18 @@ def single_track(tyre: Tyre = pacejka, drive: str = "linear", brake: str = "driv
     )
 
 
+def _slip(q: Quantities, x: Namespace, steer: Symbol, v_x: Symbol, p: Namespace, tyre: Tyre) -> None:
+    """Slip angles, static loads and peaks of the tyres of both axles."""
+    L, forward = p.l_f + p.l_r, forward_speed(v_x)
+    q.alpha_f = steer_slip(steer, v_x) - cs.atan2(x.v_y + p.l_f * x.yaw_rate, forward)
+    q.alpha_r = -cs.atan2(x.v_y - p.l_r * x.yaw_rate, forward)
+    q.F_zf = p.m * G * p.l_r / L
+    q.F_zr = p.m * G * p.l_f / L
+    q.grip_f = q.grip_r = q.stiffness_f = q.stiffness_r = 1.0
+    q.peak_f = tyre.peak(q.F_zf, axle(p, "f"), q.grip_f)
+    q.peak_r = tyre.peak(q.F_zr, axle(p, "r"), q.grip_r)
+
+
 def not_usual(drive: str, brake: str) -> dict[str, str]:
     """Settings of drive and brake, as far as they are not the usual ones."""
     return ({"drive": drive} if drive != "linear" else {}) | ({"brake": brake} if brake != "drive" else {})
@@ -164,4 +188,141 @@ def combinations(tyre: Tyre) -> tuple[Combination, ...]:
         Combination("C_alpha_r / m", "N/(rad kg)", lambda p: slope(p, "r") / p.m, "rear stiffness per mass"),
         Combination("I_z / m", "m^2", lambda p: p.I_z / p.m, "yaw inertia per mass"),
         Combination("K_us", "rad s^2/m", understeer, "understeer gradient"),
+    )
+
+
+ROLLING = (
+    Parameter("I_x", "kg m^2", 550.0, (1e-5, 100000.0), fixed=True, about="roll inertia about the centre of gravity"),
+    Parameter("roll_stiffness", "N m/rad", 9e4, (0.1, 5e6), about="moment of springs and stabilisers per roll angle"),
+    Parameter("roll_damper", "N m s/rad", 5e3, (1e-3, 5e5), about="moment of the dampers per roll rate"),
+)
+
+
+def with_roll(model: MotionModel) -> MotionModel:
+    """The model with a body that rolls, and its roll rate as an output.
+
+    Parameters
+    ----------
+    model : `single_track` or `lateral`.
+    """
+
+    def rolling(q: Quantities) -> dict[str, Symbol]:
+        moment = q.p.m * q.p.h_cg * (q.a_y + G * q.x.roll)
+        back = q.p.roll_stiffness * q.x.roll + q.p.roll_damper * q.x.roll_rate
+        return {"roll": q.x.roll_rate, "roll_rate": (moment - back) / (q.p.I_x + q.p.m * q.p.h_cg**2)}
+
+    def on_the_body(read: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        return {"a_y": read.a_y + G * q.x.roll - q.p.h_cg * q.rates.roll_rate}
+
+    def steady(x: Namespace, u: Namespace, p: Namespace) -> Symbol:
+        """The roll angle of a steady turn."""
+        weight = p.m * p.h_cg
+        return weight * x.yaw_rate * (x.v_x if hasattr(x, "v_x") else u.v_x) / (p.roll_stiffness - weight * G)
+
+    states = (State("roll", "rad", 0.03, start=steady), State("roll_rate", "rad/s", 0.05))
+    result = model.with_states(rolling, *states).sensed(on_the_body).with_parameters(*ROLLING)
+    return replace(result, outputs=(*result.outputs, "roll_rate"), settings=dict(result.settings) | {"body": "rolling"})
+
+
+def must_stand(model: Model) -> None:
+    """Raise `BadInput` where a body that rolls has no equilibrium: its weight tips it further than springs hold."""
+    if model.settings.get("body") != "rolling":
+        return
+    stiffness, m, h_cg = (float(model[name].array) for name in ("roll_stiffness", "m", "h_cg"))
+    if stiffness <= m * h_cg * G:
+        stiff, weight = quantity(stiffness, "N m/rad"), quantity(m * h_cg * G, "N m/rad")
+        raise BadInput(
+            f"{model.name}: the body tips over: roll_stiffness is {stiff}, and its weight, m · h_cg · g, needs more "
+            f"than {weight}. State a larger roll_stiffness in the vehicle file, or set body=stiff."
+        )
+
+
+def lateral(tyre: Tyre = pacejka) -> MotionModel:
+    """Lateral single-track model with two degrees of freedom.
+
+    Parameters
+    ----------
+    tyre : lateral force over slip angle and load.
+    """
+
+    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        _slip(q, x, u.steer, u.v_x, p, tyre)
+        q.F_yf = tyre.force(q.alpha_f, q.F_zf, axle(p, "f"), q.grip_f, q.stiffness_f)
+        q.F_yr = tyre.force(q.alpha_r, q.F_zr, axle(p, "r"), q.grip_r, q.stiffness_r)
+
+        q.gravity_y = 0.0
+        q.a_y = (q.F_yf * cs.cos(u.steer) + q.F_yr) / p.m
+        q.M_z = p.l_f * q.F_yf * cs.cos(u.steer) - p.l_r * q.F_yr
+        return {
+            "v_y": q.a_y - q.gravity_y - x.yaw_rate * u.v_x,
+            "yaw_rate": q.M_z / p.I_z,
+        }
+
+    return MotionModel(
+        name="lateral",
+        about="single-track vehicle at a measured speed, two degrees of freedom",
+        states=STATES[1:],
+        inputs=("steer", "v_x"),
+        commands=("steer",),
+        outputs=("v_y", "yaw_rate", "a_y"),
+        parameters=(*BODY, *tyre.parameters("f"), *tyre.parameters("r")),
+        quantities=(
+            *("alpha_f", "alpha_r", "F_zf", "F_zr", "grip_f", "grip_r", "stiffness_f", "stiffness_r"),
+            *("peak_f", "peak_r", "F_yf", "F_yr", "gravity_y", "a_y", "M_z"),
+        ),
+        dynamics=dynamics,
+        combinations=combinations(tyre),
+        settings={"tyre": tyre.name},
+        validity=SLIPPING,
+    )
+
+
+LEAST_SHARE = 0.1
+"""L + K_us v_x^2 is not less than this share of L."""
+
+TURNING = (
+    *(parameter for parameter in BODY if parameter.name in ("l_f", "l_r")),
+    Parameter("steer_gain", "1", 1.0, (0.005, 5.0), fixed=True, about="road-wheel angle over the steer signal"),
+    Parameter("yaw_lag", "s", 0.1, (0.005, 2.0), about="time constant of the yaw rate"),
+    Parameter("K_us", "rad s^2/m", 0.0, (-0.05, 0.2), about="understeer gradient"),
+)
+"""What the kinematic model has; the last only where it understeers."""
+
+
+@dataclass(frozen=True)
+class KinematicSettings:
+    """What of the kinematic model is there.
+
+    Attributes
+    ----------
+    understeer : whether there is an understeer gradient K_us; without one the model is purely kinematic.
+    """
+
+    understeer: bool = True
+
+
+def kinematic(settings: KinematicSettings | None = None) -> MotionModel:
+    """Kinematic single-track model with one state."""
+    chosen = settings or KinematicSettings()
+
+    def dynamics(x: Namespace, u: Namespace, p: Namespace, q: Quantities) -> Mapping[str, Symbol]:
+        L = p.l_f + p.l_r
+        effective_wheelbase = cs.fmax(L + p.K_us * u.v_x**2, LEAST_SHARE * L) if chosen.understeer else L
+        q.yaw_rate_settled = u.v_x * cs.tan(p.steer_gain * u.steer) / effective_wheelbase
+        yaw_acceleration = (q.yaw_rate_settled - x.yaw_rate) / p.yaw_lag
+        q.a_y = u.v_x * x.yaw_rate + p.l_r * yaw_acceleration
+        return {"yaw_rate": yaw_acceleration}
+
+    return MotionModel(
+        name="kinematic",
+        about="kinematic single-track vehicle with an understeer gradient",
+        states=(State("yaw_rate", "rad/s", 0.1),),
+        inputs=("steer", "v_x"),
+        commands=("steer",),
+        outputs=("yaw_rate", "a_y"),
+        parameters=TURNING if chosen.understeer else TURNING[:-1],
+        quantities=("yaw_rate_settled", "a_y"),
+        dynamics=dynamics,
+        combinations=(Combination("l_f + l_r", "m", lambda p: p.l_f + p.l_r, "wheelbase"),),
+        settings=asdict(chosen),
     )

@@ -243,7 +243,7 @@ def diagnose_case(folder: Path) -> dict[str, Any]:
     from greybox_id.api.diagnosing import diagnose
     from greybox_id.api.gap_result import ChangeResult
     from greybox_id.models.motion_model import MotionModel
-    from greybox_id.models.vehicle_file import vehicle, write_vehicle
+    from greybox_id.models.vehicle import vehicle, write_vehicle
 
     from ..exam.folder import AFTER, BEFORE, CLOSED, COLUMNS
     from ..exam.verification import plain_model

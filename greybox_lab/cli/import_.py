@@ -15,7 +15,7 @@ from greybox_id.cli.defaults import command_line
 from greybox_id.cli.options import json_option
 from greybox_id.cli.output import console, print_json
 from greybox_id.fitting.fit import Fit
-from greybox_id.models.vehicle_file import as_plain, write_vehicle
+from greybox_id.models.vehicle import as_plain, write_vehicle
 
 from ..nnodely import Imported, ImportedVehicle, import_network, import_vehicle
 from ..nnodely.vehicles import SUFFIXES

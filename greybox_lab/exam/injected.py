@@ -18,7 +18,7 @@ from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.how import Say
 from greybox_id.models.registry import build, motion_model_of
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 from .altering import INJECTIONS, Injection, altered, scatter_between
 from .answers import Answer

@@ -11,8 +11,7 @@ import numpy as np
 
 from greybox_id.base.files import write_atomically
 from greybox_id.datasets.recording import Recording
-from greybox_id.models.vehicle import ChosenModel
-from greybox_id.models.vehicle_file import vehicle, write_vehicle
+from greybox_id.models.vehicle import ChosenModel, vehicle, write_vehicle
 
 from .answers import Answer, write_answer
 from .folder import AFTER, BEFORE, CASES, COLUMNS, SEALED

@@ -17,8 +17,7 @@ from greybox_id.models.effects import EFFECTS
 from greybox_id.models.model import must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import build, motion_model_of
-from greybox_id.models.vehicle import Stated
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import Stated, vehicle
 
 from .answers import Answer
 from .folder import CLOSED, COLUMNS

@@ -18,7 +18,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.files import near_file
 from greybox_id.base.units import number
 from greybox_id.datasets.formats import SUFFIXES, hash_of
-from greybox_id.fitting.choices.requested_model import named_vehicle
+from greybox_id.fitting.requested_model import named_vehicle
 
 from .plan import FleetPlan, content_of, vehicle_named
 from .statuses import FIT

@@ -13,8 +13,8 @@ from typing import Any
 from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.base.toml_file import must_know, read_toml
 from greybox_id.datasets.column_map import column_map, shipped_maps
-from greybox_id.fitting.choices.requested_model import named_vehicle
-from greybox_id.models.vehicle_file import shipped_vehicles
+from greybox_id.fitting.requested_model import named_vehicle
+from greybox_id.models.vehicle import shipped_vehicles
 
 from .statuses import FIT, GAP, STEPS
 

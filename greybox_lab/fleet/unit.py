@@ -21,14 +21,13 @@ from greybox_id.base.version import __version__
 from greybox_id.datasets.checks import Finding, check, distrusted
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.choices.requested_model import RequestedModel
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.requested_model import RequestedModel
 from greybox_id.fitting.uncertainty.identifiability import left_open
 from greybox_id.models.model import Model
-from greybox_id.models.own import is_place
 from greybox_id.models.parameter import Parameter
-from greybox_id.models.registry import install
+from greybox_id.models.registry import install, is_place
 from greybox_id.models.vehicle import Vehicle
 
 from .statuses import CHECK, FAILED, FIT, GAP, NOT_TRUSTED, OK

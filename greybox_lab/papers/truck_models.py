@@ -20,11 +20,10 @@ from greybox_id.models.effect import Effect
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.effects.elements import lag
 from greybox_id.models.effects.stating import effect, reading
-from greybox_id.models.lateral import lateral
 from greybox_id.models.model import Combination, Namespace, Symbol
 from greybox_id.models.motion_model import MotionModel, Quantities, State
 from greybox_id.models.parameter import Parameter, Prior
-from greybox_id.models.single_track import G
+from greybox_id.models.single_track import G, lateral
 
 from .truck_inputs import HELD_FOR
 

@@ -28,7 +28,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.files import at_once, write_atomically
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 from .virtual_vehicle import Forms, Truth, VirtualCar, steered
 from .virtual_vehicle.scale import G

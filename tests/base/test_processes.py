@@ -25,7 +25,7 @@ from greybox_id.engine.compiler import CannotCompile
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 forks = pytest.mark.skipif(not FORKS, reason="this system does not fork safely")
 

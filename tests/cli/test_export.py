@@ -17,7 +17,7 @@ from greybox_id.export.verb import TARGETS
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit as fit_model
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 
 @pytest.fixture(scope="module")

@@ -16,7 +16,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import vocabulary
 from greybox_id.models.registry import build, model_of
-from greybox_id.models.vehicle_file import vehicle as read_vehicle
+from greybox_id.models.vehicle import vehicle as read_vehicle
 from greybox_id.reports.gap.saved import load_gap
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")

@@ -5,7 +5,7 @@ from calling import greybox, refused
 
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import MODELS
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 
 def test_models_lists_every_model():

@@ -9,7 +9,7 @@ import pytest
 from calling import greybox, refused
 from linear_bicycle import recorded
 
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 C_F, C_R, RATE = 60e3, 75e3, 50.0
 VEHICLE = """name = "SimRod"

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from greybox_id.datasets.uneven import evened
+from greybox_id.datasets.instants import evened
 
 STEP, ROWS = 0.005, 2000
 

@@ -11,7 +11,7 @@ from greybox_id.export.c.naming import c_comment, c_string, docstring, one_line,
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 HOSTILE = [
     "a*\\ int injected = 1; \\* .toml",

@@ -13,7 +13,7 @@ from greybox_id.export.subject import Subject
 from greybox_id.export.target_autoware import ACTUATORS, PEDALS, SPEEDS, cautions, files, origins
 from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 NUMBER, WORD, TRUTH, COUNT = float, str, bool, int
 SCHEMA = {

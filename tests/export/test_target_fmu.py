@@ -20,7 +20,7 @@ from greybox_id.export.subject import Subject
 from greybox_id.export.target_fmu import VERSIONS, files
 from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 fmpy = pytest.importorskip("fmpy", reason="fmpy is not installed: pip install fmpy")
 from fmpy.validation import validate_fmu  # noqa: E402

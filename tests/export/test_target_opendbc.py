@@ -8,7 +8,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_opendbc import cautions, files, origins
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 
 def made(effects, source="a test"):

@@ -9,7 +9,7 @@ from greybox_id.export.subject import Subject
 from greybox_id.export.target_ros2 import files, number_text, origins
 from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 
 def test_parameters_and_intervals_come_back_exactly():

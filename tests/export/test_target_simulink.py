@@ -17,7 +17,7 @@ from greybox_id.export.subject import Subject
 from greybox_id.export.target_simulink import cautions, files, origins
 from greybox_id.fitting.fit import Fit
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 HARNESS = Path(__file__).with_name("harness")
 """What MATLAB's own headers declare of what is called, and a program that drives an S-function."""

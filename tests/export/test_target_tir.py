@@ -9,7 +9,7 @@ from greybox_id.export.subject import Subject
 from greybox_id.export.target_tir import cautions, files, origins
 from greybox_id.models.registry import build
 from greybox_id.models.tyre_file import parse_tyre_file
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 EFFECTS = {"grip_scale": 0.87, "front_stiffness": 1.13, "mass_change": 1.1}
 

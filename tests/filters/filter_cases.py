@@ -19,7 +19,7 @@ from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel, State
 from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 NEVER = np.inf
 """No gate."""

@@ -14,7 +14,7 @@ from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.live import follow
 from greybox_id.filters.track import verdict
 from greybox_id.filters.verb import track
-from greybox_id.fitting.verdict import NOT_USABLE
+from greybox_id.fitting.fit import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = needs_compiler

@@ -9,7 +9,7 @@ from filter_cases import needs_compiler
 from greybox_id.datasets.read import read
 from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.verb import track
-from greybox_id.fitting.choices.requested_model import RequestedModel, named_vehicle
+from greybox_id.fitting.requested_model import RequestedModel, named_vehicle
 from greybox_id.models.effects import EFFECTS
 
 pytestmark = [needs_compiler, pytest.mark.slow]

@@ -28,7 +28,7 @@ from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 pytestmark = needs_compiler
 

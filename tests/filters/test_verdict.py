@@ -7,7 +7,7 @@ import pytest
 
 from greybox_id.filters.findings import consistency, widening
 from greybox_id.filters.track import verdict
-from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE
+from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE
 
 
 def tracked(**channels):

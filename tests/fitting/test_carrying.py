@@ -12,7 +12,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
 

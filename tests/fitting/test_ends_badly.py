@@ -15,7 +15,7 @@ from greybox_id.fitting import motion as motion_fits
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.virtual.virtual_vehicle import steered, vehicle_file_text
 
 

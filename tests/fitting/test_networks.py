@@ -31,7 +31,7 @@ def laps():
 @pytest.fixture(scope="module")
 def vehicle():
     """The vehicle that drove, and others near it."""
-    from greybox_id.models.vehicle_file import vehicle
+    from greybox_id.models.vehicle import vehicle
 
     model = build("lateral", None, {}, vehicle("full_size_car"))
     rng = np.random.default_rng(0)

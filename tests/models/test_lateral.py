@@ -6,9 +6,8 @@ import pytest
 from linearised import matrices, outputs, rates, run, vector
 from reference_vehicle import FULL_SIZE_CAR, RACER, simulate_lateral
 
-from greybox_id.models.lateral import lateral
 from greybox_id.models.registry import build
-from greybox_id.models.single_track import single_track
+from greybox_id.models.single_track import lateral, single_track
 from greybox_id.models.tyres import TYRES
 
 CARS = {

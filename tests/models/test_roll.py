@@ -13,14 +13,12 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
-from greybox_id.models.lateral import lateral
 from greybox_id.models.registry import build, vehicle_parameters
-from greybox_id.models.roll import PARAMETERS, with_roll
-from greybox_id.models.single_track import single_track
+from greybox_id.models.single_track import ROLLING, lateral, single_track, with_roll
 from greybox_id.models.vehicle import Stated, Vehicle
 
 START = {"v_y": 0.0, "yaw_rate": 0.0}
-I_X, STIFFNESS, DAMPER = (float(own.array) for own in PARAMETERS)
+I_X, STIFFNESS, DAMPER = (float(own.array) for own in ROLLING)
 M, H = FULL_SIZE_CAR["m"], FULL_SIZE_CAR["h_cg"]
 
 
@@ -85,7 +83,7 @@ def test_the_roll_rate_tells_the_mass_that_lateral_motion_does_not():
 def test_it_is_a_setting_whose_numbers_a_vehicle_states():
     assert build("lateral", {"body": "rolling"}).outputs == ("v_y", "yaw_rate", "a_y", "roll_rate")
     assert build("single_track", {"body": "rolling"}).settings["body"] == "rolling"
-    assert {own.name for own in PARAMETERS} <= set(vehicle_parameters())
+    assert {own.name for own in ROLLING} <= set(vehicle_parameters())
     with pytest.raises(BadInput, match="stiff or rolling, not 'rolls'"):
         build("lateral", {"body": "rolls"})
 

@@ -9,7 +9,7 @@ from calling import refused
 
 from greybox_id.base.errors import BadInput
 from greybox_id.models.tyre_file import parse_tyre_file, read_tyre_file
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 ADAMS = {
     "PCY1": 1.3507, "PDY1": 1.0489, "PDY2": -0.15, "PDY3": -2.8821, "PEY1": -0.0074722, "PEY2": -0.0063208, "PEY3": 0.3,

@@ -10,8 +10,15 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.signals import SIGNALS
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import vehicle_parameters
-from greybox_id.models.vehicle import ChosenModel, Stated, StatedModelError, Vehicle
-from greybox_id.models.vehicle_file import parse_vehicle, shipped_vehicles, vehicle
+from greybox_id.models.vehicle import (
+    ChosenModel,
+    Stated,
+    StatedModelError,
+    Vehicle,
+    parse_vehicle,
+    shipped_vehicles,
+    vehicle,
+)
 
 EXAMPLE = """
 name = "full-size car"

@@ -10,8 +10,16 @@ from hypothesis import strategies as st
 from greybox_id import __version__
 from greybox_id.base.errors import BadInput
 from greybox_id.base.guard import VEHICLE_MARK
-from greybox_id.models.vehicle import ChosenModel, Stated, StatedModelError, TrackingPlan, Vehicle
-from greybox_id.models.vehicle_file import shipped_vehicles, vehicle, write_vehicle
+from greybox_id.models.vehicle import (
+    ChosenModel,
+    Stated,
+    StatedModelError,
+    TrackingPlan,
+    Vehicle,
+    shipped_vehicles,
+    vehicle,
+    write_vehicle,
+)
 
 NUMBER = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e99, max_value=1e99)
 ABOVE_ZERO = st.floats(min_value=1e-300, max_value=1e99)

@@ -13,7 +13,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.msnn_lat import LateralSettings, covering_lat, msnn_lat
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_id.reports.recordings import driven as seen_driven
 from greybox_id.reports.report import prepared, seen
 

@@ -14,7 +14,7 @@ from greybox_id.models.effects import EFFECTS
 from greybox_id.models.msnn_full import msnn_full
 from greybox_id.models.msnn_lat import LateralSettings, msnn_lat
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_id.reports.equations.expression import (
     MOST_TERMS,
     Call,

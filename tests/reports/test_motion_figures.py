@@ -10,7 +10,7 @@ from greybox_id.fitting.fit import reach
 from greybox_id.fitting.provenance import Stage
 from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_id.reports.figures.characteristics import handling, share_with_band, tyres
 from greybox_id.reports.figures.estimates import convergence, correlation, correlations
 from greybox_id.reports.report import prepared

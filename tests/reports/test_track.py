@@ -16,7 +16,7 @@ from greybox_id.datasets.recording import join
 from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_id.reports.document import write_drawings
 from greybox_id.reports.figures.characteristics import forces_over_slip
 from greybox_id.reports.html import page

@@ -6,7 +6,7 @@ import pandas as pd
 from greybox_id.datasets.recording import Recording, join
 from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.005, "a_x": 0.1, "a_y": 0.1}
 DT = 0.04

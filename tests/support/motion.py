@@ -13,8 +13,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.lateral import lateral
-from greybox_id.models.single_track import single_track
+from greybox_id.models.single_track import lateral, single_track
 
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.005, "a_x": 0.1, "a_y": 0.1}
 MODELS = {"single_track": single_track(), "lateral": lateral()}

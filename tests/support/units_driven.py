@@ -12,7 +12,7 @@ from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
 from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 STEP, MINUTE = 0.01, 6001
 TAIL = 20

@@ -7,14 +7,12 @@ from weakref import ref
 
 from ...base.signals import SD
 from ..recording import Recording
-from .consistency import check_consistency
+from .consistency import check_consistency, check_duplicates, check_rest
 from .delays import check_delays
-from .duplicates import check_duplicates
 from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
-from .rest import check_rest
 from .values import check_reading, check_time, check_values, sample_time_believable
 
 __all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]

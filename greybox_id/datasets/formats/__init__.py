@@ -7,17 +7,344 @@ A file's content says what it is; its name decides where the content says nothin
 from __future__ import annotations
 
 import hashlib
+import json
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
+from typing import Any
 
-from ...base.errors import BadInput
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from ...base.errors import BadInput, GreyboxError
 from ...base.files import near_file, replacing
 from ...base.guard import protect
+from ...base.shorthands import Array
 from ..column_map import ColumnMap
+from ..instants import count_unit, is_instants
 from ..recording import Recording
-from .contents import Contents, Group, columns_of, few_enough
 
 __all__ = ["SUFFIXES", "WRITTEN", "Contents", "Group", "bare_name", "contents", "hash_of", "write"]
+
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+")
+
+
+@dataclass(frozen=True)
+class RawTable:
+    """Columns of a file.
+
+    Attributes
+    ----------
+    where : the file as the user named it.
+    names : column names, in the file's order.
+    columns : the values, one series each.
+    first_row : number of the first row of values as a person counts: 2 below a header line, else 1.
+    units : units of columns, as far as the file states them.
+    """
+
+    where: str
+    names: tuple[str, ...]
+    columns: tuple[pd.Series[Any], ...]
+    first_row: int
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        return len(self.columns[0]) if self.columns else 0
+
+    def column(self, name: str) -> pd.Series[Any]:
+        """(n,) values of a column as the file holds them."""
+        return self.columns[self.names.index(name)]
+
+    def numbers(self, name: str) -> Array:
+        """(n,) values of a column; NaN where a cell is empty.
+
+        Raises
+        ------
+        BadInput
+            A cell holds something that is no number: names the row and the cell.
+        """
+        column = self.column(name)
+        if pd.api.types.is_numeric_dtype(column.dtype) and not pd.api.types.is_bool_dtype(column.dtype):
+            return column.to_numpy(dtype=float, na_value=np.nan)
+        text = column.astype("string").str.strip()
+        values = pd.to_numeric(text, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+        strange = np.isnan(values) & text.notna().to_numpy() & (text != "").fillna(False).to_numpy(dtype=bool)
+        if strange.any():
+            row = int(np.argmax(strange))
+            result = str(text.iloc[row])
+            advice = (
+                'Set decimal = "," in the column map, and separator to what stands between columns.'
+                if _DECIMAL_COMMA.fullmatch(result)
+                else "Mend the cell, or leave it empty if the value is missing."
+            )
+            raise BadInput(
+                f'{self.where}: column "{name}", row {row + self.first_row}: {result!r:.60} is not a number. {advice}'
+            )
+        return values
+
+    def labels(self, name: str) -> list[str]:
+        """(n,) values of a column as text, for telling rows apart."""
+        return [str(value) for value in self.column(name).tolist()]
+
+
+def unique_names(names: tuple[str, ...], where: str) -> None:
+    """Raise `BadInput` where two columns have one name."""
+    twice = [name for name, count in Counter(names).items() if count > 1]
+    if twice:
+        raise BadInput(
+            f'{where}: column name "{twice[0]}" stands there {names.count(twice[0])} times. Rename all but one.'
+        )
+
+
+def one_column(names: tuple[str, ...]) -> str:
+    """A hint for a header line that was not split; empty if it was."""
+    result = max(";\t|", key=names[0].count) if len(names) == 1 else ""
+    if not result or result not in names[0]:
+        return ""
+    return (
+        f"The whole header line was read as one column, {names[0]!r:.80}; set separator = {json.dumps(result)} in the "
+        "column map."
+    )
+
+
+TIME = "time"
+"""What a column map calls the clock of a group that has its own, whatever the file calls it."""
+LARGEST = 1_000_000_000
+"""Bytes that the text of a file, or the columns that are read of it, may take: five hours at 100 Hz of 69 numbers."""
+MOST_COLUMNS = 20_000
+"""Columns that a file may have; one with a million of them takes minutes to tell apart."""
+
+
+@dataclass(frozen=True)
+class Group:
+    """Columns that share their rows: a whole CSV file, a ROS topic, a channel group.
+
+    Attributes
+    ----------
+    name : what sentences call it; empty where a file is one group.
+    names : full names of its columns.
+    load : reads the named columns; a file's other columns are not touched.
+    prefix : what a full name has before the column's own; it may be omitted where a file has one group.
+    clock : full name of the column with its time; empty where the column map has to name one.
+    clock_unit : unit of that column; empty where the column map says it.
+    units : units of columns, by full name, as far as the file states them.
+    """
+
+    name: str
+    names: tuple[str, ...]
+    load: Callable[[Sequence[str]], RawTable]
+    prefix: str = ""
+    clock: str = ""
+    clock_unit: str = ""
+    units: Mapping[str, str] = field(default_factory=dict)
+
+    def full(self, name: str, alone: bool = False) -> str | None:
+        """The full name of a column of this group; `alone`: the prefix may be omitted."""
+        if name in self.names:
+            return name
+        if alone and self.prefix + name in self.names:
+            return self.prefix + name
+        if self.clock and name in ((TIME, self.prefix + TIME) if alone else (self.prefix + TIME,)):
+            return self.clock
+        return None
+
+
+@dataclass(frozen=True)
+class Contents:
+    """The groups of a file.
+
+    Attributes
+    ----------
+    where : the file as the user named it.
+    groups : what is in it.
+    kind : what kind of file it is, for sentences.
+    notes : what a person should know of how it was read.
+    """
+
+    where: str
+    groups: tuple[Group, ...]
+    kind: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Full names of all columns."""
+        return tuple(name for group in self.groups for name in group.names)
+
+    def find(self, name: str) -> tuple[Group, str] | None:
+        """The group and the full name of a column; None if there is none of that name."""
+        alone = len(self.groups) == 1
+        for group in self.groups:
+            full = group.full(name, alone)
+            if full is not None:
+                return group, full
+        return None
+
+
+def bounded(size: float, where: str) -> None:
+    """Raise `BadInput` for more than is read at once, before it is laid out."""
+    if size > LARGEST:
+        raise BadInput(
+            f"{where} holds {size / 1e9:.3g} GB once it is laid out, and {LARGEST / 1e9:g} GB are read at most. Cut it "
+            "into parts, or leave columns out."
+        )
+
+
+def few_enough(columns: int, where: str) -> None:
+    """Raise `BadInput` for a file with more columns than are told apart."""
+    if columns > MOST_COLUMNS:
+        raise BadInput(
+            f"{where} has {columns} columns, and {MOST_COLUMNS} are read at most. Leave out those that hold no signals."
+        )
+
+
+def whole(table: RawTable, kind: str, notes: tuple[str, ...] = ()) -> Contents:
+    """A file that is one table and has been read."""
+    return Contents(table.where, (Group("", table.names, lambda _: table, units=table.units),), kind, notes)
+
+
+def needed(module: str, extra: str, where: str, kind: str) -> Any:
+    """A module that comes with an extra.
+
+    Raises
+    ------
+    BadInput
+        It is not installed: the sentence names the extra.
+    """
+    try:
+        return import_module(module)
+    except ImportError as error:
+        raise missing(module, extra, where, kind) from error
+
+
+def missing(module: str, extra: str, where: str, kind: str) -> BadInput:
+    """The sentence on a module that is not installed."""
+    return BadInput(
+        f"{where}: reading and writing {kind} needs {module.partition('.')[0]}, which is not installed; "
+        f"pip install 'greybox-id[{extra}]'."
+    )
+
+
+@contextmanager
+def sound(where: str, kind: str) -> Iterator[None]:
+    """Turns whatever a reader of foreign files raises over a damaged one into a sentence."""
+    try:
+        yield
+    except GreyboxError:
+        raise
+    except Exception as error:  # readers of binary files fail over damage in ways nobody has listed
+        raise unsound(where, kind, next(iter(str(error).splitlines()), "") or type(error).__name__) from error
+
+
+def unsound(where: str, kind: str, reason: str) -> BadInput:
+    """The sentence on a damaged file, with what its reader said."""
+    return BadInput(f"{where} is not a sound {kind} file ({reason:.120}). Write or fetch it again.")
+
+
+BETWEEN_RUNS = 1.0
+"""Seconds between runs on a clock that may not step back."""
+
+
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a file to be written.
+
+    Attributes
+    ----------
+    values : name -> (n,): time in s, run counted from 1, and the signals in SI units.
+    units : name -> unit.
+    steady : (n,) s from 0, the same steps as time within runs; it runs on where time restarts.
+    """
+
+    values: Mapping[str, NDArray[Any]]
+    units: Mapping[str, str]
+    steady: Array
+
+
+def columns_of(recording: Recording) -> Columns:
+    """All of a recording as columns."""
+    runs = np.zeros(len(recording), dtype=np.int64)
+    for number, (start, stop) in enumerate(recording.runs, 1):
+        runs[start:stop] = number
+    values = {"time": recording.time, "run": runs, **recording.signals}
+    units = {"time": "s", **{name: recording.unit(name) for name in recording.signals}}
+    return Columns(values, units, _steady(recording))
+
+
+def _steady(recording: Recording) -> Array:
+    steady, end = np.zeros(len(recording)), -BETWEEN_RUNS
+    for start, stop in recording.runs:
+        steady[start:stop] = recording.time[start:stop] - recording.time[start] + end + BETWEEN_RUNS
+        end = steady[stop - 1]
+    return steady
+
+
+NAMES = frozenset(
+    ("name", "signal", "channel", "topic", "key", "variable", "parameter", "metric", "id", "series", "tag")
+)
+VALUES = frozenset(["value", "val", "values", "reading", "data"])
+TIMES = frozenset(("time", "timestamp", "t", "stamp", "ts", "datetime", "date", "elapsed", "timecode"))
+COLUMNS_OF_READINGS = 6
+"""A table with more columns is none of readings."""
+WORDS = {"true": 1.0, "false": 0.0, "on": 1.0, "off": 0.0}
+CLOCK = "time"
+
+
+def apart_by_name(table: RawTable, kind: str) -> Contents | None:
+    """The channels of a long table, each on its own clock; None for a table that is none."""
+    if not len(table) or len(table.names) > COLUMNS_OF_READINGS:
+        return None
+    plain = {name.lower().strip(): name for name in table.names}
+    result = [next((plain[item] for item in plain if item in known), None) for known in (TIMES, NAMES, VALUES)]
+    if not all(result):
+        return None
+    time, name, value = (str(item) for item in result)
+    labels = table.column(name)
+    if pd.api.types.is_numeric_dtype(labels.dtype):
+        return None
+    times = table.column(time)
+    if not (pd.api.types.is_numeric_dtype(times.dtype) or is_instants(times)):
+        return None
+    unit = table.units.get(time, "") or count_unit(times)
+    groups, words = [], []
+    for label, rows in labels.groupby(labels, sort=False).groups.items():
+        values = _numbers(table.column(value).loc[rows])
+        if np.isfinite(values).any():
+            groups.append(_group(str(label), table, pd.Series(values), times.loc[rows], unit))
+        else:
+            words.append(str(label))
+    if not groups:
+        return None
+    passed = (f"channels without numbers were passed over: {', '.join(words[:6])}.",) if words else ()
+    note = f"a row for every reading: {len(groups)} channels, each on its own clock."
+    return Contents(table.where, tuple(groups), kind, (note, *passed))
+
+
+def _group(name: str, table: RawTable, values: pd.Series[float], times: pd.Series[float], unit: str) -> Group:
+    clock = f"{name}/{CLOCK}"
+    columns = {name: values, clock: times.reset_index(drop=True)}
+
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = tuple(column for column in columns if column in target)
+        return RawTable(table.where, chosen, tuple(columns[item] for item in chosen), table.first_row)
+
+    return Group(name, (name, clock), load, f"{name}/", clock, unit)
+
+
+def _numbers(values: pd.Series[float]) -> Array:
+    """Readings as numbers; words of truth as 1 and 0, other words as NaN."""
+    if pd.api.types.is_numeric_dtype(values.dtype):
+        return np.asarray(values.to_numpy(dtype=float, na_value=np.nan), dtype=float)
+    words = values.astype("string").str.strip().str.lower()
+    numbers = pd.to_numeric(words, errors="coerce").to_numpy(dtype=float, na_value=np.nan)
+    truths = words.map(WORDS).to_numpy(dtype=float, na_value=np.nan)
+    return np.asarray(np.where(np.isnan(numbers), truths, numbers), dtype=float)
+
 
 SUFFIXES = {
     ".csv": "text", ".csv.gz": "text", ".txt": "text", ".tsv": "text", ".dat": "text", ".log": "text",

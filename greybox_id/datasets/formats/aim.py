@@ -10,7 +10,7 @@ import pandas as pd
 
 from ...base.units import known_unit
 from ..column_map import ColumnMap
-from .contents import Contents, Group, RawTable, needed, sound
+from . import Contents, Group, RawTable, needed, sound
 
 KIND = "AiM"
 CLOCK = "timecodes"

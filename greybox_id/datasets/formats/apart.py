@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...base.contained.process import TIME, Broken, Contained, Failed, Lost
 from ...base.errors import BadInput
-from .contents import missing, unsound
+from . import missing, unsound
 
 SECONDS, SECONDS_PER_BYTE = 4.0, 1e-6
 """Of the processor's time, for any file and for its size; a sound one takes at most a tenth of the latter."""

@@ -11,7 +11,7 @@ import pandas as pd
 from ...base.errors import BadInput
 from ...base.units import known_unit
 from ..column_map import ColumnMap
-from .contents import Contents, Group, RawTable, needed, sound
+from . import Contents, Group, RawTable, needed, sound
 
 KIND = "CarMaker ERG"
 TIME = "Time"

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from ...base.errors import BadInput
 from ..column_map import ColumnMap
+from . import Columns, Contents, Group, RawTable, needed, sound
 from .apart import Apart
-from .contents import Columns, Contents, Group, RawTable, needed, sound
 
 TIMES = ("time", "t", "timestamp", "timestamps", "time_s", "stamp", "zeit")
 """What time is called in files whose column map does not name it."""

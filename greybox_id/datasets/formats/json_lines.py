@@ -10,8 +10,7 @@ import pandas as pd
 
 from ...base.errors import BadInput
 from ..column_map import ColumnMap
-from .contents import Contents, RawTable, few_enough, whole
-from .long_tables import apart_by_name
+from . import Contents, RawTable, apart_by_name, few_enough, whole
 from .text import text_of_file
 
 KIND = "JSON lines"

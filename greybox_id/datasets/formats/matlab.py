@@ -16,8 +16,8 @@ from scipy.io import savemat
 
 from ...base.errors import BadInput
 from ..column_map import ColumnMap
+from . import Columns, Contents, sound
 from .apart import Apart
-from .contents import Columns, Contents, sound
 from .hdf5 import READER, TreeLeaf, dataset_leaves, groups_of, matrix_leaves
 
 KIND = "MAT"

@@ -14,8 +14,8 @@ import numpy as np
 import pandas as pd
 
 from ..column_map import ColumnMap
+from . import Columns, Contents, Group, RawTable, needed, sound
 from .apart import Apart
-from .contents import Columns, Contents, Group, RawTable, needed, sound
 
 KIND = "MDF"
 READER = "greybox_id.datasets.readers.mdf:MdfReader"

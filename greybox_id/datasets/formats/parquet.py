@@ -11,7 +11,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..column_map import ColumnMap
-from .contents import Columns, Contents, Group, RawTable, bounded, few_enough, sound, unique_names
+from . import Columns, Contents, Group, RawTable, bounded, few_enough, sound, unique_names
 
 UNIT = b"unit"
 

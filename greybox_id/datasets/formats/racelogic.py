@@ -17,7 +17,7 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...base.units import known_unit
 from ..column_map import ColumnMap
-from .contents import Contents, RawTable, few_enough, whole
+from . import Contents, RawTable, few_enough, whole
 from .text import text_of_file
 
 KIND = "VBO"

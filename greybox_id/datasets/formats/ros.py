@@ -23,7 +23,7 @@ from ...base.errors import BadInput
 from ...base.files import scratch_folder
 from ...base.shorthands import Array
 from ..column_map import ColumnMap
-from .contents import TIME, Columns, Contents, Group, RawTable, needed, sound
+from . import TIME, Columns, Contents, Group, RawTable, needed, sound
 
 SHIPPED = {
     "ackermann_msgs": ("AckermannDrive", "AckermannDriveStamped"),

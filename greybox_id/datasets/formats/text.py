@@ -2,6 +2,10 @@
 
 Long tables (a row for every reading, its channel's name beside it) and lines of JSON become a group of columns for
 each channel.
+
+Loggers write what they like above their values: a preamble of narrower lines, names, units, where a channel comes from.
+Where the table lies is seen by width: values are the rows that go on to the end, and names are the nearest lines of
+words above them that are as wide.
 """
 
 from __future__ import annotations
@@ -13,6 +17,9 @@ import io
 import re
 import warnings
 import zlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +27,205 @@ import numpy as np
 import pandas as pd
 
 from ...base.errors import BadInput
+from ...base.units import known_unit
 from ..column_map import SEPARATORS, ColumnMap
-from .contents import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, whole
-from .layout import COMMENT, SPACE, TableLayout, layout_of
-from .long_tables import apart_by_name
+from . import LARGEST, Columns, Contents, RawTable, apart_by_name, bounded, few_enough, one_column, whole
+
+SPACE = " "
+"""Stands for any number of blanks between columns."""
+SAMPLED = 400
+"""Lines from which the layout is told."""
+NAMED = 0.8
+"""Share of the columns that a line of names must name; preambles are mostly blank at such a width."""
+BLOCK = 4
+"""Lines of words that may stand between a preamble and the values: names, units, sources, one more."""
+COMMENT = ("#", "%", "//")
+NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
+"""What a row of units holds where a column has none."""
+_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
+_INSTANT = re.compile(
+    r"\d{4}[-/.]\d\d?[-/.]\d\d?([ T].*)?|\d{1,2}[./]\d{1,2}[./]\d{4}( .*)?|\d+:\d\d(:\d\d)?([.,]\d+)?"
+)
+_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
+_DEVICE = re.compile(r"^\d+\s*:\s*")
+
+
+@dataclass(frozen=True)
+class TableLayout:
+    """How a text file holds its table.
+
+    Attributes
+    ----------
+    separator : one of `SEPARATORS`, or SPACE.
+    decimal : "." or ",".
+    header : line of the names, from 0.
+    first : first line of values, from 0.
+    names : what stands in the line of names, a mark of a comment and blank ends taken off, doubles told apart.
+    units : one for each name; empty where the file says none.
+    renamed : names that stood there more than once, as they stand there.
+    """
+
+    separator: str
+    decimal: str
+    header: int
+    first: int
+    names: tuple[str, ...]
+    units: tuple[str, ...]
+    renamed: tuple[str, ...] = ()
+
+
+def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout:
+    """The layout of a file from its first lines; a separator or a decimal mark that is empty is told as well.
+
+    Raises
+    ------
+    csv.Error
+        The line of names is none in the form of CSV.
+    """
+    lines = lines[:SAMPLED]
+    separator = separator or _separator(lines)
+    rows = [_cells(line, separator) for line in lines]
+    width = _width(rows)
+    first = _first_values(rows, width)
+    block = _words_above(rows, first, width) if first else []
+    header = _line_of_names(rows, block, width)
+    if header is None:  # as every table has it: names in the first line
+        header, block = 0, []
+    below = [rows[k] for k in block if k > header]
+    units: Sequence[str] = next((row for row in below if _is_units(row)), [])
+    sources: Sequence[str] = next((row for row in below if row is not units), [])
+    line = lines[header].lstrip("#% ") if lines and lines[header].startswith(COMMENT) else "".join(lines[header:][:1])
+    names = [cell.strip() for cell in _cells(line, separator, strict=True)]
+    while names and not names[-1]:  # a comma at the end of each line
+        names.pop()
+    known, renamed = _told_apart(names, sources)
+    stated = tuple(_unit(units[k]) if k < len(units) else "" for k in range(len(names)))
+    start = max((header, *block)) + 1 if block else header + 1
+    if block:  # blank lines may stand between names and values
+        start = next((k for k in range(start, len(rows)) if any(rows[k])), start)
+    if not decimal:
+        comma = separator != "," and any(_DECIMAL_COMMA.fullmatch(c) for row in rows[start : start + 5] for c in row)
+        decimal = "," if comma else "."
+    return TableLayout(separator, decimal, header, start, known, stated, renamed)
+
+
+def _cells(line: str, separator: str, strict: bool = False) -> list[str]:
+    """The cells of a line; a line that is none in the form of CSV is one cell."""
+    if separator == SPACE:
+        return line.split()
+    try:
+        return [cell.strip() for cell in next(csv.reader([line], delimiter=separator, skipinitialspace=True), [])]
+    except csv.Error:
+        if strict:
+            raise
+        return [line]
+
+
+def _separator(lines: Sequence[str]) -> str:
+    """The separator that cuts most of the later lines into equally many cells, two at least."""
+    later = [line for line in lines[len(lines) // 2 :] if line.strip()]
+    best: str = SEPARATORS[0]
+    reached: tuple[int, int] | None = None
+    for item in (*SEPARATORS, SPACE):
+        widths = Counter(len(_cells(line, item)) for line in later)
+        widths.pop(1, None)
+        if not widths:
+            continue
+        merit = (max(widths.values()), -_split_numbers(later, item))  # decimal commas cut rows evenly, too
+        if reached is None or merit > reached:
+            best, reached = item, merit
+    return best
+
+
+def _split_numbers(lines: Sequence[str], separator: str) -> int:
+    """Cells of a few lines that are no number, instant or word of their own: another separator stands in them."""
+    cells = [cell for line in lines[:20] for cell in _cells(line, separator)]
+    others = [item for item in (*SEPARATORS, SPACE) if item != separator]
+    return sum(1 for cell in cells if not _is_value(cell) and any(other in cell for other in others))
+
+
+def _width(rows: Sequence[Sequence[str]]) -> int:
+    """How many cells the rows that go on to the end have."""
+    widths = Counter(len(row) for row in rows[len(rows) // 2 :] if any(row))
+    return max(widths, key=lambda item: (widths[item], item)) if widths else 0
+
+
+def _is_value(cell: str) -> bool:
+    return bool(_NUMBER.fullmatch(cell) or _INSTANT.fullmatch(cell))
+
+
+def _words(row: Sequence[str]) -> int:
+    return sum(1 for cell in row if cell and not _is_value(cell))
+
+
+def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
+    """The first of the rows that hold values to the end."""
+    wide = [row for row in rows[len(rows) // 2 :] if len(row) == width]
+    usual = max((_words(row) for row in wide), default=0)  # labels among the values
+    for k, row in enumerate(rows):
+        if len(row) >= width - 1 and len(row) > 0 and _words(row) <= usual and any(map(_is_value, row)):
+            later = [row for row in rows[k + 1 : k + 11] if any(row)]
+            alike = sum(1 for item in later if len(item) >= width - 1 and _words(item) <= usual)
+            if alike >= 0.5 * len(later):
+                return k
+    return 0
+
+
+def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> list[int]:
+    """Lines of words directly above the values, as wide as they are, blank lines between them; from the top."""
+    block: list[int] = []
+    for k in range(first - 1, -1, -1):
+        row = list(rows[k])
+        while row and not row[-1]:
+            row.pop()
+        if not row:
+            continue
+        numbers = sum(1 for cell in row if _is_value(cell) and cell != "1")
+        if len(row) > width + 1 or len(row) < 0.3 * width or numbers > 0.2 * len(row) or len(block) == BLOCK:
+            break
+        block.insert(0, k)
+    return block
+
+
+def _line_of_names(rows: Sequence[Sequence[str]], block: Sequence[int], width: int) -> int | None:
+    """The line that names the columns: above the units, else the topmost that names nearly all."""
+    full = [k for k in block if sum(1 for cell in rows[k] if cell) >= NAMED * width and not _is_units(rows[k])]
+    units = next((k for k in block if _is_units(rows[k])), None)
+    above = [k for k in full if units is None or k < units]
+    if not above:  # names that could be units, and nothing above them
+        return next((k for k in block if sum(1 for cell in rows[k] if cell) >= NAMED * width), None)
+    if units is not None:
+        return above[-1]
+    telling = [k for k in above if len(set(rows[k])) > 0.5 * len(rows[k])]
+    return (telling or above)[0]
+
+
+def _is_units(row: Sequence[str]) -> bool:
+    """Whether most of a row's cells are units."""
+    cells = [cell for cell in row if cell.strip("[]() ").lower() not in NOTHING]
+    return bool(cells) and sum(1 for cell in cells if _unit(cell)) >= 0.6 * len(cells)
+
+
+def _unit(cell: str) -> str:
+    """A unit as a column map writes it; empty where the cell is none."""
+    bare = cell.strip("[]() ")
+    return "" if bare.lower() in NOTHING else known_unit(bare)
+
+
+def _told_apart(names: Sequence[str], sources: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names that stand there once: those that stand there twice with their source, else with a number."""
+    counts = Counter(names)
+    known: list[str] = []
+    for k, name in enumerate(names):
+        if counts[name] > 1 and name:
+            source = _DEVICE.sub("", sources[k]).strip() if k < len(sources) else ""
+            name = f"{name} {source}" if source else name
+        number, plain = 2, name
+        while name in known and name:
+            name, number = f"{plain} {number}", number + 1
+        known.append(name)
+    return tuple(known), tuple(name for name, count in counts.items() if count > 1 and name)
+
 
 _LINE_END = re.compile(rb"\r\n|\r|\n")
 _COMMENT_LINE = re.compile(rb"(?m)^[ \t]*(?:#|//)[^\r\n]*(?:\r\n|\r|\n|$)")

@@ -23,9 +23,9 @@ from ...engine.simulation import Prediction
 from ...models.hybrid_model import HybridModel
 from ...models.motion_model import MotionModel
 from ...models.parameter import Parameter, Prior
-from ..choices.requested_model import must_be_recorded
 from ..fit import Fit
 from ..how import FitOptions, quiet
+from ..requested_model import must_be_recorded
 from ..scores.metrics import Error, prediction_errors, simulate
 from ..training import update_hybrid
 from ..verb import fit as fit_model

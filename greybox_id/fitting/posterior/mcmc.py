@@ -23,7 +23,7 @@ import numpy as np
 
 from ...base.errors import BadInput
 from ...base.shorthands import Array
-from ...datasets.formats.contents import needed
+from ...datasets.formats import needed
 from .density import RIDGE, Target
 
 FEWEST_WALKERS = 16

@@ -20,9 +20,8 @@ from ...datasets.recording import Recording
 from ...models.hybrid_model import HybridModel
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import SURPRISING, UNTOLD, Fit, conflict
+from ..fit import NOT_USABLE, SURPRISING, UNTOLD, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
 from ..provenance import DataRecord
-from ..verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
 from .metrics import FREE_RUN, Error, Scores, ahead
 from .misfit import misfit
 

@@ -12,10 +12,9 @@ from rich.table import Table
 
 from ...base.numbers import counted, interval, number, percent, pretty_unit, with_sd
 from ...base.signals import unit_of
-from ...fitting.fit import Fit
+from ...fitting.fit import Fit, Verdict
 from ...fitting.provenance import DataRecord, Stage
 from ...fitting.uncertainty.identifiability import absent, told_together
-from ...fitting.verdict import Verdict
 from ...models.model import Model, by_kind
 from ...models.parameter import Parameter, Prior
 from .screen import plain, plain_table

@@ -23,7 +23,7 @@ from greybox_id.base.json_data import plain
 from greybox_id.base.shorthands import Say
 from greybox_id.datasets.recording import Recording
 from greybox_id.models.registry import motion_model_of
-from greybox_id.models.vehicle_file import parse_vehicle
+from greybox_id.models.vehicle import parse_vehicle
 
 from ..racing.draws import by_hand
 from ..racing.policy import Policy

@@ -17,8 +17,7 @@ from greybox_id.base.toml_file import parse_toml
 from greybox_id.datasets.read import read
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import motion_model_of, vehicle_parameters
-from greybox_id.models.vehicle import Vehicle
-from greybox_id.models.vehicle_file import parse_vehicle
+from greybox_id.models.vehicle import Vehicle, parse_vehicle
 
 from .protocol import GZIP, LARGEST, PARQUET
 from .swap import drivers_policy

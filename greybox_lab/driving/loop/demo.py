@@ -26,8 +26,7 @@ from greybox_id.base.version import __version__
 from greybox_id.datasets.recording import Recording
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import motion_model_of
-from greybox_id.models.vehicle import Vehicle
-from greybox_id.models.vehicle_file import write_vehicle
+from greybox_id.models.vehicle import Vehicle, write_vehicle
 from greybox_id.reports.html import page
 
 from ...exam.make import write_recording

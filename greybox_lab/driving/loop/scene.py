@@ -13,8 +13,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.numbers import quantity
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
-from greybox_id.models.vehicle import Vehicle
-from greybox_id.models.vehicle_file import parse_vehicle
+from greybox_id.models.vehicle import Vehicle, parse_vehicle
 
 from ...virtual.virtual_vehicle import (
     EFFECTS,

@@ -13,7 +13,7 @@ from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import finite
 from greybox_id.datasets.read import read
 from greybox_id.models.registry import motion_model_of
-from greybox_id.models.vehicle_file import vehicle_text
+from greybox_id.models.vehicle import vehicle_text
 
 from ..learned.injection import InjectedModel
 from .adapting import adapted, foretold, last_rows, world_of

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from greybox_id.base.errors import BadInput, near_or_all
-from greybox_id.fitting.choices.requested_model import RequestedModel, magnitudes
+from greybox_id.fitting.requested_model import RequestedModel, magnitudes
 from greybox_id.models.model import Model, must_be
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.vehicle import Vehicle
-from greybox_id.models.vehicle_file import vehicle as vehicle_named
+from greybox_id.models.vehicle import vehicle as vehicle_named
 
 from .draws import Randomisation, draws
 from .stage import stage

@@ -7,7 +7,7 @@ import pytest
 from simulated import clean, clean_runs
 
 from greybox_id.datasets.checks import check, distrusted
-from greybox_id.datasets.checks.duplicates import check_duplicates
+from greybox_id.datasets.checks.consistency import check_duplicates
 from greybox_id.datasets.column_map import column_map
 from greybox_id.datasets.read import read
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated import clean
 
-from greybox_id.datasets.checks.rest import check_rest
+from greybox_id.datasets.checks.consistency import check_rest
 from greybox_id.datasets.read import read
 
 

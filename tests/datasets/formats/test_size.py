@@ -12,7 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.datasets.formats.contents import LARGEST, MOST_COLUMNS
+from greybox_id.datasets.formats import LARGEST, MOST_COLUMNS
 from greybox_id.datasets.read import read
 
 BOMB = """
@@ -75,7 +75,7 @@ def test_a_million_columns_are_not_told_apart(suffix, tmp_path):
 def test_too_many_columns_of_parquet_are_a_sentence(tmp_path, monkeypatch):
     file = tmp_path / "lap.parquet"
     pd.DataFrame({f"c{k}": [1.0] for k in range(12)}).to_parquet(file)
-    monkeypatch.setattr(sys.modules["greybox_id.datasets.formats.contents"], "MOST_COLUMNS", 10)
+    monkeypatch.setattr(sys.modules["greybox_id.datasets.formats"], "MOST_COLUMNS", 10)
     with pytest.raises(BadInput, match="has 12 columns, and 10 are read at most"):
         read(file)
 

@@ -6,7 +6,7 @@ import pytest
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
-from greybox_id.models.lateral import lateral
+from greybox_id.models.single_track import lateral
 
 NOISE = np.array([0.1, 0.01, 0.2])
 

@@ -10,7 +10,7 @@ from greybox_id.datasets.recording import Recording, join
 from greybox_id.fitting.scores.metrics import as_table, assumed, predict, score_beside_hold, simulate
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 CAR = vehicle("full_size_car")
 

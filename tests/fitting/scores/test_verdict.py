@@ -7,16 +7,14 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.requested_model import must_be_recorded
-from greybox_id.fitting.fit import load
+from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, load, weighed
 from greybox_id.fitting.how import FitOptions
-from greybox_id.fitting.judging import carried
+from greybox_id.fitting.requested_model import must_be_recorded
 from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.fitting.scores.verdict import judged
-from greybox_id.fitting.verb import fit
-from greybox_id.fitting.verdict import NOT_USABLE, USABLE, WITH_CARE, Reason, weighed
+from greybox_id.fitting.verb import carried, fit
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 QUICK = FitOptions(horizon=1.0, start_from="measured")
 

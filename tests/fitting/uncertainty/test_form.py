@@ -9,15 +9,15 @@ from driven import driven
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.fit import NOT_USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
 from greybox_id.fitting.uncertainty.form import _Joint
 from greybox_id.fitting.verb import fit
-from greybox_id.fitting.verdict import NOT_USABLE
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
 

@@ -17,7 +17,7 @@ from greybox_id.gap.estimation.preparing import prepare
 from greybox_id.gap.estimation.wandering import wandering
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 
 G = 9.81
 NOISE = {"v_x": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}

@@ -12,7 +12,7 @@ import pytest
 import greybox_id.gap
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.exam.aliases import always_alike, group_of
 from greybox_lab.exam.answers import read_answer
 from greybox_lab.exam.folder import unbroken

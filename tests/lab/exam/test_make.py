@@ -9,7 +9,7 @@ import pytest
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.models.effects import EFFECTS as KNOWN
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.exam.aliases import GROUPS, Cause, View, always_alike, group_of, indistinguishable, partners
 from greybox_lab.exam.answers import Answer, read_answer, write_answer
 from greybox_lab.exam.folder import unbroken

@@ -21,7 +21,7 @@ from race import driven  # noqa: E402
 from scene import PAIRS, PERIOD, Scene  # noqa: E402
 
 from greybox_id.models.registry import model_of, with_effects  # noqa: E402
-from greybox_id.models.vehicle_file import parse_vehicle  # noqa: E402
+from greybox_id.models.vehicle import parse_vehicle  # noqa: E402
 from greybox_lab.driving.learned.injection import injected  # noqa: E402
 from greybox_lab.driving.learned.training import train_actuator_net  # noqa: E402
 from greybox_lab.driving.racing.stage import stage  # noqa: E402

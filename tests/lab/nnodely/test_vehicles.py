@@ -6,7 +6,7 @@ import pytest
 from calling import greybox, refused
 
 from greybox_id.base.errors import BadInput
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.nnodely import import_vehicle
 
 AUTOWARE = """\

@@ -14,9 +14,8 @@ from reference_manoeuvres import manoeuvre
 from reference_vehicle import FULL_SIZE_CAR, RACER, simulate, simulate_lateral
 
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.lateral import lateral
 from greybox_id.models.longitudinal import longitudinal
-from greybox_id.models.single_track import single_track
+from greybox_id.models.single_track import lateral, single_track
 
 VEHICLES = {"full-size": (FULL_SIZE_CAR, 0.01), "1:10": (RACER, 0.0025)}
 CLOSE = 0.01

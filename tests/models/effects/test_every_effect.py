@@ -9,10 +9,8 @@ import pytest
 from greybox_id.base.errors import BadModel
 from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.kinematic import kinematic
-from greybox_id.models.lateral import lateral
 from greybox_id.models.longitudinal import longitudinal
-from greybox_id.models.single_track import single_track
+from greybox_id.models.single_track import kinematic, lateral, single_track
 from greybox_id.models.tyres import TYRES
 
 INF = np.inf

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.choices.requested_model import RequestedModel
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.fitting.requested_model import RequestedModel
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.racing.stage import PLANE, Period
 
 

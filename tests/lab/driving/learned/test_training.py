@@ -9,9 +9,9 @@ from actuator_networks import network
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.choices.requested_model import RequestedModel
+from greybox_id.fitting.requested_model import RequestedModel
 from greybox_id.models.registry import with_effects
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.learned.injection import injected
 from greybox_lab.driving.learned.net import VARIANTS, Layers, SquaredError, drawn, elu, load_actuator_net, unpacked
 from greybox_lab.driving.learned.open_loop import OpenLoop, errors_ahead

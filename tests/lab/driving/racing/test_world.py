@@ -5,8 +5,8 @@ import pandas as pd
 import pytest
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.requested_model import RequestedModel
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.fitting.requested_model import RequestedModel
+from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.racing.draws import HAND
 from greybox_lab.driving.racing.environment import world
 from greybox_lab.driving.racing.world import OWN, Rules, World

@@ -6,7 +6,7 @@ from reference_vehicle import simulate as simulate_reference
 
 from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle_file import parse_vehicle
+from greybox_id.models.vehicle import parse_vehicle
 from greybox_lab.virtual.virtual_vehicle import drive, random_vehicle, replay, vehicle_file_text
 
 READ = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.models.effects import EFFECTS as OF_MODELS
-from greybox_id.models.vehicle_file import parse_vehicle
+from greybox_id.models.vehicle import parse_vehicle
 from greybox_lab.virtual.virtual_vehicle import (
     EFFECTS,
     drive,

@@ -5,7 +5,7 @@ import pytest
 
 from greybox_id.datasets.column_map import column_map, parse_column_map
 from greybox_id.datasets.formats import contents
-from greybox_id.datasets.formats.layout import layout_of
+from greybox_id.datasets.formats.text import layout_of
 from greybox_id.datasets.read import read
 
 ROWS = [[0.02 * k, 54.5 + k, -0.5 * k, 0.002 * k] for k in range(30)]

@@ -6,11 +6,10 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.choices.requested_model import Choices, RequestedModel, doubts, magnitudes, with_choices
 from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.requested_model import Choices, RequestedModel, doubts, magnitudes, with_choices
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle import ChosenModel, Stated
-from greybox_id.models.vehicle_file import vehicle
+from greybox_id.models.vehicle import ChosenModel, Stated, vehicle
 
 
 @pytest.fixture(scope="module")

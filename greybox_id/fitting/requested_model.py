@@ -1,7 +1,4 @@
-"""The model a user wants: its name, vehicle, settings, effects, and what is said of its parameters.
-
-What a user chooses about a model: numbers, or texts with units; what is held, free, believed or started from.
-"""
+"""The model a user wants: its name, vehicle, settings, effects; parameters held, free, believed or started."""
 
 from __future__ import annotations
 
@@ -10,23 +7,22 @@ from dataclasses import dataclass, field, replace
 from math import isfinite
 from typing import Any
 
-from ...base.errors import BadInput, near_or_all
-from ...base.signals import unit_of
-from ...base.units import Quantity, belief, number
-from ...datasets.checks.consistency import GIVEN_WHEELBASE
-from ...datasets.checks.pairs import agreement, pairs
-from ...datasets.recording import Recording
-from ...models.effect import AnyModel
-from ...models.effects import EFFECTS
-from ...models.memory_model import MemoryModel
-from ...models.model import Model
-from ...models.motion_model import MotionModel
-from ...models.parameter import Parameter, Prior
-from ...models.registry import MODELS, build, candidates, vehicle_parameters
-from ...models.vehicle import Stated, Vehicle
-from ...models.vehicle_file import shipped_vehicles
-from ...models.vehicle_file import vehicle as read_vehicle
-from ...models.vehicles import with_size
+from ..base.errors import BadInput, near_or_all
+from ..base.signals import unit_of
+from ..base.units import Quantity, belief, number
+from ..datasets.checks.consistency import GIVEN_WHEELBASE
+from ..datasets.checks.pairs import agreement, pairs
+from ..datasets.recording import Recording
+from ..models.effect import AnyModel
+from ..models.effects import EFFECTS
+from ..models.memory_model import MemoryModel
+from ..models.model import Model
+from ..models.motion_model import MotionModel
+from ..models.parameter import Parameter, Prior
+from ..models.registry import MODELS, build, candidates, vehicle_parameters
+from ..models.vehicle import Stated, Vehicle, shipped_vehicles
+from ..models.vehicle import vehicle as read_vehicle
+from ..models.vehicles import with_size
 
 Magnitudes = dict[str, float | Stated | None]
 """Effect -> its magnitude, held; what is believed of it; None leaves it free."""

@@ -1,1 +1,0 @@
-"""What a user chooses about a model, as written on a command line."""
