@@ -19,8 +19,7 @@ from ..models.effects import EFFECTS
 from ..models.model import Model
 from ..models.parameter import Parameter
 from ..models.registry import MODELS, build
-from ..models.vehicle import ChosenModel, Stated, Vehicle
-from ..models.vehicle_file import vehicle_text
+from ..models.vehicle import ChosenModel, Stated, Vehicle, vehicle_text
 from ..reports.text.screen import plain, plain_table
 from .options import VEHICLES, json_option, named_effect, named_model, names, settings_of
 from .output import console, print_json
