@@ -106,8 +106,16 @@ def misfit(fit: Fit) -> Iterator[Reason]:
             "belong to another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
-    yield from _of_halves(form, _of_form(moving[worst]))
-    yield from _dependence(worst, moving[worst], fit.how.get("sensors", {}))
+    halves = list(_of_halves(form, _of_form(moving[worst])))
+    drive = list(_dependence(worst, moving[worst], fit.how.get("sensors", {})))
+    by_drive = max(moving[worst]["on"].values(), default=0.0)
+    yield from (*drive, *halves) if by_drive > form.get("halves", 0.0) else (*halves, *drive)
+
+
+def foreign_form(fit: Fit) -> bool:
+    """Whether what the model lacks leaves nothing of a fit: then it is that which widens intervals, not the drive."""
+    outputs = fit.how.get("form", {}).get("outputs", {}).values()
+    return any(_of_form(one) > FOREIGN_FORM for one in outputs if not one["spread"] < MOVES * one["noise"])
 
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:

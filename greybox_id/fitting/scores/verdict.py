@@ -23,7 +23,7 @@ from ...models.motion_model import MotionModel
 from ..fit import NOT_USABLE, SURPRISING, UNTOLD, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
 from ..provenance import DataRecord
 from .metrics import FREE_RUN, Error, Scores, ahead
-from .misfit import misfit
+from .misfit import foreign_form, misfit
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5
@@ -181,7 +181,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
         )
     known = [float(np.max(fit.sd[p.name])) < UNTOLD * abs(float(p.array)) for p in scalars if p.name in fit.sd]
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
-    if len(known) == len(scalars) > 0 and not any(known) and not informed:
+    if len(known) == len(scalars) > 0 and not any(known) and not informed and not foreign_form(fit):
         yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
     far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:

@@ -333,6 +333,15 @@ def _answer(
         closed=_model_at(model, value, known, mean),
         budget=budget,
     )  # fmt: skip
+    before, scatter = _before(vehicle, value, known)
+    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
+                   _sds(known, [*rides, *others], effects))  # fmt: skip
+
+
+def _before(
+    vehicle: Vehicle, value: Mapping[str, Effect], known: Common
+) -> tuple[Vehicle, dict[str, tuple[float, float]]]:
+    """The vehicle as it was, with what its recordings told of it; effect -> its magnitude and scatter between runs."""
     values = values_of(known.numbers, known.x)
     sds = np.sqrt(np.diag(known.covariance))
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
@@ -348,8 +357,7 @@ def _answer(
         effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
-    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
-                   _sds(known, [*rides, *others], effects))  # fmt: skip
+    return before, scatter
 
 
 def _sds(known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str]) -> dict[str, float]:
