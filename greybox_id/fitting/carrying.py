@@ -94,9 +94,9 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
         if times > LESS and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
             yield Reason(
                 NOT_USABLE,
-                f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half that a "
-                "fit to that half has, well above halves that mix early and late data: the vehicle has changed, or is not the "
-                "same. Fit each half; greybox gap says what changed since the first.",
+                f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
+                "that a fit to that half has, well above halves that mix early and late data: the vehicle has changed, "
+                "or is not the same. Fit each half; greybox gap says what changed since the first.",
             )
 
 
