@@ -19,7 +19,7 @@ fit = gb.fit(model, lap, validation=other)
 print(fit.summary())
 
 # %%
-# *Usable with care*: the model predicts a held-out drive, but lacks an effect of the car, and many numbers come from the
+# *Usable with care*: the model predicts a held-out drive, but lacks an effect, and many numbers come from the
 # vehicle file rather than from this drive. The page on a gap looks for the effect.
 
 # %%
