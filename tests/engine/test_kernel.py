@@ -12,6 +12,7 @@ from pathlib import Path
 import casadi as cs
 import numpy as np
 import pytest
+from compiled import needs_compiler
 
 from greybox_id.base import files
 from greybox_id.engine import compiler, graph, kernel
@@ -24,15 +25,6 @@ NAMES = {*CHEAP, *CALLS} - {"pow", *[function.__name__ for function in BINARY]}
 UNARY = [getattr(cs, name) for name in sorted(NAMES)]
 
 
-def there_is_a_compiler():
-    try:
-        compiler.compiler()
-    except CannotCompile:
-        return False
-    return True
-
-
-needs_compiler = pytest.mark.skipif(not there_is_a_compiler(), reason="there is no C compiler here")
 both_ways = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_compiler)])
 
 

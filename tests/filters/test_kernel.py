@@ -3,7 +3,8 @@
 import casadi as cs
 import numpy as np
 import pytest
-from filter_cases import NEVER, A, B, LinearCase, assert_close, driven_space, driving, filtered, needs_compiler
+from compiled import needs_compiler
+from filter_cases import NEVER, A, B, LinearCase, assert_close, driven_space, driving, filtered
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st

@@ -5,7 +5,8 @@ import io
 import numpy as np
 import pandas as pd
 import pytest
-from filter_cases import C_F, C_R, NOISES, WALKS, changed, needs_compiler, shaken, simrod, swerving, true_simrod
+from compiled import needs_compiler
+from filter_cases import C_F, C_R, NOISES, WALKS, changed, shaken, simrod, swerving, true_simrod
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
