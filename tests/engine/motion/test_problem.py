@@ -252,9 +252,11 @@ def test_a_whole_run_without_delays_is_laid_out_without_a_copy():
     stated = problem(car("lateral"), [driven(duration=2.0)])
     lanes, cut = stated.lanes(stated.start)
     y = stated.simulated_nodes(stated.start).read
-    assert lanes.in_order and not cut.in_order
+    assert lanes.in_order
+    assert not cut.in_order
     assert np.shares_memory(lanes.segments, stated._plans[1][0].segments)
-    assert np.shares_memory(lanes.gathered(y), y) and np.shares_memory(lanes.scattered(stated.target), stated.target)
+    assert np.shares_memory(lanes.gathered(y), y)
+    assert np.shares_memory(lanes.scattered(stated.target), stated.target)
     assert np.array_equal(cut.gathered(cut.scattered(stated.target)), stated.target)
 
 
@@ -263,4 +265,5 @@ def test_layouts_that_were_forgotten_are_made_again():
     before = stated.normal_equations(stated.start, stated.simulated_nodes(stated.start))
     stated.forget()
     again = stated.normal_equations(stated.start, stated.simulated_nodes(stated.start))
-    assert np.array_equal(before.H, again.H) and np.array_equal(before.g, again.g)
+    assert np.array_equal(before.H, again.H)
+    assert np.array_equal(before.g, again.g)
