@@ -46,9 +46,9 @@ def test_a_model_of_ones_own_is_fitted_and_read_back():
     assert names["found"].metrics["validate"]["free run"]["yaw_rate"]["rmse"] < 0.2
 
 
-def test_an_effect_of_ones_own_closes_a_fifth_of_the_error():
-    without, with_effect = run_page("own_effect.md")["errors"].values()
-    assert with_effect < 0.82 * without
+def test_an_effect_of_ones_own_is_estimated():
+    low, high = run_page("own_effect.md")["found"].conf_int().loc["soft_steering"]
+    assert low < 3.733e-4 < high < 5e-4  # m (l_r C_r - l_f C_f) / (L^2 C_f C_r) of full_size_car
 
 
 @pytest.mark.slow
@@ -60,10 +60,6 @@ def test_the_readmes_python_runs():
     assert "C_alpha_f_sd" in names["track"]
     assert Path("car/car.c").exists()
     assert Path("lap.pdf").read_bytes().startswith(b"%PDF")
-
-
-def test_the_mathematics_hold():
-    run_page("mathematics.md")
 
 
 def test_the_numbers_of_the_mathematics_are_those_of_the_code():

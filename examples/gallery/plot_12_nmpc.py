@@ -80,5 +80,5 @@ for label, known in {"vehicle file": 0, "closed model": round(LATE / STEP)}.item
     places = driven(known)
     error = np.sqrt(np.mean((places - path(time)) ** 2))
     axis.plot(time, places, label=f"{label}: RMS error {error:.2f} m")
-axis.set(xlabel="time [s]", ylabel="lateral place [m]", ylim=(-6, 6))
+axis.set(xlabel="time [s]", ylabel="lateral position [m]", ylim=(-6, 6))
 axis.legend()

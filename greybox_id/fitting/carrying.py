@@ -86,7 +86,7 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
             yield Reason(
                 NOT_USABLE,
                 f"The errors are {number(times, 2)} times those of the same model with tolerances {OPEN:g} times as "
-                "wide: the vehicle is another than stated. State wider tolerances, or none.",
+                "wide: the vehicle is not the one stated. State wider tolerances, or none.",
             )
     if fit.how.get("form", {}).get("halves_gain", 0.0) > CLEARLY:
         compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
@@ -94,9 +94,9 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
         if times > LESS and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
             yield Reason(
                 NOT_USABLE,
-                f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other that "
-                "it can have, well above halves that mix early and late data: the vehicle has changed, or is another. "
-                "Fit each half; greybox gap says what changed since the first.",
+                f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
+                "that a fit to that half has, well above halves that mix early and late data: the vehicle has changed, "
+                "or is not the same. Fit each half; greybox gap says what changed since the first.",
             )
 
 

@@ -44,7 +44,7 @@ from .regimes import where
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-DIFFERS = "its estimate differs between parts of the drive, as it does where the equations have the wrong form"
+DIFFERS = "its estimate differs between parts of the drive, which suggests that the equations have the wrong form"
 OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
 
 
@@ -190,7 +190,7 @@ def _held(examined: Examined) -> str:
         return ""
     return (
         "Free runs spin here, with and without effects. An observer therefore pulls yaw_rate to its reading within "
-        f"{number(1 / rate, 2)} s; errors are those of predictions about so far ahead"
+        f"{number(1 / rate, 2)} s; errors are those of predictions about that far ahead"
     )
 
 
@@ -233,7 +233,7 @@ def _budget(
     if len(names) > CAL.few:
         return _budget_of_many(examined, best, held_out, tell)
     if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
         full = with_effects(examined, best)
         there = examined.selection.search.values(best)
         whole, bench = refitted_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
@@ -275,7 +275,7 @@ def _budget_of_many(
     names = best.names
     search = examined.selection.search
     if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
         full = with_effects(examined, best)
         there = search.values(best)
         whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
@@ -335,7 +335,7 @@ def _refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str
         elif spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
                 f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
-                f"{spread.place}, which that of a true cause would not"
+                f"{spread.place}, which the estimate of a true cause would not"
             )
         elif one.unnamed is not None and _mimics(one, best, name) > CAL.present:
             reasons[name] = (
@@ -346,19 +346,19 @@ def _refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str
         elif sure <= CAL.present:
             alike = _alike(one, name, CAL.alike)
             beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
-            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
+            reasons[name] = f"its probability is {sure:.2f}, not more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
-            reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
+            reasons[name] = "it is at its bound: a symptom of another cause, not an estimate"
         elif shared is not None and share is not None:
-            judged = "on what was held out" if shared.held_out else "in free run"
+            judged = "on the held-out recordings" if shared.held_out else "in free run"
             reasons[name] = (
-                f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
+                f"small: {judged} it closes {whole_percent(share.share)} % of the excess "
                 f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
             )
         else:  # several doubts, each of them below one half
             entry = (1.0 - CAL.nothing_unknown) * sure * _itself(one, best, name, spread) * _closes(shared, name)
             if entry <= CAL.present:
-                reasons[name] = f"its probability is {entry:.2f}, no more than one half"
+                reasons[name] = f"its probability is {entry:.2f}, not more than one half"
     return reasons | _beside_mimics(one, some, reasons)
 
 
@@ -380,7 +380,7 @@ def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) 
         return {}
     beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
     return {
-        name: f"another effect may mimic it: it explains less than what stands {beside}"
+        name: f"another effect may mimic it: it explains less than the rest {beside}"
         for name in best.names
         if name not in reasons and _gain(one, best, name) < refuted
     }

@@ -70,7 +70,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session, chosen, suits = page.session, page.session["model"], data["suits"]
     bench: Playground = data["bench"]
-    heading("Which model?", "Dragging a slider simulates the recording anew; where it stands is where the fit starts.")
+    heading("Which model?", "Drag a slider to simulate the recording again; the fit starts from the sliders' values.")
     with ui.row(align_items="center").classes("w-full"):
         choose(
             [name for name in MODELS if not suits[name]], chosen["name"], "model", 11, partial(_choose, page, "name")

@@ -66,8 +66,8 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
     if outputs and not any(_moves(parts) for parts in outputs.values()):
         raise BadInput(
-            f"{names}: nothing moves: {_listed(list(outputs))} scatter as their noise does, which tells nothing of "
-            f"{model.name}. Record a drive that excites them."
+            f"{names}: nothing moves: {_listed(list(outputs))} scatter as their noise does, which says nothing "
+            f"about {model.name}. Record a drive that excites them."
         )
 
 
@@ -102,8 +102,8 @@ def misfit(fit: Fit) -> Iterator[Reason]:
         shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
         yield Reason(
             NOT_USABLE,
-            f"The fit leaves {_listed(shares)} unexplained beyond noise: what moves the vehicle is not in its inputs, "
-            "or they are of another vehicle. See greybox data check.",
+            f"The fit leaves {_listed(shares)} unexplained beyond noise: the inputs lack what moves the vehicle, or "
+            "belong to another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
     halves = list(_of_halves(form, _of_form(moving[worst])))

@@ -324,7 +324,8 @@ def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iter
     if each and np.median(each) > FOREIGN:
         yield Reason(
             WITH_CARE,
-            f"{what}errors are {_times(float(np.median(each)))} those on the training data: it does not carry over.",
+            f"{what}errors are {_times(float(np.median(each)))} those on the training data: the fit does not carry "
+            "over.",
         )
 
 

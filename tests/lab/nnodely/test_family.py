@@ -183,11 +183,11 @@ def _looped(body):
         ("long", _current, "neither the positive nor the negative part of a window of crt"),
         ("lat", _centres, "input vx has different centres in its steady"),
         ("lat_small", _lacking, "lacks local models or impulse responses.*3 × 2 × 1"),
-        ("lat_small", _doubled, "at one place"),
+        ("lat_small", _doubled, "have the same memberships"),
         ("lat_small", _operation, r"relation Select\d+ selects from something else than memberships"),
         ("lat_small", _early, None),
         ("lat_small", _newest, r"trained to give the newest sample of yaw_rate.*next\(\)"),
-        ("full", _across, r"output \w+ follows from another output"),
+        ("full", _across, r"output \w+ depends on another output"),
         ("lat_small", _twin, "2 outputs are msnn_lat"),
         ("full_closed", _connected, "addClosedLoop in place of addConnect"),
         ("full_closed", _looped, "input vel is fed back from"),
@@ -222,7 +222,7 @@ def test_a_window_that_is_longer_in_one_part_is_filled_with_zeros(tmp_path):
 def test_loops_are_said(tmp_path):
     closed, opened = imported(tmp_path, body_of("full_closed")), imported(tmp_path, body_of("full"))
     assert len(closed.notes) == 1
-    assert "the file closes no loop" in opened.notes[0]
+    assert "the file does not close the loops" in opened.notes[0]
     assert closed.fit.model.feedback is not None
 
 
