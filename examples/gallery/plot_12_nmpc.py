@@ -40,8 +40,7 @@ def path(time):
 
 
 # %%
-# The controller: a place to be at for every step ahead, gentle commands, and a queue of commands that are on their
-# way.
+# The controller: a target position for every step ahead, gentle commands, and a queue of delayed commands.
 def controller(on_their_way):
     """What to steer, from the state, the commands on their way and the path ahead."""
     opti = cs.Opti()

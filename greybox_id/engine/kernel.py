@@ -84,7 +84,7 @@ class Against:
     def misfit(self, y: Array) -> float:
         """Half the sum of squared residuals, those in the tails linear."""
         with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
-            e = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+            e = self._residuals(y)
             if self.robust is None:
                 return 0.5 * float(np.vdot(e, e))
             e = np.abs(e)
@@ -92,11 +92,18 @@ class Against:
 
     def weighted(self, y: Array) -> tuple[Array, Array]:
         """Weighted residuals of readings and their weights, (L, R, ny) each."""
-        r = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+        r = self._residuals(y)
         if self.robust is None:
             return r, self.weight
         tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(r), 1e-300)))
         return r * tail, self.weight * tail
+
+    def _residuals(self, y: Array) -> Array:
+        """Weighted, zero where nothing counts; in one array, which may be as long as hours are."""
+        r = np.subtract(y, self.target)
+        r *= self.weight
+        r[~(self.weight > 0.0)] = 0.0
+        return r
 
     def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
         """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
