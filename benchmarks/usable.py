@@ -1,6 +1,6 @@
 """Is "usable" kept? Fits whose truth is known: poor ones, good ones, and ones of models that lack something.
 
-    python benchmarks/usable.py [--part poor good lacking wrong] [--seed 0] [--json]
+    python benchmarks/usable.py [--part poor good wide lacking wrong] [--seed 0] [--json]
 
 Recordings are of virtual vehicles of four classes (`greybox_lab.virtual`), 40 s at 50 Hz, another 40 s held out. What
 is stated of them are parameters, tolerances and noise, as in a workshop's vehicle file; true ones lie within.
@@ -8,6 +8,7 @@ is stated of them are parameters, tolerances and noise, as in a workshop's vehic
 - poor: 3 rows, 30 rows, nothing excited, shuffled, half of another vehicle, another vehicle's file, another model,
   standing, noise in place of readings. None is "usable" in any form (or it is refused).
 - good: nothing is wrong. "Not usable" is wrong.
+- wide: the same, parameters stated ten times as roughly.
 - lacking: one effect that no parameter of the model is. 95 % intervals of usable fits hold the truth.
 - wrong: a mass stated 9 % off, a rack of varying ratio, both with the ratio estimated, and an offset of the steering's
   sensor. The interval of the ratio (of the understeer gradient for the offset) holds the truth, or the fit is not
@@ -35,7 +36,7 @@ from greybox_lab.virtual.virtual_vehicle import EFFECTS, VirtualCar, drive, rand
 
 KINDS = ("racer", "car", "truck", "sports")
 SECONDS, RATE = 40.0, 50.0
-COUNTS = {"poor": 60, "good": 60, "lacking": 120, "wrong": 60}
+COUNTS = {"poor": 60, "good": 60, "wide": 20, "lacking": 120, "wrong": 60}
 A_PARAMETER = (
     "grip_scale", "front_stiffness", "rear_stiffness", "mass_change", "cog_shift", "yaw_inertia", "motor_gain",
     "aero_drag", "rolling_resistance",
@@ -90,6 +91,13 @@ def good(seed: int, k: int) -> Case:
     """Nothing is wrong."""
     stated, true, tolerances, rng = vehicles(seed, k)
     return Case("good", model_of(true, rng), *pair(true, rng, {}), stated, tolerances, true.parameters)
+
+
+def wide(seed: int, k: int) -> Case:
+    """Nothing is wrong, and little is known of parameters."""
+    case = good(seed, k)
+    rough = {name: 10.0 * sd for name, sd in case.tolerances.parameters.items()}
+    return replace(case, name="wide", tolerances=replace(case.tolerances, parameters=rough))
 
 
 def lacking(seed: int, k: int) -> Case:
@@ -209,7 +217,7 @@ def fitted(case: Case) -> dict[str, Any]:
     }  # fmt: skip
 
 
-PARTS = {"poor": poor, "good": good, "lacking": lacking, "wrong": wrong}
+PARTS = {"poor": poor, "good": good, "wide": wide, "lacking": lacking, "wrong": wrong}
 
 
 def show(rows: list[dict[str, Any]]) -> None:
@@ -224,9 +232,9 @@ def show(rows: list[dict[str, Any]]) -> None:
             if counted:
                 say(f"    {verdict}: {counted - missed} of {counted} intervals hold the truth\n")
         for row in chosen:
-            if row["verdict"] == "not usable" if part == "good" else row["verdict"].startswith("usable"):
+            if row["verdict"] == "not usable" if part in ("good", "wide") else row["verdict"].startswith("usable"):
                 reason = f"{row['k']} {row['name']}, {row['model']}, {row['vehicle']}: {row['reasons'][0]}\n"
-                say(f"    {reason}" if part in ("poor", "good") else "")
+                say(f"    {reason}" if part in ("poor", "good", "wide") else "")
 
 
 def main() -> int:

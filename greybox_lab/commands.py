@@ -4,7 +4,7 @@ from __future__ import annotations
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Gap": {"exam": ("greybox_lab.cli.exam", "Examine the diagnosis of gaps blindly, on sealed truths.")},
-    "Deploy": {"import": ("greybox_lab.cli.import_", "Make a fit of a network that nnodely saved.")},
+    "Deploy": {"import": ("greybox_lab.cli.import_", "Import a network that nnodely saved as a fit.")},
     "Fleet": {
         "fleet": (
             "greybox_lab.cli.fleet",
@@ -12,10 +12,10 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
         ),
     },
     "Race": {
-        "loop": ("greybox_lab.cli.loop", "Let a learned driver adapt to its vehicle, through what gap names."),
+        "loop": ("greybox_lab.cli.loop", "Let a learned driver adapt to its vehicle by the effects that gap names."),
         "serve": ("greybox_lab.cli.loop", "Serve vehicles that send rows, and learn policies for them."),
     },
-    "This tool": {"app": ("greybox_lab.app.command", "Look, fit and see why not better, in a page of the browser.")},
-    "Papers": {"bench": ("greybox_lab.cli.bench", "Make the tables of published papers again.")},
+    "This tool": {"app": ("greybox_lab.app.command", "Check, fit and diagnose a recording in a page of the browser.")},
+    "Papers": {"bench": ("greybox_lab.cli.bench", "Reproduce tables of published papers.")},
 }
 """Heading -> command -> module that holds it, and its line of help."""

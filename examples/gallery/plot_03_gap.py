@@ -2,7 +2,7 @@
 A gap with four causes
 ======================
 
-A car has four things that its model lacks. Which of them does a diagnosis name, and what does it say of the others?
+A car has four effects that its model lacks. Which of them does a diagnosis name, and what does it say of the others?
 """
 
 import numpy as np
@@ -32,7 +32,7 @@ def driven(name, rate, seed):
 lap, other = driven("lap", 0.9, 0), driven("other", 1.3, 1)
 
 # %%
-# The diagnosis gets the vehicle file alone. Six suspects keep this page short; without ``effects`` all 44 are tried.
+# The diagnosis gets the vehicle file alone. Six suspects keep this page short; without ``effects`` all 47 are tried.
 suspects = ["steering_delay", "steering_lag", "yaw_rate_scale", "tyre_relaxation", "steering_ratio", "mass_change"]
 gap = gb.diagnose("lateral", lap, vehicle="full_size_car", held_out=other, effects=suspects)
 print(gap.summary())

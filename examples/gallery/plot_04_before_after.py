@@ -28,7 +28,7 @@ monday = [driven(before, f"monday{k}", 0.9 + 0.2 * k, k) for k in range(3)]
 friday = [driven(after, f"friday{k}", 1.0 + 0.2 * k, 10 + k) for k in range(2)]
 
 # %%
-# Three drives before say how far drives scatter; two after are asked what is new.
+# Three earlier drives show how far drives scatter; two later ones are examined for a change.
 suspects = ["steering_delay", "steering_lag", "grip_scale", "mass_change"]
 change = gb.diagnose("lateral", friday, since=monday, vehicle="full_size_car", effects=suspects)
 print(change.summary())

@@ -12,7 +12,7 @@ import numpy as np
 import greybox_id as gb
 
 # %%
-# A gentle drive of eight seconds: it says little of the yaw inertia and of the friction of the tyres.
+# A gentle drive of eight seconds: it has little information on the yaw inertia and the friction of the tyres.
 car = gb.models.single_track(vehicle="simrod")
 time = np.arange(0.0, 8.0, 0.02)
 commands = {"steer": 0.015 * np.sin(0.9 * time), "ax_cmd": 0.6 + 0.9 * np.sin(0.4 * time)}
@@ -25,7 +25,7 @@ fit = gb.fit("single_track", drive, vehicle="simrod")
 fit.conf_int().loc[["I_z", "D_f"]]
 
 # %%
-# Eight seconds on a road of 300 by 30 metres. The table has the standard deviations now, and with the manoeuvre.
+# Eight seconds on a road of 300 by 30 metres. The table has the standard deviations before and after the manoeuvre.
 plan = gb.design(
     fit, "precision", arena="straight:300x30", parameters=["I_z", "D_f"], duration=8.0, rate=20.0, effort=0.2
 )

@@ -11,7 +11,7 @@ lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name i
 fit = gb.fit("lateral", lap.rows(0, 600), vehicle="roboracer", effects=["steering_lag"])
 
 # %%
-# Stiffnesses of both axles walk at random; the rest of the fit stays.
+# The stiffnesses of both axles are random walks; the rest of the fit is held.
 track = gb.track(fit, other.rows(0, 400), ["C_alpha_f", "C_alpha_r"])
 print(track.summary())
 

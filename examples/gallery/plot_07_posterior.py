@@ -13,18 +13,18 @@ lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name i
 fit = gb.fit("kinematic", lap.rows(0, 800), vehicle="roboracer", effects=["steering_delay"])
 
 # %%
-# Laplace draws, weighed by the posterior itself. ``method="mcmc"`` samples it where the weights say that this is not
+# Laplace draws, weighted by the posterior. ``method="mcmc"`` samples it where the weights say that this is not
 # enough.
 posterior = gb.sample(fit, method="laplace", draws=1000, seed=0)
 print(posterior.summary())
 
 # %%
-# The steering's dead time: draws, and the interval of the fit. That is wider, as it allows for what the equations lack;
-# the posterior takes them as true.
+# The steering's dead time: draws, and the interval of the fit. The interval is wider, as it allows for
+# errors of the equations; the posterior assumes that they are true.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 ax.hist(posterior.frame["steering_delay"], weights=posterior.frame["weight"], bins=30, color="#9ecae1")
 ax.axvspan(*fit.conf_int().loc["steering_delay"], color="#d55e00", alpha=0.15, label="95 % interval of the fit")
-ax.set(xlabel="steering_delay [s]", ylabel="weight of draws")
+ax.set(xlabel="steering_delay [s]", ylabel="weight of draws [1]")
 ax.legend()
 
 # %%

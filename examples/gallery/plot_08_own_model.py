@@ -27,6 +27,7 @@ pendulum = gb.models.MotionModel(
         gb.models.Parameter("inertia", "kg m^2", 0.3, (0.01, 2.0), about="inertia about the pivot"),
         gb.models.Parameter("friction", "N m s/rad", 0.1, (0.0, 2.0), about="viscous friction of the bearing"),
     ),
+    units={"torque": "N m"},
     dynamics=dynamics,
 )
 

@@ -28,7 +28,7 @@ start = np.array([float(servo_axis()[name].array) for name in TRUTH])
 print(inspect.getsource(peers.by_casadi))
 
 # %%
-# Both, in seconds of the processor.
+# Both, in CPU seconds.
 begun = clock.process_time()
 by_hand = peers.by_casadi(*rows, start)
 middle = clock.process_time()
@@ -43,6 +43,6 @@ pd.DataFrame(
 ).round(2)
 
 # %%
-# The estimates without noise in the force agree; only one of the two says how far they can be trusted.
+# Only the fit says how uncertain its estimates are.
 fit.plot.parameters()
 fit.conf_int().round(1)

@@ -35,7 +35,7 @@ for vehicle, inertia in {"V0": 2274.0, "V1": 2729.0}.items():
         table.to_csv(file, index=False)
 
 # %%
-# What is done with each of them is a file; ``greybox fleet run fleet.toml --out results`` does the same.
+# A file says what is done with each of them; ``greybox fleet run fleet.toml --out results`` does the same.
 (folder / "fleet.toml").write_text(
     """recordings = "data/{vehicle}/*.csv"
 vehicle = "full_size_car"
@@ -59,10 +59,11 @@ vehicles = pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'
 vehicles[["vehicle", "recordings", "value", "low", "high"]].round(0)
 
 # %%
-# Each recording's estimate, and each vehicle's with what all recordings of it say together.
+# The estimate from each recording, and that of each vehicle from all its recordings, with 95 % intervals.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 each = estimates.query("name == 'I_z'")
-for table, size, colour in ((each, 1.0, "#9ecae1"), (vehicles, 2.5, "#0072b2")):
+for table, size, colour, words in ((each, 1.0, "#9ecae1", "one recording"), (vehicles, 2.5, "#0072b2", "vehicle")):
     half = [table["value"] - table["low"], table["high"] - table["value"]]
-    ax.errorbar(table["vehicle"], table["value"], half, fmt="o", linewidth=size, color=colour)
-ax.set(ylabel="yaw inertia [kg m²]", xlim=(-0.5, 1.5))
+    ax.errorbar(table["vehicle"], table["value"], half, fmt="o", linewidth=size, color=colour, label=words)
+ax.set(xlabel="vehicle", ylabel="yaw inertia [kg m²]", xlim=(-0.5, 1.5))
+ax.legend(loc="upper left")

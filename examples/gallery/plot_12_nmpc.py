@@ -40,8 +40,7 @@ def path(time):
 
 
 # %%
-# The controller: a place to be at for every step ahead, gentle commands, and a queue of commands that are on their
-# way.
+# The controller: a target position for every step ahead, gentle commands, and a queue of delayed commands.
 def controller(on_their_way):
     """What to steer, from the state, the commands on their way and the path ahead."""
     opti = cs.Opti()
@@ -80,5 +79,5 @@ for label, known in {"vehicle file": 0, "closed model": round(LATE / STEP)}.item
     places = driven(known)
     error = np.sqrt(np.mean((places - path(time)) ** 2))
     axis.plot(time, places, label=f"{label}: RMS error {error:.2f} m")
-axis.set(xlabel="time [s]", ylabel="lateral place [m]", ylim=(-6, 6))
+axis.set(xlabel="time [s]", ylabel="lateral position [m]", ylim=(-6, 6))
 axis.legend()

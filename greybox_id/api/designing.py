@@ -92,7 +92,9 @@ class DesignResult(Design):
             times = f", {self.repeat} times" if self.repeat > 1 else ""
             yield f"         {self.duration:.1f} s{times} in {self.arena.words}; run-up {self.run_up:.0f} m"
             if self.active_limits:
-                yield f"limits   {', '.join(self.active_limits)}: larger ones would tell more"
+                yield (
+                    f"limits   {', '.join(self.active_limits)}: wider limits would make the manoeuvre more informative"
+                )
         if self.predicted_sd:
             yield ""
             yield _sd_table(self)

@@ -106,7 +106,7 @@ class FitResult(Fit):
         BadInput : it was not kept, as for the weights of networks.
         """
         if self.covariance is None:
-            raise BadInput(f"The covariance of {self.model.name} was not kept: its weights have standard errors alone.")
+            raise BadInput(f"The fit of {self.model.name} keeps no covariance, only standard errors of its weights.")
         names, places, start = [], [], 0
         for parameter in self.model.parameters:
             if parameter.shape == () and not parameter.fixed:

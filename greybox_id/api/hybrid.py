@@ -31,7 +31,7 @@ def _pretraining(
     if model.recurrent:
         before = load_fit(source, build) if isinstance(source, str | Path) else source
         if not isinstance(before, Fit) or not isinstance(before.model, HybridModel) or before.model.name != model.name:
-            raise BadInput(f"{name or 'pretrain'}: a fit of {model.name} is needed, whose training is carried on.")
+            raise BadInput(f"{name or 'pretrain'}: a fit of {model.name} is needed, whose training is continued.")
         return TrainedBefore(before.model, name)
     if isinstance(source, str | Path):
         source = load_posterior(source) if Path(source).suffix == ".parquet" else load_fit(source, build)

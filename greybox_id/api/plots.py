@@ -14,7 +14,6 @@ from matplotlib.axes import Axes
 from ..base.errors import BadInput, near_or_all
 from ..base.numbers import number, pretty_unit
 from ..base.shorthands import Array
-from ..base.signals import unit_of, unit_of_quantity
 from ..datasets.recording import Recording
 from ..gap.gap import Budget
 from ..models.model import Model, must_be
@@ -104,10 +103,11 @@ class FitPlots:
                 words = "simulated" if horizon is None else f"{horizon:g} s ahead"
                 for values, line in ((value[name], MEASURED), (result[name], SIMULATED | {"label": words})):
                     ax.plot(time, values[rows], **line if k == 0 else line | {"label": None})
-            ax.set_ylabel(_label(name))
+            ax.set_ylabel(_label(self._fit.model, name))
         if names:
-            drawn[0].legend(loc="upper right")
-            drawn[0].set_title(f"{self._fit.model.name} on {value.name}")
+            beside = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "ncols": 2, "frameon": False}
+            drawn[0].legend(**beside, borderaxespad=0.2)  # above the axes: inside, it would cover lines
+            drawn[0].set_title(f"{self._fit.model.name} on {value.name}", loc="left")
         return drawn
 
     def residuals(
@@ -126,7 +126,7 @@ class FitPlots:
             for rows, time in _laid(value.time, value.runs):
                 ax.plot(time, values[rows], **look(BLUE, 0.8))
             ax.axhline(0.0, **ZERO)
-            ax.set_ylabel(_label(name))
+            ax.set_ylabel(_label(self._fit.model, name))
         if len(drawn):
             drawn[0].set_title(f"residuals of {self._fit.model.name} on {value.name}")
         return drawn
@@ -318,8 +318,8 @@ def _laid(time: Array, runs: Sequence[tuple[int, int]]) -> list[tuple[slice, Arr
     return result
 
 
-def _label(name: str) -> str:
-    return f"{name} [{pretty_unit(unit_of(name, unit_of_quantity(name)))}]"
+def _label(model: Model, name: str) -> str:
+    return f"{name} [{pretty_unit(model.unit(name))}]"
 
 
 def _motion(model: Model) -> MotionModel:

@@ -19,7 +19,7 @@ from ..api import given
 from ..base.declared import understood
 from ..base.errors import BadInput
 from ..base.numbers import counted, pretty_unit, with_sd
-from ..base.signals import unit_of, unit_of_quantity
+from ..base.signals import unit_of
 from ..base.units import Quantity
 from ..datasets.recording import Recording
 from ..datasets.result_table import claimed_table, write_table
@@ -208,7 +208,7 @@ class Predicted:
         """What it says, line by line, the first one behind the file's name."""
         yield f"{counted(len(self.prediction.rows), 'row')} in {counted(self.runs, 'run')}, {self.how}"
         for name, error in self.errors.items():
-            yield f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(unit_of(name))}"
+            yield f"         {name}: RMSE {with_sd(error.rmse, error.rmse_sd)} {pretty_unit(self.model.unit(name))}"
         for line in timing_lines(self.facts["timing"]) if "timing" in self.facts else ():
             yield f"timing   {line}"
         for name, share in self.facts.get("posterior", {}).get("coverage", {}).items():
@@ -345,7 +345,7 @@ def score(model: ModelLike | Fit, recording: Recording | str | Path, columns: Co
     rows = [
         {
             "output": name,
-            "unit": unit_of(name, unit_of_quantity(name)),
+            "unit": chosen.unit(name),
             "protocol": protocol,
             "horizon": _seconds(protocol),
             "rmse": error.rmse,
@@ -393,7 +393,7 @@ def _as_recording(model: Model, recording: Recording, prediction: Prediction, su
         values = np.full(len(recording), np.nan)
         values[rows] = prediction.predicted[:, k]
         signals[name] = values
-    units = {name: unit_of_quantity(name) for name in model.outputs if not unit_of(name, "")}
+    units = {name: model.unit(name) for name in model.outputs if not unit_of(name, "")}
     return Recording(
         name=f"{recording.name}, {suffix}", time=recording.time, signals=signals, runs=recording.runs, extra_units=units
     )
@@ -408,20 +408,23 @@ class Validation:
     model : name of the fit's model.
     verdict : whether it is usable on them, and why not.
     scores : recording -> protocol or horizon -> output -> error.
-    held : the same of persistence, the persistence; empty for models with memory.
+    held : the same of persistence; empty for models with memory.
+    units : output -> its SI unit.
     """
 
     model: str
     verdict: Verdict
     scores: Mapping[str, Scores]
     held: Mapping[str, Scores]
+    units: Mapping[str, str]
 
     def parts(self) -> Iterator[RenderableType]:
         """What it says, part by part."""
         value, beside = self._tables()
         yield verdict_table(self.verdict)
         yield ""
-        yield motion_errors_table(value, beside=beside) if beside else errors_table(value)
+        unit = self.units.__getitem__
+        yield motion_errors_table(value, unit_of=unit, beside=beside) if beside else errors_table(value, unit)
 
     def summary(self) -> str:
         """What `greybox validate` prints: the verdict and the errors."""
@@ -451,4 +454,5 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     result = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
     value = judgement(fit, recordings, result, data)
-    return Validation(model.name, value.verdict, value.scores, value.held)
+    units = {name: model.unit(name) for name in model.outputs}
+    return Validation(model.name, value.verdict, value.scores, value.held, units)

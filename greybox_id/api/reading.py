@@ -72,7 +72,7 @@ def of_type(given: object) -> str:
 
 
 def _frame(given: object) -> str:
-    return " Make one of it: gb.Recording.from_pandas(table)." if hasattr(given, "columns") else ""
+    return " Make a recording of it: gb.Recording.from_pandas(table)." if hasattr(given, "columns") else ""
 
 
 @understood

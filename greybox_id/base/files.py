@@ -315,7 +315,7 @@ def writable(path: Path) -> Iterator[None]:
         yield
     except OSError as error:
         in_the_way = isinstance(error, FileExistsError | NotADirectoryError)
-        why = "a file is where a folder has to be" if in_the_way else error.strerror or error
+        why = "a file stands where a folder is needed" if in_the_way else error.strerror or error
         raise BadInput(f"{path} cannot be written: {why}. Name another place with {option_of(path)}.") from error
 
 

@@ -179,7 +179,7 @@ def _forked(
             _stop(pool)
         except BrokenProcessPool as error:
             raise GreyboxError(
-                "A worker process was killed, as systems do that run out of memory; ask for fewer ‹jobs›."
+                "A worker process was killed, probably because memory ran out; use fewer ‹jobs›."
             ) from error
         for late, number in waiting.items():
             if number not in done.by_number and not late.cancelled():

@@ -44,9 +44,9 @@ SIGNALS: dict[str, Signal] = {
             "steer_measured", "rad", "road-wheel steering angle as measured, beside the command steer", mirrors=True
         ),
         Signal("motor_current", "A", "motor current, negative brakes"),
-        Signal("drive_force", "N", "drive force command, negative brakes"),
+        Signal("drive_force", "N", "drive force command; negative values brake"),
         Signal("ax_cmd", "m/s^2", "commanded longitudinal acceleration"),
-        Signal("throttle", "1", "throttle command, 1 full; negative brakes where there is no brake beside it"),
+        Signal("throttle", "1", "throttle command, 1 is full; negative values brake if there is no brake signal"),
         Signal("brake", "1", "brake command, 1 full"),
         Signal("road_slope", "rad", "road slope, uphill positive"),
         Signal("roll", "rad", "roll angle", mirrors=True),

@@ -96,7 +96,7 @@ def guarded(command: click.Command) -> click.Command:
                 is_eager=True,  # before places are claimed
                 expose_value=False,
                 callback=_allow,
-                help="Replace what is there even if it is something else; never what is read.",
+                help="Replace existing output files, whatever they hold; input files are never replaced.",
             )
         )
     return command
@@ -115,8 +115,8 @@ GROUPS: Groups = {
         "datasets": ("greybox_id.cli.datasets", "Fetch public recordings, or make synthetic ones."),
     },
     "Fit": {
-        "models": ("greybox_id.cli.models", "List the models there are, or say what one is made of."),
-        "effects": ("greybox_id.cli.models", "List the effects that models may lack, or say what one is."),
+        "models": ("greybox_id.cli.models", "List all models, or describe one."),
+        "effects": ("greybox_id.cli.models", "List all effects that a model may lack, or describe one."),
         "fit": ("greybox_id.cli.fit", "Fit a model to recordings."),
         "validate": ("greybox_id.cli.validate", "Score a fit on recordings."),
         "profile": ("greybox_id.cli.profile", "Follow the likelihood along parameters of a fit."),
@@ -125,11 +125,11 @@ GROUPS: Groups = {
         "simulate": ("greybox_id.cli.predict", "Simulate a fit or a model freely on a recording's inputs."),
         "grid": ("greybox_id.cli.grid", "Fit many structures of a model with memory, and choose one."),
         "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a car that may have changed, by some seconds of it."),
-        "report": ("greybox_id.cli.report", "Write what was found as a report, with figures."),
+        "report": ("greybox_id.cli.report", "Write a report with figures of a fit, a gap or a track."),
     },
     "Gap": {
         "gap": ("greybox_id.cli.gap", "Say where a simulation deviates from the vehicle, and why."),
-        "design": ("greybox_id.cli.design", "Design the next manoeuvre to drive: the one that tells most."),
+        "design": ("greybox_id.cli.design", "Design the next manoeuvre: the most informative one."),
     },
     "Estimate": {
         "track": ("greybox_id.cli.track", "Track sideslip, tyres and forces along a recording."),
@@ -138,7 +138,10 @@ GROUPS: Groups = {
         "export": ("greybox_id.cli.export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),
     },
     "This tool": {
-        "completion": ("greybox_id.cli.options", "Print what makes a shell complete commands, options and names."),
+        "completion": (
+            "greybox_id.cli.options",
+            "Print a script with which a shell completes commands, options and names.",
+        ),
     },
 }
 """Heading -> command -> module that holds it, and its line of help."""

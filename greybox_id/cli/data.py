@@ -26,7 +26,7 @@ from .options import columns_option, json_option, part_asked, read_part
 from .output import console, print_json, progress, working
 
 wheelbase_option = click.option(
-    "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; sharpens the check of the steering."
+    "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; makes the check of the steering more exact."
 )
 
 
@@ -60,7 +60,7 @@ def data() -> None:
     "--repair",
     type=RepairTarget(),
     metavar="MAP.toml",
-    help="Write the column map with the repairs that the check proposes; it may be the one of --columns.",
+    help="Write the column map with the repairs that the check proposes; it may be the file of --columns.",
 )
 @json_option
 def check_command(
@@ -125,7 +125,7 @@ def _kept_beside(columns: str, repair: str) -> Path | None:
 @data.command("map")
 @click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
 @click.option("--out", metavar="MAP.toml", help="Write the proposal as a column map to be edited.")
-@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Rows a second, of a FILE without time.")
+@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Rows per second, for a FILE without time.")
 @wheelbase_option
 @json_option
 def map_command(

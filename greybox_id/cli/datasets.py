@@ -51,7 +51,7 @@ def list_command(as_json: bool) -> None:
 
 @datasets.command("fetch")
 @click.argument("name", metavar="NAME", shell_complete=names(PUBLIC))
-@click.option("--out", metavar="FOLDER", help="Where to; the cache ($GREYBOX_CACHE) unless given.")
+@click.option("--out", metavar="FOLDER", help="Folder to write; default: the cache ($GREYBOX_CACHE).")
 @json_option
 def fetch_command(name: str, out: str | None, as_json: bool) -> None:
     """Fetch NAME from its authors: resumed where it broke off, checked by SHA-256.
@@ -78,7 +78,7 @@ def fetch_command(name: str, out: str | None, as_json: bool) -> None:
 @datasets.command("make")
 @click.argument("name", metavar="NAME", shell_complete=names(made))
 @click.option("--out", default=".", show_default=True, metavar="FOLDER", help="Where to.")
-@click.option("--seed", type=click.IntRange(min=0), help="Of all that is random.")
+@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers.")
 @json_option
 def make_command(name: str, out: str, seed: int | None, as_json: bool) -> None:
     """Make the synthetic recordings NAME; the same seed makes the same.

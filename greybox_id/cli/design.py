@@ -24,7 +24,8 @@ from .output import console, print_json, progress, show
 )
 @click.option(
     "--criterion", type=click.Choice(["d", "a", "e", "c"]), default="d", show_default=True,
-    help="What of the covariance to make small: determinant, mean, worst combination, or the first of NAMES alone.",
+    help="Makes small: the covariance's determinant (d), the mean variance (a), the variance of the worst"
+    " combination (e), or that of the first of NAMES (c).",
 )  # fmt: skip
 @click.option("--duration", type=float, default=20.0, show_default=True, metavar="SECONDS", help="At most.")
 @click.option("--rate", type=float, default=50.0, show_default=True, metavar="HZ", help="Rows of the plan per second.")

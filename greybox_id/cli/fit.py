@@ -67,16 +67,20 @@ if TYPE_CHECKING:
     type=click.Choice(["auto", "gauss-newton", "ipopt"]),
     default="auto",
     show_default=True,
-    help="auto: Gauss-Newton finds, Ipopt certifies.",
+    help="auto: Gauss-Newton finds the optimum, Ipopt confirms it.",
 )
 @click.option(
     "--pretrain",
     metavar="FILE",
     help="mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first; hybrid_stiffness, "
-    "hybrid_force: a fit of the same model, whose training is carried on.",
+    "hybrid_force: a fit of the same model, whose training is continued.",
 )
 @click.option(
-    "--pretrain-points", type=int, default=20_000, show_default=True, help=("Points at which it learns from that fit.")
+    "--pretrain-points",
+    type=int,
+    default=20_000,
+    show_default=True,
+    help=("Number of points at which the network learns from the fit of --pretrain."),
 )
 @click.option(
     "--pretrain-range",

@@ -178,7 +178,7 @@ def what_would_show(
         print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("effect", "shows from", "runs scatter by", "one run tells it to"):
+    for title in ("effect", "shows from", "runs scatter by", "sd from one run"):
         table.add_column(title, header_style="dim", justify="left" if title == "effect" else "right")
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
@@ -215,7 +215,7 @@ class _Since(click.Command):
     "--vehicle",
     metavar="VEHICLE",
     shell_complete=VEHICLES,
-    help="What is stated of the vehicle: a shipped one or a file.",
+    help="Vehicle: a shipped name or a file.",
 )
 @click.option(
     "--fit",
@@ -244,12 +244,12 @@ class _Since(click.Command):
     multiple=True,
     metavar="RECORDING...",
     type=click.Path(),
-    help="Recordings from before a change: show what differs from them by more than they differ among themselves.",
+    help="Recordings from before a change: report what differs by more than these differ among themselves.",
 )
 @click.option(
     "--sensitivity",
     is_flag=True,
-    help="With --since and no RECORDING: how large changes would have to be to show on one more like those.",
+    help="With --since and no RECORDING: the smallest changes that one more such recording would show.",
 )
 @click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
 @click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")

@@ -13,7 +13,6 @@ from rich.table import Table
 from ..base.errors import BadInput, near_or_all
 from ..base.files import write_atomically
 from ..base.numbers import pretty_unit
-from ..base.signals import unit_of
 from ..fitting.requested_model import named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
@@ -102,7 +101,7 @@ def _show_model(model: Model) -> None:
     out = console()
     out.print(f"{model.name}: {model.about}\n")
     rows = [("inputs", ", ".join(_input(model, name) for name in model.inputs))]
-    rows.append(("outputs", ", ".join(f"{name} [{pretty_unit(unit_of(name))}]" for name in model.outputs)))
+    rows.append(("outputs", ", ".join(f"{name} [{pretty_unit(model.unit(name))}]" for name in model.outputs)))
     if states := getattr(model, "states", ()):
         rows.append(("states", ", ".join(f"{s.name} [{pretty_unit(s.unit)}]" for s in states)))
     if model.settings:
@@ -129,7 +128,7 @@ def _write_vehicle(model: Model, like: Vehicle | None, out: Path) -> None:
     }
     comments = {p.name: p.about if p.unit == "1" else f"{p.unit}: {p.about}" for p in numbers}
     comments |= {
-        "parameters": "in SI units; sd says how well a number is known: a fit keeps it within that",
+        "parameters": "in SI units; sd is the standard deviation of a number, which becomes its prior in a fit",
         "effects": "how large each effect may be without counting as a gap",
         "noise": "standard deviations of the sensors",
     }
@@ -171,8 +170,8 @@ def _described(model: Model) -> dict[str, Any]:
     return {
         "name": model.name,
         **_in_short(model),
-        "inputs": {name: {"unit": unit_of(name), "any_of": list(_aliases(model, name))} for name in model.inputs},
-        "outputs": {name: {"unit": unit_of(name)} for name in model.outputs},
+        "inputs": {name: {"unit": model.unit(name), "any_of": list(_aliases(model, name))} for name in model.inputs},
+        "outputs": {name: {"unit": model.unit(name)} for name in model.outputs},
         "states": states,
         "parameters": {
             p.name: {
@@ -212,7 +211,7 @@ def _aliases(model: Model, name: str) -> tuple[str, ...]:
 
 
 def _input(model: Model, name: str) -> str:
-    known = [f"{aliase} [{pretty_unit(unit_of(aliase))}]" for aliase in _aliases(model, name)]
+    known = [f"{aliase} [{pretty_unit(model.unit(aliase))}]" for aliase in _aliases(model, name)]
     entry = known[0] if len(known) == 1 else f"{name}: {' or '.join(known)}"
     return f"{entry} (otherwise {model.defaults[name]:g})" if name in model.defaults else entry
 

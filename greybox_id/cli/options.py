@@ -225,7 +225,7 @@ def _known(ctx: click.Context, param: click.Parameter, values: Sequence[str]) ->
 
 own_option = click.option(
     "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
-    help="A model or an effect of your own, that a fit was made with or that is to be tried; the file is run.",
+    help="Your own model or effect: one that the fit was made with, or one to try; the file is run.",
 )  # fmt: skip
 
 
@@ -259,10 +259,10 @@ _EFFECTS = click.option(
 )  # fmt: skip
 _FIX = click.option(
     "--fix", multiple=True, metavar="NAME[=VALUE]",
-    help="Hold a parameter where it stands or at a VALUE[unit]: m=3.5kg.",
+    help="Hold a parameter at its present value or at VALUE[unit]: m=3.5kg.",
 )  # fmt: skip
 _ESTIMATED = (
-    click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that is held otherwise."),
+    click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that would otherwise be held."),
     click.option("--prior", multiple=True, metavar="NAME=MEAN±SD", help="Prior of a parameter: B_f=6±3 or B_f=6+-3."),
     click.option("--start", multiple=True, metavar="NAME=VALUE", help="Where a parameter's estimation starts."),
     click.option("--per-run", multiple=True, metavar="NAME", help="One value for each unbroken run."),

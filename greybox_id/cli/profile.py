@@ -24,7 +24,7 @@ from .output import console, print_json, progress, show
     show_default=True,
     help="Of the intervals.",
 )
-@click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
+@click.option("--columns", metavar="MAP", help="Column map; default: the one that the fit names.")
 @jobs_option
 @click.option("--out", metavar="FILE", help="Write the curves there: a .csv or .parquet file.")
 @own_option

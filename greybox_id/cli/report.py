@@ -13,12 +13,16 @@ from .output import console, print_json, working
 
 @click.command(name="report")
 @click.argument("files", nargs=-1, required=True, metavar="FIT|GAP|TRACK...", type=click.Path())
-@click.option("--train", multiple=True, metavar="FILE", help="Training recording, where it has moved; repeatable.")
-@click.option("--validate", metavar="FILE", help="Validation recording, where it has moved.")
-@click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
-@click.option("--format", "kind", type=click.Choice(["pdf", "html"]), help="As the name of --out says; else pdf.")
-@click.option("--out", metavar="FILE", help="File to write; beside the first file unless given.")
-@click.option("--posterior", metavar="FILE", help="Of one FIT: draws of greybox sample, as bands and a corner plot.")
+@click.option(
+    "--train", multiple=True, metavar="FILE", help="New path of a training recording that was moved; repeatable."
+)
+@click.option("--validate", metavar="FILE", help="New path of the validation recording if it was moved.")
+@click.option("--columns", metavar="MAP", help="Column map; default: the one that the fit names.")
+@click.option(
+    "--format", "kind", type=click.Choice(["pdf", "html"]), help="Default: from the suffix of --out, else pdf."
+)
+@click.option("--out", metavar="FILE", help="File to write; default: beside the first file.")
+@click.option("--posterior", metavar="FILE", help="Draws of greybox sample for one FIT: adds bands and a corner plot.")
 @click.option("--figures", metavar="FOLDER", help="Also write the figures there, as SVG.")
 @own_option
 @json_option

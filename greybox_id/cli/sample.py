@@ -36,7 +36,7 @@ INTERRUPTED = 130
     show_default=True,
     help="abc-smc: distance over all rows, or the mean of the trajectories' distances.",
 )
-@click.option("--columns", metavar="MAP", help="Column map; the one the fit names unless given.")
+@click.option("--columns", metavar="MAP", help="Column map; default: the one that the fit names.")
 @click.option(
     "--out",
     default="posterior.parquet",

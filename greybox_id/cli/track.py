@@ -84,7 +84,7 @@ FROM_STDIN = "-"
     help="A .csv, .parquet, .mf4 or .mcap file.",
 )
 @click.option("--figures", metavar="FOLDER", help="Write pictures there, as SVG.")
-@click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with what was tuned.")
+@click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the tuned numbers.")
 @click.option(
     "--follow", "live", is_flag=True, help="Read CSV lines from standard input and write estimates line by line."
 )
@@ -122,7 +122,7 @@ def track(
     if live:
         if file not in (None, FROM_STDIN) or smooth or how.calibrate or figures or apply:
             raise click.UsageError(
-                "--follow reads standard input: no RECORDING, --smooth, --calibrate, --figures or --apply."
+                "--follow reads standard input: omit RECORDING, --smooth, --calibrate, --figures or --apply."
             )
         judged = follow(tracked, sys.stdin, sys.stdout, walking, others, columns, how)
         tell(f"{judged.usability}: {' '.join(judged.reasons)}")
@@ -131,7 +131,7 @@ def track(
     if file is None:
         raise click.UsageError("Missing argument 'RECORDING'.")
     if apply is not None and chosen.vehicle is None:
-        raise click.UsageError("--apply needs --vehicle, the file that it continues.")
+        raise click.UsageError("--apply needs --vehicle, the file whose numbers it updates.")
     target, _ = track_target(out)
     recording = read_part(file, columns)
     with progress() as say:

@@ -250,7 +250,10 @@ def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
     if stated:
         rate = _number({"rate": stated[0]}, "rate", 0.0, where)
         if not 0 < rate < 1e6 or entry or len(stated) > 1:
-            raise BadInput(f"{where}: rate is rows a second, above 0, of a file without time; state it once, alone.")
+            raise BadInput(
+                f"{where}: rate is the number of rows per second of a file without time, above 0; state "
+                "it once, without a time column."
+            )
         return Column("time", "", "s", "s"), rate
     if "time" not in table:
         raise BadInput(

@@ -297,9 +297,7 @@ def _regressed(
     rows = np.concatenate([np.arange(a, b) for a, b in parts])
     even = np.concatenate([np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)])
     step = float(np.median([line[0] for line in lines]))
-    why = (
-        "rows came in packets" if packets else f"values follow the row and not its stamp (share {share:.2f} ± {sd:.2f})"
-    )
+    why = "rows came in packets" if packets else f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"
     note = (
         f"stamps are uneven ({_span(time)}), and {why}: time is regressed on the row, {exact(step)} s a row "
         f"({1 / step:.4g} Hz)."

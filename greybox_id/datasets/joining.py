@@ -63,7 +63,7 @@ class Offset:
         """What was done, for people."""
         if self.alignment is None:
             shared = (
-                f"their {' and '.join(self.shared)} are not alike enough to tell" if self.shared else "no signal in"
+                f"their {' and '.join(self.shared)} are not alike enough to show" if self.shared else "no signal in"
             )
             why = (
                 f"{shared} an offset from {self.against}"

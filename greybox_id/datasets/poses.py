@@ -114,8 +114,8 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
         if value.evidence > levels.evidence:
             poses, levels = stepped, value
             notes.append(
-                f"the poses' stamps scatter by {number(1e3 * scatter, 2)} ms about even steps, which explain the "
-                "poses better than the stamps do: time runs in even steps."
+                f"the poses' stamps scatter by {number(1e3 * scatter, 2)} ms about even steps, and even steps "
+                "explain the poses better: they are taken as the time."
             )
     poses, levels, smoothed = _without_glitches(poses, levels, notes)
     return _at_centre(poses, levels, smoothed, reference, notes)

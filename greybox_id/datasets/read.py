@@ -189,8 +189,8 @@ def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) 
     under_way = np.flatnonzero(np.isfinite(count) & (count != 0))
     if not under_way.size:
         raise BadInput(
-            f'{where}: "{mapping.start_column}" is zero all along, so that by the column map\'s [start] table the '
-            "recording never starts; take that table out."
+            f'{where}: "{mapping.start_column}" is zero in all rows, but the column map\'s [start] table begins the '
+            "recording where it is not; remove that table."
         )
     first = int(under_way[0])
     left_out = f'{first} rows before "{mapping.start_column}" first differs from zero were left out.'
@@ -348,7 +348,7 @@ def _part_of(name: str, result: Contents) -> str:
     part, _, rest = name.partition("/")
     if not rest or any(known.partition("/")[0] == part for known in result.names):
         return ""
-    return f" It stands for {rest} of a file {part}: join the files of the drive first (greybox data join)."
+    return f" It means column {rest} of a file {part}: join the files of the drive first (greybox data join)."
 
 
 def _what_there_is(names: Sequence[str]) -> str:

@@ -140,7 +140,7 @@ def traced(function: cs.Function, arguments: Sequence[str], fixed: str) -> tuple
         elif op in KNOWN:
             slots[targets[0]] = graph.add(Operation(op, tuple(slots[j] for j in sources)))
         else:
-            raise CannotCompile(f"The model uses an operation that there is no C for, number {op} of CasADi's.")
+            raise CannotCompile(f"The model uses CasADi's operation {op}, which cannot be written as C.")
     return _with_reciprocals(graph, results)
 
 

@@ -84,7 +84,7 @@ class Against:
     def misfit(self, y: Array) -> float:
         """Half the sum of squared residuals, those in the tails linear."""
         with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
-            e = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+            e = self._residuals(y)
             if self.robust is None:
                 return 0.5 * float(np.vdot(e, e))
             e = np.abs(e)
@@ -92,11 +92,18 @@ class Against:
 
     def weighted(self, y: Array) -> tuple[Array, Array]:
         """Weighted residuals of readings and their weights, (L, R, ny) each."""
-        r = np.where(self.weight > 0.0, (y - self.target) * self.weight, 0.0)
+        r = self._residuals(y)
         if self.robust is None:
             return r, self.weight
         tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(r), 1e-300)))
         return r * tail, self.weight * tail
+
+    def _residuals(self, y: Array) -> Array:
+        """Weighted, zero where nothing counts; in one array, which may be as long as hours are."""
+        r = np.subtract(y, self.target)
+        r *= self.weight
+        r[~(self.weight > 0.0)] = 0.0
+        return r
 
     def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
         """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
@@ -198,7 +205,7 @@ class Kernel:
         lanes, segments, readings = *given[1].shape[:2], np.count_nonzero(given[3])
         keep = np.ones(segments + 1, dtype=bool) if keeps is None else np.ascontiguousarray(keeps, dtype=bool)
         if keep.shape != (segments + 1,):
-            raise ValueError(f"Shape {keep.shape} of keeps does not go with {segments} segments.")
+            raise ValueError(f"Shape {keep.shape} of keeps does not match {segments} segments.")
         self._load(lanes * segments)
         if self._library is None:
             z, y = self._model.virtual.simulate(*given)
@@ -324,7 +331,7 @@ class Kernel:
         moving, wide = self._placed(chosen, placed), (lanes, readings, outputs)
         shapes = [item.shape for item in (against.target, against.weight, *(() if residuals is None else (residuals,)))]
         if {*shapes} != {wide} or seed.shape[:2] != (lanes, states) or np.max(placed, initial=-1) >= count:
-            raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not go with {wide}.")
+            raise ValueError(f"Shapes {shapes} of targets and {seed.shape} of the seed do not match {wide}.")
         self._load(LINEARISED * lanes * segments)
         if self._library is None or count > min(MOST_FUSED, states + self._model.parameters):
             _, Z_free, y, Y_free = self.linearise(*given, chosen)
@@ -343,7 +350,7 @@ class Kernel:
         moving = np.full(self._model.parameters, -1, dtype=np.intp)
         moving[chosen] = places
         if np.count_nonzero(moving >= 0) != len(chosen):
-            raise ValueError("A parameter moves once: columns holds one twice.")
+            raise ValueError("columns names a parameter twice.")
         return moving
 
     def _call(
@@ -389,7 +396,7 @@ class Kernel:
         read = np.ascontiguousarray(reads, dtype=bool)
         shapes = [states.shape, numbers.shape, parameters.shape, read.shape]
         if shapes != [(lanes, model.states), (lanes, segments, model.numbers), (lanes, model.parameters), (segments,)]:
-            raise ValueError(f"Shapes {shapes} of z0, s, p and reads do not go together.")
+            raise ValueError(f"Shapes {shapes} of z0, s, p and reads do not match.")
         return states, numbers, parameters, read
 
     def _load(self, work: int) -> None:

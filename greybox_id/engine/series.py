@@ -221,11 +221,16 @@ class Run:
         by_p = np.zeros((len(h), outputs, len(p)))
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
+        filled = np.zeros((outputs, len(p)), dtype=bool)
         for tap, signal in enumerate(trace.tap_signal):
             reached = [(o, y_by_h[:, k, None]) for k, o in trace.tap_outputs[tap]]
             for columns, h_by_p in self._tap_by_p(tap, int(signal), z, z_by_p, z_by_u, u_by_p, weights[tap], p):
                 for output, y_by_tap in reached:
-                    by_p[:, output, columns] += h_by_p if np.all(y_by_tap == 1.0) else y_by_tap * h_by_p
+                    if isinstance(columns, slice) and not np.any(filled[output, columns]):
+                        np.multiply(y_by_tap, h_by_p, out=by_p[:, output, columns])
+                    else:
+                        by_p[:, output, columns] += y_by_tap * h_by_p
+                    filled[output, columns] = True
         if len(direct.row):
             by_p[:, direct.row, direct.column] += y_by_p
         moved = u_by_p is not None or nodes is not None
@@ -347,7 +352,9 @@ class Run:
         slopes = self._weights_by_p(p)[tap_weight.places]
         seen = windows(z[:usable, signal], trace.memory)
         if tap_weight.order is not None:
-            yield tap_weight.at, seen[:, tap_weight.samples] * slopes[tap_weight.order]
+            ordered = slopes[tap_weight.order]
+            weighted = seen[:, tap_weight.samples]
+            yield tap_weight.at, weighted if np.all(ordered == 1.0) else weighted * ordered
         else:
             weights_by_p = np.zeros((trace.memory, len(tap_weight.columns)))
             weights_by_p[tap_weight.lags, tap_weight.among] = slopes

@@ -146,20 +146,50 @@ class Problem:
         """Linearise everything about a matched point and eliminate the nodes."""
         if self._last is not None and np.array_equal(self._last[0], x):  # nodes match: they follow from x
             return self._last[1]
-        H, g = self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x))
-        for index, (residuals, J) in zip(self.layout.index, self.residuals(x, nodes), strict=True):
-            free = self.free[index]
-            flat = J.reshape(-1, J.shape[-1])
-            if np.all(free) and len(index) == len(x):  # all unknowns are of every run: nothing is to be picked out
-                H += flat.T @ flat
-                g += flat.T @ residuals.ravel()
-            else:
-                flat = flat[:, free]
-                H[np.ix_(index[free], index[free])] += flat.T @ flat
-                g[index[free]] += flat.T @ residuals.ravel()
-        result = NormalEquations(H, g)
+        result = NormalEquations(self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
+        for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
+            self._add(result, k, residuals, J)
         self._last = (x.copy(), result)
         return result
+
+    def folds(self, x: Array, nodes: Nodes, keeps: Sequence[Sequence[Array]]) -> list[Problem]:
+        """The problem with only some of its rows counted, for several such choices, all linearised at x together.
+
+        The normal equations of each at x are those of all rows less those of the rows that it leaves out: one
+        linearisation serves them all.
+
+        Parameters
+        ----------
+        x, nodes : a matched point.
+        keeps : for each problem, per run, (n,) share from 0 to 1 of what a row counts here.
+        """
+        whole = self.normal_equations(x, nodes)
+        left_out = [NormalEquations(np.zeros_like(whole.H), np.zeros_like(whole.g)) for _ in keeps]
+        for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
+            for equations, keep in zip(left_out, keeps, strict=True):
+                share = 1.0 - keep[k][self.runs[k].predicted]
+                rows = np.flatnonzero(share)
+                root = np.sqrt(share[rows])
+                self._add(equations, k, residuals[rows] * root[:, None], J[rows] * root[:, None, None])
+        result = []
+        for equations, keep in zip(left_out, keeps, strict=True):
+            one = self.counted(keep=[ours * share for ours, share in zip(self.keep, keep, strict=True)])
+            one._last = (x.copy(), NormalEquations(whole.H - equations.H, whole.g - equations.g))
+            result.append(one)
+        return result
+
+    def _add(self, equations: NormalEquations, k: int, residuals: Array, J: Array) -> None:
+        """Add what rows of run k say to normal equations."""
+        index = self.layout.index[k]
+        free = self.free[index]
+        flat = J.reshape(-1, J.shape[-1])
+        if np.all(free) and len(index) == len(equations.g):  # all unknowns are of every run: nothing is picked out
+            np.add(equations.H, flat.T @ flat, out=equations.H)
+            np.add(equations.g, flat.T @ residuals.ravel(), out=equations.g)
+        else:
+            flat = flat[:, free]
+            equations.H[np.ix_(index[free], index[free])] += flat.T @ flat
+            equations.g[index[free]] += flat.T @ residuals.ravel()
 
     def gradient(self, x: Array, nodes: Nodes) -> Array:
         """Gradient of the objective at a matched point, zero by unknowns that are held."""

@@ -128,7 +128,7 @@ def translated(builder: Builder, function: cs.Function, places: Sequence[Sequenc
         elif op in OPERATIONS:
             slots[targets[0]] = OPERATIONS[op](builder, *[slots[j] for j in sources])
         else:
-            raise BadInput(f"The model uses an operation that there is no ONNX for, number {op} of CasADi's.")
+            raise BadInput(f"The model uses CasADi's operation {op}, which cannot be written as ONNX.")
     return results
 
 

@@ -93,7 +93,7 @@ def _gym(subject: Subject, numbers: SingleTrack) -> list[Line]:
         return Line(key, sign * other, f"{about}; {_BORROWED}")
 
     return [
-        Line("mu", mu, "friction; the tyres are linear, C_S holds all" if numbers.mu is None else "friction"),
+        Line("mu", mu, "friction; 1, since C_S alone describes the linear tyres" if numbers.mu is None else "friction"),
         Line("C_Sf", _stiffness(numbers.front, mu), "1/rad, cornering stiffness over mu and load, front"),
         Line("C_Sr", _stiffness(numbers.rear, mu), "1/rad, cornering stiffness over mu and load, rear"),
         Line("lf", numbers.l_f, "m, front axle to centre of gravity"),
@@ -163,7 +163,7 @@ def _tyres(subject: Subject, numbers: SingleTrack) -> list[Line]:
         Line("friction_coeff", 1.0, "by which the forces are multiplied"),
         *(Line(f"{letter}f", value, "front") for letter, value in zip("BCDE", front, strict=True)),
         *(Line(f"{letter}r", value, "rear") for letter, value in zip("BCDE", rear, strict=True)),
-        Line("floor", subject.name, "where the tyres are those"),
+        Line("floor", subject.name, "floor on which these tyres were identified"),
     ]
 
 

@@ -112,7 +112,7 @@ def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, lis
         if gaps > 0:
             known.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")
         if lost:
-            known.append(f"{name}: {lost} values are missing in longer gaps, behind which the filter starts anew.")
+            known.append(f"{name}: {lost} values are missing in longer gaps, after which the filter starts anew.")
         signals[name] = bridged
     return recording.with_signals(**signals), known
 

@@ -156,8 +156,8 @@ def must_fill_a_window(runs: Sequence[MotionRun], name: str) -> None:
     rows, step = sum(len(run) for run in runs), runs[0].sample_time
     if rows < window_rows(step):
         raise BadInput(
-            f"{name}: the filter has {rows} rows ({exact(rows * step)} s) to run along, and needs {exact(WINDOW)} s, "
-            "over which its innovations are judged. Track a longer recording."
+            f"{name}: the filter has {rows} rows ({exact(rows * step)} s) and needs {exact(WINDOW)} s to judge its "
+            "innovations. Track a longer recording."
         )
 
 

@@ -200,7 +200,7 @@ class CompiledFilter:
         shapes = [P.shape, s.shape, p.shape]
         expected = [(lanes, n, n), (segments, self.space.step.numel_in(1)), (lanes, self.space.step.numel_in(2))]
         if shapes != expected or n != self.space.size or m != len(self.space.model.outputs):
-            raise ValueError(f"Shapes {shapes} do not go with {lanes} filters of {n} states over {segments} segments.")
+            raise ValueError(f"Shapes {shapes} do not match {lanes} filters of {n} states over {segments} segments.")
         for array in (x, P, s, y, p):
             if not (array.flags.c_contiguous and array.dtype == np.float64):
                 raise ValueError("Filters work on contiguous arrays of doubles.")

@@ -90,7 +90,7 @@ class LiveFilter:
             raise BadInput(f"The first row lacks {', '.join(lacking)}; begin with one that has every input.")
         step = np.inf if self._last is None else time - self._last[0]
         if self._last is not None and step <= 0:
-            raise BadInput(f"Time runs on from {self._last[0]:g} s to {time:g} s; rows must come in order.")
+            raise BadInput(f"Time goes from {self._last[0]:g} s to {time:g} s; rows must come in the order of time.")
         u, glitches = self._guard.clean(inputs, step)
         row = np.concatenate([[0.0], u, np.zeros(space.trace.segment_size - 1 - len(u))])
         if step > LONGEST_GAP:

@@ -165,7 +165,7 @@ def of_innovations(
     reasons += more
     if not any(item.count for item in channels.values()):
         reasons.append(Reason(NOT_USABLE, "No reading was taken: nothing is tracked."))
-    words = "The innovations are what the filter expects: NIS {} (1 is due)."
+    words = "The innovations are what the filter expects: NIS {} (1 is expected)."
     listed = ", ".join(f"{number(one.nis, 2)} of {name}" for name, one in channels.items() if np.isfinite(one.nis))
     return weighed([*reasons, Reason(USABLE, words.format(listed))], {})
 

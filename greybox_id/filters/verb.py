@@ -164,7 +164,7 @@ class Tracker:
         widened = widening([judged[name] for name in self.readings])
         sds = {name: np.sqrt(v) * widened for name, v in result.variances.items()}
         for j, move in enumerate(moves):
-            say(f"what parameters leave open, {j + 1} of {len(moves)}")
+            say(f"uncertainty from parameters, {j + 1} of {len(moves)}")
             again = self._estimates(runs, self.filtering.histories(runs, p + move, kept), p + move).values
             for name in sds:
                 off = again[name] - result.values[name]

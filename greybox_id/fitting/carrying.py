@@ -9,15 +9,17 @@ from what is stated. It does not let the same model predict as well again as soo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, pairwise, product
 
 import numpy as np
+from scipy.stats import t as student_t
 
 from ..base.errors import BadInput
 from ..base.numbers import number
 from ..base.shorthands import Array
-from ..datasets.recording import Recording
+from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
 from .attempt import refitted
@@ -25,7 +27,7 @@ from .fit import NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
 from .scores.misfit import CLEARLY
 from .scores.motion import score_motion
-from .scores.verdict import times_as_large
+from .scores.verdict import WORSE, times_as_large
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0
@@ -38,11 +40,14 @@ model has ten parameters, a recording hundreds of independent readings. Less tha
 usable fit must not exceed, since the best known need not be found."""
 OPEN = 10.0
 """Times as wide as stated: tolerances that hold nothing back, and leave parameters near the data's what none tells."""
+BLOCKS, MIXED, BY_CHANCE = 8, 9, 0.01
+"""Parts of a recording, in order of time; in how many ways halves are mixed of them; and how seldom the first and the
+second half of one vehicle's drive stand out from those. What a model lacks differs between manoeuvres, not halves."""
 REFIT = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
 
 
 def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str = "") -> list[Reason]:
-    """See `judging.carried`."""
+    """See `verb.carried`."""
     if all(p.fixed for p in model.parameters):
         return []
     part = _beginning(recording)
@@ -68,7 +73,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
 
 
 def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[Reason]:
-    """See `judging.refuted`."""
+    """See `verb.refuted`."""
     if all(p.fixed for p in model.parameters):
         return
     simulator, opened = Simulator(model), Simulator(_opened(model))
@@ -81,24 +86,67 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
             yield Reason(
                 NOT_USABLE,
                 f"The errors are {number(times, 2)} times those of the same model with tolerances {OPEN:g} times as "
-                "wide: the vehicle is another than stated. State wider tolerances, or none.",
+                "wide: the vehicle is not the one stated. State wider tolerances, or none.",
             )
     if fit.how.get("form", {}).get("halves_gain", 0.0) > CLEARLY:
-        n = len(recording) // 2
-        halves = [_beginning(recording.rows(a, b)) for a, b in ((0, n), (n, len(recording)))]
-        each = [_refitted(simulator, half, model.values) for half in halves]
-        for p, start, half in zip(reversed(each), each, halves, strict=True):
-            if p is None or start is None:
-                continue
-            times = _ratio(simulator, p, opened, _refitted(opened, half, start), half)
-            if times > LESS:
-                yield Reason(
-                    NOT_USABLE,
-                    f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other "
-                    "that it can have: the vehicle has changed, or is another. Fit each half; greybox gap says what "
-                    "changed since the first.",
-                )
-                return
+        compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
+        times = compared.apart(*next(halves))
+        if times > WORSE and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
+            yield Reason(
+                NOT_USABLE,
+                f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
+                "that a fit to that half has, well above halves that mix early and late data: the vehicle has changed, "
+                "or is not the same. Fit each half; greybox gap says what changed since the first.",
+            )
+
+
+@dataclass(frozen=True)
+class _Compared:
+    """A model with stated tolerances and with wider ones, and the numbers that fits begin from."""
+
+    stated: Simulator
+    opened: Simulator
+    start: Array
+
+    def apart(self, one: Recording, other: Recording) -> float:
+        """What is fitted to one recording, on the other: errors over those that the model can have there, the larger of
+        both ways; NaN where neither can be fitted.
+        """
+        both = (one, other)
+        each = [_refitted(self.stated, part, self.start) for part in both]
+        times = [
+            _ratio(self.stated, p, self.opened, _refitted(self.opened, part, start), part)
+            for p, start, part in zip(reversed(each), each, both, strict=True)
+            if p is not None and start is not None
+        ]
+        return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
+
+
+def _stands_out(times: float, mixed: Iterable[float]) -> bool:
+    """Whether a ratio is beyond the scatter of others of its kind: a prediction limit by Student's t, of logarithms."""
+    logs = list[float]()
+    for other in mixed:
+        if other >= times:
+            return False
+        if other > 0.0:
+            logs.append(float(np.log(other)))
+    n = len(logs)
+    if n < 2:
+        return True
+    limit = student_t.isf(BY_CHANCE, n - 1) * np.sqrt(1.0 + 1.0 / n)
+    return bool(np.log(times) - np.mean(logs) > limit * np.std(logs, ddof=1))
+
+
+def _halves(recording: Recording) -> Iterator[tuple[Recording, Recording]]:
+    """The first and the second half, then such as have as many blocks of the one as of the other."""
+    edges = [len(recording) * k // BLOCKS for k in range(BLOCKS + 1)]
+    blocks = [_beginning(recording.rows(a, b), 2 * MOST_ROWS // BLOCKS) for a, b in pairwise(edges)]
+    half, quarter = BLOCKS // 2, BLOCKS // 4
+    early, late = combinations(range(half), quarter), combinations(range(half, BLOCKS), quarter)
+    mixed = [first + second for first, second in product(early, late) if 0 in first]  # the others are complements
+    for one in (tuple(range(half)), *mixed[:: len(mixed) // MIXED][:MIXED]):
+        other = (k for k in range(BLOCKS) if k not in one)
+        yield join([blocks[k] for k in one], recording.name), join([blocks[k] for k in other], recording.name)
 
 
 def _opened(model: MotionModel) -> MotionModel:
@@ -109,8 +157,8 @@ def _opened(model: MotionModel) -> MotionModel:
     )
 
 
-def _beginning(recording: Recording) -> Recording:
-    return recording if len(recording) <= MOST_ROWS else recording.rows(0, MOST_ROWS)
+def _beginning(recording: Recording, most: int = MOST_ROWS) -> Recording:
+    return recording if len(recording) <= most else recording.rows(0, most)
 
 
 def _refitted(simulator: Simulator, recording: Recording, start: Array) -> Array | None:

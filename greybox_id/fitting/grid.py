@@ -194,7 +194,7 @@ def _finite(table: pd.DataFrame, column: str) -> pd.DataFrame:
     usable: pd.DataFrame = table[np.isfinite(table[column])]
     if usable.empty:
         raise BadInput(
-            "No structure has an error that structures can be compared by: does anything move in this recording? Check "
+            "No structure has a finite error to compare: does the vehicle move in this recording? Check "
             "it with greybox data check."
         )
     return usable

@@ -139,7 +139,7 @@ MOST_ROWS = 50_000
 """Rows of files whose map states what holds, above which it is not doubted: that costs a quarter of a fit."""
 ROW = 1 / sqrt(12.0)
 """Standard deviation of an instant that is known to a row, rows."""
-WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "run on between rows in straight lines"}
+WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "linear between rows"}
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,10 @@ def pretrained(
 
     def told(step: int, loss: float, held_out: float) -> None:
         del loss
-        say(f"{model.name}: pretraining, step {step}, rates off by {np.sqrt(held_out):.3f}", passing=True)
+        say(
+            f"{model.name}: pretraining, step {step}, held-out error of the rates {np.sqrt(held_out):.3f}",
+            passing=True,
+        )
 
     result = descend(
         problem, lambda q: outside(problem.parameters(q)), problem.unknowns(start), problem.bounds,
@@ -136,7 +139,7 @@ def pretrained(
     if result.status == "interrupted":
         raise KeyboardInterrupt
     off = SETTLED * np.sqrt(result.held_out[result.best])
-    say(f"{model.name}: pretrained, rates off by {100 * off:.1f} % of their spread")
+    say(f"{model.name}: pretrained, error of the rates {100 * off:.1f} % of their spread")
     return problem.parameters(result.x)
 
 

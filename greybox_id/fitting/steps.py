@@ -52,9 +52,9 @@ def fit_alone(
     tried: tuple[tuple[Mapping[str, float], float], ...] = ()
     interrupted, elsewhere = False, 0.0
     if how.strengths == "cross-validation":
-        choice = choose_strengths(trace, recordings, noise, part.values, say, how.jobs)
+        choice = choose_strengths(trace, recordings, noise, near, say, how.jobs)
         strengths, tried, interrupted = choice.strengths, choice.tried, choice.interrupted
-        elsewhere = choice.cpu_seconds
+        elsewhere, near = choice.cpu_seconds, near if choice.x is None else choice.x
     else:
         factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
         strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}

@@ -113,7 +113,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
     BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts, or nothing moves.
     """
     if how.starts > 1:
-        raise BadInput(f"Carried on, the training of {model.name} starts at the numbers it has; omit ‹starts›.")
+        raise BadInput(f"A continued training of {model.name} starts at the numbers of its fit; omit ‹starts›.")
     if not model.carried_on:
         raise BadInput(f"{model.name} marks no parameter as differing between vehicles; train it anew.")
     clock = time.process_time()
@@ -122,7 +122,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
     pieces = [_rows(one, k, k + length) for _, one in named for k in range(0, len(one) - length + 1, length)]
     if len(pieces) < PIECES:
         raise BadInput(
-            f"Carrying the training of {model.name} on takes {PIECES} pieces of {length} unbroken rows; there are "
+            f"Continuing the training of {model.name} needs {PIECES} pieces of {length} unbroken rows; there are "
             f"{len(pieces)}. Record more."
         )
     held_out = pieces[PIECES // 2 :: PIECES]
@@ -185,7 +185,7 @@ def _descent(
     """A training from weights that are drawn, or from those of a trained model, which needs no first steps."""
 
     def told(step: int, loss: float, held_out: float) -> None:
-        line = f"{model.name}, seed {seed}: step {step}, error {np.sqrt(2.0 * loss):.3f} of noise, held out "
+        line = f"{model.name}, seed {seed}: step {step}, held-out error {np.sqrt(2.0 * loss):.3f} times the noise "
         say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
     start = problem.unknowns(drawn(model, seed) if begin is None else begin)

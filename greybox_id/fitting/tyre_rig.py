@@ -134,7 +134,7 @@ def fit_tyre(files: Sequence[str | Path]) -> TyreFit:
     rows = known & upright
     if np.count_nonzero(rows) < FEWEST:
         raise BadInput(
-            f"{files[0]}: {np.count_nonzero(rows)} rows at no camber have slip, load and force; {FEWEST} are needed."
+            f"{files[0]}: {np.count_nonzero(rows)} rows at zero camber have slip, load and force; {FEWEST} are needed."
         )
     slip, load, force = (data[name][rows] for name in NEEDED)
     load = np.abs(load)

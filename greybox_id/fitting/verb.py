@@ -161,7 +161,7 @@ def fit(
     say : called with one line of progress at a time.
     command : what reproduces the fit, for the record.
     pretraining : a known vehicle that a feed-forward network learns from first; or a trained hybrid model with a
-        memory, whose training is carried on in place of the model's.
+        memory, whose training is continued in place of the model's.
     sensors : output -> standard deviation of its sensor, as the vehicle's file states it: residuals are judged by it.
 
     Returns
@@ -222,7 +222,9 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
         return fit, task, None
     step = min(recording.sample_time for recording in task.recordings)
     if not held.stated and held.gain < 0:
-        task.say(f"{fit.model.name}: the commands run on between rows, or are held: fitting the likelier way")
+        task.say(
+            f"{fit.model.name}: fitting with commands linear between rows and with commands held, to take the likelier"
+        )
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]
         validate = None if task.validate is None else with_hold(task.validate, hold)

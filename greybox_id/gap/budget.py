@@ -124,7 +124,7 @@ def shared_out(
     if len(names) > CAL.few:
         return _of_many(examined, best, held_out, tell)
     if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
         full = with_effects(examined, best)
         there = examined.selection.search.values(best)
         whole, bench = refitted_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
@@ -166,7 +166,7 @@ def _of_many(
     names = best.names
     search = examined.selection.search
     if held_out:
-        tell(f"sharing out the gap among {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
         full = with_effects(examined, best)
         there = search.values(best)
         whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)

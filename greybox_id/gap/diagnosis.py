@@ -35,7 +35,7 @@ from .gap import Budget, CauseClass, Gap, Ranked
 from .judging import alike_of, by_no_name, gain_of, itself, of_class, only, refused, something_unnamed
 from .regimes import where
 
-DIFFERS = "its estimate differs between parts of the drive, as it does where the equations have the wrong form"
+DIFFERS = "its estimate differs between parts of the drive, which suggests that the equations have the wrong form"
 OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
 
 
@@ -179,7 +179,7 @@ def _held(examined: Examined) -> str:
         return ""
     return (
         "Free runs spin here, with and without effects. An observer therefore pulls yaw_rate to its reading within "
-        f"{number(1 / rate, 2)} s; errors are those of predictions about so far ahead"
+        f"{number(1 / rate, 2)} s; errors are those of predictions about that far ahead"
     )
 
 

@@ -73,7 +73,7 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
         elif spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
                 f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
-                f"{spread.place}, which that of a true cause would not"
+                f"{spread.place}, which the estimate of a true cause would not"
             )
         elif one.unnamed is not None and _mimics(one, best, name) > CAL.present:
             reasons[name] = (
@@ -84,19 +84,19 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
         elif sure <= CAL.present:
             alike = alike_of(one, name, CAL.alike)
             beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
-            reasons[name] = f"its probability is {sure:.2f}, no more than one half{beside}"
+            reasons[name] = f"its probability is {sure:.2f}, not more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
-            reasons[name] = "it stands at its bound: a symptom of something else, not an estimate"
+            reasons[name] = "it is at its bound: a symptom of another cause, not an estimate"
         elif shared is not None and share is not None:
-            judged = "on what was held out" if shared.held_out else "in free run"
+            judged = "on the held-out recordings" if shared.held_out else "in free run"
             reasons[name] = (
-                f"a refinement: {judged} it closes {whole_percent(share.share)} % of the excess "
+                f"small: {judged} it closes {whole_percent(share.share)} % of the excess "
                 f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
             )
         else:  # several doubts, each of them below one half
             entry = (1.0 - CAL.nothing_unknown) * sure * itself(one, best, name, spread) * closes(shared, name)
             if entry <= CAL.present:
-                reasons[name] = f"its probability is {entry:.2f}, no more than one half"
+                reasons[name] = f"its probability is {entry:.2f}, not more than one half"
     return reasons | _beside_mimics(one, some, reasons)
 
 
@@ -111,7 +111,7 @@ def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) 
         return {}
     beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
     return {
-        name: f"another effect may mimic it: it explains less than what stands {beside}"
+        name: f"another effect may mimic it: it explains less than the rest {beside}"
         for name in best.names
         if name not in reasons and gain_of(one, best, name) < refuted
     }

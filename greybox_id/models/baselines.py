@@ -236,5 +236,5 @@ def msnn_bench_long(settings: LongitudinalBenchSettings | None = None) -> Memory
         sample_time=s.sample_time,
         defaults={"road_slope": 0.0} if s.slope else {},
         settings=asdict(s),
-        together=("b, b_t and b_b: only their sum acts",),
+        together=("b, b_t and b_b: only their sum has an effect",),
     )

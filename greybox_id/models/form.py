@@ -132,7 +132,7 @@ def with_form_error(model: MotionModel) -> MotionModel:
         WHEELS,
         (0.0, 0.5),
         prior=Prior(WHEELS_SD),
-        about="mass by which wheels resist being turned",
+        about="mass that the inertia of the wheels adds",
     )
     value = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
         steer=toed, alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),

@@ -57,9 +57,9 @@ ALONG = (
     *(Parameter(f"mu_{axle}", "1", 1.0, (0.1, 3.0), fixed=True, about=f"friction of the {where} axle")
       for axle, where in (("f", "front"), ("r", "rear"))),
     Parameter("slope_load_exponent", "1", 0.64, (0.0, 1.5), fixed=True,
-              about="power of an axle's load with which its tyres' slope at zero slip grows"),
+              about="exponent of an axle's load in its tyres' slope at zero slip"),
     Parameter("grip_load_exponent", "1", 0.85, (0.0, 1.5), fixed=True,
-              about="power of an axle's load with which its largest force grows"),
+              about="exponent of an axle's load in its largest force"),
 )  # fmt: skip
 """Exponents are those of a car's tyre about its nominal load (Pacejka, App. 3, 205/60 R 15): d ln K / d ln F_z =
 cos(2 atan(1 / p_Ky2)) with p_Ky2 = 2.13, and 1 + p_Dy2 / p_Dy1 with -0.990 and 0.145. Of four other cars' tyres whose
@@ -258,7 +258,7 @@ def _hybrid(
         window=s.window,
         warm_up=s.warm_up,
         settings=asdict(s),
-        together=("masses and inertia with forces: without a force sensor, F/m and I_z/m are identifiable, m is not",),
+        together=("mass, inertia and forces: without a force sensor only F/m and I_z/m are identifiable",),
     )  # fmt: skip
 
 
@@ -303,7 +303,7 @@ def weights(network: RecurrentNetwork | FeedForwardNetwork) -> tuple[Parameter, 
     )
 
 
-_ABOUT = {"W": "weights of layer", "R": "weights of what it remembers, layer", "b": "biases of layer"}
+_ABOUT = {"W": "weights of layer", "R": "weights of the memory, layer", "b": "biases of layer"}
 
 
 def v_y_of(recording: Recording) -> Array | None:

@@ -162,7 +162,8 @@ class HybridModel(Model):
             raise BadModel(f"Model {self.name} needs a sample time above zero; {self.sample_time} s was given.")
         if not 0 <= self.warm_up < self.window:
             raise BadModel(
-                f"Model {self.name}: of a window of {self.window} rows {self.warm_up} to warm up leave none to compare."
+                f"Model {self.name}: its window of {self.window} rows must be longer than its warm_up of "
+                f"{self.warm_up} rows."
             )
 
     @property

@@ -51,6 +51,7 @@ from ..base.declared import understood
 from ..base.errors import BadInput, BadModel, near
 from ..base.origin import Origin, origin_of
 from ..base.shorthands import Array
+from ..base.signals import unit_of, unit_of_quantity
 from .parameter import Parameter, pack, unpack
 
 Symbol = Any
@@ -100,6 +101,7 @@ class Model:
     origins : name of an effect that greybox-id does not ship -> where its equations come from.
     aliases : input -> signals any one of which is that input, the first one recorded counts.
     parts : models of some of the outputs that can be fitted alone first; they share parameters by name.
+    units : SI units of inputs, outputs and quantities that are no known signals, by name.
     kind : of a class, what the modules are called that deal with its models (see kinds.py).
     called : of a class, what its models are, for people.
 
@@ -131,8 +133,13 @@ class Model:
     origins: Mapping[str, Origin] = field(default_factory=lambda: MappingProxyType({}))
     aliases: Mapping[str, tuple[str, ...]] = field(default_factory=lambda: MappingProxyType({}))
     parts: tuple[Model, ...] = ()
+    units: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     kind: ClassVar[str] = ""
     called: ClassVar[str] = "a model of its own kind"
+
+    def unit(self, name: str) -> str:
+        """SI unit of a signal or a quantity: as stated in `units`, else as its name tells, else "1"."""
+        return self.units.get(name) or unit_of(name, unit_of_quantity(name))
 
     def __repr__(self) -> str:
         names = {

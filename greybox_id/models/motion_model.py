@@ -193,6 +193,11 @@ class MotionModel(Model):
         states = (state.name for state in self.states)
         return frozenset((*self.inputs, *self.outputs, *parameters, *states, *self.quantities))
 
+    def unit(self, name: str) -> str:
+        """SI unit of a signal, a state or a quantity."""
+        stated = {state.name: state.unit for state in self.states}
+        return self.units.get(name) or stated.get(name) or Model.unit(self, name)
+
     def delayed(self, signal: str, by: Shift) -> MotionModel:
         """The same model with a command that arrives late."""
         self._must_have(signal, self.inputs, "input")

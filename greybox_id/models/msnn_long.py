@@ -123,7 +123,7 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
             "m, r and the wheel inertia, on a flat road: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), "
             "k_a/(m D) and c_r/D act; the scale of the torques is free against G_2, so T/(m r D) alone is informed by "
             "the recording",
-            *(("q_1, q_2 and F_y, by scale and against m D: only F_yf/(m D) acts",) if s.lateral_force else ()),
+            *(("the scales of q_1, q_2, F_y and m D: only F_yf/(m D) has an effect",) if s.lateral_force else ()),
         ),
     )
 

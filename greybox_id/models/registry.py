@@ -268,7 +268,9 @@ def model_of(vehicle: Vehicle, otherwise: str = "single_track") -> Model:
 def motion_model_of(vehicle: Vehicle) -> MotionModel:
     """The model of a vehicle, one of motion. Raises `BadInput` where it has one of another kind."""
     model = model_of(vehicle)
-    return must_be(MotionModel, model, f"{vehicle.name}: its model {model.name} is none of motion; name single_track.")
+    return must_be(
+        MotionModel, model, f"{vehicle.name}: its model {model.name} has no equations of motion; name single_track."
+    )
 
 
 def vehicle_parameters() -> tuple[str, ...]:
@@ -295,7 +297,7 @@ def register(model: Model | Effect) -> str:
         raise BadInput(f"A model or an effect is needed, not {model!r:.60}.")
     kind = "model" if isinstance(model, Model) else "effect"
     if model.name in SHIPPED:
-        raise BadInput(f"Your {kind} calls itself {model.name}, as one that greybox-id ships; give it another name.")
+        raise BadInput(f"Your {kind} is called {model.name}, as one that greybox-id ships; give it another name.")
     if isinstance(model, Model):
         MODELS[model.name] = ModelEntry(NoSettings, lambda settings: model, own=model)
     else:

@@ -139,9 +139,16 @@ def _bent(coefficient: str, usual_speed: float) -> Effect:
         return value * (1 + getattr(q.p, name) * (cs.fabs(speed(q)) / q.p.usual_speed - 1))
 
     entry = Parameter(
-        name, "1", 0.0, (-0.5, 0.5), prior=Prior(DRAG_SD), about=f"power of speed beside that of {coefficient}"
+        name,
+        "1",
+        0.0,
+        (-0.5, 0.5),
+        prior=Prior(DRAG_SD),
+        about=f"exponent of the speed in addition to that of {coefficient}",
     )
-    usual = Parameter("usual_speed", "m/s", usual_speed, (0.0, inf), fixed=True, about="where resistance is as stated")
+    usual = Parameter(
+        "usual_speed", "m/s", usual_speed, (0.0, inf), fixed=True, about="speed at which resistance is as stated"
+    )
     return Effect(
         name, entry, (coefficient,), lambda model: model.altered(**{coefficient: bent}), group=GROUP, needs=("v_x",),
         others=(usual,),  # a number in the equations would have every recording compile its own

@@ -120,7 +120,7 @@ class TyreFile:
         # An even curve's sign is a convention: slip angles of such files are often those of the other side.
         values = (abs(K / (C * D * F_z)), abs(C), abs(D), E, S_h, S_v if K > 0 else -S_v)
         if not all(abs(value) < LARGEST_NUMBER for value in values):
-            raise BadInput(f"{self.path}: the coefficients at {F_z:g} N are beyond all bounds; mend the file.")
+            raise BadInput(f"{self.path}: the coefficients at {F_z:g} N are implausibly large; mend the file.")
         return PureLateral(*(float(f"{value:.{DIGITS}g}") for value in values))
 
     def stated(self) -> dict[str, Stated]:
@@ -149,7 +149,7 @@ class TyreFile:
         """
         if self.side == "symmetric":
             return {}
-        source = f"{Path(self.path).name}: shift of one {self.side or 'single'} tyre; a pair that mirrors has none"
+        source = f"{Path(self.path).name}: shift of one {self.side or 'single'} tyre; it cancels in a mirrored pair"
         sizes = {"S_h": abs(here.S_h), "S_v": abs(here.S_v)}
         return {
             f"{name}_{axle}": Stated(0.0, size, source=source) for name, size in sizes.items() if size for axle in "fr"

@@ -157,7 +157,7 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
     words = (
         f"Differences are RMSE less that of {base}, over the rows that both predict, with 95 % intervals from "
         f"{DRAWS} draws of blocks of time, the same blocks for both; a block lasts {TIMES:g} correlation times of the "
-        "difference of squared errors. An interval that leaves out zero (*) is a difference that these recordings tell."
+        "difference of squared errors. An interval without zero (*) is a difference that these recordings show."
     )
     parts = (
         VerdictBox(tuple(_sentence(name, base, pair, judged) for name, pair in pairs.items())),
@@ -255,7 +255,7 @@ def _drawn(result: Mapping[str, Judged]) -> tuple[Drawing, ...]:
             range(len(protocols)), [f"{seconds[p]:g}" if np.isfinite(seconds[p]) else "free" for p in protocols]
         )
         ax.set_ylim(bottom=0.0)
-    caption = "RMSE of every fit on the same recordings by horizon of prediction, each over all rows it predicts."
+    caption = "RMSE of every fit on the same recordings by horizon of prediction, over all rows that the fit predicts."
     return (Drawing("comparison", sheet, caption, "Errors of all fits by horizon."),)
 
 

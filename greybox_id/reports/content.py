@@ -40,7 +40,7 @@ def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str
     if role == "train":
         return f"On {where}, the {seconds:.1f} s it was fitted to (no recording was held back)"
     if chose:
-        return f"On {where}, {seconds:.1f} s that it was not fitted to but that chose {chose}"
+        return f"On {where}, {seconds:.1f} s that it was not fitted to, but which chose {chose}"
     return f"On {where}, {seconds:.1f} s that it has not seen"
 
 
@@ -57,7 +57,7 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
         if np.isfinite(noise.sd(name))
     ]
     caveat = (
-        " At rest neither motor nor road shakes the sensors: while driving, noise is at least this large."
+        " At rest the sensors are not shaken: while driving, noise is at least this large."
         if noise.where == "at rest"
         else ""
     )
@@ -109,7 +109,7 @@ def indistinguishable(sentences: Iterable[str]) -> tuple[Part, ...]:
     items = tuple(sentences)
     if not items:
         return ()
-    lead = Text("by any recording, because the equations let them act together only:", lead="Cannot be distinguished")
+    lead = Text("by any recording, since only their combination enters the equations:", lead="Cannot be distinguished")
     return (lead, Points(items))
 
 
@@ -138,7 +138,7 @@ def _row(fit: Fit, parameter: Parameter, notes: list[str]) -> tuple[str, ...]:
     low, high = (float(end) for end in fit.interval(parameter.name))
     if parameter.scope == "run" and parameter.name in fit.per_run:
         runs = ", ".join(number(float(value)) for value in np.ravel(fit.per_run[parameter.name]))
-        notes = [*notes, f"one per training run: {runs}; the estimate is what new runs get"]
+        notes = [*notes, f"one per training run: {runs}; new runs get the estimate"]
     return (
         parameter.name, parameter.about, with_sd(value, sd), interval(low, high, sd),
         pretty_unit(parameter.unit), "held" if parameter.fixed else _believed(parameter), "; ".join(notes),
@@ -240,7 +240,7 @@ def _ipopt(stage: Stage) -> str:
 def written_down(equations: Sequence[Equation], words: str, *between: Part) -> tuple[Part, ...]:
     """Equations behind what there is to say of them; of abbreviations that are left out, readers are told."""
     shown, left_out = readable(equations)
-    more = f" {left_out} abbreviations are left out for their number." if left_out else ""
+    more = f" {left_out} further abbreviations are not shown." if left_out else ""
     return (Text(words + more), *between, Formulas(shown))
 
 
@@ -280,8 +280,8 @@ def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawi
         yield Drawing(
             name,
             traces(one, height),
-            f"Measured and predicted {outputs} in {where}, and prediction minus measurement below each. Of all "
-            f"stretches of {seconds} this is the one whose error is nearest to the whole recording's{more}.",
+            f"Measured and predicted {outputs} in {where}, and prediction minus measurement below each. The stretch "
+            f"shown is the one of {seconds} whose error is nearest to that of the whole recording{more}.",
             f"Time traces of measured and predicted {outputs} with residuals.",
         )
 
@@ -296,7 +296,8 @@ def residual_drawings(recordings: Sequence[Seen], inputs: Sequence[str]) -> Iter
             figure,
             f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
             "prediction, with inputs. At positive lags the residual comes after the input. Correlations outside the "
-            "band show what the model could still learn, or a wrong delay. Predictions over a horizon correlate for as "
+            "band mean that the model lacks something, or has a wrong delay. Predictions over a horizon correlate "
+            "for as "
             "long as the horizon even where the model is right.",
             "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
         )
@@ -315,7 +316,7 @@ def spectrum_drawings(recordings: Sequence[Seen], heard: Noise | None) -> Iterat
     if heard is None:
         words = "No stretch of the recordings shows the sensors' noise alone, so it is left out."
     else:
-        caveat = ", where motor and road do not shake the sensors" if heard.where == "at rest" else ""
+        caveat = ", where the sensors are not shaken" if heard.where == "at rest" else ""
         words = f"Noise is measured {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
     outputs = listed([signal_words(name) for name in one.outputs])
     yield Drawing("spectrum", figure, f"{method} {words}", f"Power spectra of {outputs}.")

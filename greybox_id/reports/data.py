@@ -58,8 +58,8 @@ def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ..
     head = ("signal", "unit", "99 % of training", "all of training", "all of validation", "beyond")
     words = (
         "Ranges hold 99 % of each training signal. Outside them the model extrapolates on its equations alone, and "
-        "its intervals do not hold. Signals inside their ranges may still be beyond what was driven together: see "
-        "the map of the data. Beyond: share of the validation samples outside the range."
+        "its intervals do not hold. Signals inside their ranges may still be in a combination that was not driven: "
+        "see the map of the data. Beyond: share of the validation samples outside the range."
     )
     return titled("Limits of validity", Table(head, tuple(rows), "Llrrrr"), Text(words if rows else ""))
 

@@ -75,7 +75,7 @@ def network_words(model: HybridModel) -> str:
 
 LOSS = (
     "The objective is half the mean square of the errors over windows, in standard deviations of each output's noise; "
-    "training stopped where manoeuvres that were not trained on were predicted best."
+    "training stopped where held-out manoeuvres were predicted best."
 )
 
 
@@ -132,8 +132,8 @@ def _against(fit: Fit) -> str:
 def _trained(fit: Fit) -> str:
     stage = fit.stages[-1]
     return (
-        f"{capital(ended(stage))}; of {counted(len(stage.starts), 'training')} the best on manoeuvres not trained on "
-        "was kept, and single weights have no intervals: trainings from several seeds tell the spread."
+        f"{capital(ended(stage))}; of {counted(len(stage.starts), 'training')} the best on held-out manoeuvres was "
+        "kept. Single weights have no intervals: trainings from several seeds show the spread."
     )
 
 
@@ -154,7 +154,5 @@ def _training(fit: Fit) -> tuple[Drawing, ...]:
     figure = convergence(fit.stages[-1])
     if figure is None:
         return ()
-    caption = (
-        "Training: the objective above its best, over the steps; beside it every training, where there were several."
-    )
+    caption = "Training: the objective minus its best value, over the steps; several trainings are drawn side by side."
     return (Drawing("training", figure, caption, "The objective over the steps of training."),)

@@ -95,9 +95,9 @@ ERRORS = (
     "variance that the error has."
 )
 EQUATIONS = (
-    "Written down from the model itself: next is one sample, T, after the newest input, w an abbreviation for what "
-    "stands in several places. A bracket is taken at the time below it, so that a sum over n is a window of past "
-    "samples. Of long sums the first terms and the last are shown."
+    "Written down from the model itself: next is one sample, T, after the newest input, w an abbreviation of a "
+    "repeated term. A bracket holds at the time written below it, so that a sum over n is a window of past samples. "
+    "Long sums show their first terms and the last."
 )
 PROTOCOL_WORDS = {"honest": "one sample ahead", "published": "as published", "closed_loop": "closed loop"}
 PROTOCOL_MEANING = {
@@ -211,7 +211,7 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: 
         f"{listed(held)} (below 1 the model is better)"
     )
     if role == "train":
-        return f"{text}; how the error grows on a recording it has not seen is not known."
+        return f"{text}; the error on a recording that it has not seen is not known."
     value = "on its own predictions" if main == "closed_loop" else "one sample ahead"
     grown = [
         f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
@@ -228,7 +228,7 @@ def _how_chosen(fit: Fit) -> str:
     last = fit.stages[-1]
     strength = {
         "cross-validation": "chosen by blocked cross-validation on the training data",
-        EARLY: "left weak and fitting stopped where the error on the validation recording was least",
+        EARLY: "kept low, and fitting stopped where the error on the validation recording was least",
         "given": "given, not chosen by the data",
     }.get(fit.mode, fit.mode)
     return f"The strength of regularisation was {strength}; {ended(last)}, and {ipopt_words(last)}."
@@ -266,7 +266,7 @@ def _boxes(fit: Fit, drives: Sequence[Seen]) -> Drawing:
         "errors",
         errors(fit, drives),
         "Prediction minus measurement by recording and run. Boxes hold the middle half of the samples, whiskers "
-        "the middle 95 %, bars are medians; protocols stand from left to right as in the legend.",
+        "the middle 95 %, bars are medians; protocols are in the order of the legend.",
         f"Box plots of the errors of {outputs} per recording, run and protocol.",
     )
 

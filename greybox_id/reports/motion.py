@@ -23,13 +23,13 @@ from ..base.numbers import (
     signal_words,
     with_sd,
 )
-from ..base.signals import unit_of
 from ..datasets.recording import Recording
 from ..fitting.fit import SURPRISING, Fit
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.provenance import Stage
 from ..fitting.scores.metrics import FREE_RUN, HORIZONS, ahead
 from ..fitting.uncertainty.identifiability import absent, left_open, told_together
+from ..models.model import Model
 from ..models.motion_model import MotionModel
 from ..models.parameter import Parameter
 from .content import (
@@ -65,9 +65,8 @@ INTERVALS = (
     "parameter's bounds."
 )
 ERRORS = (
-    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is "
-    "the standard deviation of the residuals of the fit over the horizon that it was solved over: what the model "
-    "leaves, sensors' noise and all that it lacks."
+    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is the "
+    "standard deviation of the fit's residuals over its horizon: sensor noise and all that the model lacks."
 )
 EQUATIONS = (
     "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an "
@@ -98,7 +97,7 @@ def _sections(
             "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
             *_convergence(last), starts_table(fit, last), *_starts(fit, last),
         ),
-        beside="; the free run starts where the run starts, before this stretch",
+        beside="; the free run starts at the start of the run, before this stretch",
     )  # fmt: skip
 
 
@@ -119,7 +118,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
     role = "validate" if "validate" in fit.metrics else "train"
     scores, near = fit.metrics[role], _near(fit.metrics[role])
     return (
-        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(scores, near)}.",
+        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(fit.model, scores, near)}.",
         f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
         f"{_against_training(fit) if role == 'validate' else ''}.",
         f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
@@ -132,12 +131,12 @@ def _near(scores: Mapping[str, Any]) -> str | None:
     return ahead(NEAR) if ahead(NEAR) in horizons else next(reversed(horizons), None)
 
 
-def _how_good(scores: Mapping[str, Any], near: str | None) -> str:
+def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
     each = []
     for name, error in scores[FREE_RUN].items():
         soon = scores[near].get(name) if near else None
         beside = f" ({_rmse(soon)})" if soon else ""
-        each.append(f"{_rmse(error)}{beside} {pretty_unit(unit_of(name))} in {signal_words(name)}")
+        each.append(f"{_rmse(error)}{beside} {pretty_unit(model.unit(name))} in {signal_words(name)}")
     return f"in free run{f' ({near})' if near else ''} by an RMSE of {listed(each)}"
 
 
@@ -304,10 +303,10 @@ def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors
     outputs = listed([signal_words(name) for name in shown_first(drives).outputs])
     return Drawing(
         "horizons",
-        horizons(scored, fit.metrics, plain, fit.stages[-1].noise),
-        "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every row, "
-        "and in free run from the first row of each run to its end. In free run what is held is the reading of the "
-        "run's first row.",
+        horizons(fit.model, scored, fit.metrics, plain, fit.stages[-1].noise),
+        "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every "
+        "row, and in free run from the first row of each run to its end. In free run, persistence holds the reading "
+        "of the run's first row.",
         f"Errors of {outputs} over the horizon of prediction, of the model and of persistence.",
     )
 
@@ -320,7 +319,7 @@ def errors_by_horizon(fit: Fit, held: Mapping[str, Errors]) -> Table:
     head = ("output", "prediction", *(p.removesuffix(" ahead") for p in protocols))
     rows = []
     for name in fit.model.outputs:
-        output = f"{signal_words(name)} [{pretty_unit(unit_of(name))}]"
+        output = f"{signal_words(name)} [{pretty_unit(fit.model.unit(name))}]"
         for role in roles:
             metric = fit.metrics[role]
             if not any(name in of for of in metric.values()):
@@ -346,9 +345,9 @@ def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iter
         yield Drawing(
             "tyres",
             curves,
-            "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the slip "
-            "angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of the "
-            "slip angles driven, as the model has them a tenth of a second after each reading, in all recordings.",
+            "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the "
+            "slip angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of "
+            "the slip angles driven in all recordings, as predicted a tenth of a second after each reading.",
             "Tyre curves of front and rear axle with bands, over histograms of slip angles.",
         )
     diagram = handling(model, recordings)
@@ -376,8 +375,8 @@ def _convergence(stage: Stage) -> Iterator[Drawing]:
         yield Drawing(
             "convergence",
             ends,
-            "The objective over the steps of the last solve, above the best value found"
-            + ("; beside it, where each start ended." if several else "."),
+            "The objective minus its best value, over the steps of the last solve"
+            + ("; beside it, the end of each start." if several else "."),
             "The objective over the solver's steps.",
         )
 
@@ -388,7 +387,8 @@ def _starts(fit: Fit, stage: Stage) -> Iterator[Drawing]:
         yield Drawing(
             "starts",
             others,
-            "Where each start ended, in standard deviations from the estimate. Starts with the best objective ended at "
-            "the estimate where they lie on the line; where not, the recordings do not distinguish the two.",
+            "Where each start ended, in standard deviations from the estimate. Starts that end on the line reached "
+            "the estimate. A start with the best objective that ends elsewhere is a second solution, which the "
+            "recordings do not distinguish from the first.",
             "Ends of the starts, parameter by parameter, in standard deviations.",
         )

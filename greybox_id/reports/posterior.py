@@ -24,8 +24,8 @@ DRAWS = 500
 HEIGHT = 95.0
 HOW = {
     "laplace": "about the fit, weighted by the posterior",
-    "mcmc": "of the posterior, as wide about the fit as its covariance, by Markov chains",
-    "abc-smc": "of what comes near the recordings by a distance, without a likelihood",
+    "mcmc": "of the posterior by Markov chains",
+    "abc-smc": "of parameters whose simulation comes near the recordings, without a likelihood",
 }
 
 
@@ -91,8 +91,8 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     more = f" The {left} whose mean is nearest to the fit are left out." if left else ""
     return Drawing(
         "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
-        "Draws of the posterior: each parameter on the diagonal, pairs below. The fit's standard deviations do not "
-        f"show shapes that are bent or long.{more}",
+        "Draws of the posterior: each parameter on the diagonal, pairs below. Standard deviations alone would not "
+        f"show curved or long shapes.{more}",
         "Histograms of parameters, and dots of pairs of them.",
     )  # fmt: skip
 
@@ -107,8 +107,8 @@ def _bands(fit: Fit, it: PredictiveBand, one: Driven) -> Drawing:
     where, seconds = stretch_words(one)
     return Drawing(
         "bands", bands(fit, it, one.recording, typical_stretch(one)),
-        f"Free run of {it.draws} draws over {seconds} of {where}: mean, and a band in which {100 * it.level:g} % "
-        "of the readings are expected, of the draws' spread and the fit's residual spread together. In the whole "
+        f"Free run of {it.draws} draws over {seconds} of {where}: mean, and a band in which {100 * it.level:g} % of "
+        "the readings are expected, from the spread of the draws and of the fit's residuals. In the whole "
         f"recording it holds {held}.",
         "Measured signals with the band of predictions.",
     )  # fmt: skip

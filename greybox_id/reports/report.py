@@ -11,7 +11,6 @@ from pathlib import Path
 
 from ..base.errors import BadInput
 from ..base.numbers import capital, counted, listed, percent, pretty_unit, signal_words, with_sd
-from ..base.signals import unit_of
 from ..datasets.recording import Recording
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior
@@ -109,7 +108,7 @@ def how_good(fit: Fit, runs: Sequence[Seen]) -> str:
     """How far a fit errs in free run, in a sentence."""
     role = "validate" if "validate" in fit.metrics else "train"
     each = [
-        f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(unit_of(name))} in {signal_words(name)} "
+        f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(fit.model.unit(name))} in {signal_words(name)} "
         f"({percent(e['fvu'])} of the variance)"
         for name, e in fit.metrics[role][FREE_RUN].items()
     ]
@@ -127,7 +126,7 @@ def errors(fit: Fit) -> Table:
             words = [
                 w for e in cells for w in ((with_sd(e["rmse"], e["rmse_sd"]), percent(e["fvu"])) if e else ("–", "–"))
             ]
-            rows.append((f"{signal_words(name)} [{pretty_unit(unit_of(name))}]", *words))
+            rows.append((f"{signal_words(name)} [{pretty_unit(fit.model.unit(name))}]", *words))
     return Table(head, tuple(rows), "l" + "R" * (len(head) - 1))
 
 
@@ -160,8 +159,8 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
     """
     if not fit.data:
         raise BadInput(
-            f"This fit of {fit.model.name} was imported and has seen no recording that a report could tell of. See how "
-            "far it is from one with greybox validate."
+            f"This fit of {fit.model.name} was imported and has seen no recording, so there is nothing to report. "
+            "Compare it with a recording: greybox validate."
         )
     if posterior is not None:
         must_suit_sampling(fit)

@@ -63,7 +63,7 @@ def gap_parts(gap: Gap) -> tuple[str, str]:
     from greybox_id.reports.html import part_html
 
     words = Text(" ".join(unseen(gap)), small=False)
-    silent = titled("What could not have been seen", words, Points(gap.advice), limits_table(gap), level=2)
+    silent = titled("What could be present undetected", words, Points(gap.advice), limits_table(gap), level=2)
     return part_html(VerdictBox(tuple(verdict(gap)))), "".join(map(part_html, silent))
 
 

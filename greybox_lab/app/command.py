@@ -15,10 +15,14 @@ from greybox_id.cli.output import console, print_json
 
 @click.command(name="app")
 @click.argument("files", nargs=-1, metavar="[RECORDING]...", type=click.Path())
-@click.option("--session", metavar="NAME", help="Session to open or to begin; default: the first recording's name.")
-@click.option("--home", default="app", show_default=True, metavar="FOLDER", help="Where sessions lie, a folder each.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="To listen at; any that is free unless given.")
-@click.option("--browser/--no-browser", default=True, show_default=True, help="Whether to open it in the browser.")
+@click.option("--session", metavar="NAME", help="Session to open or to start; default: the first recording's name.")
+@click.option(
+    "--home", default="app", show_default=True, metavar="FOLDER", help="Folder of the sessions, one folder for each."
+)
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; default: any that is free.")
+@click.option(
+    "--browser/--no-browser", default=True, show_default=True, help="Whether to open the page in the browser."
+)
 @json_option
 def app(files: tuple[str, ...], session: str | None, home: str, port: int, browser: bool, as_json: bool) -> None:
     """Look at recordings, fit a model and see why it does not fit, in a page of this machine's browser.

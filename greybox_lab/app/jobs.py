@@ -93,7 +93,11 @@ class PageJob:
         sentences = [line.removeprefix("greybox: ") for line in self.lines if line.startswith("greybox: ")]
         if sentences and sentences[-1] != "interrupted":
             return sentences[-1]
-        return "It was stopped before it had an answer." if sentences else "It ended without an answer; run it again."
+        return (
+            "The command was stopped before it finished."
+            if sentences
+            else ("The command ended without a result; run it again.")
+        )
 
     def stop(self) -> None:
         """Interrupt it as Ctrl-C does: what it knows is kept; a second time, end it."""

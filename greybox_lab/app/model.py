@@ -101,6 +101,14 @@ def effects_of(chosen: Mapping[str, Any]) -> list[str]:
     return [name for name in gb.effects.names() if getattr(gb.effects, name).concerns(model)]
 
 
+def stated_effects(name: str, vehicle: str) -> list[str]:
+    """Effects of sensors and servo that a vehicle's file states tolerances of, those that a model may have."""
+    if not vehicle:
+        return []
+    stated = gb.Vehicle.load(vehicle).effects
+    return [effect for effect in effects_of({"name": name}) if effect in stated]
+
+
 class Playground:
     """A model over the longest run of a recording, simulated anew as often as one likes."""
 

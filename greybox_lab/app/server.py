@@ -52,7 +52,7 @@ class Guard:
         elif origin is not None and origin.removeprefix("http://") not in self.hosts:
             words = "Requests from other pages are refused."
         elif "transfer-encoding" in asked.headers or not length.isdecimal() or int(length) > LARGEST + 2**20:
-            status, words = 413, f"A file of more than {LARGEST >> 20} MB is not taken here."
+            status, words = 413, f"A file of more than {LARGEST >> 20} MB is too large for this page."
 
         async def remembering(message: Message) -> None:
             if message["type"] == "http.response.start":

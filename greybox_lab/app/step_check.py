@@ -65,7 +65,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     heading("Can it be trusted?", "Channels are checked against each other: units, signs, clocks, delays.")
     if answer is None:
         if job.failure:
-            verdict("The check did not come to its end.", job.failure, bad=True)
+            verdict("The check did not finish.", job.failure, bad=True)
             button("Check again", page.work.check)
         else:
             ui.label("Checking …").classes("sentence")
@@ -83,7 +83,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
         session.change(looked=session.key)
         await page.go(3)
 
-    words = "I have looked: choose a model" if trusted else "I have looked: go on all the same"
+    words = "I have looked: choose a model" if trusted else "Continue despite the findings"
     button(words, onward, "looked", "" if trusted else "outline")
     with ui.element("div").classes("left"):
         with ui.column():

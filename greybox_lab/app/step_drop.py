@@ -100,7 +100,10 @@ def uploader(page: Page) -> ui.upload:
         except (gb.GreyboxError, OSError) as error:
             tell(sentence(error))
 
-    words = f"A file of more than {LARGEST >> 20} MB is not taken here: cut it into parts, or use the command line."
+    words = (
+        f"A file of more than {LARGEST >> 20} MB is too large for this page: cut it into parts, or use the "
+        "command line."
+    )
     element = ui.upload(
         multiple=True, max_file_size=LARGEST, auto_upload=True, on_upload=take, on_rejected=lambda: tell(words)
     )
@@ -146,7 +149,7 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
     if session["columns"] != MAP:
         verdict(f"Read through the map {session['columns']}.", state)
     else:
-        words = "" if state else "A wrong one is changed by a click on it."
+        words = "" if state else "Click on a wrong one to change it."
         verdict(state or "Every column has its signal.", words, bad=bool(state))
     with ui.row():
         if session["columns"] == MAP:
@@ -154,7 +157,7 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
                 words = f"Read it through the shipped map {name}"
                 button(words, partial(work.use_map, name), f"map-{name}", "outline")
         elif session["columns"] != "canonical":
-            button("Look at the columns instead", work.unmap, kind="flat")
+            button("Show the columns instead", work.unmap, kind="flat")
         if not state:
             if session["joining"]:
                 button("Join the files", work.make_joined, "make-joined")

@@ -69,7 +69,10 @@ def _drive(words: str, model: Model, before: Model, recording: gb.Recording, at:
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session, job, answer = page.session, data["job"], data["answer"]
-    heading("Fit", "Parameters are moved until the simulation follows what was recorded; what was held out judges it.")
+    heading(
+        "Fit",
+        "Parameters are estimated so that the simulation follows the recording; the held-out recording judges the fit.",
+    )
     with ui.row(align_items="center").classes("w-full"):
         change = lambda event: session.change(quietly=True, horizon=event.value or None)  # noqa: E731
         choose(HORIZONS, session["horizon"] or 0.0, "horizon", 10, change)

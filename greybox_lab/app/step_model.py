@@ -11,7 +11,19 @@ import greybox_id as gb
 
 from . import charts
 from .beneath import equations, number, pretty_unit, quantity
-from .model import MODELS, TYRES, Playground, effects_of, lacking, longest, nearest_vehicle, nominal, prior_of, span_of
+from .model import (
+    MODELS,
+    TYRES,
+    Playground,
+    effects_of,
+    lacking,
+    longest,
+    nearest_vehicle,
+    nominal,
+    prior_of,
+    span_of,
+    stated_effects,
+)
 from .traces import Array
 from .widgets import button, choose, heading, quiet, title
 
@@ -39,7 +51,8 @@ async def prepare(page: Page) -> dict[str, Any]:
             lacks = " ".join(f"{why.partition(';')[0]}." for why in suits.values())
             raise gb.BadInput(f"No model can be simulated on this recording. {lacks} Name their columns in step 1.")
         vehicle = await page.off(nearest_vehicle, usable[0], longest(recording))
-        session.change(quietly=True, model={**session["model"], "name": usable[0], "vehicle": vehicle})
+        proposed = {"name": usable[0], "vehicle": vehicle, "effects": stated_effects(usable[0], vehicle)}
+        session.change(quietly=True, model={**session["model"], **proposed})
     return {"suits": suits, **await page.off(_simulated, session["model"], recording)}
 
 
@@ -57,7 +70,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session, chosen, suits = page.session, page.session["model"], data["suits"]
     bench: Playground = data["bench"]
-    heading("Which model?", "Dragging a slider simulates the recording anew; where it stands is where the fit starts.")
+    heading("Which model?", "Drag a slider to simulate the recording again; the fit starts from the sliders' values.")
     with ui.row(align_items="center").classes("w-full"):
         choose(
             [name for name in MODELS if not suits[name]], chosen["name"], "model", 11, partial(_choose, page, "name")
@@ -182,7 +195,9 @@ def _choose(page: Page, key: str, event: Any) -> None:
     else:
         chosen[key] = event.value
     if key == "name":
-        chosen |= {"settings": {}, "effects": []}
+        chosen |= {"settings": {}}
+    if key in ("name", "vehicle"):
+        chosen |= {"effects": stated_effects(chosen["name"], chosen["vehicle"])}
     if key != "effects":
         chosen |= {"start": {}, "fix": [], "free": []}
     page.session.change(model=chosen)

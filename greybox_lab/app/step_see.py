@@ -51,7 +51,7 @@ def draw(page: Page, data: tuple[Shown, list[charts.StripChart]]) -> None:
             labels = {file: file.removeprefix("recordings/") for file in files}
             choose(labels, page.picked["file"], "recording", 14, partial(_other, page))
         if not over.laid:
-            button("Crop to what is seen", partial(_crop, page, over), "crop", "outline")
+            button("Crop to the visible part", partial(_crop, page, over), "crop", "outline")
         if session["between"]:
             undo = partial(session.change, between="", looked="")
             button(f"Undo the crop {session['between']} s", undo, "uncrop", "outline")
@@ -64,7 +64,7 @@ def draw(page: Page, data: tuple[Shown, list[charts.StripChart]]) -> None:
             words = f"{', '.join(strip.name for strip in strips)} over time"
             element = charts.chart(options, charts.height_of(len(strips), height), words).mark("strips")
             if over.laid:
-                quiet("Clocks begin anew in this recording: runs are laid one behind the other.")
+                quiet("Clocks start again in this recording: runs are drawn one after the other.")
         with ui.column():
             if recording.has("x", "y"):
                 title("From above")

@@ -40,7 +40,7 @@ def commands(session: Session) -> str:
     """A shell script, to be run where the recordings and the map lie as in the session."""
     lines = ["#!/bin/sh", f"# What greybox app did in the session {session.folder.name}; run in this folder."]
     if session["columns"] == MAP:
-        lines.append(f"# {MAP} began as what greybox data map proposed; the answers to its questions are in it.")
+        lines.append(f"# {MAP} is the proposal of greybox data map with your answers to its questions.")
     return "\n".join([*lines, *(job.command for job in kept_jobs(session))]) + "\n"
 
 
@@ -131,7 +131,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                 if job.kind == "export" and not job.running:
                     quiet(job.failure or f"Written: {session.folder.name}/{job.target}")
             title("This session")
-            quiet(f"It lies in {session.folder}; the command line reads it.")
+            quiet(f"It is in {session.folder}; the command line reads it.")
 
 
 def _report(page: Page) -> None:

@@ -52,14 +52,14 @@ def _traces(page: Page, words: tuple[str, ...], file: str) -> dict[str, Any]:
 
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
-    heading("Why not better?", "The gap between simulation and recording is shared out among its causes.")
+    heading("Why not better?", "The gap between simulation and recording is attributed to its causes.")
     _diagnose(page, data["answer"] is not None)
     job, answer = data["job"], data["answer"]
     if answer is None:
         if job is not None and job.failure:
             verdict("There is no diagnosis.", job.failure, bad=True)
         elif job is not None:
-            ui.label("Each effect is tried on what the simulation leaves. This takes a minute.").classes("sentence")
+            ui.label("Each effect is fitted to the error of the simulation. This takes a minute.").classes("sentence")
         return
     gap, (first, silent) = data["gap"], data["said"]
     ui.html(first, sanitize=False).classes("w-full").mark("verdict")
@@ -115,7 +115,7 @@ def _waterfall(budget: list[Step]) -> ui.echart | None:
     height = 70 + 44 * (len(budget) + 1)
     picture = charts.chart(charts.waterfall(budget), height, f"the gap shared out: {words}").mark("waterfall")
     quiet(
-        "Filled: in the closed model. Striped: nearest names, not sure enough. Grey: what nothing explains. Lines: "
+        "Filled: in the closed model. Striped: likely causes, too uncertain to apply. Grey: unexplained. Lines: "
         "95 % intervals."
     )
     return picture
@@ -191,7 +191,7 @@ def _next(page: Page) -> None:
         )
         words = ["design", f"{session['gap']}/gap.json", "--out", f"{session['gap']}/next", "--arena"]
         act = lambda: session.start("design", [*words, arena.value], session["gap"])  # noqa: E731
-        button("Compute the manoeuvre that tells most", act, "design", "outline")
+        button("Design the most informative manoeuvre", act, "design", "outline")
     job = session.latest("design", session["gap"])
     if job is None or job.running:
         return

@@ -141,7 +141,7 @@ class Work:
         if not self.session.files():
             return "Drop a recording first."
         if not self.session["columns"]:
-            return "The columns are being looked at."
+            return "The columns are being examined."
         if self.session["columns"] == MAP:
             if not {"time", "rate"} & self.session["map"].keys():
                 return "Say which column is the time."

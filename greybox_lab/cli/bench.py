@@ -89,7 +89,9 @@ for _name, _module, _folder, _about in (
 @bench.command("msnn")
 @click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
 @click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
-@click.option("--out", default=None, metavar="FILE", help="Write the rows there too, as they come: a .json file.")
+@click.option(
+    "--out", default=None, metavar="FILE", help="A .json file to which results are also written as they come."
+)
 @click.option("--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
 @json_option
 def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
@@ -121,7 +123,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 @click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
 @click.option("--curves", is_flag=True, help="Learning curves and pretrained networks only.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
-@click.option("--out", default=None, metavar="FILE", help="Save trainings there; the next run continues from them.")
+@click.option("--out", default=None, metavar="FILE", help="File of the trainings; the next run continues from them.")
 @click.option(
     "--minutes",
     type=click.FloatRange(min=0),

@@ -65,7 +65,9 @@ def exam() -> None:
     "vehicles of foreign simulators; three to six effects at once on either; cars on springs with rough files; real "
     "recordings, altered; or a real car that was changed (DART).",
 )
-@click.option("--cases", type=click.IntRange(min=0), help="Clean, workshop: cases with withheld effects; default: 60.")
+@click.option(
+    "--cases", type=click.IntRange(min=0), help="Tiers clean and workshop: cases with withheld effects; default: 60."
+)
 @click.option(
     "--nulls", type=click.IntRange(min=0), help=("Cases without effects; default: a sixth of the others, foreign: 200.")
 )
@@ -85,8 +87,8 @@ def exam() -> None:
     "families",
     multiple=True,
     metavar="NAME",
-    help="Simulators (workshop is the virtual vehicle), injected: sources, changed: cases, or a set of them "
-    "(development, examination).",
+    help="What cases come from: simulators (foreign; workshop is the virtual vehicle), recordings (injected), cases "
+    "(changed), or a set of them (development, examination).",
 )
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
@@ -125,7 +127,7 @@ def make_command(
     requested["family"] = families or None
     if strangers := [f"--{name}" for name, item in requested.items() if item is not None and name not in ASKED[tier]]:
         goes = ", ".join(f"--{name}" for name in ASKED[tier])
-        raise BadInput(f"{', '.join(strangers)} does not go with --tier {tier}; with it go {goes}.")
+        raise BadInput(f"{', '.join(strangers)} cannot be combined with --tier {tier}; possible are {goes}.")
     with progress() as say:
         if tier in COUNTS:
             from ..exam.make import make_foreign
@@ -154,7 +156,7 @@ def make_command(
     counts = ", ".join(f"{count} {kind}" for kind, count in sorted(made.counts.items()))
     console().print(f"written  {made.folder}: {counts}")
     if made.hidden:
-        console().print(f"         {made.hidden} of them are hardly visible")
+        console().print(f"         {made.hidden} of them are hardly detectable")
     console().print(f"sealed   {made.seal}")
 
 
@@ -169,8 +171,10 @@ def make_command(
     metavar="SECONDS",
     help="A case that takes longer counts as wrong.",
 )
-@click.option("--diagnoser", default=DIAGNOSER, metavar="MODULE:FUNCTION", help="In place of greybox gap.")
-@click.option("--sample", type=click.IntRange(min=1), help="No more than so many cases, drawn by --seed.")
+@click.option(
+    "--diagnoser", default=DIAGNOSER, metavar="MODULE:FUNCTION", help="Diagnose with this in place of greybox gap."
+)
+@click.option("--sample", type=click.IntRange(min=1), help="At most this many cases, drawn by --seed.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the sample.")
 @json_option
 def run_command(
@@ -199,11 +203,11 @@ def run_command(
 
 @exam.command("score")
 @click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
-@click.option("--detail", is_flag=True, help="Also print which effect was taken for which, and every wrong case.")
+@click.option("--detail", is_flag=True, help="Also print which effects were confused, and every wrong case.")
 @click.option(
     "--seal", "noted", default="", metavar="SUM", help=("Checksum of the seal, as printed when the cases were made.")
 )
-@click.option("--partial", is_flag=True, help="Score what is diagnosed so far, as a sample; this score is not kept.")
+@click.option("--partial", is_flag=True, help="Score the cases diagnosed so far, as a sample; this score is not kept.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: int, as_json: bool) -> None:
@@ -217,7 +221,7 @@ def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: i
     with progress() as say:
         body, again = score(folder, say, jobs=jobs, noted=noted, partial=partial)
     if again:
-        tell(f"these answers were opened before, {body['opened']}; this is the score from then")
+        tell(f"these answers were opened before, {body['opened']}; this is that score")
     if as_json:
         print_json(body | {"opened_before": again})
         return

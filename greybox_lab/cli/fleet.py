@@ -47,16 +47,16 @@ def fleet() -> None:
     show_default=True,
     help="local: processes of this machine; dask: workers of Dask.",
 )
-@click.option("--scheduler", metavar="ADDRESS", help="With dask: whose workers do the work, as in tcp://host:8786.")
+@click.option("--scheduler", metavar="ADDRESS", help="With dask: address of the scheduler, as in tcp://host:8786.")
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Recordings at a time, here.")
 @click.option(
     "--only",
     type=click.Choice(["all", "changed"]),
     default="all",
     show_default=True,
-    help="changed: files whose size and date are as they were are not read.",
+    help="changed: files with unchanged size and date are not read.",
 )
-@click.option("--retry-failed", is_flag=True, help="Do again what failed or met a limit.")
+@click.option("--retry-failed", is_flag=True, help="Repeat what failed or met a limit.")
 @click.option(
     "--compact", is_flag=True, help="Write each table as one file, without results of recordings that have changed."
 )

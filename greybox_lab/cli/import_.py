@@ -27,7 +27,7 @@ from ..nnodely.vehicles import SUFFIXES
     "--inputs",
     default="",
     metavar="SIGNAL=INPUT,...",
-    help="Which input of the file is which signal, where names do not tell.",
+    help="Which input of the file is which signal, if its names do not say it.",
 )
 @click.option(
     "--sample-time",
@@ -104,10 +104,10 @@ def _show(imported: Imported, path: Path) -> None:
     for line in _structure(fit):
         out.print(f"         {line}")
     nearness = f"to {imported.error:.0e} of the largest prediction"
-    out.print(f"checked  on random windows the model predicts what the file's own graph does, {nearness}")
+    out.print(f"checked  on random windows: the model predicts the same as the file's graph, {nearness}")
     for note in imported.notes:
         out.print(f"note     {note}")
-    out.print("held     all numbers: the file says nothing of their uncertainty, so no interval is given")
+    out.print("fixed    all numbers: the file does not state their uncertainty, so there are no intervals")
     out.print(f"\nwritten  {path}   against a recording: greybox validate {path} RECORDING")
 
 

@@ -30,7 +30,7 @@ arm_option = click.option(
     type=click.Choice(list(ARMS)),
     default="named",
     show_default=True,
-    help="The model that is made of the rows, on which a driver learns; docs/loop.md explains each.",
+    help="Model identified from the rows, on which a driver learns; docs/loop.md explains each.",
 )
 
 
@@ -42,7 +42,7 @@ arm_option = click.option(
     type=click.IntRange(0, 7),
     default=0,
     show_default=True,
-    help="What the car has that its file does not state; 6 and 7 are effects outside the vocabulary.",
+    help="Effects of the car that its file does not state; 6 and 7 are effects outside the vocabulary.",
 )
 @arm_option
 @click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
@@ -73,7 +73,7 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
 @click.option("--case", type=click.IntRange(0, 7), default=0, show_default=True, help="As of loop demo.")
 @arm_option
 @click.option(
-    "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Policies that are asked for."
+    "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Number of policies to learn."
 )
 @click.option("--steps", type=click.IntRange(1, 10_000_000), default=150_000, show_default=True, help="Of a training.")
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
@@ -102,7 +102,12 @@ def agent_command(
 
 
 @click.command(name="serve")
-@click.option("--token-file", metavar="FILE", type=click.Path(), help="What signs requests: 16 characters or more.")
+@click.option(
+    "--token-file",
+    metavar="FILE",
+    type=click.Path(),
+    help="File of the token that signs requests: 16 characters or more.",
+)
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
 @click.option("--port", type=click.IntRange(0, 65535), default=8787, show_default=True, help="0: any that is free.")
 @click.option("--out", metavar="FOLDER", type=click.Path(path_type=Path), default=Path("greybox_serve"),

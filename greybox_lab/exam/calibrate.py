@@ -128,7 +128,7 @@ def search(folders: Sequence[Path], draws: int, seed: int, jobs: int, diagnoser:
     return {
         "numbers": len(_searched()), "draws": draws, "cases": len(cases), "seed": seed,
         "verdicts changed": sum(row["verdict"] for row in rows), "of": len(rows),
-        "magnitudes moved, of half an interval": {"median": _round(np.median(moved)), "most": _round(max(moved))}
+        "shift of magnitudes over half the interval": {"median": _round(np.median(moved)), "most": _round(max(moved))}
         if moved else None, "cpu": [round(sum(one["cpu"] for one in stated[k * len(cases) : (k + 1) * len(cases)]), 1)
                                     for k in range(len(changes))],
         "rows": [row for row in rows if row["verdict"]],

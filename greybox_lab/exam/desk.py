@@ -65,7 +65,7 @@ class Confinement:
 
     def _judge(self, path: str) -> None:
         if _within(path, self._inside) and not (self._case and _within(path, self._case)):
-            self.peeked = self.peeked or f"The candidate tried to open {path}, which was not handed out."
+            self.peeked = self.peeked or f"The diagnosis tried to open {path}, which was not given to it."
             raise Peeked(self.peeked)
 
 

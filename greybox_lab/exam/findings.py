@@ -160,7 +160,7 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
             cpu,
         )
     if lacking := [key for key in NEEDED if key not in diagnosis]:
-        raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Take it out and run again.")
+        raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Remove it and run again.")
     ranking = [item for item in diagnosis["ranking"] if isinstance(item, Mapping)]
     detected = bool(diagnosis["gap_detected"])
     names = [str(item["effect"]) for item in ranking] if detected else []

@@ -136,8 +136,8 @@ def _begin(folder: Path, requested: dict[str, Any]) -> None:
     if isinstance(begun, dict):
         known = ", ".join(f"{name} {value}" for name, value in begun.items())
         raise BadInput(
-            f"{folder} holds an unfinished examination ({known}), and another one was asked for. "
-            "Ask for the same to go on with it, or name a new folder with ‹out›."
+            f"{folder} holds an unfinished examination ({known}), made with other options. Repeat those options to "
+            "continue it, or name a new folder with ‹out›."
         )
     prepare(folder)
     write_atomically(file, json.dumps(requested, indent=1) + "\n")
@@ -146,7 +146,7 @@ def _begin(folder: Path, requested: dict[str, Any]) -> None:
 def prepare(folder: Path) -> None:
     """Make sure that a folder is new or empty, and can be written to."""
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise BadInput(f"{folder} is not empty. Name a new folder with ‹out›; no examination is written over.")
+        raise BadInput(f"{folder} is not empty. Name a new folder with ‹out›; an examination is never overwritten.")
     ensure_writable(folder)
 
 

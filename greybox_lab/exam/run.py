@@ -128,7 +128,7 @@ class _Room:
                 return False
             raise
         if kind == PEEKED:
-            raise BadInput(f"{body} The run has ended; {case.name} is not diagnosed.")
+            raise BadInput(f"{body} The run has stopped; {case.name} is not diagnosed.")
         if not stop.is_set():
             self._keep(case, body)
         return True

@@ -62,8 +62,8 @@ def score(
     answers = [answer for answer in answers if answer.case not in lacking] if partial else answers
     if lacking and not (partial and answers):
         raise BadInput(
-            f"{len(lacking)} of {len(answers)} cases have no diagnosis, {lacking[0]} first. A score is taken once: "
-            f"run greybox exam run {exam / CASES} before, or score what is diagnosed with --partial."
+            f"{len(lacking)} of {len(answers)} cases have no diagnosis, {lacking[0]} first. An examination is "
+            f"scored once: first run greybox exam run {exam / CASES}, or score what is diagnosed with --partial."
         )
     diagnoses = {answer.case: _diagnosis(exam / CASES / answer.case / DIAGNOSIS) for answer in answers}
     verified = _verified(exam, answers, diagnoses, verify, jobs, say)
@@ -117,7 +117,7 @@ def _plain(exam_finding: ExamFinding) -> dict[str, Any]:
 def _diagnosis(file: Path) -> Mapping[str, Any]:
     body = read_json(file)
     if not isinstance(body, dict):
-        raise BadInput(f"{file} holds no diagnosis. Take it out and run the case again.")
+        raise BadInput(f"{file} holds no diagnosis. Remove it and run the case again.")
     return body
 
 

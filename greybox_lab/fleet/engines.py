@@ -82,7 +82,7 @@ def _not_done(how: str, job: Mapping[str, Any], result: Mapping[str, Any]) -> di
         return {"status": TIMEOUT, "sentence": f"{at} took more than {allowed}; raise limits.seconds, or crop it."}
     if how == "clock":
         allowed = f"{PATIENCE * job['seconds']:g} s by the clock"
-        why = "it hangs, or the machine is busy"
+        why = "the work hangs, or the machine is busy"
         return {"status": TIMEOUT, "sentence": f"{at} took more than {allowed}: {why}; raise limits.seconds."}
     if how == "memory":
         allowed = f"{job['memory'] / 1e6:.0f} MB"
@@ -210,7 +210,7 @@ class Distributed:
         except KilledWorker:
             return {
                 "key": str(future.key).removeprefix("greybox-"), "status": FAILED, "version": MADE_BY, "cpu_s": None,
-                "sentence": f"{RETRIES + 1} workers died at it; read their logs.", "peak_mb": None,
+                "sentence": f"{RETRIES + 1} workers died on this recording; read their logs.", "peak_mb": None,
             }  # fmt: skip
 
 

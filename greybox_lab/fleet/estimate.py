@@ -312,14 +312,14 @@ def _why_apart(
     low, high = ends
     if low <= value <= high:
         where = (
-            f"its parameters together lie {distance:.1f} standard deviations from where the other recordings have them"
+            f"its parameters together lie {distance:.1f} standard deviations from the values of the other recordings"
         )
     else:
         size = f"{number(value, 3)} {pretty_unit(unit)}".strip()
         where = (
-            f"its {name} {size} lies outside [{number(low, 3)}, {number(high, 3)}], where the other recordings have it"
+            f"its {name} {size} lies outside [{number(low, 3)}, {number(high, 3)}], the range of the other recordings"
         )
-    return f"{path} is set apart: {where}; its fit ended in another optimum, or it is of another car."
+    return f"{path} is set apart: {where}; its fit ended in another optimum, or the car is another one."
 
 
 def _told(

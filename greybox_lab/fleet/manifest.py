@@ -242,7 +242,7 @@ def _once(fleet_entries: Sequence[FleetEntry]) -> list[FleetEntry]:
     for entry in fleet_entries:
         first = by_bytes.setdefault(entry.sha256, entry) if entry.sha256 and not entry.problem else entry
         if first is not entry and first.vehicle != entry.vehicle:
-            words = f"{entry.path} holds the same bytes as {first.path}, which is of {first.vehicle}"
+            words = f"{entry.path} holds the same bytes as {first.path}, a recording of {first.vehicle}"
             entry = _with_problem(entry, f"{words}; a recording is of one vehicle.")
         kept.setdefault(entry.key, entry)
     return list(kept.values())

@@ -72,7 +72,7 @@ def _document(store: Store, how_far: FleetStatus, fleet_estimate: FleetEstimate,
     names = [vehicle] if vehicle is not None else list(how_far.vehicles)
     parts: list[Part] = [VerdictBox(tuple(_answer(how_far, fleet_estimate, names)))]
     stated = [words for words in fleet_estimate.sentences() if any(words.startswith(f"{name}: ") for name in names)]
-    parts += titled("What changed, and who lies apart", Points(tuple(stated)), *_changes(store, fleet_estimate, names))
+    parts += titled("Changes and outliers", Points(tuple(stated)), *_changes(store, fleet_estimate, names))
     if vehicle is None:
         parts += titled("Population", _population(fleet_estimate), *_ranks(fleet_estimate))
     parts += titled(
@@ -243,9 +243,8 @@ def _changes(store: Store, fleet_estimate: FleetEstimate, names: list[str]) -> I
                 f"drift_{entry['vehicle']}_{entry['name']}",
                 figure,
                 f"{entry['sentence'] or entry['vehicle'] + ': ' + entry['name'] + ', no change found'}. "
-                "Dots are fits of "
-                "single recordings with their standard errors, but for those set apart; the line is what was found of "
-                "the vehicle, the band holds the date of a step with a probability of 95 %.",
+                "Dots are fits of single recordings with their standard errors, without those set apart. The line "
+                "is the vehicle's estimate; the band holds the date of a step with a probability of 95 %.",
                 f"{entry['name']} of {entry['vehicle']} along its recordings.",
             )
 
@@ -332,7 +331,7 @@ def _ranks(fleet_estimate: FleetEstimate) -> Iterator[Part]:
         yield Drawing(
             f"vehicles_{item['name']}",
             sheet,
-            f"{item['name']} of {whose} with its standard error, drawn together where it is not well known; the "
+            f"{item['name']} of {whose} with its standard error, shrunk towards the mean where it is uncertain; the "
             "band is one standard deviation of the fleet about its mean.",
             f"{item['name']} of all vehicles.",
         )

@@ -57,7 +57,7 @@ def anew(
     if not count:
         return ""
     verb = "is" if count == 1 else "are"
-    reason = "; ".join(why) or "a vehicle file, or a recording's vehicle, is not what it was"
+    reason = "; ".join(why) or "a vehicle file, or a recording's vehicle, has changed"
     return f"{counted(count, 'recording')} done by an earlier run {verb} done again: {reason}."
 
 
@@ -84,7 +84,7 @@ def differences(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:
     if before.get("columns") != now["columns"]:
         result.append(_said("columns", before.get("columns"), now["columns"]))
     elif before.get("map", now["map"]) != now["map"]:
-        result.append(f"the column map {now['columns']} is not what it was")
+        result.append(f"the column map {now['columns']} has changed")
     return result
 
 
@@ -291,7 +291,7 @@ def _refitted(
     need not do its second pass anew.
     """
     if FIT not in plan.steps:
-        raise BadInput(f"{plan.file}: a second pass repeats the step fit, which steps does not have.")
+        raise BadInput(f"{plan.file}: a second pass repeats the step fit, which is not in steps.")
     result, done = second_pass(store), store.done()
     todo = [replace(entry, key=_again(entry.key)) for entry in fleet if entry.key in result.keys]
     todo = [entry for entry in todo if entry.key not in done]

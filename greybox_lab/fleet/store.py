@@ -104,7 +104,7 @@ class Store:
         """
         with writable(self.folder):
             if self.folder.exists() and not self.folder.is_dir():
-                raise BadInput(f"{self.folder} is a file; name a folder with ‹out›.")
+                raise BadInput(f"{self.folder} is a file; name another folder with ‹out›.")
             strangers = [item.name for item in self._inside() if item.name not in (*COLUMNS, JOURNAL, "fleet.json")]
             if strangers and not (self.folder / "manifest").is_dir():
                 raise BadInput(

@@ -82,7 +82,7 @@ def requested_of(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[R
     model = options.get("model")
     for item in (*written, *([model] if model is not None else [])):
         if not isinstance(item, str):
-            raise BadInput(f"[fit] model and with are names, not {item!r:.40}.")
+            raise BadInput(f"[fit]: model and with must be names, not {item!r:.40}.")
         if is_place(item):
             raise BadInput(f"[fit] {item}: a file of a fleet names no code to run; name a shipped or installed one.")
     install()

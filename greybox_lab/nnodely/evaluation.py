@@ -128,7 +128,7 @@ def _value(network: Network, name: str, values: Mapping[str, Array]) -> Array:
         raise network.wrong(f"input {name} is taken where it should not count.")
     relation = network.relations[name]
     if relation.operation not in ("SamplePart", "TimePart") and any(item in network.inputs for item in relation.inputs):
-        raise network.wrong(f"relation {name} takes an input without a window; windows are taken with sw() or last().")
+        raise network.wrong(f"relation {name} takes an input without a window; make one with sw() or last().")
     taken = [values[item] for item in relation.inputs]
     operation = OPERATIONS.get(relation.operation)
     if relation.operation in ELEMENTWISE:
@@ -148,7 +148,7 @@ def _together(network: Network, name: str, work: Callable[[], Any]) -> Any:
     try:
         return work()
     except (ValueError, IndexError) as error:
-        raise network.wrong(f"relation {name} puts together what does not fit: {error}.") from error
+        raise network.wrong(f"relation {name} combines shapes that do not match: {error}.") from error
 
 
 def _called(network: Network, relation: NetworkRelation, taken: list[Array]) -> Array:
@@ -158,7 +158,7 @@ def _called(network: Network, relation: NetworkRelation, taken: list[Array]) -> 
         raise network.wrong(f"relation {relation.name} states no function that is evaluated sample by sample.")
     where = f"function {function}"
     if any(value.shape[-1] != 1 for value in taken):
-        raise network.wrong(f"{where} takes more than single signals and numbers.")
+        raise network.wrong(f"{where} takes inputs other than single signals and numbers.")
     _together(network, relation.name, lambda: _fitting(taken))
     return understood(network.file, str(function), entry.get("code"))(*taken)
 

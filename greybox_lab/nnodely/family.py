@@ -52,7 +52,7 @@ def assignments(
     known = {name: signal for name, signal in named.items() if signal is not None and signal in signals}
     if len(set(known.values())) < len(known) or len(used) > len(signals):
         raise network.wrong(
-            f"output {output} follows from {', '.join(used)[:200]}; a model here takes one input each for "
+            f"output {output} depends on {', '.join(used)[:200]}; a model here takes one input each for "
             f"{', '.join(signals)}. Say which is which with ‹inputs›."
         )
     unknown = [name for name in used if name not in known]
@@ -144,7 +144,7 @@ def _part(network: Network, output: str, stated: Mapping[str, str]) -> NetworkPa
     if len(ways) == 1:
         raise errors[0]
     if not ways:
-        raise network.wrong(f"output {output} follows from too little: {model} needs {' and '.join(needed)}.")
+        raise network.wrong(f"output {output} depends on too few inputs: {model} needs {' and '.join(needed)}.")
     unclear = ", ".join(name for name in ways[0] if len({roles[name] for roles in ways}) > 1)
     hint = f"say what {unclear[:200]} are with ‹inputs› SIGNAL=INPUT ({', '.join(signals)})."
     if network_parts:
@@ -183,7 +183,7 @@ def _must_accelerate(network: Network, parts: list[NetworkPart], derived: list[s
                 value = np.full_like(rate, np.nan)
             if value.shape == rate.shape and np.allclose(value, rate * given[speed], rtol=SAME):
                 continue
-        raise network.wrong(f"output {name} follows from another output and is not the yaw rate times the newest v_x.")
+        raise network.wrong(f"output {name} depends on another output and is not the yaw rate times the newest v_x.")
 
 
 def _loops(network: Network, parts: list[NetworkPart], derived: list[str]) -> tuple[str, ...]:
@@ -204,5 +204,5 @@ def _loops(network: Network, parts: list[NetworkPart], derived: list[str]) -> tu
         "speed one sample before. One sample ahead (open loop) both are the same."
     ]
     if len({roles[name] for name in closed}) < 2:
-        result.insert(0, "the file closes no loop of both a_x and a_y; MS-NN-full closes both, but in open loop.")
+        result.insert(0, "the file does not close the loops of both a_x and a_y; MS-NN-full does, except in open loop.")
     return tuple(result)

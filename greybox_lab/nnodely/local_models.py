@@ -82,7 +82,7 @@ def responses(network: Network, root: str, firs: Sequence[str]) -> list[Response
             fuzzy.add(name)
     result = [_response(network, name, fuzzy) for name in firs]
     if len({(item.steady, item.factors) for item in result}) > 1:
-        raise network.wrong(f"{', '.join(firs)[:200]} do not filter one sum of local models; one is read.")
+        raise network.wrong(f"{', '.join(firs)[:200]} filter several sums of local models; only one sum is understood.")
     return result
 
 
@@ -206,7 +206,7 @@ def _flat(network: Network, root: str, operation: str) -> list[str]:
         else:
             result.append(name)
         if len(result) + len(stack) > MOST_TERMS:
-            raise network.wrong(f"relation {root} puts together more than {MOST_TERMS} terms.")
+            raise network.wrong(f"relation {root} combines more than {MOST_TERMS} terms.")
     return result
 
 
@@ -214,5 +214,5 @@ def _parted(network: Network, names: Sequence[str]) -> tuple[list[str], list[str
     """The memberships among factors, and the others."""
     selects = [name for name in names if name in network.relations and network.relations[name].operation == "Select"]
     if max(len(selects), len(names) - len(selects)) > MOST_FACTORS:
-        raise network.wrong(f"{', '.join(names)[:100]}, ...: {len(names)} factors are too many for the family.")
+        raise network.wrong(f"{', '.join(names)[:100]}, ...: {len(names)} factors are more than this family has.")
     return selects, [name for name in names if name not in selects]

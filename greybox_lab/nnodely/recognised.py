@@ -41,7 +41,7 @@ class NetworkPart:
 def put(network: Network, into: Array, at: Any, values: ArrayLike) -> None:
     """Fill a place of an array of NaN. Raises `BadInput` where the file fills it twice or it does not fit."""
     if not np.all(np.isnan(into[at])):
-        raise network.wrong("two local models or impulse responses stand at one place of the memberships.")
+        raise network.wrong("two local models or impulse responses have the same memberships.")
     into[at] = values
 
 

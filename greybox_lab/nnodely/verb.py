@@ -82,8 +82,8 @@ def import_network(
         network = replace(network, sample_time=sample_time)
     elif network.sample_time == UNSTATED:
         raise network.wrong(
-            "its sample time is 1 s, which nnodely writes where none was given to neuralizeModel. Say the one it was "
-            "trained with, in seconds (‹sample_time› 0.05)."
+            "its sample time is 1 s, which nnodely writes if none was given to neuralizeModel. State the sample "
+            "time of its training, in seconds (‹sample_time› 0.05)."
         )
     family = recognise(network, roles_of(inputs, network))
     model, odd = _model(network, family)
@@ -122,7 +122,7 @@ def _model(network: Network, family: NetworkFamily) -> tuple[MemoryModel, tuple[
     )
     absent = [name for name in model.inputs if name not in model.defaults and not _taken(family, name)]
     if absent:
-        odd.append(f"the file does not take {', '.join(absent)}; the model asks for it, and it acts on nothing.")
+        odd.append(f"the file does not take {', '.join(absent)}; the model needs it as an input but ignores it.")
     held = (replace(_opened(p, p in beyond).with_value(values[p.name]), fixed=True) for p in model.parameters)
     return model.with_parameters(*held), tuple(odd)
 
@@ -160,12 +160,13 @@ def _difference(network: Network, family: NetworkFamily, model: MemoryModel) -> 
         stated = evaluate(network, part.relation, given).ravel()
         value = predicted[:, model.outputs.index(part.output)]
         if stated.shape != value.shape or not np.all(np.isfinite(stated) & np.isfinite(value)):
-            raise network.wrong(f"{part.relation} gives no finite predictions of its own.")
+            raise network.wrong(f"{part.relation} gives no finite predictions.")
         scale = max(float(np.max(np.abs(stated))), np.finfo(float).tiny)
         worst = max(worst, float(np.max(np.abs(stated - value))) / scale)
     if worst > CHECKED:
         raise BadInput(
-            f"{network.file} was read as {model.name}, but its own graph predicts otherwise (by {worst:.1e} of the "
+            f"{network.file} was read as {model.name}, but its own graph predicts something else (difference: "
+            f"{worst:.1e} of the "
             "largest prediction); it is not of the family."
         )
     return worst

@@ -71,7 +71,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     rows = [
         Row(task, OURS, rmse(grip[known] - truth[known]), "1", None, free, spent[0] + walked[0]),
         Row(task, CHOSEN, rmse(chosen[known] - truth[known]), "1", None, 2 * FEATURES),
-        Row(f"Grip on {name}, {rest}: share of the time that 95 % intervals hold it", OURS,
+        Row(f"Grip on {name}, {rest}: share of the time in which the 95 % interval holds it", OURS,
             100.0 * float(np.mean((np.abs(np.log(grip / truth)) < 1.96 * sd / grip)[~known])), "%", parameters=free),
         Row(f"Grip on {name}, all of the time: RMSE", OURS, rmse(grip - truth), "1", None, free),
         Row(f"Grip on {name}, all of the time: RMSE", CHOSEN, rmse(chosen - truth), "1", None, 2 * FEATURES),
@@ -79,17 +79,18 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     low, high = map(float, fit.conf_int(0.95).loc["slide_front"].to_numpy())
     answers = (
         f"Trust a tracked grip while its standard deviation is below {TOLD:g}: its error is {rows[0].value:.3f} there. "
-        "Elsewhere no axle locks, and its interval grows.",
-        f"A car of {free} parameters, fitted on ice alone, stands for all roads: sliding friction of the front axle is "
+        "Elsewhere no axle locks and the interval is wide.",
+        f"A car of {free} parameters, fitted on ice alone, is used on all roads: sliding friction of the front axle "
+        "is "
         f"{low:.0f} to {high:.0f} N at grip 1.",
     )  # fmt: skip
     protocol = (
-        "Task: grip from pedals' torques, speeds and acceleration, sample by sample, without what comes later.",
+        "Task: grip from pedals' torques, speeds and acceleration, sample by sample, from past samples only.",
         f"Lap: {name}. Grip is what its authors set: 1 on dry, 0.25 on ice.",
         "Ours: gb.fit of an own model on ice, gb.track of grip_scale along the lap; walk and scatter are stated, "
-        "nothing is tuned on the lap.",
-        "Beside it, as its authors select among networks: acceleration of the last second predicted from pedal, motor "
-        "torque and speed by a model of each road, the road whose errors are smaller is chosen.",
+        "they are not tuned on the lap.",
+        "Compared with the authors' selection among networks: a model of each road predicts the acceleration of the "
+        "last second from pedal, motor torque and speed, and the road with the smaller errors is chosen.",
     )
     result = {"estimates": fit.params.to_dict(), "known_share": float(known.mean())}
     about = "Brakes with and without grip, 300 s each at 20 Hz of a simulator that shares no code with this project."
@@ -114,7 +115,7 @@ def stepped(data: Path, roads: dict[str, pd.DataFrame]) -> tuple[pd.DataFrame, A
     pieces = [(road, roads[road].iloc[k * length : (k + 1) * length]) for k in range(3) for road in GRIP]
     pieces = [(road, part) for road, part in pieces if len(part)]
     if not pieces:
-        raise BadInput(f"{data} holds no second of either road; fetch it again.")
+        raise BadInput(f"{data} holds less than a second of each road; fetch it again.")
     truth = np.concatenate([np.full(len(part), GRIP[road]) for road, part in pieces])
     return pd.concat([part for _, part in pieces], ignore_index=True), truth, "a lap cut together of dry and ice"
 

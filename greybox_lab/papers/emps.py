@@ -56,7 +56,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         off = simulated(theta, start, other["force"].to_numpy(), STEP) - other["position"].to_numpy()
         rows.append(
             Row(
-                "Position of an axis run that nothing was fitted to, free run of 25 s: RMSE",
+                "RMSE of the position on a held-out run, free run of 25 s",
                 name,
                 1e3 * rmse(off),
                 "mm",
@@ -79,7 +79,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
             fit = gb.fit(servo_axis(), [recording], options=gb.FitOptions(solver="gauss-newton"))
         estimates = {item: float(fit.params[item]) for item in TRUTH}
         add(name, spent[0], estimates, len(time))
-    add("greybox-id, its search alone", sum(stage.cpu_seconds for stage in fit.stages), estimates, len(time))
+    add("greybox-id, search only", sum(stage.cpu_seconds for stage in fit.stages), estimates, len(time))
     for name, (peer, most, package) in PEERS.items():
         count = min(len(time), most // 5 if quick else most)
         say(f"{name}, {count} rows")
@@ -101,17 +101,18 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
             0,
             f"Beside the fastest other tool here, {fastest}, the search of greybox-id is "
             f"{number(speed['greybox-id, its search alone'] / others[fastest], 2)} times as fast, and a whole fit, "
-            f"with intervals and errors over horizons, {number(speed['greybox-id'] / others[fastest], 2)} times.",
+            f"with intervals and errors over horizons, is {number(speed['greybox-id'] / others[fastest], 2)} "
+            "times as fast.",
         )
     protocol = (
-        "Four parameters from position and force, 5 000 rows at 200 Hz, from the same start; every tool gets the same "
-        "rows, or as many of the first ones as its row limit says, and its CPU seconds hold all that it does, "
-        "compiling too, but no imports (greybox-id: the first call beside a later one).",
+        "Four parameters from position and force, 5 000 rows at 200 Hz, from the same start; every tool gets the "
+        "same rows, or the first ones up to its row limit. CPU seconds include compiling but no imports "
+        "(greybox-id: the first call and a later one).",
         "Tools use the same equations; friction's sign is tanh of the velocity over 1 mm/s. Runge-Kutta of fourth "
-        "order, a step a row, where a tool does not bring its own integrator.",
-        "Other tools use the settings of their examples; an expert may get more out of them.",
-        "Published figures of the ten baselines of nonlinearbenchmark.org are of the recording; its page could not be "
-        "read here, and beside a simulated axis they would mean nothing. None stands in the table.",
+        "order, one step per row, unless a tool has its own integrator.",
+        "Other tools use the settings of their examples; experts may get better results.",
+        "Published figures of the ten baselines of nonlinearbenchmark.org are of the recording; on a simulated axis "
+        "they mean nothing, so the table has none of them.",
         *notes,
     )
     about = "Servo axis in the form of the EMPS benchmark: M q'' = F − F_v q' − F_c sign(q') − F_0."
@@ -134,7 +135,7 @@ def tried(
     except Exception as error:  # whatever another library raises is told, not raised
         return None, 0.0, f"it fails ({type(error).__name__}: {error})"
     if not np.all(np.isfinite(result)):
-        return None, 0.0, "its estimates are no numbers"
+        return None, 0.0, "its estimates are not numbers"
     return np.asarray(result), spent[0], ""
 
 

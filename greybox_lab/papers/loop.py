@@ -246,7 +246,7 @@ class _BenchCase:
         if name == ORACLE:
             return oracle(self.vehicle, self.scene.effects)
         if not rows and name not in WITHOUT_ROWS:
-            raise BadInput("The vehicle crashed so soon, time and again, that there are no rows to learn from.")
+            raise BadInput("The vehicle crashed too early in every attempt to leave rows to learn from.")
         return twin(name, self.vehicle, rows, self.seed + k)
 
     def _learned(self, result: Twin, start: Learned, cap: float, k: int, say: Say) -> Learned:
@@ -319,7 +319,7 @@ def held_out(scene: Scene, share: float, seconds: float = SECONDS) -> Recording:
         now = ride.motion
         s, e_y, _ = path.project(now["x"], now["y"], now["yaw"], s)
         if abs(e_y) > 4.0 * path.half_width:
-            raise GreyboxError(f"the driver left the track after {k / RATE:.0f} s at {share:.0%} of the grip")
+            raise GreyboxError(f"the driver left the track for good after {k / RATE:.0f} s at {share:.0%} of the grip")
         steer = _pursued(path, s, now, size.length)
         target = path.line("speed", np.array([s + 0.1 * now["v_x"]]))[0][0]
         a_x = np.clip((target - now["v_x"]) / (0.3 * size.time), -size.brake, size.drive)

@@ -61,13 +61,13 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
         _bar("outside the vocabulary: share of cases without a wrong name", "at least", 0.9, _share_of(beside),
              len(beside)),
         _bar((
-            "outside the vocabulary: share of the path error removed by named_residual minus that by actuator_net, "
-            "median"
+            "outside the vocabulary: median difference in the share of path error removed, named_residual minus "
+            "actuator_net"
         ), "at least", -0.05,
              _median(points_outside), len(points_outside)),
         _bar("yaw rate error at 0.5 s and 90 % of the grip: model of named over actuator_net, median", "at most", 0.5,
              _median(errs), len(errs)),
-        _bar("the same with 2000 rows: share of the vehicle file's error that named removes, median", "at least", 0.8,
+        _bar("model from 2000 rows: share of the vehicle file's error that named removes, median", "at least", 0.8,
              _median(few), len(few)),
     ]  # fmt: skip
 
@@ -83,11 +83,11 @@ def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
     return [
         _bar(f"{when} cap, named: share of the excess path error removed, median", "at least", 0.8, _median(removes),
              len(removes)),
-        _bar(f"{when} cap: share of the excess path error removed by named minus that by actuator_net, median",
+        _bar(f"{when} cap: median difference in the share of excess path error removed, named minus actuator_net",
              "at least", 0.25, _median(points), len(points)),
-        _bar(f"{when} cap: p of a sign test that named stays closer to the path than actuator_net", "below", 0.01, sign,
+        _bar(f"{when} cap: p of a sign test: named is closer to the path than actuator_net", "below", 0.01, sign,
              len(closer)),
-        _bar(f"{when} cap, named: path error over that of base, median", "at most", 0.6, _median(over), len(over)),
+        _bar(f"{when} cap: path error of named over that of base, median", "at most", 0.6, _median(over), len(over)),
     ]  # fmt: skip
 
 

@@ -24,14 +24,14 @@ UNITS = {"yaw_rate": "rad/s", "a_x": "m/s²"}
 WORDS = {"yaw_rate": "yaw rate", "a_x": "a_x"}
 PROTOCOLS = (
     "published: batches of 100 windows laid across joins, the mean of their RMSE; FVU as the authors' validator forms "
-    "it; how strongly priors hold and when training stops is chosen on valid.csv, on which theirs were. Table 3: the "
-    "whole recording of the changed car is adapted to, and scored.",
-    "honest: no window crosses a join, all samples pooled, with a standard error over blocks of one second; nothing is "
-    "chosen on what is scored. Table 3: the first 20 s of motion are adapted to, what follows is scored.",
+    "it; prior strength and stopping are chosen on valid.csv, as the authors chose theirs. Table 3: adapted to the "
+    "whole recording of the changed car, and scored on it.",
+    "honest: no window crosses a join, all samples pooled, with a standard error over blocks of one second; nothing "
+    "is chosen on scored data. Table 3: adapted to the first 20 s of motion, scored on the rest.",
 )
 ADAM = (
     "CPU s: of our fit, on one core. The authors train by Adam, some thousand epochs in batches of 100. The paper's "
-    "recording with 10 % more mass is not public; single_mass stands in its place, and has no published figure."
+    "recording with 10 % more mass is not public; single_mass is used instead, without a published figure."
 )
 
 
@@ -39,9 +39,7 @@ def msnn_report(bench: MsnnBench) -> Document:
     """What was measured, beside what was published."""
     rows = bench.rows
     about = f"Tables 1 to 3 and Figs. 2 and 7 to 12 of Mungiello et al., on {bench.train.name} and {bench.valid.name}"
-    words = (
-        "Priors as stated, few structures in Fig. 7; a run that is not quick cross-validates priors and fits all 288."
-    )
+    words = "Quick run: priors as stated, few structures in Fig. 7. A full run cross-validates priors and fits all 288."
     quick = (Text(words, "Quick:"),)
     parts: tuple[Part, ...] = (
         *titled("Protocols", Points(PROTOCOLS), Text(ADAM), *(quick if bench.quick else ())),
@@ -49,17 +47,18 @@ def msnn_report(bench: MsnnBench) -> Document:
         *titled("Table 2: longitudinal acceleration, m/s²", _table([row for row in rows if row["table"] == 2])),
         *titled("Models compared", _comparisons(bench.comparisons), Text(
             f"RMSE less that of {OURS}, on valid.csv, one sample ahead at the same rows, trained on all of train.csv; "
-            "95 % interval from blocks drawn in pairs. What includes zero is not distinguished.")),
+            "95 % interval from blocks drawn in pairs. A difference whose interval includes zero is not significant.")),
         *titled("Table 3: a changed car, yaw rate in rad/s, a_x in m/s²",
                 _adapted_table([row for row in rows if row["table"] == 3]), Text(
-            "RMSE of the network as it was → fine-tuned. CPU s: of the longer of both ways of tuning.")),
+            "RMSE of the original network → fine-tuned. CPU s: of the slower of the two ways of tuning.")),
         *titled("Coupled networks: yaw rate in rad/s, a_x in m/s²",
                 _coupled_table([row for row in rows if row["table"] == "coupled"]), Text(
             "Trained on train.csv, scored on valid.csv; ablations are those of their lateral or longitudinal network. "
-            f"Timing told: one sample ahead, with {calibration_words(CALIBRATED)}, which are not scored.")),
+            f"Timing calibrated: one sample ahead, with {calibration_words(CALIBRATED)}, which are not scored.")),
         *titled("Physical parameters", _physical(bench), Text(
-            "Theirs are of their stored networks: a wheel of negative radius and inertia, a factor D on inertia below "
-            "zero, drag that drives, a gain close to its pole. Bounds and priors forbid that here.")),
+            "The authors' figures come from their stored networks, which have a wheel of negative radius and "
+            "inertia, a negative factor D on inertia, drag that drives, and a gain close to its pole. Bounds and "
+            "priors forbid that here.")),
         *titled("Figures", *drawings(bench)),
     )  # fmt: skip
     return Document("Model-structured networks of a 1:10 car", about, "a bench", f"greybox-id {__version__}", parts)
@@ -194,7 +193,7 @@ def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
             made.append(Drawing(
                 "fig_9", responses(lat),
                 "As Fig. 9. Impulse responses of MS-NN-lat's local models over the age of a sample, with bands of one "
-                "standard deviation; titles say where a local model stands, in m/s and m/s².",
+                "standard deviation; titles give the centre of a local model, in m/s and m/s².",
                 "Impulse responses of local models.",
             ))  # fmt: skip
         else:
@@ -224,8 +223,8 @@ def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
         ]
         made.append(Drawing(
             f"fig_12_{car}", adapted(rest, seen_on),
-            f"As Fig. 12, {car}. One sample ahead, behind the first 20 s of motion: the 8 s in which each signal "
-            "varies most, or all there are, by the network as it was and as it was adapted to those 20 s. "
+            f"As Fig. 12, {car}. One sample ahead, by the original network and by the one adapted to the first 20 s "
+            "of motion. Shown are the 8 s after that in which each signal varies most. "
             + " ".join(_choice(bench, car, kind) for kind in ("msnn_lat", "msnn_long")),
             "Predictions before and after adaptation.",
         ))  # fmt: skip

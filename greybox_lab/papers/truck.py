@@ -135,7 +135,10 @@ def truck_tables(
         if not (how.quick or how.curves_alone):
             rows += _of_authors(data, say, store)
         if store.left_out:
-            say(f"{store.left_out} trainings are left out: time is up. The same command with the same file goes on.")
+            say(
+                f"{store.left_out} trainings are left out: time is up. Run the same command with the same file to "
+                "continue."
+            )
         trained_on = (AS_PUBLISHED, ANGLE_HELD, BY_RECORDING)
         on = {split: [one for one in trainings if one.cell.data == split] for split in trained_on}
         comparisons = []
@@ -284,7 +287,7 @@ def _kept(store: KeptBench, about: Mapping[str, Any], train: Callable[[], Any], 
         return store.training(about, train)
     except KeyboardInterrupt:
         if store.file is not None:
-            say(f"trainings so far are in {store.file}; the same command goes on")
+            say(f"trainings so far are in {store.file}; run the same command to continue")
         raise
 
 

@@ -81,7 +81,7 @@ CANDIDATES = (
     TruckCandidate(
         "bicycle, signs as published", "v_x, alpha1", published_signs, lambda train: truck(believed=PUBLISHED)
     ),
-    TruckCandidate("bicycle, signs put right, lever arm", "v_x, alpha1", raw, lambda train: truck(LEVER_ARM)),
+    TruckCandidate("bicycle, signs corrected, lever arm", "v_x, alpha1", raw, lambda train: truck(LEVER_ARM)),
     TruckCandidate("best with one angle, causal", "v_x, alpha1", causal, lambda train: truck(*CAUSAL_ANGLE)),
     TruckCandidate("best with one angle", "v_x, alpha1", prepared, lambda train: truck(*ONE_ANGLE)),
     TruckCandidate(

@@ -173,7 +173,7 @@ def _must_be_chunks(path: Path, one: Recording) -> None:
         lacking = np.flatnonzero(~np.isfinite(one[name]))
         if len(lacking):
             raise BadInput(
-                f"{path} has no reading of {name} in {len(lacking)} of {len(one)} rows; the metric wants all. Leave "
+                f"{path} has no reading of {name} in {len(lacking)} of {len(one)} rows; the metric needs all. Leave "
                 "out these trajectories."
             )
 

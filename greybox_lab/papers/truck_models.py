@@ -137,7 +137,7 @@ def _lasting(model: MotionModel) -> MotionModel:
 
 lasting_v_y = effect(
     GROUP, "lasting_v_y", "1", 0.0, (-3.0, 3.0),
-    "share of the initial v_y beyond steady cornering that stays in its readings",
+    "share of the initial excess of v_y over steady cornering that remains in its readings",
     touches=("v_y",), needs=("yaw_rate", "B_r"), apply=_lasting, typical=0.2,
 )  # fmt: skip
 

@@ -91,20 +91,20 @@ def learning_curves(curves: Sequence[Mapping[str, Any]]) -> Sheet:
 
 
 Found = Mapping[str, Any]
-BICYCLES = ("bicycle, signs as published", "bicycle, signs put right, lever arm")
+BICYCLES = ("bicycle, signs as published", "bicycle, signs corrected, lever arm")
 """Grey boxes of Fig. 3, beside networks."""
 OUT_OF_RANGE = (
-    "Trained, and stopped, on trajectories below 60 km/h; scored on trajectories of other recordings with a mean "
+    "Trained and stopped on trajectories below 60 km/h; scored on trajectories of other recordings with a mean "
     f"above 70 km/h. Intervals are over recordings. After {FASTER}: what the bicycle does up to {BEYOND:g} times as "
     "fast as any of these was driven is trained on as well."
 )
-PAIRED = "Difference of RMSE, trajectory by trajectory; what includes zero is not distinguished."
+PAIRED = "Difference of RMSE, trajectory by trajectory; a difference whose interval includes zero is not significant."
 PROTOCOLS = (
     "as published: chunks of one recording of the truck lie in train and val. Networks are stopped by their error on "
-    "val over the whole 10 s, and what is said of val is therefore not what a new recording would show.",
+    "val over the whole 10 s, so errors on val are lower than on a new recording.",
     "by recording: a third of the recordings of train and val is held out whole; networks are stopped by them too. "
     "Standard errors and intervals are over recordings.",
-    "test, where the authors' file is there, is scored and never fitted, stopped or chosen by.",
+    "test, where the authors' file is there, is scored and never used to fit, stop or choose.",
 )
 
 
@@ -115,28 +115,29 @@ def truck_report(one: Found) -> Document:
     if one["quick"]:
         notes.append(Text("The smallest networks at 1 s from one seed.", "Quick:"))
     if one["left_out"]:
-        notes.append(Text(f"{one['left_out']} trainings, for want of time; tables hold what there is.", "Left out:"))
+        notes.append(Text(f"{one['left_out']} trainings, as time ran out; tables show the others.", "Left out:"))
     rows = one["rows"]
     published = [row for row in rows if not row["by_recording"]]
     parts: tuple[Part, ...] = (
         *titled("Protocols", Points(PROTOCOLS), *notes),
         *titled("Grey boxes", _models([item for item in published if item["table"] in ("II", "grey box")]), Text(
-            "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. They read "
-            "v_x and alpha1, of models with both angles alpha2, and for a map of the road the position. From the "
-            "fourth model on inputs pass filters that are not causal. Table II of the paper: the bicycle as its "
+            "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. Inputs "
+            "are v_x and alpha1; alpha2 for models with both angles; the position for a map of the road. From the "
+            "fourth model on, inputs pass through filters that are not causal. Table II of the paper: the bicycle "
+            "as its "
             "authors coded it, not the one they print; mean of the fifteen particles of least distance.")),
         *titled("Published figures, on the authors' test split", _paper(one["paper"])),
         *titled("Table III: networks, as published", _models([item for item in published if item["table"] == "III"])),
         *titled("Further networks", _models([item for item in published if item["table"] == "own"])),
         *titled("By recording", _models([row for row in rows if row["by_recording"]])),
         *titled("Table IV: gain over the MLP", _gains(published, split), Text(
-            f"On {split}, the best of each method in each column; above zero is better. Choosing the best of several "
-            "on what they are scored by flatters each of them alike.")),
+            f"On {split}, the best of each method in each column; above zero is better. The best of several is "
+            "chosen on the scored data, so all figures are too good by about the same amount.")),
         *titled("Paired, against the MLP of that size", _pairs(one["comparisons"], False), Text(PAIRED)),
         *titled(f"Paired, against the {BICYCLES[1]}", _pairs(one["comparisons"], True), Text(PAIRED)),
-        *titled("Which effect of transfer is distinguished", _lessons(one["lessons"]), Text(
-            "Networks of 4 x 8, windows of 1 s, on val: what each learnt before it saw a recording.")),
-        *titled("Beyond the speeds that were seen", _beyond(one["out_of_range"]), Text(OUT_OF_RANGE)),
+        *titled("Which effects of transfer learning are significant", _lessons(one["lessons"]), Text(
+            "Networks of 4 x 8, windows of 1 s, on val: what each learned before it saw a recording.")),
+        *titled("Beyond the speeds of the training", _beyond(one["out_of_range"]), Text(OUT_OF_RANGE)),
         *titled("Figures", *drawings(one)),
     )  # fmt: skip
     about = "Tables II to IV and Figs. 3 and 4 of the paper on transfer learning in lateral dynamics"
@@ -152,8 +153,9 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
     if len(drawn) > 1:
         made.append(Drawing(
             "fig_3", over_durations(drawn),
-            f"As Fig. 3 of the paper, on {drawn[0]['split']}. Errors over all trajectories from their start to so many "
-            "seconds; of each method the network that is best over the whole 10 s. The bicycle with signs as published "
+            f"As Fig. 3 of the paper, on {drawn[0]['split']}. Errors over all trajectories against time since their "
+            "start, for the network of each method that is best over the whole 10 s. The bicycle with signs as "
+            "published "
             f"is off by {_end(bicycles, BICYCLES[0])} after 10 s and is not drawn.",
             "Errors of free runs over how long they have run.",
         ))  # fmt: skip
@@ -165,9 +167,9 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
         )
         made.append(Drawing(
             "fig_4", slalom(traces),
-            f"As Fig. 4, a slalom of {traces['split']} (trajectory {traces['trajectory'] + 1}). Bands of 95 %: as "
-            "errors on train spread so many seconds after a start, and as trainings from several seeds part. They hold "
-            f"of all readings of {traces['split']}: {held}.",
+            f"As Fig. 4, a slalom of {traces['split']} (trajectory {traces['trajectory'] + 1}). Bands of 95 % "
+            "combine the spread of errors on train this long after a start with that of trainings from several "
+            f"seeds. Share of all readings of {traces['split']} inside: {held}.",
             "Measured and predicted lateral velocity and yaw rate over time.",
         ))  # fmt: skip
     if len({item["share"] for item in result["learning_curves"]}) > 1:

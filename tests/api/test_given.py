@@ -29,7 +29,7 @@ WRONG = [
      lambda lap: gb.fit("lateral", lap, vehicle="roboracr")),
     ("vehicle: a Vehicle, a shipped name or a path is needed", lambda lap: gb.fit("lateral", lap, vehicle=3)),
     ("recordings: a Recording, a path or a list of them is needed, not the int 3", lambda lap: gb.fit("lateral", 3)),
-    ("Make one of it: gb.Recording.from_pandas(table)", lambda lap: gb.fit("lateral", pd.DataFrame({"v_x": [1.0]}))),
+    ("a recording of it: gb.Recording.from_pandas(table)", lambda lap: gb.fit("lateral", pd.DataFrame({"v_x": [1.0]}))),
     ("recordings: there is no recording", lambda lap: gb.fit("lateral", [])),
     ("recordings: no file is called like 'no*.csv'", lambda lap: gb.fit("lateral", "no*.csv")),
     ("nothing.csv: there is no such file", lambda lap: gb.fit("lateral", "nothing.csv")),

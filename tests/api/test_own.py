@@ -152,7 +152,7 @@ def test_a_function_may_make_the_model(folder):
 def test_a_shipped_name_is_not_taken(folder):
     text = Path("my_car.py").read_text(encoding="utf-8").replace("slow_turner", "lateral")
     Path("my_car.py").write_text(text, encoding="utf-8")
-    with pytest.raises(gb.BadInput, match="calls itself lateral"):
+    with pytest.raises(gb.BadInput, match="is called lateral"):
         gb.models.own("my_car.py:own_model")
 
 

@@ -6,12 +6,7 @@ from driven import driven, written
 
 import greybox_id as gb
 
-
-@pytest.fixture(scope="module", autouse=True)
-def _uncompiled():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("GREYBOX_COMPILE", "0")
-        yield
+pytestmark = pytest.mark.usefixtures("_uncompiled")
 
 
 @pytest.fixture(scope="module")

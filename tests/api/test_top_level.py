@@ -69,39 +69,28 @@ def test_every_argument_of_a_verb_is_documented(name):
         assert "Raises\n------" in text
 
 
-def test_importing_it_loads_no_library():
-    code = "import sys, greybox_id; print(sorted({'casadi', 'numpy', 'pandas', 'scipy', 'click'} & set(sys.modules)))"
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+LAP = "lap = gb.read(gb.datasets.shipped('racer_train'), columns='roboracer').rows(0, 200);"
+HELP = "from greybox_id.cli import main; sys.argv = ['greybox', {}]\ntry: main()\nexcept SystemExit: pass\n"
 
 
-def test_help_loads_neither_what_shows_results_nor_what_forks():
-    code = (
-        "import sys; from greybox_id.cli import main\nsys.argv = ['greybox', '--help']\ntry: main()\nfinally: print("
-        "sorted({'numpy', 'rich', 'multiprocessing', 'concurrent', 'difflib', 'hashlib', 'ctypes'} & {*sys.modules}))"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.splitlines()[-1] == "[]"
-
-
-def test_reading_and_checking_a_file_in_common_units_load_neither_units_nor_solvers():
-    code = (
-        "import sys, greybox_id as gb; gb.check(gb.read(gb.datasets.shipped('racer_train'), columns='roboracer'));"
-        "print(sorted({'casadi', 'numba', 'pint', 'scipy'} & {name.split('.')[0] for name in sys.modules}))"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
-
-
-def test_a_plain_fit_compiles_nothing_in_python_and_draws_nothing():
-    code = (
-        "import sys, greybox_id as gb;"
-        "lap = gb.read(gb.datasets.shipped('racer_train'), columns='roboracer').rows(0, 200);"
-        "gb.fit('kinematic', lap, vehicle='roboracer', options=gb.FitOptions(solver='gauss-newton')).summary();"
-        "print(sorted({'numba', 'matplotlib', 'control'} & {name.split('.')[0] for name in sys.modules}))"
-    )
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert found.stdout.strip() == "[]"
+@pytest.mark.parametrize(
+    ("code", "unneeded"),
+    [
+        ("import greybox_id as gb;", "casadi numpy pandas scipy click"),
+        (HELP.format("'--help'"), "numpy rich multiprocessing concurrent difflib hashlib ctypes casadi scipy pandas"),
+        (HELP.format("'fit', '--help'"), "casadi scipy pandas numba matplotlib control pint"),
+        (f"import greybox_id as gb; {LAP} gb.check(lap);", "casadi numba pint scipy"),
+        (
+            f"import greybox_id as gb; {LAP} gb.fit('kinematic', lap, vehicle='roboracer', "
+            "options=gb.FitOptions(solver='gauss-newton')).summary();",
+            "numba matplotlib control",
+        ),
+    ],
+)
+def test_what_is_not_needed_is_not_loaded(code, unneeded):
+    loaded = f"import sys; {code}print({{own.split('.')[0] for own in sys.modules}} & {set(unneeded.split())})"
+    found = subprocess.run([sys.executable, "-c", loaded], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines()[-1] == "set()"
 
 
 def test_verbs_keep_their_names_when_modules_of_the_same_name_are_imported():

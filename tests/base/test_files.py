@@ -236,5 +236,5 @@ def test_a_file_that_was_meant_is_told_by_its_name_without_ending(tmp_path):
 def test_a_file_in_the_place_of_a_folder_is_said_to_be_one(tmp_path):
     (tmp_path / "lap.csv").touch()
     for folder in (tmp_path / "lap.csv", tmp_path / "lap.csv" / "inside"):
-        with pytest.raises(BadInput, match="a file is where a folder has to be"):
+        with pytest.raises(BadInput, match="a file stands where a folder is needed"):
             ensure_writable(folder)

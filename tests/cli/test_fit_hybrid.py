@@ -93,11 +93,6 @@ def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_pa
     )
 
 
-def test_the_models_are_listed():
-    assert "hybrid_stiffness" in greybox("models").out
-    assert "25 × 25" in greybox("models", "hybrid_force").out
-
-
 def test_training_is_carried_on_from_a_fit(fitted, files, tmp_path, monkeypatch):
     monkeypatch.setattr("greybox_id.fitting.training.STEPS", 3)
     path, _ = fitted

@@ -127,7 +127,7 @@ def test_what_is_left_beside_the_table_has_a_report(files):
     called = greybox("report", files / "lap8.json", "--out", files / "lap8.html", "--json")
     assert called.code == 0, called.err
     assert "Along lap, 500 rows in 1 run, an EKF on lateral" in called.told["verdict"][0]
-    assert "Nothing that was estimated was also measured" not in called.told["verdict"][2]
+    assert "No estimate was also measured" not in called.told["verdict"][2]
     assert "track --vehicle" in (files / "lap8.html").read_text("utf-8")
     track(files, out="lap8.csv")
 
@@ -204,7 +204,7 @@ def test_what_cannot_be_done_is_a_sentence(files, more, said):
 def test_a_recording_too_short_to_judge_a_filter_by_is_refused(files, rows):
     pd.read_csv(files / "lap.csv")[:rows].to_csv(files / "short.csv", index=False)
     said = refused("track", "--vehicle", files / "car.toml", files / "short.csv", "--out", files / "s.csv")
-    assert f"short: the filter has {rows} rows ({rows / RATE:g} s) to run along, and needs 2 s" in said
+    assert f"short: the filter has {rows} rows ({rows / RATE:g} s) and needs 2 s" in said
     assert "longer recording" in said
     assert not (files / "s.csv").exists()
 

@@ -244,7 +244,7 @@ def test_rows_before_the_start_are_left_out_and_counted(write):
     found = read(write("t,n,v\n0,0,9\n1,0,9\n2,3,1\n3,0,2\n"), own)
     np.testing.assert_array_equal(found["v_x"], [1.0, 2.0])
     assert '2 rows before "n"' in found.notes[0]
-    assert "is zero all along" in sentence(write("t,n,v\n0,0,9\n1,0,9\n"), own)
+    assert "is zero in all rows" in sentence(write("t,n,v\n0,0,9\n1,0,9\n"), own)
     assert 'no column "n"' in sentence(write("t,v\n0,9\n1,9\n"), own)
 
 

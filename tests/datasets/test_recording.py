@@ -81,13 +81,6 @@ def test_mirroring_swaps_left_and_right_and_nothing_else():
     }  # fmt: skip
 
 
-def test_the_mirror_image_of_the_mirror_image_is_the_recording():
-    recording = joined(20, 30)
-    twice = recording.mirrored().mirrored()
-    assert twice.runs == recording.runs
-    assert all(np.array_equal(twice[n], v) for n, v in recording.signals.items())
-
-
 def test_joining_keeps_common_signals_and_puts_a_join_between():
     both = join([drive(20), without(drive(30, 1), "a_y")], "both")
     assert "a_y" not in both

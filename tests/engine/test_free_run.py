@@ -25,14 +25,6 @@ def test_a_loop_of_one_state_is_its_recursion():
 
 
 @pytest.mark.parametrize("model", LOOPS, ids=range(len(LOOPS)))
-def test_a_simulation_predicts_itself(model):
-    model = scattered(model, 1)
-    run = loop(model, drive(80))
-    nodes = run.simulate(model.values)
-    np.testing.assert_allclose(run.predict(model.values, nodes), nodes[run.first :], atol=1e-12)
-
-
-@pytest.mark.parametrize("model", LOOPS, ids=range(len(LOOPS)))
 def test_a_simulation_is_prediction_of_one_row_after_another(model):
     model = scattered(model, 1)
     run = loop(model, drive(40))

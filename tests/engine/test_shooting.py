@@ -130,6 +130,20 @@ def test_a_problem_counted_otherwise_is_the_one_made_so():
         np.testing.assert_allclose(mine.normal_equations(F, []).g, theirs.normal_equations(F, []).g, rtol=1e-14)
 
 
+def test_folds_linearised_together_are_those_linearised_one_by_one():
+    name = "msnn_full"
+    rng = np.random.default_rng(3)
+    problem = Problem(Trace(tiny(name)), [joined(60, 45)], closed_loop=True, noise=np.array([0.1, 0.4]))
+    x = problem.unknowns(scattered(tiny(name), share=0.05).values)
+    nodes = problem.simulated_nodes(x)
+    keeps = [[rng.integers(0, 2, len(run)).astype(float) for run in problem.runs] for _ in range(3)]
+    for fold, keep in zip(problem.folds(x, nodes, keeps), keeps, strict=True):
+        together, alone = (one.normal_equations(x, nodes) for one in (fold, problem.counted(keep=keep)))
+        assert np.allclose(together.H, alone.H, atol=1e-9 * np.max(np.abs(alone.H)))
+        assert np.allclose(together.g, alone.g, atol=1e-9 * np.max(np.abs(alone.g)))
+        assert fold.objective(x, nodes) == problem.counted(keep=keep).objective(x, nodes)
+
+
 def test_the_objective_is_written_out_half_the_sum_of_squares():
     prior = Prior(0.5, mean=0.2)
     recording = drive(30)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import yaml
 
-from greybox_id.base.errors import BadInput
 from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_autoware import ACTUATORS, PEDALS, SPEEDS, cautions, files, origins
@@ -130,11 +129,6 @@ def test_pedals_are_mapped_where_the_fit_has_seen_a_throttle():
     drag = p["c_0"] + p["c_1"] * v + p["c_2"] * v**2
     found_there = float(list(csv.reader(io.StringIO(found["accel_map.csv"].decode())))[-1][6])
     assert found_there == pytest.approx((force - drag) / p["m"], rel=1e-5)
-
-
-def test_models_without_tyres_are_refused():
-    with pytest.raises(BadInput, match="has no tyres"):
-        files(Subject(build("kinematic"), "car", None))
 
 
 @pytest.mark.parametrize("source", ["a\nb: 3", "x # y\u2028z: 1", "\x85key: 1"])

@@ -6,7 +6,6 @@ import yaml
 from calling import greybox
 from exported import points, subject
 
-from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_f1tenth import cautions, files
@@ -165,12 +164,6 @@ def test_numbers_with_exponents_are_read_as_numbers():
     made = written(model)
     assert made["car_gym.yaml"]["I"] == 5e5
     assert made["car_pacejka.txt"]["C_Pf"][3] == -2e-7
-
-
-@pytest.mark.parametrize("name", ["kinematic", "longitudinal", "msnn_lat"])
-def test_models_without_tyres_are_refused(name):
-    with pytest.raises(BadInput, match="has no tyres"):
-        files(subject(build(name)))
 
 
 def test_the_command_takes_limits_from_the_vehicle_file_and_warns(tmp_path):

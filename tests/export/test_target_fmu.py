@@ -13,7 +13,6 @@ import pytest
 from compiled import needed, run
 from lxml import etree
 
-from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.fmu.description import steps_of
 from greybox_id.export.subject import Subject
@@ -281,11 +280,6 @@ def test_inner_steps_are_short_enough_and_not_needlessly_short(name):
         fastest = np.max(np.abs(np.linalg.eigvals(A)), initial=0.0)
         assert steps.stable(v) * fastest <= 2.7
     assert steps.stable(10.0) > steps.longest
-
-
-def test_maps_with_memory_are_refused():
-    with pytest.raises(BadInput, match="no model of motion"):
-        files(Subject(build("msnn_lat"), "net", None))
 
 
 @pytest.mark.parametrize("about", ['<!DOCTYPE x [<!ENTITY a "b">]>&a;"\'', "]]>\x00\x1b\ud800", "*/ int x; /*"])

@@ -4,7 +4,6 @@ from types import SimpleNamespace
 
 import pytest
 
-from greybox_id.base.errors import BadInput
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_opendbc import cautions, files, origins
 from greybox_id.models.registry import build
@@ -39,9 +38,3 @@ def test_what_is_not_known_is_left_open_and_said():
     assert "# ret.steerRatio = ..." in text
     assert "# ret.steerActuatorDelay = ...  # s; the model has no steering_delay" in text
     assert "CarParams cannot hold steering_lag." in cautions(made({"steering_lag": 0.1}))
-
-
-@pytest.mark.parametrize("name", ["kinematic", "msnn_lat"])
-def test_models_without_tyres_are_refused(name):
-    with pytest.raises(BadInput, match="has no tyres"):
-        files(Subject(build(name), "car", None))

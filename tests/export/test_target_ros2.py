@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import yaml
 
-from greybox_id.base.errors import BadInput
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_ros2 import files, number_text, origins
 from greybox_id.fitting.fit import Fit
@@ -33,8 +32,3 @@ def test_parameters_and_intervals_come_back_exactly():
 def test_numbers_are_read_as_numbers(value):
     assert yaml.safe_load(number_text(value)) == value
     assert isinstance(yaml.safe_load(number_text(value)), float)
-
-
-def test_maps_with_memory_are_refused():
-    with pytest.raises(BadInput, match="no model of motion"):
-        files(Subject(build("msnn_lat"), "net", None))

@@ -11,7 +11,6 @@ import pytest
 from compiled import STRICT, needed, run
 from scipy.io import loadmat
 
-from greybox_id.base.errors import BadInput
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_simulink import cautions, files, origins
@@ -140,8 +139,3 @@ def test_what_the_files_lack_is_said(tmp_path):
     assert "idnlgrey has no delay of steer" in told
     assert "yaw_rate, a_x, a_y late" in told
     assert "covariance of the parameters is not known" in told
-
-
-def test_maps_with_memory_are_refused():
-    with pytest.raises(BadInput, match="no model of motion"):
-        files(Subject(build("msnn_lat"), "net", None))

@@ -4,14 +4,11 @@ from dataclasses import replace
 from math import factorial
 
 import numpy as np
-import pytest
 from linear_bicycle import SIMROD, VEHICLE
 from linear_bicycle import recorded as bicycle
 from scipy.linalg import expm
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.engine import compiler
-from greybox_id.engine.compiler import CannotCompile
 from greybox_id.filters.kernel import CompiledFilter, SigmaPoints
 from greybox_id.filters.plain import PlainFilter
 from greybox_id.filters.state_space import StateSpace, Tracked, walking
@@ -27,17 +24,6 @@ A = np.array([[-1.5, 0.8], [-2.0, -0.6]])
 B = np.array([0.7, -0.4])
 C = np.array([[0.0, 1.0], [0.5, -1.2]])
 D = np.array([0.0, 0.3])
-
-
-def there_is_a_compiler():
-    try:
-        compiler.compiler()
-    except CannotCompile:
-        return False
-    return True
-
-
-needs_compiler = pytest.mark.skipif(not there_is_a_compiler(), reason="there is no C compiler here")
 
 
 def linear_model():

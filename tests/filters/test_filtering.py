@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from filter_cases import LinearCase, driven_space, driving, filtered, needs_compiler
+from compiled import needs_compiler
+from filter_cases import LinearCase, driven_space, driving, filtered
 from filterpy.kalman import KalmanFilter
 
 from greybox_id.filters.filtering import smoothed

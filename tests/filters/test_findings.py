@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from compiled import needs_compiler
 from driven import driven
-from filter_cases import LinearCase, filtered, needs_compiler
+from filter_cases import LinearCase, filtered
 
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.motion.schedule import MotionRun

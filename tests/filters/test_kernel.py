@@ -3,7 +3,8 @@
 import casadi as cs
 import numpy as np
 import pytest
-from filter_cases import NEVER, A, B, LinearCase, assert_close, driven_space, driving, filtered, needs_compiler
+from compiled import needs_compiler
+from filter_cases import NEVER, A, B, LinearCase, assert_close, driven_space, driving, filtered
 from filterpy.kalman import MerweScaledSigmaPoints, UnscentedKalmanFilter
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -268,7 +269,7 @@ def test_shapes_that_do_not_go_together_are_refused(kind):
     made = CompiledFilter(space, kind, SigmaPoints())
     for wrong in [(x[:, :4], P, s, y, p[None]), (x, P, s[:, :3], y, p[None]), (x, P, s, y[:, :2], p[None]),
                   (x, P, s, y, p[None, :-1]), (x, P[:, :3], s, y, p[None])]:  # fmt: skip
-        with pytest.raises(ValueError, match="do not go with"):
+        with pytest.raises(ValueError, match="do not match"):
             made.run(*wrong, 5.0, "nothing")
     with pytest.raises(ValueError, match="contiguous"):
         made.run(x, P, s[:, ::-1], y, p[None], 5.0, "nothing")

@@ -74,7 +74,7 @@ def test_long_gaps_and_ends_stay_missing_and_are_said(steer):
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(found["steer"])), [*range(500, 600), *range(1990, 2000)])
     assert told == [
         "steer: 3 missing values in gaps of up to 0.5 s were bridged.",
-        "steer: 110 values are missing in longer gaps, behind which the filter starts anew.",
+        "steer: 110 values are missing in longer gaps, after which the filter starts anew.",
     ]
 
 
@@ -99,4 +99,4 @@ def test_nothing_is_bridged_across_a_join(steer):
 def test_an_input_that_is_missing_throughout_is_said(steer):
     found, told = guarded(recording(np.full(2000, np.nan), yaw_rate=steer), ("steer",))
     assert np.isnan(found["steer"]).all()
-    assert told == ["steer: 2000 values are missing in longer gaps, behind which the filter starts anew."]
+    assert told == ["steer: 2000 values are missing in longer gaps, after which the filter starts anew."]

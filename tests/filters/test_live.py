@@ -5,7 +5,8 @@ import io
 import numpy as np
 import pandas as pd
 import pytest
-from filter_cases import C_F, C_R, NOISES, WALKS, changed, needs_compiler, shaken, simrod, swerving, true_simrod
+from compiled import needs_compiler
+from filter_cases import C_F, C_R, NOISES, WALKS, changed, shaken, simrod, swerving, true_simrod
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map
@@ -130,7 +131,7 @@ ROW = "0,0.01,14,0.1,1.0\n"
         ("t,steer,v_x,yaw_rate,a_y\n" + ROW, 'no column "time" for time'),
         (HEADER + ROW + "0.02,zero,14,0.1,1\n", "Line 3 of standard input: 'zero' is no number."),
         (HEADER + "0,,14,0.1,1\n", "The first row lacks steer"),
-        (HEADER + ROW + ROW, "rows must come in order"),
+        (HEADER + ROW + ROW, "rows must come in the order of time"),
         ("time,steer,v_x\n0,0.01,14\n", "none of v_x, yaw_rate, a_y"),
         (HEADER + ROW + "0.02,0.01,14,0.1," + "1" * 131_073 + "\n", "Line 3 of standard input cannot be read"),
         (HEADER + ROW + "0.02,0.01,14,0.1," + "1" * (1 << 20) + "\n", "Line 3 of standard input has 1 MB or more"),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_cases import needs_compiler
+from compiled import needs_compiler
 
 from greybox_id.datasets.read import read
 from greybox_id.filters.how import TrackOptions

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from filter_cases import C_R, NOISES, WALKS, changed, needs_compiler, shaken, true_simrod
+from compiled import needs_compiler
+from filter_cases import C_R, NOISES, WALKS, changed, shaken, true_simrod
 from linear_bicycle import SIMROD
 
 from greybox_id.base.errors import BadInput

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from compiled import needs_compiler
 from filter_cases import (
     C_F,
     C_R,
@@ -11,7 +12,6 @@ from filter_cases import (
     WALKS,
     car,
     changed,
-    needs_compiler,
     shaken,
     simrod,
     swerving,

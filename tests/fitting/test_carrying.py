@@ -7,7 +7,7 @@ import pytest
 from driven import driven
 
 from greybox_id.datasets.recording import join
-from greybox_id.fitting.carrying import withstands
+from greybox_id.fitting.carrying import _stands_out, withstands
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
@@ -48,8 +48,30 @@ def test_another_vehicle_than_stated_is_told_by_what_wider_tolerances_gain():
     assert "times those of the same model with tolerances 10 times as wide" in sentence
 
 
+@pytest.mark.slow
 def test_two_vehicles_in_one_recording_are_told_by_the_fit_to_one_on_the_other():
     right = float(stated()["B_f"].array)
     halves = [driven(runs=1, seconds=8.0, noise=0.1, values={"B_f": times * right}) for times in (1.0, 0.5)]
     sentences = against(stated(), join(halves, "halves"), gain=100.0)
     assert any("Fitted to one half of the data" in one for one in sentences)
+
+
+@pytest.mark.slow
+def test_halves_that_differ_no_more_than_mixed_ones_tell_of_no_other_vehicle():
+    right = float(stated()["B_f"].array)
+    blocks = [driven(runs=1, seconds=4.0, seed=k, noise=0.1, values={"B_f": times * right})
+              for k, times in enumerate((1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.5, 1.0))]  # fmt: skip
+    sentences = against(stated(), join(blocks, "by turns"), gain=100.0)
+    assert not any("Fitted to one half of the data" in one for one in sentences)
+
+
+@pytest.mark.parametrize(
+    ("times", "mixed", "out"),
+    [
+        (1.43, (1.05, 1.05, 1.07, 1.06, 1.12, 1.13, 1.12, 1.07, 1.03), True),
+        (1.52, (1.4, 1.2, 1.14, 1.29, 1.07, 1.08, 1.37, 1.1, 1.12), False),
+        (1.5, (1.57, 1.56, 1.37), False),
+    ],
+)
+def test_a_ratio_stands_out_beyond_the_scatter_of_others(times, mixed, out):
+    assert _stands_out(times, mixed) is out

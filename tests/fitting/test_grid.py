@@ -112,7 +112,7 @@ def test_errors_that_cannot_be_compared_choose_nothing():
     nothing = pd.DataFrame({"parameters": [3, 4], "cv_error": [0.0, 0.0], "cv_se": [np.nan] * 2, "aic": [np.nan] * 2})
     assert one_standard_error(nothing)["parameters"] == 3
     for broken, choose in ((nothing, least_aic), (nothing.assign(cv_error=np.inf), one_standard_error)):
-        with pytest.raises(BadInput, match="does anything move"):
+        with pytest.raises(BadInput, match="does the vehicle move"):
             choose(broken)
 
 

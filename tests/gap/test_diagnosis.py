@@ -518,4 +518,4 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     assert diagnosis._refused(found, best, None) == {}
     spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
-    assert diagnosis._refused(found, best, None) == {own.effect: "its probability is 0.45, no more than one half"}
+    assert diagnosis._refused(found, best, None) == {own.effect: "its probability is 0.45, not more than one half"}

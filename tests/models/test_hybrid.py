@@ -74,7 +74,7 @@ def test_a_recording_without_speed_is_refused_in_a_sentence():
 
 
 def test_a_window_must_be_longer_than_its_warm_up():
-    with pytest.raises(BadModel, match="warm up"):
+    with pytest.raises(BadModel, match="warm_up"):
         replace(hybrid_force(), warm_up=60)
 
 

@@ -6,7 +6,6 @@ import pytest
 from linearised import matrices, outputs, rates, run, vector
 from reference_vehicle import FULL_SIZE_CAR, RACER, simulate_lateral
 
-from greybox_id.models.registry import build
 from greybox_id.models.single_track import lateral, single_track
 from greybox_id.models.tyres import TYRES
 
@@ -41,27 +40,10 @@ def linearised(car, v, tyre="linear"):
 @pytest.mark.parametrize("v", [0.5, 5.0, 20.0])
 @pytest.mark.parametrize("tyre", ["linear", "dugoff", "brush"])
 @pytest.mark.parametrize("car", CARS)
-def test_poles_are_those_of_the_closed_form_bicycle(car, tyre, v):
-    ours, theory = linearised(CARS[car], v, tyre).poles(), bicycle(v, **CARS[car]).poles()
-    assert np.allclose(np.sort_complex(ours), np.sort_complex(theory), rtol=1e-9, atol=1e-9)
-
-
-@pytest.mark.parametrize("v", [0.5, 5.0, 20.0])
-@pytest.mark.parametrize("car", CARS)
-def test_steady_turning_is_that_of_the_understeer_gradient(car, v):
-    ours, K = linearised(CARS[car], v).dcgain().ravel(), understeer_gradient(**CARS[car])
-    L = CARS[car]["l_f"] + CARS[car]["l_r"]
-    assert np.allclose(ours, bicycle(v, **CARS[car]).dcgain().ravel(), rtol=1e-9, atol=1e-9)
-    assert ours[1] == pytest.approx(v / (L + K * v**2), rel=1e-9)
-    assert ours[2] == pytest.approx(v**2 / (L + K * v**2), rel=1e-9)
-    assert (1 / ours[2] - L / v**2) == pytest.approx(K, rel=1e-6, abs=1e-9)  # steer over a_y is L / v^2 + K
-
-
-@pytest.mark.parametrize("car", CARS)
-def test_frequency_response_is_that_of_the_closed_form_bicycle(car):
-    omega = np.logspace(-1, 2, 50)
-    ours = linearised(CARS[car], 12.0).frequency_response(omega).frdata
-    theory = bicycle(12.0, **CARS[car]).frequency_response(omega).frdata
+def test_frequency_response_is_that_of_the_closed_form_bicycle(car, tyre, v):
+    omega = np.append(0.0, np.logspace(-1, 2, 50))
+    ours = linearised(CARS[car], v, tyre).frequency_response(omega).frdata
+    theory = bicycle(v, **CARS[car]).frequency_response(omega).frdata
     assert np.allclose(ours, theory, rtol=1e-9, atol=1e-9)
 
 
@@ -111,8 +93,3 @@ def test_a_step_steer_near_the_limit_is_that_of_the_reference_vehicle(car, v, st
     found = run(model, start, 500, 1e-3, p=p, v_x=v, steer=steer)[::10]
     assert np.allclose(found[:, 0], reference["v_y"], atol=1e-5)
     assert np.allclose(found[:, 1], reference["yaw_rate"], atol=1e-5)
-
-
-def test_it_is_built_by_name_on_any_tyre():
-    for tyre in TYRES:
-        assert build("lateral", {"tyre": tyre}).settings == {"tyre": tyre}

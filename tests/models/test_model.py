@@ -8,6 +8,7 @@ from toys import linear_toy, speed_toy, tiny
 
 from greybox_id.base.errors import BadModel
 from greybox_id.models.memory_model import SampledActuator, SampledSensor
+from greybox_id.models.motion_model import MotionModel, State
 from greybox_id.models.parameter import Parameter
 
 
@@ -55,3 +56,18 @@ def test_an_actuator_stands_before_an_input_and_a_sensor_behind_an_output():
 def test_parts_share_their_parameters_by_name_with_the_whole():
     model = tiny("msnn_full")
     assert [p.name for part in model.parts for p in part.parameters] == [p.name for p in model.parameters]
+
+
+def test_units_are_stated_by_models_else_told_by_names():
+    pendulum = MotionModel(
+        name="pendulum",
+        about="no vehicle",
+        states=(State("angle", "rad"), State("rate", "rad/s")),
+        inputs=("torque",),
+        outputs=("angle", "yaw_rate"),
+        parameters=(),
+        units={"torque": "N m"},
+        dynamics=lambda x, u, p, q: {"angle": x.rate, "rate": u.torque},
+    )
+    units = {"angle": "rad", "torque": "N m", "yaw_rate": "rad/s", "F_yf": "N", "unknown": "1"}
+    assert {name: pendulum.unit(name) for name in units} == units

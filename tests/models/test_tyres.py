@@ -55,13 +55,6 @@ def test_the_peak_is_never_exceeded_and_is_reached(name, reached):
     assert share.max() >= reached
 
 
-@pytest.mark.parametrize("name", TYRES)
-def test_left_and_right_are_the_same(name):
-    alpha = np.linspace(0, 3, 301)
-    tyre = curve(name, parameters(name, CAR))
-    assert np.allclose(tyre(-alpha)[0], -tyre(alpha)[0], rtol=1e-14, atol=1e-10)
-
-
 @pytest.mark.parametrize("grip", [0.0, 1e-3, 1.0])
 @pytest.mark.parametrize("F_z", [0.0, 1e-9, 1.0, CAR])
 @pytest.mark.parametrize("name", TYRES)
@@ -120,33 +113,6 @@ def test_a_linear_tyre_has_no_peak():
     p = parameters("linear", CAR)
     assert TYRES["linear"].peak(CAR, p, 1.0) == np.inf
     assert curve("linear", p)(0.5, grip=0.1)[0][0] == pytest.approx(0.5 * 13.0 * CAR)
-
-
-def test_a_brush_tyre_slides_where_the_tangent_of_slip_is_three_mu_F_z_over_C_alpha():
-    p = parameters("brush", CAR)
-    sliding = np.arctan(3 * p.mu * CAR / p.C_alpha)
-    tyre = curve("brush", p)
-    F_y, J = tyre(np.array([0.999 * sliding, sliding, 1.2 * sliding, 1.4]))
-    assert F_y[0] < p.mu * CAR
-    assert np.allclose(F_y[1:], p.mu * CAR, rtol=1e-12)
-    assert np.allclose(J[1:, 0], 0, atol=1e-6)
-    half = np.arctan(np.tan(sliding) / 2)
-    assert tyre(half)[0][0] == pytest.approx(0.875 * p.mu * CAR)  # 1 - (1 - 1/2)^3
-
-
-def test_dugoffs_tyre_is_straight_up_to_half_the_friction_force():
-    p = parameters("dugoff", CAR)
-    tyre = curve("dugoff", p)
-    for share, expected in ((0.25, 0.25), (0.5, 0.5), (1.0, 0.75), (2.0, 0.875), (5.0, 0.95)):  # 1 - 1 / (4 share)
-        alpha = np.arctan(share * p.mu * CAR / p.C_alpha)
-        assert tyre(alpha)[0][0] == pytest.approx(expected * p.mu * CAR)
-
-
-def test_pacejkas_formula_with_shape_one_is_a_saturating_root():
-    p = SimpleNamespace(B=10.0, C=1.0, D=0.9, E=0.0, S_h=0.0, S_v=0.0)
-    alpha = np.linspace(-0.5, 0.5, 11)
-    expected = 0.9 * CAR * 10 * alpha / np.sqrt(1 + (10 * alpha) ** 2)  # sin(atan(x))
-    assert np.allclose(curve("pacejka", p)(alpha)[0], expected, rtol=1e-12)
 
 
 def test_pacejkas_curve_is_shifted_by_S_h_and_S_v():

@@ -103,13 +103,13 @@ def test_the_simulation_that_was_compared_is_written_down(case):
         own.title for part in document.parts if isinstance(part, Together) for own in part.parts
         if isinstance(own, Section)
     }  # fmt: skip
-    assert {"What could be there unseen", "What was simulated", "How to make it again"} <= titles
+    assert {"What could be present undetected", "What was simulated", "How to repeat it"} <= titles
     assert any(isinstance(part, Formulas) for part in document.parts)
 
 
 def test_without_a_gap_nothing_is_shared_out():
     said = page(gap_report(none_driven(), MADE))
     assert "share of the gap" not in said
-    assert "How far simulation and vehicle are apart" in said
+    assert "How large the gap is" in said
     assert "of the gap" not in said.partition("Where it was driven")[2]
     assert "→" not in said.partition("Held out: lap8")[2].partition("Errors beside noise")[0]

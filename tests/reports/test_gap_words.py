@@ -83,7 +83,7 @@ def test_whether_there_is_a_gap():
 def test_where_is_silent_without_a_gap_and_names_shares_with_one():
     assert where(none()) == ""
     said = where(clear())
-    assert said.startswith("steering 78 % and M_z 15 %; 78 % of it in 22 % of the time, while the steering moves")
+    assert said.startswith("steering 78 % and M_z 15 %; 78 % of it lies in 22 % of the time, while the steering moves")
     assert said.endswith("half of it between 31.5 and 40.0 s, 14 % of the time")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
     assert where(everywhere) == "steering 78 % and M_z 15 %; evenly spread"
@@ -93,7 +93,7 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
 
 def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     gap = unknown()
-    assert told_apart(gap, gap.ranking[0]) == "cannot be told from 2 and accel_bias_y on this recording"
+    assert told_apart(gap, gap.ranking[0]) == "cannot be distinguished from 2 and accel_bias_y on this recording"
     assert told_apart(replace(gap, recordings=("a", "b")), gap.ranking[1]).endswith("on these recordings")
     assert told_apart(gap, DELAY) == ""
 
@@ -102,7 +102,7 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     ("closed", "interval", "said"),
     [
         (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
-        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); it may not close at all"),
+        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); the gap may not close at all"),
         (-0.12, (-0.3, 0.04), "adding steering_delay makes predictions worse by 12 % of the excess [−4, 30]"),
         (-0.12, (-0.3, -0.02), "worse by 12 % of the excess [2, 30] on lap8 (held out)"),
         (NAN, (NAN, NAN), "no excess error above the floor on lap8 (held out)"),
@@ -119,10 +119,10 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     gap = clear(gap=small, held_out=None)
     said = how_far(gap, small, False)
     assert re.search(r"free runs exceed noise by 1\.?0? % on lap8", said)
-    assert "there is hardly a gap" in said
+    assert "the gap is too small" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
-    assert "there is hardly a gap" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
+    assert "the gap is too small" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
     assert "worse by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
     sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
     assert "closes by 90 %" in how_far(gap, sure, False)
@@ -148,7 +148,7 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     assert as_it_stands(gap, gap.held_out) == ""
     free = next(own for own in gap.held_out.errors if own.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
-    assert "than the model had before: mean square 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
+    assert "than the model had before: mean square error 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
     assert as_it_stands(gap, replace(worse, closed=-0.2)) == ""  # how far it closes has said it
     better = replace(worse, errors=(replace(free, before=9 * free.floor, after=2 * free.floor),))
     assert as_it_stands(gap, better) == ""
@@ -188,7 +188,7 @@ def test_doubts_come_first_and_many_are_counted():
 def test_a_report_holds_words_only(case):
     record = DataRecord("validate", "lap8", "runs/lap8.csv", "b3" * 32, "canonical", 3000, 1, 60.0)
     document = gap_report(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
-    recordings, made = below(document, "How to make it again")
+    recordings, made = below(document, "How to repeat it")
     assert recordings.rows[0][:2] == ("held out", "lap8.csv")
     assert dict(made.pairs)["command"] == "greybox gap lap7.csv"
     for table in tables(document):
@@ -200,4 +200,4 @@ def test_a_report_holds_words_only(case):
 def test_the_runner_up_is_always_discussed():
     (first, _), (second, words) = evidence(clear())
     assert (first, second) == ("steering_delay", "steering_lag")
-    assert "gains 190, 24.0 less than with the best. It cannot be told from steering_delay" in words
+    assert "gains 190, 24.0 less than with the best hypothesis. It cannot be distinguished from steering_delay" in words

@@ -121,7 +121,7 @@ def test_what_was_measured_and_read_is_no_truth(told, found, lap):
     assert told.truth["v_y"].inside == np.mean(np.abs(off) <= 2 * found.sds["v_y"])
     blind = digest(found, without(lap, "v_y"), MADE)
     assert not blind.truth
-    assert "cannot be told from this recording" in verdict(blind)[2]
+    assert "does not show the error of the estimates" in verdict(blind)[2]
 
 
 def test_noise_has_a_unit_and_says_where_it_is_from(told):
@@ -137,7 +137,7 @@ def test_long_recordings_are_thinned_for_pictures_and_counted_whole(found, lap, 
     monkeypatch.setattr("greybox_id.reports.track.digest.MOST_ROWS", 100)
     thin = digest(found, lap, MADE)
     assert (thin.course.every, len(thin.course.time), thin.rows) == (4, 100, 400)
-    assert "Of 4 rows one is drawn" in drawings(thin)[0].caption
+    assert "One of 4 rows is drawn" in drawings(thin)[0].caption
 
 
 def words_of(document):
@@ -147,7 +147,7 @@ def words_of(document):
 def test_the_report_says_what_was_estimated_and_how_far_to_trust_it(told):
     document = track_report(told)
     said = words_of(document)
-    for title in ("Provenance", "What was estimated", "Against what was measured", "Does the filter know", "noise",
+    for title in ("Provenance", "What was estimated", "Against what was measured", "standard deviations right", "noise",
                   "What went in", "Equations of the model", "Limits"):  # fmt: skip
         assert title in said
     assert len(document.verdict) == 3

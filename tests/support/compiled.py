@@ -7,8 +7,22 @@ import subprocess
 import numpy as np
 import pytest
 
+from greybox_id.engine import compiler
+from greybox_id.engine.compiler import CannotCompile
+
 STRICT = ("-std=c99", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Werror")
 COMPILERS = ("gcc", "clang")
+
+
+def there_is_a_compiler():
+    try:
+        compiler.compiler()
+    except CannotCompile:
+        return False
+    return True
+
+
+needs_compiler = pytest.mark.skipif(not there_is_a_compiler(), reason="there is no C compiler here")
 
 
 def needed(program):

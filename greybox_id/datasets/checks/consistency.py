@@ -153,7 +153,9 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
         if pair.kinematic:
             low, high = GAIN_RANGE
             if not low < gain < high:
-                sentence = f"{pair.left} is {number(gain)} times {pair.right}, where 1 is due: {_blame(pair, gain)}"
+                sentence = (
+                    f"{pair.left} is {number(gain)} times {pair.right}, where 1 is expected: {_blame(pair, gain)}"
+                )
                 place = FoundAt(pair.nodes[0])
                 findings.append(Finding("unit", Severity.DISTRUST, place, sentence, gain, error))
         elif pair.nodes == ("yaw_rate", "steer"):
@@ -364,7 +366,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if scales:
         worst = max(scales, key=lambda n: abs(np.log(scales[n])))
         sentence = (
-            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}, where 1 is due: "
+            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}, where 1 is expected: "
             f"check its unit (the column map says {pretty_unit(unit)}) or its calibration."
         )
         findings.append(Finding("unit", Severity.WARNING, FoundAt(extra), sentence, scales[worst]))

@@ -275,7 +275,7 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
     blunt = not pair.kinematic and zero_share(recording, "steer") > ZERO_SHARE
     if len(lags) >= MANY_RUNS and len(odd) > MANY * len(lags):
         return [_scattered(pair, lags, odd, dt)]
-    like = "in other runs" if pair.kinematic else "in runs of like speed"
+    like = "in other runs" if pair.kinematic else "in runs of similar speed"
     findings = []
     for number, (distance, error) in sorted(odd.items()):
         lag = lags[number]
@@ -308,7 +308,10 @@ def _scattered(pair: Pair, lags: dict[int, Lag], odd: dict[int, tuple[float, flo
     if pair.kinematic:
         sentence += "Both are the same quantity: the clocks of the two channels do not run together."
     else:
-        sentence += "With so many it is the vehicle's response or a dead zone in the steering rather than the clock."
+        sentence += (
+            "A delay this long comes from the vehicle's response or a dead zone in the steering rather than "
+            "from the clock."
+        )
     severity = Severity.DISTRUST if pair.kinematic else Severity.WARNING
     apart, error = odd[max(odd, key=lambda number: abs(odd[number][0]))]
     return Finding("run_delay", severity, FoundAt(pair.nodes[0]), sentence, apart * dt, error * dt, "s")

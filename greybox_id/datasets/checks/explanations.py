@@ -366,7 +366,7 @@ def _steered(r: Recording) -> list[Explanation]:
                 Explanation(
                     "The second half is of another car, or steer has another scale there: v_x · steer over yaw_rate "
                     f"is {quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the "
-                    f"second, at {quantity(pace, 'm/s')}. Fit the halves apart.",
+                    f"second, at {quantity(pace, 'm/s')}. Fit each half on its own.",
                     "steer", apart, error, "m", (apart / error) ** 2,
                 )
             )  # fmt: skip

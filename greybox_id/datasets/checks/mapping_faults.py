@@ -420,7 +420,7 @@ def _commanded(result: Sequence[Relation]) -> list[Finding]:
     if one is None or one.correlation < WITNESS or not _certain(one) or one.agreement > 1 - WITNESS:
         return []
     sentence = (
-        f"dv_x/dt is {number(one.gain, 2)} times ax_cmd, where about 1 is due (correlation "
+        f"dv_x/dt is {number(one.gain, 2)} times ax_cmd, where about 1 is expected (correlation "
         f"{number(one.correlation, 2)}): check unit and scale of ax_cmd in the column map."
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("ax_cmd"), sentence, one.gain)]

@@ -185,7 +185,7 @@ def _rear_axle(r: Recording) -> Relation | None:
     known = float(np.sum(right[rows] ** 2)) > SPEEDS**2 * float(np.sum(slips[rows] ** 2))
     if not known:
         return None
-    words = ("v_y", "v_x² · yaw_rate, less what yaw_rate explains")
+    words = ("v_y", "v_x² · yaw_rate without the part that yaw_rate explains")
     offsets, any_gain = (np.inf, np.inf), (0.0, np.inf)
     return _relation(r, words, ("v_y", "v_x", "yaw_rate"), left, right, offsets, any_gain, False, 0.0)
 
@@ -246,10 +246,10 @@ def _heading(r: Recording) -> list[Relation | None]:
         return []
     origin = np.angle(np.sum(ahead[both] * np.conj(body[both])))
     seen = ahead * np.exp(-1j * origin)
-    result = [_ratio(r, ("v_x", "the velocity over ground (x, y) along yaw"), ("v_x", "x", "y", "yaw"),
+    result = [_ratio(r, ("v_x", "the velocity from x and y along yaw"), ("v_x", "x", "y", "yaw"),
                     smooth(r, r["v_x"], SMOOTHING), smooth(r, seen.real, SMOOTHING), TIGHT, True)]  # fmt: skip
     if r.has("v_y"):
-        result.append(_relation(r, ("v_y", "the velocity over ground (x, y) across yaw"), ("v_y", "x", "y", "yaw"),
+        result.append(_relation(r, ("v_y", "the velocity from x and y across yaw"), ("v_y", "x", "y", "yaw"),
                                r["v_y"], seen.imag, (0.02 * _usual(r["v_x"]),) * 2, SAME))  # fmt: skip
     return result
 

@@ -343,7 +343,7 @@ def _jitter(recording: Recording, dt: float) -> list[Finding]:
     sentence = (
         f"the step of time scatters by {100 * result[worst]:.0f} % of {exact(dt)} s in run {worst}"
         f"{f' (also in {runs_words(n for n in result if n != worst)})' if len(result) > 1 else ''}: "
-        "delays cannot be told more finely than that."
+        "delays cannot be estimated more finely than that."
     )
     return [Finding("jitter", Severity.WARNING, FoundAt("time", worst), sentence, result[worst])]
 

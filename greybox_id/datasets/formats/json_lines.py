@@ -63,7 +63,7 @@ def _parsed(text: str, where: str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        reason = "brackets in brackets without end" if isinstance(error, RecursionError) else str(error)
+        reason = "brackets are nested too deep" if isinstance(error, RecursionError) else str(error)
         raise BadInput(f"{where} is no JSON ({reason:.80}). Mend it, or write CSV.") from error
 
 

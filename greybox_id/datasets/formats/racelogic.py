@@ -51,7 +51,9 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         if name in numbers:
             numbers[name] = item(numbers[name])
     table = RawTable(table.where, table.names, tuple(pd.Series(v) for v in numbers.values()), first, table.units)
-    return whole(table, KIND, ("latitude and longitude are minutes, west positive: taken as degrees, east positive.",))
+    return whole(
+        table, KIND, ("latitude and longitude are minutes, west positive: converted to degrees, east positive.",)
+    )
 
 
 def _sections(text: str, where: str) -> tuple[Mapping[str, list[str]], int]:

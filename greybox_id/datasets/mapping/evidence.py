@@ -166,7 +166,7 @@ def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
     for entry in entries:
         known = families.get(_family(entry))
         if entry.units and known:
-            why = f"unit: as that of {known.column}, whose name differs by the axis alone"
+            why = f"unit: that of {known.column}, whose name differs only in the axis"
             entry = replace(entry, unit=known.unit, decided=True, units=(), reasons=(*entry.reasons[:-1], why))
         result.append(entry)
     return result

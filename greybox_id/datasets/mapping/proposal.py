@@ -172,7 +172,7 @@ def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) 
     gain = float(np.vdot(commanded, measured) / max(float(np.vdot(commanded, commanded)), 1e-300))
     if not 1 / ALIKE < abs(gain) < ALIKE:
         return entry
-    why = f"unit: as that of {steer.column}, of which it is {number(gain, 2)} times"
+    why = f"unit: that of {steer.column}; this column is {number(gain, 2)} times as large"
     return replace(entry, unit=steer.unit, units=(), divide_by=steer.divide_by, sign=steer.sign, decided=True,
                    reasons=(entry.reasons[0], why))  # fmt: skip
 
@@ -254,15 +254,16 @@ def as_toml(proposal: Proposal, name: str) -> str:
     lines = [
         *_comment(f"A column map for {proposal.file}, proposed from names, units and cross-checks."),
         "# Lines that begin with #? are questions: remove the #? from the right one and complete it.",
-        "# Signs: x forward, y left, z up; yaw rate and steering are positive to the left. Channels can tell that they",
-        "# agree with each other, not which way is left: look at one turn you know.",
+        "# Signs: x forward, y left, z up; yaw rate and steering are positive to the left. Comparing channels shows "
+        "whether they",
+        "# agree with each other, not which way is left: check one turn that you know.",
         "",
         f"name = {quoted(name)}",
         '#? hold = "zero"    # commanded: steering and drive keep their value from one row to the next',
-        '#? hold = "linear"  # measured: they run on between rows. Without hold, a fit compares both.',
+        '#? hold = "linear"  # measured: they are linear between rows. Without hold, a fit compares both.',
     ]
     if proposal.rate:
-        lines.append(f"rate = {proposal.rate:g}  # rows a second: the file has no time")
+        lines.append(f"rate = {proposal.rate:g}  # rows per second: the file has no time")
     if not proposal.rate:
         lines += ["", "[time]", *_time(proposal.time)]
     if proposal.run:

@@ -91,9 +91,17 @@ class Lanes:
         in_order = self.owner if order is None else self.owner[order]
         return order, np.searchsorted(in_order, np.arange(len(self.rows)))
 
+    @cached_property
+    def in_order(self) -> bool:
+        """Whether lanes, one after the other, take each reading of each row once: nothing is then to be moved."""
+        taken = len(self.interval) * int(np.sum(self.reads)) * self.lane.shape[1]
+        return taken == self.lane.size and self.complete and bool(np.all(np.diff(self.flat) == 1))
+
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""
         shape = (len(self.interval), int(np.sum(self.reads)), self.lane.shape[1])
+        if self.in_order:
+            return values.reshape(shape)
         result = np.zeros(int(np.prod(shape)))
         taken = (self.lane >= 0).ravel()
         result[self.flat[taken]] = values.ravel()[taken]
@@ -102,6 +110,8 @@ class Lanes:
     def gathered(self, values: Array, nothing: float = np.nan) -> Array:
         """What lanes read, (L, R, outputs, ...), row by row of the intervals, (N, outputs, ...)."""
         more = values.shape[3:]
+        if self.in_order:
+            return values.reshape(*self.lane.shape, *more)
         result = (
             values.reshape(int(np.prod(values.shape[:3])), *more)
             .take(self.flat, axis=0)
@@ -213,6 +223,9 @@ def _filled(schedules: Sequence[Schedule], begin: Index, length: Index) -> tuple
 
     `begin` counts the segments of all schedules one after the other.
     """
+    if len(begin) == 1 and len(schedules) == 1:  # one lane is a stretch of its schedule, which may be of hours
+        here = slice(int(begin[0]), int(begin[0] + length[0]))
+        return schedules[0].segments[None, here], schedules[0].reads[here]
     place = np.arange(int(np.max(length)))
     over = place >= length[:, None]
     at = np.where(over, 0, begin[:, None] + place)

@@ -232,8 +232,10 @@ def schedule(
     counts = [len(time) for time in times]
     instant, kind = np.concatenate(times), np.repeat(kinds, counts)
     row = np.concatenate([*[every] * (len(delayed) + 1), *[late_rows] * len(late), *inside])
-    order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
-    order = order[(instant[order] >= run.time[0] - AT_ONCE) & (instant[order] <= run.time[-1] + AT_ONCE)]
+    order = every
+    if len(times) > 1:
+        order = _in_time(instant, np.repeat(np.arange(len(times)), counts))
+        order = order[(instant[order] >= run.time[0] - AT_ONCE) & (instant[order] <= run.time[-1] + AT_ONCE)]
     first = int(np.flatnonzero((kind[order] == -1) & (row[order] == 0))[0])
     instant, kind, row = (values[order[first:]] for values in (instant, kind, row))
     instant = np.maximum.accumulate(instant)

@@ -135,7 +135,8 @@ class MotionProblem:
         self.longest = longest_segment(self.trace, self.runs, about)
         self._interval_starts = IntervalStarts(simulator, self.runs, self.intervals)
         if horizon is not None:
-            self._interval_starts.carry(about, self._scheduled(np.tile(simulator.shifts(about), (len(self.runs), 1))))
+            shifts = np.tile(simulator.shifts(about), (len(self.runs), 1))
+            self._interval_starts.carry(about, lambda: self._scheduled(shifts))
         alike = like is not None and self.intervals == like.intervals and self._steps() == like._steps()
         self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = like._plans if like and alike else None
         self._chain: Chain | None = like._chain if like and alike and len(like.free) == len(self.free) else None
@@ -154,6 +155,11 @@ class MotionProblem:
         other.runs = [replace(run, inputs=item) for run, item in zip(self.runs, inputs, strict=True)]
         other._plans = other._chain = other._tiled = None
         return other
+
+    def forget(self) -> None:
+        """Let go of layouts of all rows; they are made again where they are needed."""
+        self._plans = self._chain = self._tiled = None
+        self._laid = []
 
     @property
     def carries(self) -> bool:

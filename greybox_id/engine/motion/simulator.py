@@ -10,7 +10,7 @@ Where intervals start: from readings, from the commands before, and what nothing
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -355,13 +355,13 @@ class IntervalStarts:
         self._carried: tuple[Mask, Array] | None = None
         self._actuated = False
 
-    def carry(self, p: Array, plans: Sequence[Schedule]) -> None:
+    def carry(self, p: Array, plans: Callable[[], Sequence[Schedule]]) -> None:
         """From here on, starts within a run go on from what was before.
 
         Parameters
         ----------
         p : (parameters,) of the observer.
-        plans : each run's segments at these parameters.
+        plans : gives each run's segments at these parameters; called where anything is carried.
         """
         trace = self._simulator.trace
         self._actuated = self._simulator.actuators is not None
@@ -372,7 +372,7 @@ class IntervalStarts:
         unread[[interval.start == 0 for interval in self._intervals]] = False
         if not np.any(unread):
             return
-        along = [observed(self._simulator, run, plan, p) for run, plan in zip(self._runs, plans, strict=True)]
+        along = [observed(self._simulator, run, plan, p) for run, plan in zip(self._runs, plans(), strict=True)]
         states = np.array([along[i.run][i.start] for i in self._intervals])
         self._carried = (unread & np.isfinite(states), states)
 

@@ -71,7 +71,7 @@ class NamedQuantities:
         vars(self)[name] = value
 
     def __getattr__(self, name: str) -> Any:
-        raise AttributeError(f"The quantity {name} is not there yet: the dynamics assign it later, or never.")
+        raise AttributeError(f"The dynamics read {name} before they assign it, or never assign it.")
 
 
 def _by_quantity(model: MotionModel) -> frozenset[str]:

@@ -68,21 +68,21 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
     folds = _folds(new)
     if len(folds) < 2:
         raise BadInput(
-            f"The new seconds of {recording.name} are too few to choose by cross-validation: {2 * FOLD:g} s in one run "
-            "are needed (‹seconds›)."
+            f"{recording.name} is too short to choose by cross-validation: one run of {2 * FOLD:g} s is needed "
+            "(‹seconds›)."
         )
     how = _how(fit)
     zero = _errors_in_folds(folds, [model] * len(folds))
     scale = {name: max(float(np.sqrt(np.mean(item))), 1e-12) for name, item in zero.items()}
     if not scale:
-        raise BadInput(f"{recording.name} reads none of the outputs of {model.name} for {AHEAD:g} s at a stretch.")
+        raise BadInput(f"{recording.name} has no stretch of {AHEAD:g} s with readings of an output of {model.name}.")
     words = ESTIMATED if free in ("auto", "all") else free
     several = [AdaptedCandidate("", np.inf, False, _pieces(zero, scale))]
     squares = [zero]
     for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
         held, fitted = _about(model, fit, names, strength), []
         for number, (train, _) in enumerate(folds, 1):
-            say(f"strength {strength:g} of what the fit knows: fitted without piece {number} of {len(folds)}")
+            say(f"prior strength {strength:g}: fitted without piece {number} of {len(folds)}")
             fitted.append(_fitted(held, train, how))
         known = _errors_in_folds(folds, fitted)
         several.append(AdaptedCandidate(words, strength, False, _pieces(known, scale)))

@@ -195,7 +195,8 @@ class Posterior:
             result.append(f"The run was interrupted: call it again with the same arguments{on}.")
         if self.pareto_k > trusted(len(self)):
             result.append(
-                f"The posterior is not near the fit's normal distribution, and weights cannot make up for it (Pareto k "
+                "The posterior differs too much from the fit's normal distribution for weights to correct it "
+                "(Pareto k "
                 f"{self.pareto_k:.2f}): the draws are of the normal distribution itself. Use mcmc."
             )
         if worst > MET:

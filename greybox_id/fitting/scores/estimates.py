@@ -77,7 +77,9 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording, calibrated_on:
     if not models:
         raise BadInput("There is no fit to apply.")
     if len({model.name for model in models}) > 1:
-        raise BadInput("An ensemble is of one hybrid model; stiffness and force are applied one after the other.")
+        raise BadInput(
+            "An ensemble takes fits of one hybrid model; apply hybrid_stiffness and hybrid_force one after the other."
+        )
     runs = [free_run(model, recording) for model in models]
     units, columns = dict(models[0].estimates), {}
     for name in units:

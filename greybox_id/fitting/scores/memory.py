@@ -63,7 +63,7 @@ def _simulated(model: MemoryModel, recording: Recording, start: Mapping[str, flo
         raise BadInput(f"{model.name} has no states: it starts from a window of the recording. Give it no start.")
     if model.feedback is None:
         raise BadInput(
-            f"{model.name} predicts one sample ahead from measured inputs, with no loop to run in; use greybox predict."
+            f"{model.name} predicts one sample ahead from measured inputs and cannot run freely; use greybox predict."
         )
     return predictions(model, recording, "closed_loop")
 

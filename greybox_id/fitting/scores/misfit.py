@@ -66,8 +66,8 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
     if outputs and not any(_moves(parts) for parts in outputs.values()):
         raise BadInput(
-            f"{names}: nothing moves: {_listed(list(outputs))} scatter as their noise does, which tells nothing of "
-            f"{model.name}. Record a drive that excites them."
+            f"{names}: nothing moves: {_listed(list(outputs))} scatter as their noise does, which says nothing "
+            f"about {model.name}. Record a drive that excites them."
         )
 
 
@@ -102,12 +102,20 @@ def misfit(fit: Fit) -> Iterator[Reason]:
         shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
         yield Reason(
             NOT_USABLE,
-            f"The fit leaves {_listed(shares)} unexplained beyond noise: what moves the vehicle is not in its inputs, "
-            "or they are of another vehicle. See greybox data check.",
+            f"The fit leaves {_listed(shares)} unexplained beyond noise: the inputs lack what moves the vehicle, or "
+            "belong to another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
-    yield from _of_halves(form, _of_form(moving[worst]))
-    yield from _dependence(worst, moving[worst], fit.how.get("sensors", {}))
+    halves = list(_of_halves(form, _of_form(moving[worst])))
+    drive = list(_dependence(worst, moving[worst], fit.how.get("sensors", {})))
+    by_drive = max(moving[worst]["on"].values(), default=0.0)
+    yield from (*drive, *halves) if by_drive > form.get("halves", 0.0) else (*halves, *drive)
+
+
+def foreign_form(fit: Fit) -> bool:
+    """Whether what the model lacks leaves nothing of a fit: then it is that which widens intervals, not the drive."""
+    outputs = fit.how.get("form", {}).get("outputs", {}).values()
+    return any(_of_form(one) > FOREIGN_FORM for one in outputs if not one["spread"] < MOVES * one["noise"])
 
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
@@ -147,10 +155,10 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = "Its mean is off" if on[:1] == ["none of the drive"] else _depends(on)
+        depends = ". Its mean is off" if on[:1] == ["none of the drive"] else f". {_depends(on)}" if on else ""
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
-            f"The error of {name} is {left}{against}. {depends}: the model lacks an effect"
+            f"The error of {name} is {left}{against}{depends}: the model lacks an effect"
             f"{', or is of another vehicle' if error > DOUBTFUL else ''}. Intervals include it; greybox gap looks for "
             "the cause.",
         )

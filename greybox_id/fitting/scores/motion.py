@@ -60,7 +60,7 @@ def _predicted_how(model: MotionModel, horizon: float | None, open_loop: bool) -
 def in_order(prediction: Prediction) -> Prediction:
     """Predictions run by run, row by row. Raises `BadInput` where there are none."""
     if len(prediction.rows) == 0:
-        raise BadInput("There is no row to predict from: at no row are all measured states read at once.")
+        raise BadInput("There is no row to predict from: no row has readings of all measured states.")
     return prediction.taken(np.lexsort((prediction.rows, prediction.run)))
 
 

@@ -23,7 +23,7 @@ from ...models.motion_model import MotionModel
 from ..fit import NOT_USABLE, SURPRISING, UNTOLD, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
 from ..provenance import DataRecord
 from .metrics import FREE_RUN, Error, Scores, ahead
-from .misfit import misfit
+from .misfit import foreign_form, misfit
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5
@@ -181,7 +181,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
         )
     known = [float(np.max(fit.sd[p.name])) < UNTOLD * abs(float(p.array)) for p in scalars if p.name in fit.sd]
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
-    if len(known) == len(scalars) > 0 and not any(known) and not informed:
+    if len(known) == len(scalars) > 0 and not any(known) and not informed and not foreign_form(fit):
         yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
     far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
@@ -324,7 +324,8 @@ def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iter
     if each and np.median(each) > FOREIGN:
         yield Reason(
             WITH_CARE,
-            f"{what}errors are {_times(float(np.median(each)))} those on the training data: it does not carry over.",
+            f"{what}errors are {_times(float(np.median(each)))} those on the training data: the fit does not carry "
+            "over.",
         )
 
 

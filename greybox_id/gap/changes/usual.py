@@ -182,7 +182,7 @@ def usual(
     noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
     result = common(replace(weigher, noise=noise), rides, scatter, belief, result)
     tempered = replace(weigher, noise=replace(noise, temper=_temper(result, rides)))
-    tell("learning what scatters from run to run")
+    tell("learning what varies from run to run")
     return common(tempered, rides, scatter, belief, result)
 
 

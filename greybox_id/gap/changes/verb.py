@@ -137,7 +137,7 @@ def diagnose_change(
         known = usual(Follower(full, read), numbers, before, tell, dict.fromkeys(nameless, CAL.filters))
         if not driven:  # errors of form do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
-        tell(f"explaining {', '.join(one.name for one in after)} by what may have changed")
+        tell(f"fitting what may have changed to {', '.join(one.name for one in after)}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
         direct = by_place(known, value, told_by_columns([*after, *held_out], since))
@@ -199,12 +199,12 @@ def _begun(
     if vehicle is None:
         raise BadInput(f"No vehicle is stated for {model.name}: name a vehicle, or a fit.")
     if not isinstance(model, MotionModel) or model.learnt:
-        raise BadInput(f"{model.name} holds a network's weights: what changed is found for equations of motion alone.")
+        raise BadInput(f"{model.name} holds a network's weights: changes are diagnosed for equations of motion only.")
     _must_differ(after, since)
     read = _readings(model, [*after, *since])
     value = {name: effect for name, effect in effects.items() if name in USUAL and acts(effect, model, read)}
     if not value:
-        raise BadInput(f"Nothing that may change between runs acts on {model.name} and what was recorded.")
+        raise BadInput(f"No effect that may change between runs acts on {model.name} and these recordings.")
     return model, vehicle, read, value
 
 
@@ -280,12 +280,12 @@ def _answer(
     if first is not None:
         each = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
-            reasons[first.place] = "it does not improve predictions of recordings that did not choose it"
+            reasons[first.place] = "it does not improve predictions of held-out recordings"
         elif sure[0] <= CAL.present:
             beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
-            reasons[first.place] = f"its probability is {sure[0]:.2f}, no more than one half{beside}"
+            reasons[first.place] = f"its probability is {sure[0]:.2f}, not more than one half{beside}"
         elif not each.low < mean[first.place] < each.high:
-            reasons[first.place] = "it stands at its bound: a symptom of something else, not an estimate"
+            reasons[first.place] = "it is at its bound: a symptom of another cause, not an estimate"
     first_found = first
     if reasons:
         first, mean = None, entry
@@ -298,7 +298,7 @@ def _answer(
         size = _within(value[name], each.value(known.x[one.place] + one.shift[0]))
         reason = reasons.get(one.place, "")
         if one.beyond > CAL.reach_sd:
-            reason = "it is larger than such a change ever is: a symptom of something else, not an estimate"
+            reason = "it is implausibly large: a symptom of another cause, not an estimate"
         mates = tuple(alike) if first_found is one else ()
         ranking.append(Ranked(name, float(p), size, value[name].parameter.unit, span, mates, one.total, reason))
     ranking = [*(_by_columns(known, value[effects[known.numbers[place].name]], effects, place, by)
@@ -333,6 +333,15 @@ def _answer(
         closed=_model_at(model, value, known, mean),
         budget=budget,
     )  # fmt: skip
+    before, scatter = _before(vehicle, value, known)
+    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
+                   _sds(known, [*rides, *others], effects))  # fmt: skip
+
+
+def _before(
+    vehicle: Vehicle, value: Mapping[str, Effect], known: Common
+) -> tuple[Vehicle, dict[str, tuple[float, float]]]:
+    """The vehicle as it was, with what its recordings told of it; effect -> its magnitude and scatter between runs."""
     values = values_of(known.numbers, known.x)
     sds = np.sqrt(np.diag(known.covariance))
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
@@ -348,8 +357,7 @@ def _answer(
         effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
-    return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
-                   _sds(known, [*rides, *others], effects))  # fmt: skip
+    return before, scatter
 
 
 def _sds(known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str]) -> dict[str, float]:
@@ -499,7 +507,7 @@ def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recordin
         trend = float(np.sum(weights * about * value)) / information
         if abs(trend) * np.sqrt(information) > CAL.drifts and abs(trend) > 2 * known.numbers[place].usual:
             stated.append(
-                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: a change "
-                "since then may be that drift."
+                f"{effects[known.numbers[place].name]} drifts from {since[0].name} to {since[-1].name}: the change "
+                "may be that drift."
             )
     return tuple(stated)

@@ -122,18 +122,18 @@ def discriminating(
     """
     names = ambiguous(gap)
     if not names:
-        return _nothing("discriminate", model, design_task, (f"There is nothing to tell apart: {_alone(gap)}.",), ())
+        return _nothing("discriminate", model, design_task, (f"There is nothing to distinguish: {_alone(gap)}.",), ())
     rest, alike = parted(names)
     impossible = tuple(
-        f"{one} and {other} read the same whatever is driven: no manoeuvre tells them apart; measure the mounting."
+        f"{one} and {other} read the same whatever is driven: no manoeuvre distinguishes them; measure the mounting."
         for one, other in alike
     )
     known = tuple(name for name in rest if name in effects and effects[name].concerns(model))
     unheld = [name for name in rest if name not in known]
     if unheld:
-        impossible = (*impossible, f"{', '.join(unheld)}: no equations of it are known here; it is left out.")
+        impossible = (*impossible, f"{', '.join(unheld)}: it has no equations here and is left out.")
     if len(known) < 2:
-        why = "No manoeuvre tells them apart." if alike else "There is nothing to tell apart."
+        why = "No manoeuvre distinguishes them." if alike else "There is nothing to distinguish."
         return _nothing("discriminate", model, design_task, (why,), impossible)
     rivals = [_rival(gap, model, effects, name, known[:MOST_RIVALS]) for name in known[:MOST_RIVALS]]
     must_fit(design_task)
@@ -146,12 +146,14 @@ def discriminating(
         if item.nats < HOPELESS:
             impossible = (
                 *impossible,
-                f"No manoeuvre that was found in {design_task.arena.words} tells {item.pair[0]} from {item.pair[1]} "
+                f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from "
+                f"{item.pair[1]} "
                 f"({item.nats:.1f} nats, and {ENOUGH:g} are needed).",
             )
     if HOPELESS <= worst < ENOUGH:
         stated.append(
-            f"One drive tells them apart by {worst:.1f} nats, and {ENOUGH:g} are needed: drive it several times, or "
+            f"One drive distinguishes them by {worst:.1f} nats, but {ENOUGH:g} are needed: drive it several times, "
+            "or "
             "use a larger arena."
         )
     return finished(

@@ -149,7 +149,7 @@ def _exact(model: MotionModel) -> tuple[str, ...]:
     """That a fit takes its equations for exact, which no tyre's curve is."""
     if model.settings.get("tyre", "linear") == "linear" or "form" in model.settings:
         return ()
-    return ("The fit takes its tyre curves as exact; with the setting form=uncertain, sd includes their error.",)
+    return ("The fit treats its tyre curves as exact; with the setting form=uncertain, sd includes their error.",)
 
 
 def _hardly(model: MotionModel, known: Mapping[str, tuple[float, float]]) -> tuple[str, ...]:
@@ -157,9 +157,11 @@ def _hardly(model: MotionModel, known: Mapping[str, tuple[float, float]]) -> tup
     parts = []
     for name, (before, after) in known.items():
         if not np.isfinite(after):
-            parts.append(f"nothing to {name}, which stays unknown")
+            parts.append(f"no information on {name}, which stays unknown")
         elif np.isfinite(before) and after > (1.0 - LITTLE) * before:
-            parts.append(f"little to {name}: its standard deviation falls by {100 * (1 - after / before):.1f} %")
+            parts.append(
+                f"little information on {name}: its standard deviation falls by {100 * (1 - after / before):.1f} %"
+            )
     if not parts:
         return ()
     return (f"Of {model.name}, the best manoeuvre that was found here adds {'; '.join(parts)}.",)
@@ -195,8 +197,8 @@ def no_room(nearest: FoundPlan, task: DesignTask, search: PlanSearch) -> BadInpu
     if out > 0 and np.isfinite(out):
         wide = task.arena.breadth + 2.0 * out
         return BadInput(
-            f"‹arena› {task.arena.words} is too small: the manoeuvre that came nearest leaves it by {out:.1f} m. "
-            f"{wide:.0f} m across would do, or a lower ‹speed_max›."
+            f"‹arena› {task.arena.words} is too small: the best manoeuvre leaves it by {out:.1f} m. Use an arena "
+            f"{wide:.0f} m wide, or a lower ‹speed_max›."
         )
     tight = strain(nearest.plan.motion, task.limits)
     worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))

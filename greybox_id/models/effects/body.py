@@ -53,7 +53,7 @@ mass_change = alteration(
 )  # fmt: skip
 
 cog_shift = alteration(
-    GROUP, "cog_shift", "m", 0.0, (-1.0, 1.0), "how far forward the centre of gravity has moved",
+    GROUP, "cog_shift", "m", 0.0, (-1.0, 1.0), "forward shift of the centre of gravity",
     typical=0.1, needs=("l_f", "l_r"),
     l_f=lambda l_f, q: l_f - q.p.cog_shift,
     l_r=lambda l_r, q: l_r + q.p.cog_shift,
@@ -66,7 +66,7 @@ yaw_inertia = alteration(
 
 longitudinal_load_transfer = alteration(
     GROUP, "longitudinal_load_transfer", "1", 0.0, (0.0, 2.0),
-    "height of the centre of gravity in load transfer by a_x, over its nominal height",
+    "factor on the height of the centre of gravity in load transfer by a_x",
     typical=1.0, passes=3, needs=("a_x", "h_cg", "l_f", "l_r"),
     F_zf=lambda F_z, q: F_z * remaining(_to_rear(q) / F_z),
     F_zr=lambda F_z, q: F_z * remaining(-_to_rear(q) / F_z),

@@ -56,21 +56,22 @@ imu_mount_roll = reading(
 )  # fmt: skip
 
 imu_mount_yaw = reading(
-    GROUP, "imu_mount_yaw", "rad", 0.0, (-1.6, 1.6), "by how much the accelerometer is turned to the left",
+    GROUP, "imu_mount_yaw", "rad", 0.0, (-1.6, 1.6), "angle by which the accelerometer is turned to the left",
     typical=0.1, needs=("a_x", "a_y"),
     a_x=lambda read, q: _turned(read, q)[0],
     a_y=lambda read, q: _turned(read, q)[1],
 )  # fmt: skip
 
 imu_lever_arm = reading(
-    GROUP, "imu_lever_arm", "m", 0.0, (-3.0, 3.0), "how far forward of the centre of gravity the accelerometer sits",
+    GROUP, "imu_lever_arm", "m", 0.0, (-3.0, 3.0), "distance of the accelerometer ahead of the centre of gravity",
     typical=0.3, needs=("yaw_rate",),
     a_x=lambda read, q: read.a_x - q.x.yaw_rate**2 * q.p.imu_lever_arm,
     a_y=lambda read, q: read.a_y + q.rates.yaw_rate * q.p.imu_lever_arm,
 )  # fmt: skip
 
 velocity_lever_arm = reading(
-    GROUP, "velocity_lever_arm", "m", 0.0, (-8.0, 8.0), "how far forward of the centre of gravity v_y is measured",
+    GROUP, "velocity_lever_arm", "m", 0.0, (-8.0, 8.0), "distance of the point where v_y is measured ahead of the "
+                                                        "centre of gravity",
     typical=0.5, needs=("yaw_rate",), v_y=lambda read, q: read.v_y + q.x.yaw_rate * q.p.velocity_lever_arm,
 )  # fmt: skip
 

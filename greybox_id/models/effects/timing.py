@@ -33,23 +33,23 @@ def _only_the_recording(model: MotionModel) -> MotionModel:
 
 
 sensor_latency_yaw = effect(
-    GROUP, "sensor_latency_yaw", "s", 0.0, LATEST, "how late the yaw rate is read",
+    GROUP, "sensor_latency_yaw", "s", 0.0, LATEST, "latency of the yaw rate reading",
     touches=("yaw_rate",), apply=_late_yaw_rate, typical=0.03,
 )  # fmt: skip
 
 sensor_latency_vx = effect(
-    GROUP, "sensor_latency_vx", "s", 0.0, LATEST, "how late the speed is read",
+    GROUP, "sensor_latency_vx", "s", 0.0, LATEST, "latency of the speed reading",
     touches=("v_x",), apply=_late_speed, typical=0.05,
 )  # fmt: skip
 
 sensor_latency_imu = effect(
-    GROUP, "sensor_latency_imu", "s", 0.0, LATEST, "how late yaw rate and accelerations are read",
+    GROUP, "sensor_latency_imu", "s", 0.0, LATEST, "latency of the readings of yaw rate and accelerations",
     touches=("yaw_rate", "a_x", "a_y"), apply=_late_imu, typical=0.03,
     apply_to_memory=delay_imu, memory_parameter=LATENCY_PER_RUN,
 )  # fmt: skip
 
 timestamp_jitter = effect(
-    GROUP, "timestamp_jitter", "s", 0.0, (0.0, 0.05), "standard deviation of the instant of reading about its stamp",
+    GROUP, "timestamp_jitter", "s", 0.0, (0.0, 0.05), "standard deviation of the time of a reading about its stamp",
     touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.003,
 )  # fmt: skip
 """Moves no expected reading: it scatters readings by their rate of change times this. What tells it is residuals whose

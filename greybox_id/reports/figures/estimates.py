@@ -182,7 +182,7 @@ def starts(fit: Fit, stage: Stage) -> Sheet | None:
             for side, row in sorted({(np.sign(off), row) for off, row in at if abs(off) > REACH}):
                 ax.text(1.05 * side * REACH, row, ">" if side > 0 else "<", size=SMALL, ha="center",
                         va="center_baseline", color=INK)  # fmt: skip
-    ax.set(xlabel="end of each start less the estimate, over its standard deviation [1]",
+    ax.set(xlabel="(end of each start − estimate) / standard deviation [1]",
            xlim=(-1.1 * REACH, 1.1 * REACH), ylim=(len(shown) - 0.4, -0.6))  # fmt: skip
     ax.set_yticks(range(len(shown)), [symbol(name) for name in shown])
     ax.grid(visible=False, axis="y")

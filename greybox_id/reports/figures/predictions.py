@@ -11,11 +11,11 @@ from matplotlib.axes import Axes
 
 from ...base.numbers import pretty_unit
 from ...base.shorthands import Array, Index
-from ...base.signals import unit_of
 from ...base.statistics import correlation, welch
 from ...engine.simulation import Prediction
 from ...fitting.fit import Fit
 from ...fitting.scores.metrics import FREE_RUN, ahead
+from ...models.model import Model
 from ..recordings import Noise, Seen, run_rows, typical_stretch
 from .sheet import (
     BLUE,
@@ -198,12 +198,12 @@ Scores = Mapping[str, Mapping[str, Mapping[str, Any]]]
 """Role -> protocol -> output -> {rmse, rmse_sd}."""
 
 
-def horizons(outputs: Sequence[str], value: Scores, held: Scores, noise: Mapping[str, float]) -> Sheet:
+def horizons(model: Model, outputs: Sequence[str], value: Scores, held: Scores, noise: Mapping[str, float]) -> Sheet:
     """A panel for each output: RMSE with its standard error over the horizon, and in free run.
 
     Parameters
     ----------
-    outputs : in order.
+    model, outputs : whose; outputs in order.
     value, held : errors of the model and of persistence.
     noise : output -> standard deviation of the residuals of the fit.
     """
@@ -217,7 +217,7 @@ def horizons(outputs: Sequence[str], value: Scores, held: Scores, noise: Mapping
         for lines, scores in ((HELD, held), (LINES, value)):
             for role, of_role in scores.items():
                 _over_horizons(ax, of_role, protocols, name, lines[role])
-        ax.set(xlabel="horizon [s]", xlim=(-0.35, len(protocols) - 0.65), ylabel=label("RMSE", unit_of(name)),
+        ax.set(xlabel="horizon [s]", xlim=(-0.35, len(protocols) - 0.65), ylabel=label("RMSE", model.unit(name)),
                yscale="log", title=symbol(name))  # fmt: skip
         ax.set_xticks(range(len(protocols)), [_tick(protocol) for protocol in protocols])
     return sheet

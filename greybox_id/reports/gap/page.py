@@ -117,7 +117,7 @@ SHARE_OPACITY = (0.04, 1.0)
 def regimes(ax: Axes, strip: Strip) -> None:
     """Draw a map of the share of the gap over v_x and a_y; grey where nothing was driven."""
     if not {"v_x", "a_y", "gap"} <= strip.map.keys():
-        notice(ax, "the recordings do not tell speed and lateral acceleration of every row")
+        notice(ax, "speed and lateral acceleration are not recorded in every row")
         return
     share = np.asarray(strip.map["gap"], dtype=float)
     if not np.any(np.isfinite(share)) or not np.nanmax(share) > 0:
@@ -178,7 +178,7 @@ def _sizes(ax: Axes, known: Mapping[str, Limit]) -> None:
         if item.share > high:
             ax.text(0.8 * high, row, ">", size=SMALL, ha="center", va="center_baseline", color=INK)
     ax.axvline(1.0, **look(INK, 0.8))
-    ax.set(xlabel="size that would show over the usual one [1]", xscale="log", xlim=SIZES,
+    ax.set(xlabel="smallest detectable size / usual size [1]", xscale="log", xlim=SIZES,
            ylim=(max(len(shown), 4) - 0.4, -0.6))  # fmt: skip
     ax.set_yticks(at, [name.replace("_", " ") for name, _ in shown])
     ax.grid(visible=False, axis="y")
@@ -189,7 +189,7 @@ def driven(ax: Axes, strip: Strip) -> None:
     share = np.asarray(strip.map.get("time", 0.0), dtype=float)
     most = float(np.nanmax(share, initial=0.0))
     if not {"v_x", "a_y", "time"} <= strip.map.keys() or not (isfinite(most) and most > 0):
-        notice(ax, "where it was driven is not known")
+        notice(ax, "the position is not known")
         return
     draw_map(ax, strip, np.where(share > 0, share, np.nan), "share of the time [%]", BLUE, TIME_OPACITY)
 
@@ -305,7 +305,7 @@ def strips(strip: Strip, stretch: Mapping[str, float], applied: bool) -> Sheet:
     applied : whether there is anything after.
     """
     if len(strip.time) < 2:
-        return notice_sheet("too short to be drawn along time")
+        return notice_sheet("too short for a plot over time")
     placed = len(strip.x) == len(strip.time) and bool(np.any(np.isfinite(strip.x)))
     sheet = Sheet((STRIPS_HEIGHT,), 1 + placed, widths=(1.6, 1.0)[: 1 + placed])
     _along_time(sheet.first(), running(strip.time), strip, stretch, applied)
@@ -327,7 +327,7 @@ def _along_time(ax: Axes, time: Array, strip: Strip, stretch: Mapping[str, float
     if applied:
         ax.plot(time, strip.after, **AFTER)
     ax.set(xlabel="time along the recordings [s]", xlim=time[[0, -1]], yscale="log", ylim=(low, high),
-           ylabel="mean square error\nover the noise's [1]")  # fmt: skip
+           ylabel="mean square error\n/ that of noise [1]")  # fmt: skip
 
 
 def _along_path(ax: Axes, strip: Strip) -> None:
@@ -343,7 +343,7 @@ def _along_path(ax: Axes, strip: Strip) -> None:
     ax.scatter(x, y, DOT**2, facecolors=to_rgba_array(EXCESS, shade), edgecolors=PALE, linewidths=0.25)
     ax.set(xlabel="x [m]", ylabel="y [m]", aspect="equal", adjustable="datalim")
     scale = [(float(np.log(tick) / np.log(top)), f"{tick:g}") for tick in ticks]
-    shades(ax, scale, "mean square over noise's [1]", EXCESS, opacity=PATH_OPACITY)
+    shades(ax, scale, "mean square error / that of noise [1]", EXCESS, opacity=PATH_OPACITY)
 
 
 LEAST_DENSITY = 3.0
@@ -420,7 +420,7 @@ def _causes(gap: Gap) -> tuple[Drawing, ...]:
         "Unseen: the effects that are hardest to detect, with their smallest detectable size over their usual one; "
         "and where in speed and lateral acceleration the recordings were driven (blank: never)."
     )
-    return (Drawing("gap_limits", figure, caption, "Bars of sizes that would show; map of what was driven."),)
+    return (Drawing("gap_limits", figure, caption, "Bars of the smallest detectable sizes; map of what was driven."),)
 
 
 def page(gap: Gap) -> Document:

@@ -52,7 +52,8 @@ LEAST_TOLD = 0.01
 ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
-    "Probability: that the effect is there. Gain: of the log-likelihood over the model without it, beside the other "
+    "Probability: that the effect is present. Gain: of the log-likelihood over the model without it, beside the "
+    "other "
     "applied effects. Effects that cannot be distinguished share the evidence."
 )
 CLOSURE = (
@@ -66,24 +67,25 @@ MATHEMATICS = (
 METHOD = (
     (
         "Gap",
-        "Every run is simulated freely from its first readings. A p-value says how often noise and tolerances as "
-        "stated would leave errors as large as these.",
+        "Every run is simulated freely from its first readings. A p-value is the probability of errors as large as "
+        "these from the stated noise and tolerances alone.",
     ),
     (
         "Which effect",
-        "Each effect is put on the model, alone and with others, and estimated together with all that is stated with "
-        "a tolerance, beside unknown forces and coloured sensors, which every explanation has. The likelihood gained, "
-        "less a cost for every effect, makes its probability; hypotheses that explain the recordings equally well "
-        "share it.",
+        "Each effect is added to the model, alone and with others, and estimated together with all numbers that "
+        "have a tolerance. Every hypothesis also has unknown forces and coloured sensor noise. The probability of "
+        "an effect follows from the likelihood gained, less a cost for every effect; hypotheses that explain the "
+        "recordings equally well share it.",
     ),
     (
         "How far",
-        "Tolerances are refitted before and after. What is measured on recordings that chose the effects flatters "
-        "them; recordings held out do not.",
+        "Tolerances are refitted before and after. Recordings that chose the effects give a share that is too high; "
+        "held-out recordings do not.",
     ),
     (
         "Unknown",
-        "An unmodelled effect is there where unknown forces remain larger than the usual error of equations, or where "
+        "An unmodelled effect is present where unknown forces remain larger than the usual error of equations, or "
+        "where "
         "readings scatter by more than their stated noise.",
     ),
 )
@@ -91,15 +93,19 @@ ERRORS = "RMSE before → after (floor), from measured states over each horizon,
 ERRORS_ALONE = "RMSE (floor), from measured states over each horizon, and in free run."
 LIMITS = (
     "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
-    "all that is stated with a tolerance is refitted; not absorbed: the share of what the recordings say of it that "
-    "parameter tolerances do not absorb. Effects whose size has a threshold, such as plays, are found by refits alone "
+    "all that is stated with a tolerance is refitted; not absorbed: the share of the information on it that "
+    "parameter tolerances do not absorb. Effects whose size has a threshold, such as plays, are found by refits "
+    "alone "
     "and left out."
 )
 CHANNELS = (
     "An error over noise of 1 means that only noise is left. The last two columns give the frequency at which the "
     "errors of the original model exceed noise most, and by how much."
 )
-STATED = "Numbers stated as exact stay. A number with a tolerance is refitted within it; what that explains is no gap."
+STATED = (
+    "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; what this "
+    "explains is not counted as a gap."
+)
 EQUATIONS = "The simulation that was compared, written down from the model itself, with the effects it has."
 
 
@@ -118,7 +124,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
         *(() if apart else _which(gap, ranking)),
         *(() if apart else _mathematics(gap, made)),
         *titled(
-            "What could be there unseen", Text(" ".join(unseen(gap)), small=False), Points(gap.advice),
+            "What could be present undetected", Text(" ".join(unseen(gap)), small=False), Points(gap.advice),
             limits_table(gap), Text(LIMITS if gap.limits else ""), Text(_absorbed(gap)),
         ),
         *_how_far(gap),
@@ -126,7 +132,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
         *(titled("What was tried", ranking, Text(RANKING)) if ranking.rows and apart else ()),
         *_simulated(made, gap),
         *titled("How it was found", *(Text(words, lead=f"{lead}:") for lead, words in METHOD)),
-        *titled("How to make it again", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
+        *titled("How to repeat it", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
     )  # fmt: skip
     about = f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why"
     return Document(f"{made.vehicle}: {listed([*gap.recordings])}", about, "a gap", f"greybox-id {made.version}", parts)
@@ -143,7 +149,7 @@ def _data(gap: Gap) -> tuple[Part, ...]:
                                                                        "detected."
     )  # fmt: skip
     words = f"Units, signs, time and delays of {listed([*gap.recordings])} raise no doubts. {noise}"
-    return titled("Can the data be trusted", Text(words, small=False))
+    return titled("Can the data be trusted?", Text(words, small=False))
 
 
 def ranked(gap: Gap) -> Table:
@@ -187,16 +193,18 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
     one = [
         f"{capital(about)}: {magnitude_words(value)}." if about else f"{magnitude_words(value)}.",
         f"It belongs to {known.group} and acts on {listed([*known.touches])}." if known is not None else "",
-        f"It is there with probability {probability_words(value.probability)}"
+        f"It is present with probability {probability_words(value.probability)}"
         + (" and was applied." if value.effect in gap.applied else "."),
         f"With it the log-likelihood gains {number(value.gain)}"
-        + (f", {number(best - value.gain)} less than with the best." if value.gain < best else "."),
+        + (f", {number(best - value.gain)} less than with the best hypothesis." if value.gain < best else "."),
     ]
     one = [sentence for sentence in one if sentence]
     if _touches_null(value):
         one.append("Its interval includes the value at which it has no effect.")
     if value.indistinguishable_from:
-        one.append(f"It cannot be told from {listed([*value.indistinguishable_from])} on {on_these(gap.recordings)}.")
+        one.append(
+            f"It cannot be distinguished from {listed([*value.indistinguishable_from])} on {on_these(gap.recordings)}."
+        )
     return one
 
 
@@ -237,7 +245,7 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
         if shown:
             parts.append(Together((Text("", lead=lead), Formulas(shown))))
         else:
-            parts.append(Text(f"acts before or behind the equations, on {listed([*effect.touches])}.", lead=lead))
+            parts.append(Text(f"acts before or after the equations, on {listed([*effect.touches])}.", lead=lead))
     return titled("What these effects do to the equations", Text(MATHEMATICS if parts else ""), *parts)
 
 
@@ -315,7 +323,7 @@ def _times(limit: Limit) -> str:
 def _how_far(gap: Gap) -> tuple[Part, ...]:
     """How far the gap closes, or how far the simulation is from the recordings where there is none."""
     both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
-    title = "How far the gap closes" if gap.gap_detected else "How far simulation and vehicle are apart"
+    title = "How far the gap closes" if gap.gap_detected else "How large the gap is"
     judged = " ".join(f"{capital(words)}." for words in (*(how_far(gap, *one) for one in both), *carried_over(gap)))
     after = any(after_words(one, bool(gap.applied)) for one, _ in both)
     errors = [
@@ -447,12 +455,12 @@ def what_changed(gap: Gap, answer: Mapping[str, Any]) -> tuple[Part, ...]:
     same = [unchanged_words(each["effect"], each["within"]) for each in answer["not_changed"]]
     others = (
         ("Not changed, to two standard deviations:", same),
-        ("Not known, as a usual change is below the detection limit:", answer["not_seen"]),
+        ("Unknown, since a usual change is below the detection limit:", answer["not_seen"]),
     )
     return titled(
         f"Changed since {listed(answer['since'])}",
         Table(("effect", "before", "after", "probability"), rows, "LLLL"),
-        Text("" if rows else "Nothing beyond the scatter of the drives from before.", small=False),
+        Text("" if rows else "Nothing beyond the scatter of the earlier drives.", small=False),
         *(Text(f"{listed(names)}.", lead=lead, small=False) for lead, names in others if names),
         level=2,
     )

@@ -90,9 +90,9 @@ def _strip(body: Mapping[str, Any]) -> Strip:
     result = cast(Strip, of_plain(Strip, body, "strip"))
     spectra = [*result.spectrum_before.values(), *result.spectrum_after.values()]
     if result.time.ndim != 1 or not result.time.shape == result.before.shape == result.after.shape:
-        raise ValueError("the lines of its picture do not belong together")
+        raise ValueError("the lines of its figure do not match")
     if any(item.shape != result.frequency.shape for item in spectra):
-        raise ValueError("the spectra of its picture do not belong to its frequencies")
+        raise ValueError("the spectra of its figure do not match its frequencies")
     return result
 
 

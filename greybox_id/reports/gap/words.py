@@ -102,13 +102,13 @@ def carried_over(gap: Gap) -> list[str]:
     for one in gap.ranking:
         if one.effect in gap.applied and one.since is not None:
             stated.append(
-                f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model is the vehicle after "
-                "that, and has it all the time"
+                f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model describes the "
+                "vehicle after that, with the effect"
             )
         elif one.effect in gap.applied and one.until is not None:
             stated.append(
-                f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model is the vehicle after "
-                "that, and does not have it"
+                f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model describes the "
+                "vehicle after that, without the effect"
             )
     return stated
 
@@ -180,7 +180,7 @@ def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
             f"No named effect explains this recording better ({p_words(gap.p_value)}). "
-            "Whether there is a gap is unknown: no sensor noise is stated, so that the residuals were taken for noise."
+            "Whether there is a gap is unknown: no sensor noise is stated, so the residuals were taken as noise."
         )
     beyond = [item for item in gap.moved if item.far > CAL.tolerated_sd]
     suffices = ["noise", *([] if beyond else ["stated tolerances"]), *_unknown_forces(gap)]
@@ -188,8 +188,8 @@ def _whether(gap: Gap) -> str:
         far = listed([f"{item.name} is {number(item.far, 2)}" for item in beyond[:MOST_SHARES]])
         return (
             f"No named gap ({p_words(gap.p_value)}): simulation and vehicle agree within {listed(suffices)} "
-            f"once {far} standard deviations from its stated value{_largest(gap)}. Tyres of another form, or an "
-            "unmodelled effect, would look like that."
+            f"once {far} standard deviations from its stated value{_largest(gap)}. A wrong tyre model or an "
+            "unmodelled effect would look the same."
         )
     if not gap.gap_detected:
         return (
@@ -244,7 +244,7 @@ def _regime(gap: Gap) -> str:
         return REGIMES["any"]
     place = REGIMES.get(where.regime, where.regime)
     if isfinite(time) and isfinite(share) and share > CONCENTRATED * time:
-        return f"{percent(share)} of it in {percent(time)} of the time, {place}"
+        return f"{percent(share)} of it lies in {percent(time)} of the time, {place}"
     return place
 
 
@@ -263,7 +263,7 @@ def told_apart(gap: Gap, ranked: Ranked) -> str:
     place = {item.effect: k for k, item in enumerate(gap.ranking, 1)}
     ranks = sorted(place[name] for name in ranked.indistinguishable_from if name in place)
     names = [name for name in ranked.indistinguishable_from if name not in place]
-    return f"cannot be told from {listed([*map(str, ranks), *names])} on {on_these(gap.recordings)}"
+    return f"cannot be distinguished from {listed([*map(str, ranks), *names])} on {on_these(gap.recordings)}"
 
 
 def on_these(recordings: tuple[str, ...]) -> str:
@@ -281,7 +281,7 @@ def which(gap: Gap) -> str:
     classes = {item.applied: item for item in gap.classes if item.applied and len(item.members) > 1}
     one = [_named(item, classes.get(item.effect)) for item in first]
     others = dict.fromkeys(name for item in first if item.effect not in classes for name in item.indistinguishable_from)
-    apart = f"; cannot be told from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
+    apart = f"; cannot be distinguished from {listed([*others])} on {on_these(gap.recordings)}" if others else ""
     return f"{'' if gap.applied else 'nothing applied; most probable '}{listed(one)}{apart}"
 
 
@@ -292,7 +292,7 @@ def _named(ranked: Ranked, alike: CauseClass | None) -> str:
     each = ", ".join(f"{name} {probability_words(p)}" for name, p in alike.each.items())
     return (
         f"one of {listed([*alike.members])} (probability {probability_words(alike.probability)}; {each}), of which "
-        f"{ranked.effect}, {magnitude_words(ranked)}, does best and is applied"
+        f"{ranked.effect}, {magnitude_words(ranked)}, fits best and is applied"
     )
 
 
@@ -357,7 +357,7 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
         over = percent(max(closure.before - closure.floor, 0.0))
         return (
             f"with {listed([*gap.applied])}; once tolerances are refitted, free runs exceed noise by {over} {place}: "
-            "there is hardly a gap, and shares of it mean nothing"
+            "the gap is too small to state shares of it"
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
@@ -366,7 +366,7 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
             f"adding {listed([*gap.applied])} makes predictions worse by {whole_percent(-share)} % of the excess "
             f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
         )
-    known = "" if not low <= 0 else "; it may not close at all"
+    known = "" if not low <= 0 else "; the gap may not close at all"
     return f"with {listed([*gap.applied])} the excess closes by {whole_percent(share)} % {bounds} {place}{known}"
 
 
@@ -394,7 +394,7 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
     before, after = (
         fsum((getattr(item, of) / item.floor) ** 2 for item in free) / len(free) for of in ("before", "after")
     )
-    square = f"mean square {number(before)} → {number(after)} times that of the noise"
+    square = f"mean square error {number(before)} → {number(after)} times that of the noise"
     if after <= before:
         what = "re-estimated parameters" + (f" and {listed([*gap.applied])}" if gap.applied else "")
         return f"with {what}: {square} in free run" if gap.moved else ""
@@ -414,7 +414,7 @@ def left(gap: Gap) -> str:
         share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
         clauses.append(f"{share} of the excess unexplained")
     probability = probability_words(gap.unknown_probability)
-    return "; ".join([*clauses, f"an unmodelled effect is there with probability {probability}"])
+    return "; ".join([*clauses, f"an unmodelled effect is present with probability {probability}"])
 
 
 def probability_words(value: float) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -96,7 +96,7 @@ def chosen_lines(model: Model, result: Fit) -> Iterator[str]:
 def error_parts(model: Model, result: Fit) -> Iterator[RenderableType]:
     """How far the fit errs."""
     yield ""
-    yield errors_table(result.metrics)
+    yield errors_table(result.metrics, model.unit)
 
 
 def _from_prior(result: Fit) -> str:
@@ -234,7 +234,7 @@ def _key(model: str, closed_loop: bool) -> str:
     return "full" if closed_loop else model.removeprefix("msnn_")
 
 
-def errors_table(metrics: Mapping[str, Any]) -> Table:
+def errors_table(metrics: Mapping[str, Any], unit_of: Callable[[str], str] = unit_of) -> Table:
     """Errors by recording, protocol and output, each with its standard error and unit."""
     table = plain_table("error", "protocol", "RMSE", "unit", "FVU", right=("RMSE", "FVU"))
     for role, protocols in metrics.items():

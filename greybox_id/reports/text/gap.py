@@ -136,7 +136,7 @@ def _how_far(gap: Gap, width: int) -> Group:
         types.append(warning)
     types += carried_over(gap)
     if not held_out and gap.applied:
-        types.append("how far it closes on other recordings is not known: hold some out")
+        types.append("the gap closed on other recordings is not known: hold some out")
     if gap.moved:
         named = [
             f"{one.name} {short_with_sd(one.stated, one.sd)} → {quantity(one.value, one.unit)}"

@@ -44,7 +44,7 @@ def _strengths(model: MemoryModel, result: Fit) -> Iterator[str]:
 @error_parts.register(MemoryModel)
 def _errors(model: MemoryModel, result: Fit) -> Iterator[RenderableType]:
     yield ""
-    yield errors_table(result.metrics)
+    yield errors_table(result.metrics, model.unit)
     if "validate" in result.how.get("timing", {}):
         yield ""
         for line in timing_lines(result.how["timing"]["validate"]):

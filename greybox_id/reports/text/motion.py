@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,7 +37,7 @@ def _stage(model: MotionModel, result: Fit, stage: Stage) -> Iterator[str]:
 @error_parts.register(MotionModel)
 def _errors(model: MotionModel, result: Fit) -> Iterator[RenderableType]:
     noise = result.stages[-1].noise if result.stages else {}
-    yield motion_errors_table(result.metrics, noise, _held_out(result.data))
+    yield motion_errors_table(result.metrics, noise, _held_out(result.data), unit_of=model.unit)
 
 
 @more_data.register(MotionModel)
@@ -60,6 +60,7 @@ def motion_errors_table(
     noise: Mapping[str, float] | None = None,
     names: Mapping[str, str] | None = None,
     beside: Mapping[str, Any] | None = None,
+    unit_of: Callable[[str], str] = unit_of,
 ) -> Table:
     """Errors by horizon: a row for each output of each recording, each error with its standard error.
 
@@ -69,6 +70,7 @@ def motion_errors_table(
     noise : output -> standard deviation of the residuals, for a last column.
     names : what to call a role.
     beside : errors of holding the last reading, laid out as `metrics`; shown below each row.
+    unit_of : output -> its SI unit.
     """
     protocols = list(dict.fromkeys(p for of_role in metrics.values() for p in of_role))
     protocols.sort(key=lambda name: name == FREE_RUN)

@@ -34,7 +34,7 @@ def show_findings(recording: Recording, findings: Sequence[Finding], out: Consol
         words = (finding.severity.value, finding.where.channel, run, finding.sentence)
         table.add_row(*words, style=DISTRUSTED if finding.severity is Severity.DISTRUST else None)
     out.print(table)
-    verdict = "not to be trusted as it is" if distrusted(findings) else "can be used, mind the warnings"
+    verdict = "not to be trusted" if distrusted(findings) else "usable with care: see the warnings"
     if not any(finding.severity is not Severity.NOTE for finding in findings):
         verdict = "can be used"
     out.print(f"{recording.name}: {verdict}\n")
@@ -93,7 +93,7 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     if proposal.others:
         screen.print(f"unused: {', '.join(proposal.others)}")
         if proposal.lacking:
-            screen.print(f"no column looks like {', '.join(proposal.lacking)}; where one is, name it in the map")
+            screen.print(f"no column looks like {', '.join(proposal.lacking)}; if there is one, name it in the map")
     if proposal.without_drive:
         screen.print(
             "no column looks like a drive (throttle, motor_current, drive_force or ax_cmd), which single_track needs"

@@ -57,7 +57,7 @@ def beside_truth(digest: Digest) -> list[str]:
     result = []
     for name, one in digest.truth.items():
         sentence = (
-            f"{name}: RMSE {decimal(one.rmse)} {one.unit} beside what was measured and did not enter the filter "
+            f"{name}: RMSE {decimal(one.rmse)} {one.unit} against measurements that did not enter the filter "
             f"({decimal(one.size)} {one.unit} rms); {percent(one.inside)} of it is within two sd, where 95 % should be"
         )
         if one.inside < COVERED:

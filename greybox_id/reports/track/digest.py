@@ -369,7 +369,7 @@ def _from_plain_data(body: Mapping[str, Any]) -> Digest:
     course = digest.course
     _alike(course.time, course.run, *course.values.values(), *course.sds.values(), *course.measured.values())
     if not course.sds.keys() <= course.values.keys():
-        raise ValueError("its estimates and their standard deviations do not belong together")
+        raise ValueError("its estimates and their standard deviations do not match")
     for item in digest.innovations.values():
         _alike(item.time, item.nis)
         _alike(item.lags, item.correlation)
@@ -378,4 +378,4 @@ def _from_plain_data(body: Mapping[str, Any]) -> Digest:
 
 def _alike(*lines: Array) -> None:
     if any(line.ndim != 1 or line.shape != lines[0].shape for line in lines):
-        raise ValueError("the lines of its pictures do not belong together")
+        raise ValueError("the lines of its figures do not match")

@@ -54,11 +54,11 @@ def _how_sure(one: Digest) -> str:
 def _is_it_so(digest: Digest) -> str:
     known = {name: item for name, item in digest.consistency.items() if isfinite(item.nis)}
     if not known:
-        return "Too few readings were taken to say whether the filter knows how wrong it is."
+        return "There are too few readings to say whether the filter's standard deviations are right."
     means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
     inside = listed([f"{percent(item.inside)}" for item in known.values() if isfinite(item.inside)])
     windows = f", and {inside} of the windows of {WINDOW:g} s lie within their 95 % bounds" if inside else ""
-    widened = f"; bands are wider by {number(digest.widened, 3)} for it" if digest.widened > 1 else ""
+    widened = f"; bands are widened by a factor of {number(digest.widened, 3)} for this" if digest.widened > 1 else ""
     return f"Squared innovations are {means} times what the filter expects{windows}{_memory(digest)}{widened}."
 
 
@@ -80,11 +80,11 @@ def _memory(digest: Digest) -> str:
 def _against_what(digest: Digest) -> str:
     if not digest.truth:
         return (
-            "Nothing that was estimated was also measured without entering the filter: how far the estimates are off "
-            "cannot be told from this recording."
+            "No estimate was also measured independently of the filter: this recording does not show the error of "
+            "the estimates."
         )
     each = [_error(name, item) for name, item in digest.truth.items()]
-    return f"Against what was measured and did not enter the filter, estimates err by an RMSE of {listed(each)}."
+    return f"Against measurements that did not enter the filter, estimates have an RMSE of {listed(each)}."
 
 
 def _error(name: str, value: Measured) -> str:
@@ -199,10 +199,10 @@ MIDDLE, LOW = 60.0, 75.0
 def drawings(digest: Digest) -> tuple[Drawing, ...]:
     """Estimates over time, forces over slip angle where a model has them, and the innovations over time and lags."""
     how = f"{digest.filter.upper()} and smoother" if digest.smoothed else digest.filter.upper()
-    more = " What was measured of them is drawn beside them." if digest.course.measured else ""
-    more += f" Of {digest.course.every} rows one is drawn." if digest.course.every > 1 else ""
+    more = " Measurements of them are drawn, too." if digest.course.measured else ""
+    more += f" One of {digest.course.every} rows is drawn." if digest.course.every > 1 else ""
     if digest.runs > 1:
-        more += " Runs begin at dotted lines; where their clocks begin anew they are laid one behind the other."
+        more += " Runs begin at dotted lines; runs whose clocks start again are drawn one after the other."
     made = [
         Drawing(
             "estimates",
@@ -225,16 +225,16 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
         Drawing(
             "innovations",
             squares(digest),
-            "Normalised innovations squared (NIS), means over 2 s, and within which bounds 95 % of them lie if the "
-            "filter knows how wrong it is.",
+            "Normalised innovations squared (NIS), means over 2 s, with the bounds that hold 95 % of them if the "
+            "filter's standard deviations are right.",
             "NIS of each reading over time with its bounds.",
         ),
         Drawing(
             "whiteness",
             whiteness(digest),
-            "Correlation of innovations with those a lag later. If the filter takes from the readings all that they "
-            "tell, an innovation does not depend on those before; what stays outside the band is something the model "
-            "lacks, or noise that has a memory of its own.",
+            "Correlation of innovations with those a lag later. If the filter uses all information in the readings, "
+            "an innovation does not depend on earlier ones. Correlations outside the band come from an effect that "
+            "the model lacks, or from correlated noise.",
             "Correlation of the innovations of each reading over lags, with its band.",
         ),
     ]
@@ -310,32 +310,30 @@ def whiteness(digest: Digest) -> Sheet:
 
 
 ESTIMATES = (
-    "Quantiles over the rows, and the median of the standard deviations; row by row they are in the table that the "
-    "track left. Identifiable in: for each tracked parameter, the share of rows in which the recording adds to what "
-    "was known before."
+    "Quantiles over the rows, and the median of the standard deviations; the table of the track has them row by "
+    "row. Identifiable in: for each tracked parameter, the share of rows in which the recording informs it."
 )
 TRUTH = (
-    "Estimate less measurement, over the rows that have both. The measurement has errors of its own, which are in "
-    "these numbers. If the bands are right, 95 % of the rows lie within two standard deviations."
+    "Estimate less measurement, over the rows that have both. These numbers include the errors of the measurement. "
+    "If the bands are right, 95 % of the rows lie within two standard deviations."
 )
 READINGS = (
-    "An innovation is a reading less what the filter expected of it. NIS: its square over the variance that the filter "
-    "expected, 1 on average if the filter knows how wrong it is; windows within: share of means over 2 s inside their "
-    "95 % bounds; next to next: correlation with the one before, and what chance makes of it; gated: so far off that "
-    "they counted as noisier."
+    "An innovation is a reading less what the filter expected of it. NIS: its square over the variance that the "
+    "filter expected, 1 on average if that variance is right; windows within: share of means over 2 s inside their "
+    "95 % bounds; next to next: correlation with the one before, and its bound by chance; gated: share so far off "
+    "that they counted as noisier."
 )
 NOISE = (
-    "How fast parameters may walk, beside how noisy readings are, decides whether the filter follows its model or the "
-    "readings. A tuned size is the one under which the readings are most likely; a sideslip that nobody measured does "
-    "not enter it."
+    "The size of a random walk against the noise of the readings decides whether the filter follows its model or "
+    "the readings. A tuned size makes the readings most likely; sideslip that was not measured does not enter it."
 )
 BANDS = (
-    "Bands are two standard deviations: of the filter, and of what is stated of the model with a standard deviation. A "
-    "model of another form than the vehicle's is not in them."
+    "Bands are two standard deviations, from the filter and from parameters stated with a standard deviation. They "
+    "do not include the error of a model with the wrong form."
 )
-RANGE = "Beyond the ranges given in What went in, this track says nothing of the vehicle."
+RANGE = "Beyond the ranges given in What went in, this track says nothing about the vehicle."
 EQUATIONS = (
-    "Written down from the model itself, with what walks in its place. A dot is a derivative by time, w an "
+    "Written down from the model itself, with tracked parameters as states. A dot is a derivative by time, w an "
     "abbreviation; a prime marks what an effect or a walking number alters, late what a delay leaves, read what a "
     "sensor reads."
 )
@@ -352,10 +350,10 @@ def track_report(digest: Digest) -> Document:
         *((made["forces_over_slip"],) if "forces_over_slip" in made else ()),
         *titled("Against what was measured", truth(digest), Text(TRUTH if digest.truth else "")),
         *titled(
-            "Does the filter know how wrong it is",
+            "Are the filter's standard deviations right?",
             made["innovations"], made["whiteness"], readings(digest), Text(READINGS),
         ),
-        *titled("How large noise is taken", noises(digest), Text(NOISE)),
+        *titled("Noise levels used", noises(digest), Text(NOISE)),
         *titled("Calibrated along", calibrated(digest)),
         *titled("What went in", signals(digest)),
         *_equations(digest),
@@ -371,7 +369,7 @@ def _about_tuning(digest: Digest) -> tuple[str, ...]:
     if not seconds or not (digest.calibrated or any(item.origin == "tuned" for item in digest.noise.values())):
         return ()
     what = "Noise and parameters were" if digest.calibrated else "Noise was"
-    return (f"{what} tuned on the first {seconds:g} s: there innovations are smaller than they will be elsewhere.",)
+    return (f"{what} tuned on the first {seconds:g} s: innovations are smaller there than elsewhere.",)
 
 
 def _equations(digest: Digest) -> tuple[Part, ...]:

@@ -33,7 +33,7 @@ from .net import DRIVE, ActuatorNet
 
 LEARNED = "learned_yaw"
 """What the effect is called among those of a model."""
-PUSH = Parameter("learned_yaw_acceleration", "rad/s^2", 0.0, fixed=True, about="that leads to the network's yaw rate")
+PUSH = Parameter("learned_yaw_acceleration", "rad/s^2", 0.0, fixed=True, about="that produces the network's yaw rate")
 
 Weight = float | Literal["spread"]
 
@@ -94,10 +94,10 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     >>> model.effects, model.physics.effects
     (('learned_yaw',), ())
     """
-    no = f"{model.name} is no model of motion: no network acts in it. Name single_track."
+    no = f"{model.name} has no equations of motion, in which a network could act. Name single_track."
     model = must_be(MotionModel, model, no)
     if isinstance(model, InjectedModel):
-        raise BadInput(f"In {model.name} a network acts already; inject into its model of motion (.physics).")
+        raise BadInput(f"{model.name} has a network already; inject into its equations of motion (.physics).")
     result: Weight = ("spread" if len(net.members) > 1 else 1.0) if weight is None else weight
     if result != "spread" and (isinstance(result, str) or not 0.0 <= result <= 1.0):
         raise BadInput(f"weight: a number from 0 to 1 or 'spread' is needed, not {result!r}.")
@@ -135,8 +135,8 @@ def fingerprint(model: MotionModel) -> str:
 def _refusing(name: str, sample_time: float) -> Callable[..., Mapping[str, Symbol]]:
     def dynamics(*_: object) -> Mapping[str, Symbol]:
         raise BadInput(
-            f"In {name} an actuator network acts, once every {sample_time:g} s: there are no equations in continuous "
-            "time. Drive it (racing.worlds.world) or lay it along a recording (learned.open_loop); fit and export its "
+            f"{name} has an actuator network with steps of {sample_time:g} s, and no equations in continuous time. "
+            "Drive it (racing.worlds.world) or lay it along a recording (learned.open_loop); fit and export its "
             ".physics."
         )
 
@@ -162,8 +162,8 @@ class LearnedPeriod(Period):
         times = round(period / self.net.sample_time)
         if times < 1 or abs(times * self.net.sample_time - period) > 1e-6 * period:
             raise BadInput(
-                f"The network steps by {self.net.sample_time:g} s, of which a period of {period:g} s is no whole "
-                "number: train it with that sample_time, or choose another period."
+                f"The network steps by {self.net.sample_time:g} s, and a period of {period:g} s is no whole number "
+                "of steps: train it with that sample_time, or choose another period."
             )
         self._times, self._chosen = times, (*moving, PUSH.name)
         super().__init__(model.physics, self.net.sample_time, moving)

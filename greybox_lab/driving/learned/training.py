@@ -156,7 +156,7 @@ class _Scaling:
         scales, out = np.std(now, axis=0), np.std(after, axis=0)
         for name, spread in zip(outputs, np.std(step_windows.following, axis=0), strict=True):
             if not spread > 0:
-                raise BadInput(f"{name} is the same in all rows: how the vehicle answers cannot be learned from that.")
+                raise BadInput(f"{name} is constant: the vehicle's response cannot be learned from it.")
         # a command that is never given tells nothing: it is read as zero
         scales, out = np.where(scales > 0, scales, 1.0), np.where(out > 0, out, 1.0)
         return cls(np.mean(now, axis=0), scales, np.zeros(len(out)) if residual else np.mean(after, axis=0), out)

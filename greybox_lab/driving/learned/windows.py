@@ -68,7 +68,7 @@ def resampled(recording: Recording, sample_time: float) -> Recording:
         return recording
     if sample_time < recording.sample_time * (1.0 - EVEN):
         raise BadInput(
-            f"{recording.name} is recorded every {recording.sample_time:g} s, which tells nothing of steps of "
+            f"{recording.name} is recorded every {recording.sample_time:g} s, too slowly for steps of "
             f"{sample_time:g} s. Ask for a sample time of {recording.sample_time:g} s or more."
         )
     parts: dict[str, list[Array]] = {name: [] for name in recording.signals}

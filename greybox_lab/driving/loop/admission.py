@@ -123,9 +123,11 @@ class Admission:
             lines = f"method, path, {DIGEST}, {CHALLENGE} and {NONCE}"
             raise Declined(401, f"{SIGNATURE} is not the signature of {lines} with this server's token.")
         if challenge != self.challenge:
-            raise Declined(401, f"{CHALLENGE} is not that of GET /healthz now; sign it again.", self.challenge)
+            raise Declined(
+                401, f"{CHALLENGE} is outdated; read the new one from GET /healthz and sign it.", self.challenge
+            )
         if not NONCES.fullmatch(nonce):
-            raise Declined(401, f"{NONCE} has 16 to 64 letters and digits, others for each request.")
+            raise Declined(401, f"{NONCE} needs 16 to 64 letters and digits, new ones for each request.")
         if nonce in self._nonces:
             raise Declined(401, "This request was sent before; sign it again with another nonce.")
         if len(self._nonces) >= REMEMBERED:

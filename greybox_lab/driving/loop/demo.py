@@ -249,11 +249,9 @@ class _Running(Underway):
         self.count(drive, cap, cycle=k)
         recordings = last_rows(drive.recordings, self.size.diagnosed)
         if not recordings:
-            raise BadInput(
-                "The vehicle crashed so soon, time and again, that nothing can be diagnosed; try another ‹seed›."
-            )
+            raise BadInput("The vehicle crashed too early in every attempt to diagnose anything; try another ‹seed›.")
         write_recording(joined(recordings), folder / "rows.csv")
-        self.say(f"cycle {k}: making a model of what was driven, and learning anew")
+        self.say(f"cycle {k}: identifying a model from the rows, and learning on it")
         result = adapted(
             self.vehicle, recordings, present, units, self.arm, steps=self.size.steps, cap=driven_at,
             seed=self.seed + k,

@@ -27,20 +27,20 @@ def demo_report(demo: Demo) -> Document:
     """The report of a demo."""
     parts = (
         Text(
-            f"A 1:10 car in simulation has what its vehicle file does not state: {effect_words(demo.withheld)}. "
-            "Neither the diagnosis nor the driver is told. The car shares no code with the models that are diagnosed "
-            "and learned on; it is no real car.",
+            "A 1:10 car in simulation has effects that its vehicle file does not state: "
+            f"{effect_words(demo.withheld)}. Neither the diagnosis nor the driver knows them. The simulated car "
+            "shares no code with the models of the diagnosis and the driver.",
             small=False,
         ),
         *titled("Cycles", _cycles(demo.cycles)),
         *titled("Path error along the track", _path_errors(demo.cycles)),
         *titled("Arms", Text(
-            "How each drives the car at the end. base: the driver before any data. nominal: as many steps of learning "
-            f"as the loop took, on the vehicle file alone. {demo.scene['arm']}: the loop. oracle: learned with what "
-            "is truly there; there is none where no model has it."
+            "How each driver performs at the end. base: before any data. nominal: after as many steps of learning "
+            f"as the loop took, on the vehicle file alone. {demo.scene['arm']}: after the loop. oracle: after "
+            "learning with the true effects; absent if no model has them."
         ), _arms(demo.arms)),
     )  # fmt: skip
-    about = "Drive, identify, name, learn anew, swap."
+    about = "Drive, identify, diagnose, learn, swap."
     return Document("The loop", about, "the loop", f"greybox-id {__version__}", parts)
 
 

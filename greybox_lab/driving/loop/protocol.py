@@ -25,12 +25,12 @@ CHALLENGE, NONCE = "X-Greybox-Challenge", "X-Greybox-Nonce"
 """Headers of every request but `GET /healthz`."""
 
 ARMS: Mapping[str, str] = {
-    "named": "closed by what `greybox gap` names, drawn within its intervals",
+    "named": "the vehicle file with the effects that `greybox gap` names, drawn within their intervals",
     "named_residual": "the same, and five networks for its remaining error where an unmodelled effect is likely",
     "refit": "the parameters of the vehicle file, fitted",
     "actuator_net": "a network predicts the yaw rate from three steps, as published",
     "abstract": "a network predicts yaw rate and v_y from fifteen steps",
-    "residual": "five networks correct the vehicle file's model, less where they disagree",
+    "residual": "five networks correct the vehicle file's model; the correction shrinks where they disagree",
     "hand": "the vehicle file; friction, mass and delay drawn from published ranges",
     "nominal": "the vehicle file alone",
 }

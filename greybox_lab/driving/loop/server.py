@@ -332,7 +332,7 @@ class Server:
         await asyncio.to_thread(self._store.vehicle_text, session)
         events = json_object(body).get("events")
         if not isinstance(events, list) or any(not isinstance(event, dict) or "kind" not in event for event in events):
-            raise BadInput("Events are a list of objects, each with its kind.")
+            raise BadInput("Events must be a list of objects, each with its kind.")
         for event in events:
             self._feed.tell({**event, "kind": str(event["kind"])[:40], "session": session})
         return {"events": len(events)}
@@ -420,7 +420,7 @@ def _status(error: Exception) -> tuple[int, str]:
         return next((code for kind, code in STATUSES.items() if isinstance(error, kind)), 422), str(error)
     if isinstance(error, HTTPException):
         if error.status_code == 405:
-            return 405, f"This path is for {(error.headers or {}).get('Allow', 'another method')} alone."
+            return 405, f"This path takes {(error.headers or {}).get('Allow', 'another method')} only."
         return error.status_code, "There is nothing here; the paths begin with /v1/, and GET /healthz."
     if isinstance(error, ClientDisconnect):
         return 400, "The body is cut short."

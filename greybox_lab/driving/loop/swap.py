@@ -110,7 +110,7 @@ class Seat:
 
     def _seated(self, body: bytes, sha: str, twin: Twin | None, read: Callable[[bytes, Path], Policy]) -> InForce:
         if digest_of(body) != sha:
-            raise NotSwapped("The policy is not the one that was announced: its SHA-256 is another.")
+            raise NotSwapped("The policy is not the one that was announced: its SHA-256 differs.")
         policy = read(body, self._folder)
         if twin is None:
             agree(policy, self._now.policy, list(self._minute))
@@ -214,8 +214,9 @@ def agree(new: Policy, present: Policy, minute: Sequence[Observations]) -> None:
     for name, square, most in zip(("steering", "drive"), apart, spread, strict=True):
         if not square <= most:
             raise NotSwapped(
-                f"In the last minute its {name} would have differed by {np.sqrt(square):.2f} from that of the policy "
-                f"in force (rms, of 1), which itself varies by {np.sqrt(most):.2f}; try it in a twin first."
+                f"In the last minute its {name} would have differed by {np.sqrt(square):.2f} from that of the "
+                f"present policy (RMS on a scale of 1), which itself varies by {np.sqrt(most):.2f}; try it in a "
+                "twin first."
             )
 
 
@@ -236,7 +237,7 @@ def probe(policy: Policy, latency: float = LATENCY) -> None:
             done = policy.act(seen[k : k + 1])
         took[k] = time.thread_time() - begun
         if done.shape != (1, 2) or not np.all(np.isfinite(done)) or np.any(np.abs(done) > 1.0):
-            raise NotSwapped("The policy answers an observation by what is no action from -1 to 1.")
+            raise NotSwapped("The policy's action for an observation is not a number from -1 to 1.")
     late = float(np.quantile(took, 0.99))
     if late > latency:
         raise NotSwapped(f"The policy takes {1e3 * late:.1f} ms for an action; {1e3 * latency:g} ms are allowed.")

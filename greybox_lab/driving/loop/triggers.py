@@ -122,7 +122,7 @@ class InnovationBand:
         kept = [run[np.all(np.isfinite(run), axis=1)] for run in kept]
         count = sum(len(run) for run in kept)
         if not channels or count < SHORTEST / APART:
-            length = f"{count * APART:.0f} s of rows tell too little of a model's errors"
+            length = f"{count * APART:.0f} s of rows are too few to judge a model's errors"
             raise BadInput(f"{length}; {SHORTEST:g} s are needed.")
         joined = np.concatenate(kept)
         inverse = np.asarray(np.linalg.inv(joined.T @ joined / count), dtype=np.float64)
@@ -144,7 +144,10 @@ class InnovationBand:
         nis, count = self.mean(recordings)
         if count * APART < SHORTEST or nis <= self.limit(count):
             return ""
-        return f"innovations squared are {nis:.2f} times what they were, {self.limit(count):.2f} at most are by chance"
+        return (
+            f"squared innovations have grown by a factor of {nis:.2f}; by chance it would be at most "
+            f"{self.limit(count):.2f}"
+        )
 
 
 def _innovations(model: MotionModel, recordings: Sequence[Recording]) -> list[Array]:

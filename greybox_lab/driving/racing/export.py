@@ -38,7 +38,7 @@ OPSET, IR_VERSION = 17, 8
 """Of ONNX: what runtimes from 2022 on read."""
 POINTS, TOLERANCE = 100, 1e-6
 """Observations of the self-test, and how far actions may be from Python's: rounding in single precision."""
-DONE = {"steering": "of the largest angle", "drive": "drive, or wanted speed, as the rules say it was learned with"}
+DONE = {"steering": "of the largest angle", "drive": "drive or target speed, whichever the rules of its training name"}
 """Actions, and what they are."""
 UNITS: Mapping[str, tuple[str, int, str]] = {
     "v_x": ("speed", -1, "m/s"), "v_y": ("speed", -1, "m/s"), "yaw_rate": ("yaw_rate", -1, "rad/s"),
@@ -224,10 +224,10 @@ def _told(name: str, units: Mapping[str, float]) -> tuple[str, str]:
     """Unit of a number that goes in, and what becomes of it, for people."""
     unit = _unit(name)
     if not units:
-        return "1", "over what it was learned with" if unit else "as it is"
+        return "1", "over that of its training" if unit else "as it is"
     if name == HEADING:
         return "rad", "heading error, to the left"
-    return ("1", "as it was given last") if unit is None else (unit[2], "")
+    return ("1", "as last commanded") if unit is None else (unit[2], "")
 
 
 def _source(subject: PolicySubject) -> str:

@@ -110,7 +110,7 @@ class Learned:
         if self.log_sd.shape != (ACTIONS,) or sizes[0] != self.policy.size or sizes[-1] != 1:
             raise ValueError("policy, value and standard deviations of different sizes")
         if not np.all(np.isfinite(self.log_sd)):
-            raise ValueError("the standard deviations hold what is no number")
+            raise ValueError("a standard deviation is not a number")
 
     def text(self) -> str:
         """The text of its file: that of a policy, which `load_policy` reads too, and what is learned on with."""
@@ -181,7 +181,7 @@ def learn(
     if not steps > 0:
         raise BadInput(f"steps: a number above zero is needed, not {steps!r}.")
     if start is not None and start.policy.size != world.size:
-        raise BadInput(f"The policy takes {start.policy.size} numbers, the track shows {world.size}; learn anew.")
+        raise BadInput(f"The policy takes {start.policy.size} numbers, the track gives {world.size}; learn a new one.")
     result = settings or (Settings() if start is None else FINE_TUNING)
     with threadpool_limits(1):  # matrices are small: further threads only wait for each other
         return _Learning(world, result, start, seed).run(steps, say, stopped)

@@ -98,7 +98,7 @@ def sizes_of(weights: Sequence[NDArray[Any]], biases: Sequence[NDArray[Any]]) ->
         if W.shape != (sizes[k], sizes[k + 1]) or b.ndim != 1:
             raise ValueError(f"layer {k + 1} takes {sizes[k]} numbers, its weights are {W.shape}")
         if not (np.all(np.isfinite(W)) and np.all(np.isfinite(b))):
-            raise ValueError(f"layer {k + 1} holds what is no number")
+            raise ValueError(f"layer {k + 1} holds a value that is not a number")
     return sizes
 
 

@@ -57,7 +57,8 @@ class Period:
         others = [name for name in self.inputs if name != "steer"]
         if not set(PLANE) <= set(self.states) or "steer" not in self.inputs or len(others) != 1:
             raise BadInput(
-                f"Model {model.name} drives along no track: states {', '.join(PLANE)} and inputs steer and drive are "
+                f"Model {model.name} cannot drive along a track: states {', '.join(PLANE)} and inputs steer and "
+                "drive are "
                 "needed. Name single_track."
             )
         self.drive = others[0]
@@ -106,7 +107,7 @@ class Period:
         at = [float(self.equations.ode(x, self._driven(units), p)[self._plane[0]]) for units in (-1.0, 0.0, 1.0)]
         if not at[0] < at[1] < at[2]:
             raise BadInput(
-                f"Model {self.equations.model.name} is not accelerated by {self.drive}: look at its parameters."
+                f"Model {self.equations.model.name} is not accelerated by {self.drive}: check its parameters."
             )
         return at[2] - at[1], at[1] - at[0]
 

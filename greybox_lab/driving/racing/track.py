@@ -149,7 +149,9 @@ def read_track(path: str | Path, limits: Usage, half_width: float | None = None)
         raise BadInput(f"{path}: the line crosses no area; name the points of a closed track in their order.")
     line, curvature = _even(points)
     if not half_width > 0 or half_width * float(np.max(np.abs(curvature))) >= 1.0:
-        raise BadInput(f"{path}: a half width of {half_width:g} m is none, or more than the narrowest bend's radius.")
+        raise BadInput(
+            f"{path}: the half width of {half_width:g} m must be above zero and below the radius of the narrowest bend."
+        )
     return _along(line, curvature, half_width, limits)
 
 

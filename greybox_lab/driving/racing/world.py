@@ -200,7 +200,7 @@ class World:
         self.edge = self.track.half_width - half_car
         if not self.edge > 0:
             raise BadInput(
-                f"A track {2 * self.track.half_width:.3g} m wide has no room for a vehicle of {2 * half_car:.3g} m."
+                f"A track {2 * self.track.half_width:.3g} m wide is too narrow for a vehicle of {2 * half_car:.3g} m."
             )
         drive, brake = (share * self._nominal_grip for share in (DRIVE, BRAKE))
         self._drives = np.array([brake / self._per_drive[1], drive / self._per_drive[0]])
@@ -505,7 +505,7 @@ def limits_of(period: Period, model: MotionModel) -> tuple[Usage, tuple[float, f
     """What of a vehicle the speed on a track uses, and its acceleration per unit of drive and of braking."""
     grip = period.begun(1.0, period.equations.values)[2]
     if not grip > 0:
-        raise BadInput(f"Model {model.name} has no grip: look at its tyres' parameters.")
+        raise BadInput(f"Model {model.name} has no grip: check the parameters of its tyres.")
     wheelbase = float(model["l_f"].array + model["l_r"].array)
     used = USAGE * grip
     fastest = FASTEST * float(np.sqrt(used * NARROWEST * wheelbase))

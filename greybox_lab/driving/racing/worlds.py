@@ -24,7 +24,7 @@ STEER_MAX = 0.4
 
 def drivable(model: Model) -> MotionModel:
     """The model, where it is one of motion. Raises `BadInput` for others."""
-    no = f"{model.name} is no model of motion: it cannot be driven. Name single_track."
+    no = f"{model.name} has no equations of motion: it cannot be driven. Name single_track."
     return must_be(MotionModel, model, no)
 
 

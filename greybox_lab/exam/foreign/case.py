@@ -108,7 +108,7 @@ def _carried_out(
     readable: NDArray[np.float64] = np.zeros(((rows + 1) * hold, 2, len(READABLE)))
     reality.carry_out(task, start, commands, readable[: rows * hold])
     if not np.all(np.abs(readable[:, :, :3]) < MOST):
-        raise BadInput("The simulated motion blew up; the vehicle or its effects are beyond all bounds.")
+        raise BadInput("The simulation diverged; the vehicle or its effects are implausibly large.")
     readable[rows * hold :] = readable[rows * hold - 1, 1]
     return Ride(commands[run_in:], Motion(readable, run_in * hold), period, reality.linear_hold)
 

@@ -49,7 +49,7 @@ class VirtualCar:
 
     def __post_init__(self) -> None:
         if lacking := [name for name in PARAMETERS if name not in self.parameters]:
-            raise BadInput(f"{self.name} states no {', '.join(lacking)}, which its simulation needs.")
+            raise BadInput(f"{self.name} does not state {', '.join(lacking)}, which its simulation needs.")
         if self.drive_channel not in DRIVE_CHANNELS:
             raise BadInput(f"The drive channel is one of {', '.join(DRIVE_CHANNELS)}, not {self.drive_channel}.")
         for name in ("parameters", "noise", "small"):
@@ -78,7 +78,7 @@ class VirtualCar:
         BadInput : there is no such effect.
         """
         if effect not in ALL:
-            raise BadInput(f"The virtual vehicle knows no {effect}; it knows {', '.join(ALL)}.")
+            raise BadInput(f"The virtual vehicle has no effect {effect}; it has {', '.join(ALL)}.")
         return ALL[effect].draw(self.size, self.kind, rng)
 
 

@@ -99,7 +99,7 @@ class MadeRecording:
         ridden.advance(ridden.steps)
         commands, readable, truth = ridden.commands, ridden.readable, ridden.truth
         if not np.all(np.isfinite(readable)):
-            raise BadInput(f"{name}: the simulated motion blew up; the vehicle or its effects are beyond all bounds.")
+            raise BadInput(f"{name}: the simulation diverged; the vehicle or its effects are implausibly large.")
 
         period, rows = self.hold * STEP, len(plan) - run_in
         time = np.asarray(period * np.arange(rows), float)
@@ -177,7 +177,9 @@ def _hold(rate: float) -> int:
     """Steps of the simulation between rows."""
     hold = int(round(1.0 / (rate * STEP)))
     if hold < 1 or abs(hold * STEP * rate - 1.0) > 1e-6:
-        raise BadInput(f"At {rate:g} rows a second no whole number of milliseconds lies between rows; take 50 or 100.")
+        raise BadInput(
+            f"At {rate:g} rows per second the time between rows is no whole number of milliseconds; take 50 or 100."
+        )
     return hold
 
 
@@ -355,11 +357,11 @@ class SteppedCar:
         now = self._simulation
         row = now.done // self._hold
         if row >= len(now.plan):
-            raise BadInput(f"The drive was to last {self.time:g} s; start it with a longer duration.")
+            raise BadInput(f"The drive ended after {self.time:g} s; start it with a longer duration.")
         now.plan[row, TURN], now.plan[row, OPEN_DRIVE] = steer, drive
         now.advance(now.done + self._hold)
         if not np.all(np.isfinite(now.state)):
-            raise BadInput(f"The simulated motion blew up after {self.time:g} s.")
+            raise BadInput(f"The simulation diverged after {self.time:g} s.")
 
     def truth(self) -> dict[str, Row]:
         """Name -> (rows,) just after each command so far: road-wheel angle, forces, loads and slips, as in `Truth`."""

@@ -119,7 +119,7 @@ _VEHICLE = (
     Entry("longitudinal_load_transfer", "1", 0.0, "height of the centre of gravity over its nominal one", 0.3, 0.8),
     Entry("tyre_temperature", "1", 0.0, "share of the friction that warm tyres lose", 0.08, 0.3),
     Entry("mass_change", "1", 1.0, "factor on the mass: inertia and loads", 0.03, 0.15, "one", "both"),
-    Entry("cog_shift", "m", 0.0, "how far forward the centre of gravity has moved", 0.015, 0.05, "length", "both",
+    Entry("cog_shift", "m", 0.0, "forward shift of the centre of gravity", 0.015, 0.05, "length", "both",
           special={"racer": (0.03, 0.09)}),
     Entry("yaw_inertia", "1", 1.0, "factor on the yaw inertia", 0.15, 0.6, "one", "both"),
     Entry("roll_dynamics", "rad s^2/m", 0.0, "roll angle per lateral acceleration", 0.0012, 0.006,
@@ -155,17 +155,17 @@ _SENSORS = (
     Entry("accel_bias_y", "m/s^2", 0.0, "added to the lateral acceleration", 0.5, 2.5, "accelerometer noise", "both"),
     Entry("imu_mount_pitch", "rad", 0.0, "pitch of the accelerometer", 0.5, 2.5, "accelerometer tilt", "both"),
     Entry("imu_mount_roll", "rad", 0.0, "roll of the accelerometer", 0.5, 2.5, "accelerometer tilt", "both"),
-    Entry("imu_mount_yaw", "rad", 0.0, "by how much the accelerometer is turned to the left", 0.02, 0.1, "one", "both"),
+    Entry("imu_mount_yaw", "rad", 0.0, "yaw angle of the accelerometer, to the left", 0.02, 0.1, "one", "both"),
     Entry("imu_lever_arm", "m", 0.0, "accelerometer forward of the centre of gravity", 0.05, 0.25, "length", "both",
           special={"racer": (0.1, 0.4)}),
     Entry("velocity_lever_arm", "m", 0.0, "speed sensor forward of the centre of gravity", 0.04, 0.35, "length",
           "both"),
     Entry("wheel_speed_scale", "1", 1.0, "gain on the speed", 0.004, 0.02, "one", "both",
           special={"racer": (0.008, 0.04), "truck": (0.006, 0.03)}),
-    Entry("sensor_latency_yaw", "s", 0.0, "how late the yaw rate is read", 0.008, 0.04),
-    Entry("sensor_latency_vx", "s", 0.0, "how late the speed is read", 0.02, 0.1),
-    Entry("sensor_latency_imu", "s", 0.0, "how late yaw rate and accelerations are read", 0.008, 0.04),
-    Entry("timestamp_jitter", "s", 0.0, "sd of the instant of reading about its stamp", 0.0015, 0.006),
+    Entry("sensor_latency_yaw", "s", 0.0, "latency of the yaw rate reading", 0.008, 0.04),
+    Entry("sensor_latency_vx", "s", 0.0, "latency of the speed reading", 0.02, 0.1),
+    Entry("sensor_latency_imu", "s", 0.0, "latency of yaw rate and accelerations", 0.008, 0.04),
+    Entry("timestamp_jitter", "s", 0.0, "sd of the time of a reading about its stamp", 0.0015, 0.006),
     Entry("dropped_samples", "1", 0.0, "share of rows at which sensors repeat their last reading", 0.03, 0.25),
 )  # fmt: skip
 
@@ -269,7 +269,7 @@ def complete(effects: Mapping[str, float], size: Scale) -> dict[str, float]:
     BadInput : a name is not known.
     """
     if unknown := [name for name in effects if name not in ALL and name not in SECOND]:
-        raise BadInput(f"The virtual vehicle knows no {', '.join(unknown)}; it knows {', '.join(ALL)}.")
+        raise BadInput(f"The virtual vehicle has no effect {', '.join(unknown)}; it has {', '.join(ALL)}.")
     second = {
         "tyre_temperature_E_0": 1.4 * size.weight,  # 2e4 J for a full-size car
         "roll_frequency": 1.5,

@@ -246,3 +246,24 @@ def test_states_along_a_recording_are_the_same_some_rows_at_a_time(monkeypatch):
     whole = observed(plain, run, plan, model.values)
     monkeypatch.setattr(simulator, "AT_A_TIME", 7)
     np.testing.assert_array_equal(observed(plain, run, plan, model.values), whole)
+
+
+def test_a_whole_run_without_delays_is_laid_out_without_a_copy():
+    stated = problem(car("lateral"), [driven(duration=2.0)])
+    lanes, cut = stated.lanes(stated.start)
+    y = stated.simulated_nodes(stated.start).read
+    assert lanes.in_order
+    assert not cut.in_order
+    assert np.shares_memory(lanes.segments, stated._plans[1][0].segments)
+    assert np.shares_memory(lanes.gathered(y), y)
+    assert np.shares_memory(lanes.scattered(stated.target), stated.target)
+    assert np.array_equal(cut.gathered(cut.scattered(stated.target)), stated.target)
+
+
+def test_layouts_that_were_forgotten_are_made_again():
+    stated = problem(car(), [driven(duration=2.0)])
+    before = stated.normal_equations(stated.start, stated.simulated_nodes(stated.start))
+    stated.forget()
+    again = stated.normal_equations(stated.start, stated.simulated_nodes(stated.start))
+    assert np.array_equal(before.H, again.H)
+    assert np.array_equal(before.g, again.g)

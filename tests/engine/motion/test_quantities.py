@@ -65,7 +65,7 @@ def test_before_the_first_pass_everything_is_zero_and_then_it_is_the_pass_before
 
 
 def test_a_quantity_that_is_not_there_yet_is_a_sentence():
-    with pytest.raises(AttributeError, match="The quantity F_z is not there yet"):
+    with pytest.raises(AttributeError, match="The dynamics read F_z before"):
         _ = quantities(MODEL).F_z
 
 

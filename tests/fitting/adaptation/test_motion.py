@@ -55,7 +55,7 @@ def test_what_cannot_be_adapted_is_a_sentence(fitted):
     for call, says in (
         ({"free": "F"}, "no parameter of this fit of lateral that may move"),
         ({"seconds": 60.0}, "holds 20 s of motion"),
-        ({"seconds": 6.0}, "10 s in one run are needed"),
+        ({"seconds": 6.0}, "one run of 10 s is needed"),
         ({"calibrate": "timing"}, "for models with memory"),
     ):
         with pytest.raises(BadInput, match=says):
@@ -71,7 +71,7 @@ def test_the_command_adapts_and_the_fit_it_writes_is_read_again(fitted, tmp_path
     assert told["chosen"]["rest"]["yaw_rate"]["rmse"] < told["zero_shot"]["rest"]["yaw_rate"]["rmse"]
     assert gb.load(told["written"]).params["D_f"] == pytest.approx(WET["D_f"], rel=0.15)
     assert "0.5 s ahead" in greybox("adapt", "fit.json", "wet.csv", "--seconds", 10, "--free", "D_f").out
-    assert "10 s in one run" in refused("adapt", "fit.json", "wet.csv", "--seconds", 5)
+    assert "one run of 10 s" in refused("adapt", "fit.json", "wet.csv", "--seconds", 5)
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, load, 
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.requested_model import must_be_recorded
 from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
+from greybox_id.fitting.scores.misfit import foreign_form, misfit
 from greybox_id.fitting.scores.verdict import judged
 from greybox_id.fitting.verb import carried, fit
 from greybox_id.models.registry import build
@@ -221,3 +222,30 @@ def test_many_missing_readings_are_no_traceback():
     holes = {n: (lambda v: np.where(rng.random(len(v)) < 0.4, np.nan, v)) for n in ("v_y", "yaw_rate", "a_y", "v_x")}
     found = fit(model(), [lap(0, **holes)], how=QUICK)
     assert found.verdict.usability == NOT_USABLE
+
+
+@pytest.mark.parametrize(("by_drive", "first"), [(0.5, "the sign of drive"), (0.1, "second half of the data")])
+def test_what_explains_most_of_the_residuals_is_named_first(good, by_drive, first):
+    one = {"residual": 0.2, "spread": 1.0, "noise": 0.02, "explained": 0.6, "on": {"the sign of drive": by_drive}}
+    form = {"outputs": {"a_x": one}, "halves": 0.3, "halves_gain": 40.0}
+    sentences = [reason.sentence for reason in misfit(replace(good, how={**good.how, "form": form}))]
+    assert len(sentences) == 2
+    assert first in sentences[0]
+
+
+def test_a_recording_is_not_blamed_for_what_the_model_lacks(good):
+    one = {"residual": 0.4, "spread": 1.0, "noise": 0.02, "explained": 0.6, "on": {"steer": 0.5}}
+    lacks = replace(good, how={**good.how, "form": {"outputs": {"a_y": one}}})
+    untold = {name: np.asarray(10.0 * float(good.model[name].array)) for name in good.sd}
+    sentences = {case: judged(replace(case_fit, sd=untold), {}).reasons
+                 for case, case_fit in {"lacks": lacks, "short": replace(good, how={})}.items()}  # fmt: skip
+    assert foreign_form(lacks)
+    assert not foreign_form(good)
+    assert not any("determines none" in one for one in sentences["lacks"])
+    assert any("determines none" in one for one in sentences["short"])
+
+
+def test_an_error_that_varies_with_nothing_is_a_sentence_all_the_same(good):
+    one = {"residual": 0.2, "spread": 1.0, "noise": 0.02, "explained": 0.6, "on": {}}
+    (reason,) = misfit(replace(good, how={**good.how, "form": {"outputs": {"a_x": one}}}))
+    assert "its fast noise: the model lacks an effect" in reason.sentence

@@ -65,14 +65,14 @@ def test_exact_aliases_are_called_impossible(saved, pair, turned):
     design = gb.design(saved(unsure(first, second, (0.02, 0.02))), arena="disc:60")
     assert design.plan is None
     assert len(design.impossible) == 1
-    assert "no manoeuvre tells them apart" in design.impossible[0]
+    assert "no manoeuvre distinguishes them" in design.impossible[0]
     assert first in design.impossible[0]
     assert second in design.impossible[0]
 
 
 def test_where_nothing_is_ambiguous_that_is_said(saved):
     design = gb.design(saved(clear()), arena="disc:60")
-    assert design.said == ("There is nothing to tell apart: its explanations are distinguished already.",)
+    assert design.said == ("There is nothing to distinguish: its explanations are distinguished already.",)
     assert gb.design(saved(none()), arena="disc:60").said[0].endswith("no gap was detected.")
     assert design.plan is None
     assert ambiguous(clear()) == ()

@@ -117,8 +117,8 @@ def test_several_plans_at_once_tell_what_each_of_them_does(fit, course):
 
 def test_what_a_manoeuvre_adds_little_to_is_said_with_how_little(fit):
     (sentence,) = _hardly(fit.model, {"I_z": (13.8, 13.5), "B_f": (1.0, 0.5), "D_f": (np.inf, np.inf)})
-    assert "little to I_z: its standard deviation falls by 2.2 %" in sentence
-    assert "nothing to D_f" in sentence
+    assert "little information on I_z: its standard deviation falls by 2.2 %" in sentence
+    assert "no information on D_f" in sentence
     assert "B_f" not in sentence
     assert _hardly(fit.model, {"B_f": (1.0, 0.5)}) == ()
 

@@ -23,7 +23,7 @@ def test_two_gigabytes_and_a_bomb_are_sentences(server, reader, tmp_path):
             opened.write(b"0,0\n" * 2**18)
     reader.driver.get(server[1]["address"])
     reader.drop(large)
-    reader.see("A file of more than 500 MB is not taken here")
+    reader.see("A file of more than 500 MB is too large")
     reader.drop(bomb)
     reader.see("This file cannot be read.")
     reader.see("more than 1 GB of text once it is unzipped")

@@ -53,7 +53,7 @@ def test_from_the_drop_to_the_report_without_typing(server, reader):
     reader.fits("5_fit")
     reader.click("Why not better?")
     reader.click("Diagnose the fit")
-    reader.see("What could not have been seen", DIAGNOSED)
+    reader.see("What could be present undetected", DIAGNOSED)
     cause = next(b for b in reader.driver.find_elements("css selector", "button.cause") if "probability" in b.text)
     reader.driver.execute_script("arguments[0].dispatchEvent(new Event('mouseenter'))", cause)
     reader.see("alone: ")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 import greybox_id as gb
-from greybox_lab.app.model import Playground, lacking, moved, nominal, prior_of, span_of
+from greybox_lab.app.model import Playground, lacking, moved, nominal, prior_of, span_of, stated_effects
 
 CHOSEN = {"name": "lateral", "vehicle": "roboracer", "settings": {}, "effects": ["steering_delay"], "start": {}}
 pytestmark = pytest.mark.usefixtures("_uncompiled")
@@ -40,3 +40,9 @@ def test_what_a_recording_lacks_is_a_sentence(lap):
     assert lacking("lateral", lap) == ""
     without = gb.Recording("b", lap.time, {"yaw_rate": lap["yaw_rate"]}, lap.runs)
     assert "lacks" in lacking("lateral", without)
+
+
+def test_effects_that_the_vehicle_file_states_are_proposed():
+    assert stated_effects("lateral", "roboracer") == ["steering_lag", "yaw_rate_bias", "accel_bias_y"]
+    assert stated_effects("longitudinal", "roboracer") == ["accel_bias_x"]
+    assert stated_effects("lateral", "") == []

@@ -50,7 +50,7 @@ def test_what_changed_what_did_not_and_what_is_not_known_are_stated():
     assert "Not changed, to two standard deviations:| mass_change (± 7.0\u00a0%)." in words
     assert "below the detection limit:| grip_scale." in words
     nothing = change_parts(gap, {"since": ["dry1"], "changed": [], "not_changed": [], "not_seen": []})
-    assert "Nothing beyond the scatter of the drives from before." in nothing
+    assert "Nothing beyond the scatter of the earlier drives." in nothing
     assert "table" not in nothing
 
 

@@ -81,10 +81,10 @@ def test_a_small_examination_is_made(tmp_path):
 
 def test_options_of_another_tier_are_refused(tmp_path):
     out = tmp_path / "exam"
-    assert "--cases does not go with --tier foreign" in refused(
+    assert "--cases cannot be combined with --tier foreign" in refused(
         "exam", "make", "--tier", "foreign", "--cases", 3, "--out", out
     )
-    assert "--family does not go with --tier clean" in refused("exam", "make", "--family", "slipx", "--out", out)
+    assert "--family cannot be combined with --tier clean" in refused("exam", "make", "--family", "slipx", "--out", out)
     assert 'no family "bike"' in refused("exam", "make", "--tier", "foreign", "--family", "bike", "--out", out)
     for tier in ("injected", "changed"):
         assert "name their folder with --data" in refused("exam", "make", "--tier", tier, "--out", out)

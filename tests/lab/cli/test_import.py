@@ -24,7 +24,7 @@ def test_what_was_recognised_is_printed(tmp_path):
     assert "lat: windows of 6 samples of 0.05 s" in told
     assert "long: centres over a_y at −3.70, 6.60 m/s²" in told
     assert "2 neurons each for traction and braking" in told
-    assert "no interval is given" in told
+    assert "there are no intervals" in told
 
 
 def test_json_is_one_object(tmp_path):

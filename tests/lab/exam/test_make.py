@@ -154,7 +154,7 @@ def test_an_examination_that_was_interrupted_is_gone_on_with(tmp_path):
         make(folder, 5, "clean", 0, 3, 1, interrupted)
     first = folder / "cases" / "case_000" / "recording.csv"
     written = first.stat().st_mtime_ns
-    with pytest.raises(BadInput, match=r"unfinished examination .*seed 5.* Ask for the same"):
+    with pytest.raises(BadInput, match=r"unfinished examination .*seed 5.* Repeat those options"):
         make(folder, 6, "clean", 0, 3, 1, said)
     told = []
     made = make(folder, 5, "clean", 0, 3, 1, lambda line, **_: told.append(line))

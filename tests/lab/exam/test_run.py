@@ -51,7 +51,7 @@ def test_errors_crashes_and_dawdling_become_sentences(exam):
 
 @pytest.mark.parametrize("candidate", ["peeking", "swallowing", "neighbourly", "shelling"])
 def test_a_candidate_that_looks_for_answers_ends_the_run(exam, candidate):
-    with pytest.raises(BadInput, match=r"tried to open .*The run has ended"):
+    with pytest.raises(BadInput, match=r"tried to open .*The run has stopped"):
         run(exam / "cases", f"exam_candidates:{candidate}", 2, 20.0, said)
     assert diagnoses(exam) == {}
 

@@ -1,4 +1,4 @@
-"""Closed models come back from what a diagnosis wrote down, and are tried on what was held out."""
+"""Closed models come back from what a diagnosis wrote down, and are tried on the held-out recordings."""
 
 import json
 from types import SimpleNamespace

@@ -102,7 +102,7 @@ def test_a_vehicle_file_that_changed_is_what_is_left_to_say(fleet, tmp_path):
     car.write_text("# weighed again\n" + car.read_text(encoding="utf-8"), encoding="utf-8")
     told = greybox("fleet", "run", plan, "--out", results, "--json").told
     assert told["done"] == 8
-    assert told["anew"].endswith("are done again: a vehicle file, or a recording's vehicle, is not what it was.")
+    assert told["anew"].endswith("are done again: a vehicle file, or a recording's vehicle, has changed.")
 
 
 NOW = {"version": "0.1.0", "steps": ["fit"], "options": {"fit": {"model": "lateral"}}, "columns": "my.toml", "map": "a"}
@@ -117,7 +117,7 @@ NOW = {"version": "0.1.0", "steps": ["fit"], "options": {"fit": {"model": "later
         ({**NOW, "steps": ["check", "fit"]}, ['steps was ["check", "fit"] and is ["fit"]']),
         ({**NOW, "options": None}, ['[fit] model was not given and is "lateral"']),
         ({**NOW, "columns": "other.toml", "map": "b"}, ['columns was "other.toml" and is "my.toml"']),
-        ({**NOW, "map": "b"}, ["the column map my.toml is not what it was"]),
+        ({**NOW, "map": "b"}, ["the column map my.toml has changed"]),
     ],
 )
 def test_what_differs_is_in_words(before, said):
@@ -192,7 +192,7 @@ def test_folders_with_something_else_are_left_alone(fleet):
     assert "would be written over" in refused("fleet", "run", plan, "--out", plan)
     other = plan.with_name("other.txt")
     other.write_text("mine", encoding="utf-8")
-    assert "is a file; name a folder with --out" in refused("fleet", "run", plan, "--out", other)
+    assert "is a file; name another folder with --out" in refused("fleet", "run", plan, "--out", other)
     assert other.read_text(encoding="utf-8") == "mine"
 
 
@@ -250,4 +250,4 @@ def test_a_second_pass_needs_fits(fleet, tmp_path):
     plan, _, _ = fleet
     alone = plan.with_name("checked.toml")
     alone.write_text('recordings = "data/V0/*.csv"\nvehicle = "car.toml"\nsteps = ["check"]\n')
-    assert "which steps does not have" in refused("fleet", "run", alone, "--out", tmp_path / "R", "--second-pass")
+    assert "which is not in steps" in refused("fleet", "run", alone, "--out", tmp_path / "R", "--second-pass")

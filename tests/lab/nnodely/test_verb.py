@@ -52,7 +52,7 @@ def test_a_fit_of_a_file_is_saved_and_loaded_and_says_that_nothing_is_known_of_i
 def test_a_sample_time_that_nnodely_made_up_is_asked_for(tmp_path):
     body = body_of("lat_small")
     body["Info"]["SampleTime"] = 1
-    with pytest.raises(BadInput, match=r"1 s, which nnodely writes where none was given.*sample_time 0.05"):
+    with pytest.raises(BadInput, match=r"1 s, which nnodely writes if none was given.*sample_time 0.05"):
         imported(tmp_path, body)
     assert imported(tmp_path, body, sample_time=0.02).fit.model.sample_time == 0.02
 
@@ -116,5 +116,5 @@ def test_what_is_read_wrongly_is_not_handed_out(tmp_path, monkeypatch):
         return family
 
     monkeypatch.setattr(verb, "recognise", bent)
-    with pytest.raises(BadInput, match="its own graph predicts otherwise"):
+    with pytest.raises(BadInput, match="its own graph predicts something else"):
         imported(tmp_path, body_of("lat_small"))

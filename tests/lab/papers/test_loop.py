@@ -42,8 +42,8 @@ def test_bars_are_met_missed_or_not_measured():
     assert removed(good, "named") == pytest.approx(0.96)
     for when in ("first", "last"):
         assert bar([good], f"{when} cap, named: share of the excess")["met"]
-        assert bar([good], f"{when} cap: share of the excess")["measured"] == pytest.approx(0.56)
-        assert bar([good], f"{when} cap, named: path error")["measured"] == pytest.approx(0.52)
+        assert bar([good], f"{when} cap: median difference")["measured"] == pytest.approx(0.56)
+        assert bar([good], f"{when} cap: path error of named")["measured"] == pytest.approx(0.52)
     assert bar([good], "yaw rate error at 0.5 s")["met"]
     assert bar([good] * 7, "first cap: p of a sign test")["met"]
     assert bar([good] * 6, "first cap: p of a sign test")["met"] is False
@@ -53,16 +53,16 @@ def test_bars_are_met_missed_or_not_measured():
     assert bar([good] * 7, "last cap: p of a sign test")["met"] is False
     good["arms"]["named"]["last"] = driven(0.052, 18.0)
     assert bar([good], "named: lap time at the last")["met"]
-    assert bar([good], "outside the vocabulary: share of the path error")["met"] is None
-    assert bar([good], "the same with 2000")["met"] is None
+    assert bar([good], "outside the vocabulary: median difference")["met"] is None
+    assert bar([good], "model from 2000")["met"] is None
     bad = case(base=arm(0.1), actuator_net=arm(0.06), named=arm(0.09, last=19.5), oracle=arm(0.05))
     bad["arms"]["named"]["last"]["crashes"] = 2
     for begins in (
         "first cap, named: share",
-        "last cap: share of the excess",
+        "last cap: median difference",
         "named, last cap: crashes",
         "named, last cap: crashes",
-        "first cap, named: path",
+        "first cap: path error of named",
         "yaw rate error",
     ):
         found = [own for own in bars([bad]) if own["bar"].startswith(begins)]
@@ -78,7 +78,7 @@ def test_outside_the_vocabulary_a_wrong_name_counts():
     right = case(["rear_steer"], base=arm(0.1), actuator_net=arm(0.08), named=arm(0.09), named_residual=arm(0.079))
     wrong = case(["rear_steer"], base=arm(0.1), named=arm(0.09, applied={"yaw_inertia": 1.2}))
     assert bar([right, wrong], "outside the vocabulary: share of cases")["measured"] == 0.5
-    assert bar([right, wrong], "outside the vocabulary: share of the path error")["met"]
+    assert bar([right, wrong], "outside the vocabulary: median difference")["met"]
     row = next(own for own in reported([right, wrong])["table"] if own["arm"] == "named")
     assert (row["cases"], row["crashes_last"], row["laps_last"]) == (2, 0, 20)
     assert row["cpu_seconds"] == 3.0

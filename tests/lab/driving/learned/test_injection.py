@@ -168,17 +168,17 @@ def test_a_network_of_a_shorter_step_acts_several_times_a_period(car):
 
 def test_what_does_not_go_together_is_said(car):
     own = network("paper")
-    with pytest.raises(BadInput, match=r"steps by 0\.02 s, of which a period of 0.05 s is no whole number"):
+    with pytest.raises(BadInput, match=r"steps by 0\.02 s, and a period of 0.05 s is no whole number"):
         world(1, model=injected(car, own), period=0.05)
     with pytest.raises(BadInput, match="no whole number"):
         world(1, model=injected(car, own), period=0.01)
     with pytest.raises(BadInput, match=r"delays commands .delay of steer 30 ms"):
         injected(with_effects(car, {"steering_delay": 0.03}), own)
-    with pytest.raises(BadInput, match="acts already"):
+    with pytest.raises(BadInput, match="has a network already"):
         injected(injected(car, own), own)
     with pytest.raises(BadInput, match="has other parameter values"):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
-    with pytest.raises(BadInput, match="drives along no track"):
+    with pytest.raises(BadInput, match="cannot drive along a track"):
         injected(RequestedModel("lateral", vehicle("roboracer")).model(), own)
     with pytest.raises(BadInput, match="no model of motion"):
         injected(RequestedModel("msnn_lat", None).model(), own)

@@ -152,7 +152,7 @@ def test_what_is_no_action_is_refused(done):
         def act(self, seen):
             return np.array(done)
 
-    with pytest.raises(NotSwapped, match="no action"):
+    with pytest.raises(NotSwapped, match="is not a number from -1 to 1"):
         probe(Wild())
 
 

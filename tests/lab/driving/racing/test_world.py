@@ -159,7 +159,7 @@ def test_draws_of_a_posterior_weigh_as_they_say(tmp_path):
     ("options", "said"),
     [
         ({"vehicle": "robo"}, "no vehicle"),
-        ({"model": "lateral"}, "drives along no track"),
+        ({"model": "lateral"}, "cannot drive along a track"),
         ({"model": "nothing"}, "no model"),
         ({"randomise": "hans"}, "no randomisation"),
         ({"randomise": "nothing.parquet"}, "cannot be read|no table"),

@@ -32,5 +32,5 @@ def test_a_drive_that_is_over_says_so():
     ride = SteppedCar(random_vehicle(3, "racer"), 4.0, 0.1, RATE)
     for _ in range(5):
         ride.step(0.0, 0.0)
-    with pytest.raises(BadInput, match=r"was to last 0\.1 s"):
+    with pytest.raises(BadInput, match=r"drive ended after 0\.1 s"):
         ride.step(0.0, 0.0)
