@@ -37,7 +37,7 @@ def test_a_start_with_other_units_is_refused():
         ({"start": "nowhere.json"}, "nowhere.json"),
         ({"vehicle": "bicycle"}, "bicycle"),
         ({"model": "kinematic"}, "kinematic"),
-        ({"model": "msnn_lat"}, "no model of motion"),
+        ({"model": "msnn_lat"}, "has no equations of motion"),
         ({"steps": 0}, "steps"),
         ({"rewards": "cth"}, "rewards"),
         ({"usage": "much"}, "usage"),

@@ -180,7 +180,7 @@ def test_what_does_not_go_together_is_said(car):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
     with pytest.raises(BadInput, match="cannot drive along a track"):
         injected(RequestedModel("lateral", vehicle("roboracer")).model(), own)
-    with pytest.raises(BadInput, match="no model of motion"):
+    with pytest.raises(BadInput, match="has no equations of motion"):
         injected(RequestedModel("msnn_lat", None).model(), own)
     with pytest.raises(BadInput, match="from 0 to 1"):
         injected(car, own, 1.5)

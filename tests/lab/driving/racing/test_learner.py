@@ -179,7 +179,7 @@ def test_what_does_not_belong_together_is_nothing_learned(spoilt):
         log_sd = log_sd[:1]
     else:
         value.vector[3] = np.nan
-    with pytest.raises(ValueError, match="no number" if spoilt == "nan" else "different sizes"):
+    with pytest.raises(ValueError, match="not a number" if spoilt == "nan" else "different sizes"):
         Learned(learned.policy, value, log_sd)
 
 
