@@ -12,7 +12,7 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
 from greybox_id.base.errors import BadInput
-from greybox_id.gap import diagnosis
+from greybox_id.gap import diagnosis, judging
 from greybox_id.gap.closed_model import HARMS
 from greybox_id.gap.diagnosis import _of_sets, diagnose
 from greybox_id.gap.estimation.calibration import CAL
@@ -163,7 +163,7 @@ def test_where_more_than_half_surely_stays_something_unknown_is_at_work(monkeypa
     late = {"steering_delay": 0.05}
     shares = Share("steering_delay", 0.3, 0.2, 0.4), Share("unnamed", 0.7, 0.6, 0.8)
     left = Budget(shares[:1], shares[1], ("lap",), True, beside=shares[:1])
-    monkeypatch.setattr(diagnosis, "_budget", lambda *_: left)
+    monkeypatch.setattr(diagnosis, "shared_out", lambda *_: left)
     gap = diagnosed(lap(late, 20.0), held_out=[lap(late, 10.0, seed=7)])
     assert gap.applied == ("steering_delay",)
     assert gap.unknown_probability >= CAL.nameless
@@ -179,7 +179,7 @@ def test_a_name_that_closes_nothing_leaves_before_the_others_are_judged(monkeypa
                      for name in best.names)  # fmt: skip
         return Budget(each, Share("unnamed", 0.1, 0.0, 0.2), ("lap",), True, beside=each)
 
-    monkeypatch.setattr(diagnosis, "_budget", shares)
+    monkeypatch.setattr(diagnosis, "shared_out", shares)
     gap = diagnosed(lap(lacks, 15.0), held_out=[lap(lacks, 10.0, seed=7)])
     assert gap.applied == ("steering_delay",)
     assert "−30 %" in next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias")
@@ -210,11 +210,11 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
-    monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.999)
-    monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
+    monkeypatch.setattr(judging, "probability", lambda *_: 0.999)
+    monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     closes = Share(own.effect, share, low, 2 * share - low)
     shared = Budget((closes,), Share("unnamed", 1 - share, 0.0, 1.0), ("lap",), True, beside=(closes,))
-    assert (diagnosis._refused(found, best, shared) == {}) == applied
+    assert (judging.refused(found, best, shared) == {}) == applied
 
 
 def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
@@ -513,9 +513,9 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
     found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
-    monkeypatch.setattr(diagnosis, "probability", lambda *_: 0.9)
-    monkeypatch.setattr(diagnosis, "_alike", lambda *_: ())
-    assert diagnosis._refused(found, best, None) == {}
+    monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
+    monkeypatch.setattr(judging, "alike_of", lambda *_: ())
+    assert judging.refused(found, best, None) == {}
     spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
-    assert diagnosis._refused(found, best, None) == {own.effect: "its probability is 0.45, not more than one half"}
+    assert judging.refused(found, best, None) == {own.effect: "its probability is 0.45, not more than one half"}
