@@ -297,8 +297,7 @@ def residual_drawings(recordings: Sequence[Seen], inputs: Sequence[str]) -> Iter
             f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
             "prediction, with inputs. At positive lags the residual comes after the input. Correlations outside the "
             "band mean that the model lacks something, or has a wrong delay. Predictions over a horizon correlate "
-            "for as "
-            "long as the horizon even where the model is right.",
+            "for as long as the horizon even where the model is right.",
             "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
         )
 

@@ -147,14 +147,12 @@ def discriminating(
             impossible = (
                 *impossible,
                 f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from "
-                f"{item.pair[1]} "
-                f"({item.nats:.1f} nats, and {ENOUGH:g} are needed).",
+                f"{item.pair[1]} ({item.nats:.1f} nats, and {ENOUGH:g} are needed).",
             )
     if HOPELESS <= worst < ENOUGH:
         stated.append(
             f"One drive distinguishes them by {worst:.1f} nats, but {ENOUGH:g} are needed: drive it several times, "
-            "or "
-            "use a larger arena."
+            "or use a larger arena."
         )
     return finished(
         "discriminate", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],

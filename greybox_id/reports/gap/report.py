@@ -53,8 +53,7 @@ ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
     "Probability: that the effect is present. Gain: of the log-likelihood over the model without it, beside the "
-    "other "
-    "applied effects. Effects that cannot be distinguished share the evidence."
+    "other applied effects. Effects that cannot be distinguished share the evidence."
 )
 CLOSURE = (
     "Mean squares of the errors over those of the noise, all channels alike. The excess is what lies above the floor, "
@@ -85,8 +84,7 @@ METHOD = (
     (
         "Unknown",
         "An unmodelled effect is present where unknown forces remain larger than the usual error of equations, or "
-        "where "
-        "readings scatter by more than their stated noise.",
+        "where readings scatter by more than their stated noise.",
     ),
 )
 ERRORS = "RMSE before → after (floor), from measured states over each horizon, and in free run."
@@ -95,8 +93,7 @@ LIMITS = (
     "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
     "all that is stated with a tolerance is refitted; not absorbed: the share of the information on it that "
     "parameter tolerances do not absorb. Effects whose size has a threshold, such as plays, are found by refits "
-    "alone "
-    "and left out."
+    "alone and left out."
 )
 CHANNELS = (
     "An error over noise of 1 means that only noise is left. The last two columns give the frequency at which the "
@@ -143,11 +140,11 @@ def _data(gap: Gap) -> tuple[Part, ...]:
     if gap.doubts:
         return titled("Doubts on the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
-        "The noise of the sensors is stated." if gap.noise_stated else "No sensor noise is stated: the residual of "
-                                                                       "the best explanation is taken as noise, so "
-                                                                       "that an unmodelled effect cannot be "
-                                                                       "detected."
-    )  # fmt: skip
+        "The noise of the sensors is stated."
+        if gap.noise_stated
+        else "No sensor noise is stated: the residual of the best explanation is taken as noise, so that an unmodelled "
+        "effect cannot be detected."
+    )
     words = f"Units, signs, time and delays of {listed([*gap.recordings])} raise no doubts. {noise}"
     return titled("Can the data be trusted?", Text(words, small=False))
 
