@@ -96,7 +96,7 @@ def test_where_nothing_changed_training_goes_nowhere(stiffness):
     assert held_out[told.stage.steps] <= held_out[0]
     found = apply_hybrid(replace(stiffness, model=told.model), recorded(steps(-0.025), 13.0, C_F, C_R))
     assert np.nanmax(np.abs(found["C_alpha_f"] / C_F - 1)) < 0.03
-    with pytest.raises(BadInput, match="takes 5 pieces of 85 unbroken rows; there are 2"):
+    with pytest.raises(BadInput, match="needs 5 pieces of 85 unbroken rows; there are 2"):
         update_hybrid(stiffness.model, [same[0].rows(0, 180)], FitOptions(), quiet)
 
 
@@ -198,7 +198,7 @@ def test_progress_is_told_and_an_interruption_keeps_the_best():
     model = prepared("hybrid_force", join(recordings, "training"), {"hidden": [3]}, vehicle=VEHICLE)
     found = fit(model, recordings, how=FitOptions(), say=say)
     assert found.stages[0].status == "interrupted"
-    assert "held out" in heard[0]
+    assert "held-out error" in heard[0]
 
 
 def test_one_short_recording_is_refused_in_a_sentence():

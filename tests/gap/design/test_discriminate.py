@@ -143,7 +143,7 @@ def test_what_noise_hides_is_called_impossible_here(saved):
     gap = replace(gap, gap=loud, held_out=None)
     design = gb.design(saved(gap), arena="disc:80", duration=5.0, rate=50.0, limits=LIMITS, effort=0.02)
     assert design.separation[0].nats < 3.0
-    assert "tells steering_delay from steering_lag" in design.impossible[0]
+    assert "distinguishes steering_delay from steering_lag" in design.impossible[0]
 
 
 @pytest.mark.slow

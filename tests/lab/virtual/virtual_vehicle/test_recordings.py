@@ -127,9 +127,9 @@ def test_magnitudes_lie_in_their_ranges(kind):
 
 def test_what_is_not_known_is_refused():
     car = random_vehicle(1)
-    with pytest.raises(BadInput, match="no warp_drive"):
+    with pytest.raises(BadInput, match="no effect warp_drive"):
         drive(car, effects={"warp_drive": 1.0})
-    with pytest.raises(BadInput, match="no warp_drive"):
+    with pytest.raises(BadInput, match="no effect warp_drive"):
         car.magnitude("warp_drive", np.random.default_rng(0))
     with pytest.raises(BadInput, match="no manoeuvre"):
         drive(car, "parking")
