@@ -73,7 +73,7 @@ def test_entries_of_arrays_have_names():
     assert len(fit.params) == model.size
     place = ",".join("1" * model["F"].array.ndim)
     assert fit.params[f"F[{place}]"] == model["F"].array[(1,) * model["F"].array.ndim]
-    with pytest.raises(gb.BadInput, match="not kept"):
+    with pytest.raises(gb.BadInput, match="keeps no covariance"):
         fit.cov  # noqa: B018
 
 

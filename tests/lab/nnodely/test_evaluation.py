@@ -71,8 +71,8 @@ def test_operations_mean_what_they_mean_in_nnodely(tmp_path, relation, wanted):
         (["Fir", ["w"], "W", "k", 0.0, 1], None),
         (["SamplePart", ["x"], -1, [0, 1]], "only past ones are read"),
         (["SamplePart", ["x"], -1, [-4, 0], -1], "offsets"),
-        (["SamplePart", ["x"], -1, [-5, 0]], "does not fit"),
-        (["Select", ["w"], 1, 1], "does not fit"),
+        (["SamplePart", ["x"], -1, [-5, 0]], "combines shapes that do not match"),
+        (["Select", ["w"], 1, 1], "combines shapes that do not match"),
         (["Select", ["w"], 1, -1], "does not say which"),
     ],
 )

@@ -51,7 +51,7 @@ def test_freedom_is_that_of_correlated_values():
 def test_the_same_vehicle_is_within_the_band_and_another_one_beyond(band):
     assert band.channels == (0, 1, 2)
     assert band.beyond(rows(SCENE, 100)) == ""
-    assert "innovations squared" in band.beyond(rows(Changed(grip_scale=-0.15), 100))
+    assert "squared innovations" in band.beyond(rows(Changed(grip_scale=-0.15), 100))
     assert band.beyond(rows(Changed(grip_scale=-0.15), 100, number=300)) == ""  # too few to say
     with pytest.raises(BadInput, match="too little"):
         InnovationBand.of(band.model, rows(SCENE, 3, number=300))
