@@ -256,6 +256,9 @@ class Calibration:
     steps_of_rough_stage: tuple[int, ...] = _known(
         (8, 4, 4), "the same beside tolerances: three left 700 nats on CommonRoad's cars", "seeds 0 and 3"
     )
+    dampings: tuple[float, ...] = _known(
+        (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0), "times its curvature that hold a step that went too far", DEFINED
+    )
     against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
     rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
     rounds_as_rough: int = _known(8, "steps at most where equations are as rough as is left: far from linear", SEARCHED)

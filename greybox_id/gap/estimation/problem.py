@@ -103,7 +103,6 @@ class JointProblem:
         self.smooth = np.array(
             [each.gradual and not each.main.inverse and not each.forms[0].starts for each in self.causes], dtype=bool
         )
-        self.widened = np.zeros(len(self.causes), dtype=int)
         self.simulations = 0
         self._looking = dict[int, tuple[int, int]]()
         self._slopes = dict[int, Array]()
@@ -122,7 +121,13 @@ class JointProblem:
         if state is None or before is None:
             return state
         theta = self.theta_mean + np.linalg.solve(self.mix, before - self.theta_mean) if len(before) else state.theta
-        return replace(state, theta=theta)
+        return replace(state, theta=np.clip(theta, *self._reach()))  # forms are believed nearer than they went
+
+    def _reach(self) -> tuple[Array, Array]:
+        """How far tolerances may go, downwards and upwards."""
+        reach = CAL.reach_sd * self.theta_sd
+        low = np.maximum([axis.low for axis in self.tolerances], self.theta_mean - reach)
+        return low, np.minimum([axis.high for axis in self.tolerances], self.theta_mean + reach)
 
     def _parameters(self, theta: Array) -> Array:
         return np.asarray(self.theta_mean + self.mix @ (theta - self.theta_mean))
@@ -315,9 +320,7 @@ class JointProblem:
         seconds: Sequence[tuple[int, int, Axis]], whitener: Whitener, starts: int, jumps: int,
     ) -> Linear:  # fmt: skip
         E, shifts = len(self.causes), len(self.shifts)
-        reach = CAL.reach_sd * self.theta_sd
-        t_low = np.maximum([axis.low for axis in self.tolerances], self.theta_mean - reach)
-        t_high = np.minimum([axis.high for axis in self.tolerances], self.theta_mean + reach)
+        t_low, t_high = self._reach()
         low, high = self.low.copy(), self.high.copy()
         for k in range(E):
             if not self.smooth[k] and not state.on[k]:
@@ -356,40 +359,18 @@ class JointProblem:
         """Forget what causes that are not there would do: it was taken elsewhere."""
         self._slopes.clear()
 
-    def moved(self, state: JointState, x: Array, share: float, on: Mask) -> JointState:
-        """A share of the way from a state to coordinates of `Linear`; causes that are switched on begin there."""
+    def moved(self, state: JointState, x: Array, on: Mask) -> JointState:
+        """A state at coordinates of `Linear`; causes that are switched on begin there."""
         nt, E = len(self.tolerances), len(self.causes)
-        theta = state.theta + share * (x[:nt] - state.theta)
-        goes = self.smooth | on
-        m = np.where(goes, state.m + share * (x[nt : nt + E] - state.m), self.null)
-        m = np.clip(m, self.low, self.high)
+        m = np.clip(np.where(self.smooth | on, x[nt : nt + E], self.null), self.low, self.high)
         seconds, place = [list(second) for second in state.seconds], nt + E
         for k in range(E):
             if state.on[k] and not self.smooth[k]:
                 for j, axis in enumerate(self._form(state, k).candidate.axes[1:]):
                     if axis.low < axis.high:
-                        seconds[k][j] += share * (x[place] - seconds[k][j])
+                        seconds[k][j] = float(x[place])
                         place += 1
-        return JointState(theta, m, tuple(tuple(second) for second in seconds), state.form, on.copy())
-
-    def widen(self, state: JointState) -> bool:
-        """Widen bounds that magnitudes have reached, twice at most; whether any was."""
-        result = False
-        for k in range(len(self.causes)):
-            if self.widened[k] >= 2:
-                continue
-            size, null = CAL.at_bound * self.usual[k], self.null[k]
-            if self.high[k] > null and state.m[k] > self.high[k] - size and np.isfinite(self.high[k]):
-                self.high[k] = null + 2 * (self.high[k] - null)
-            elif (
-                self.low[k] < null and state.m[k] < self.low[k] + size and self.low[k] < 0 and np.isfinite(self.low[k])
-            ):
-                self.low[k] = null + 2 * (self.low[k] - null)
-            else:
-                continue
-            self.widened[k] += 1
-            result = True
-        return result
+        return JointState(x[:nt].copy(), m, tuple(tuple(second) for second in seconds), state.form, on.copy())
 
 
 def _by(p: Array, axes: Sequence[Axis]) -> Array:

@@ -8,8 +8,9 @@ win. What a recording does not want falls to its zone by itself (`sparse`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -53,8 +54,9 @@ class JointStage:
 
     @property
     def evidence(self) -> float:
-        """Logarithm of the marginal likelihood, with the odds of what it believes."""
-        return self.form + self.explains
+        """Logarithm of the marginal likelihood, with the odds of what it believes; none where it spins."""
+        value = self.form + self.explains
+        return value if np.isfinite(value) else -np.inf
 
 
 class JointWhitening:
@@ -143,9 +145,6 @@ class JointSearch:
                 state, went = self._stepped(state, squares, variance, whitener)
                 if went < CAL.still and step > 0:
                     break
-            if problem.widen(state):
-                state, squares = self._linear(state, whitener, False, variance)
-                state, _ = self._stepped(state, squares, variance, whitener)
             result.append(self.settled(state, rough, variance, whitener))
         return result
 
@@ -166,7 +165,10 @@ class JointSearch:
             if rough > CAL.much_rougher:
                 self.problem.roughly(1.0)
                 result.append(self._settled_as(self.problem.begin(), np.zeros_like(best.there), rough))
-            best = max(result, key=lambda item: item.evidence)
+            again = max(result, key=lambda item: item.evidence)
+            if not np.isfinite(again.evidence):  # curves of forms so rough leave the range of numbers
+                break
+            best = again
         self.problem.roughly(best.rough)
         return best
 
@@ -190,7 +192,8 @@ class JointSearch:
         if better is stage:
             return stage
         self.problem.forget()
-        return self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
+        again = self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
+        return again if again.evidence > stage.evidence else stage  # in the model error that either leaves
 
     def _mates(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
         """Causes whose columns point as one's does, all else refitted, in each of their forms; the nearest first."""
@@ -394,32 +397,30 @@ class JointSearch:
         self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None,
         trial: bool = False,
     ) -> tuple[JointState, float]:  # fmt: skip
-        """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
+        """A bounded Gauss-Newton step of everything, damped where the objective rises; and how far it went."""
         problem, value = self.problem, squares.about
-        x, _ = squares.best(variance)
+        x = squares.best(variance)
         off = np.abs(x - value.mean)[value.main]
         if there is None:
             there = (off > np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)) & (
                 variance > 4 * problem.zone**2
             )
         on = there & ~problem.smooth
-        switched = on & ~state.on
-        linear = ~value.moved & ~np.isin(value.cause, np.flatnonzero(switched))
+        goes = value.moved | np.isin(value.cause, np.flatnonzero(on & ~state.on))
         prec = squares.precision(variance)
-        profile = _Profile(value.A[:, linear], prec[linear], (value.mean - value.at)[linear])
+        profile = _Profile(value.A[:, ~goes], prec[~goes], (value.mean - value.at)[~goes])
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
-        here = self._objective(back, profile, whitener, prec, value, back.m)
-        share = 1.0
-        for _ in range(6):
-            new = problem.moved(state, x, share, on)
-            there_now = self._objective(new, profile, whitener, prec, value, new.m)
-            if there_now < here + 1e-6:
-                break
-            share *= 0.4
-        else:
-            return back, 0.0
+        worth = partial(self._objectives, profile=profile, whitener=whitener, prec=prec, value=value)
+        new = problem.moved(state, x, on)
+        here, full = worth([back])[0], worth([new])[0]
+        if not full < here + 1e-6:  # simulations side by side take as long as one
+            damped = [problem.moved(state, squares.best(variance, by * goes), on) for by in CAL.dampings]
+            each = worth(damped)
+            if not np.min(each) < here + 1e-6:
+                return back, 0.0
+            new = damped[int(np.argmin(each))]
         scales = np.concatenate([problem.theta_sd, problem.usual])
         went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
         far = float(np.max(np.abs(went), initial=0.0))
@@ -427,28 +428,30 @@ class JointSearch:
             problem.forget()
         return new, far
 
-    def _objective(
-        self, state: JointState, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
-    ) -> float:
-        problem = self.problem
-        (e,) = problem.residuals([problem.vector(state)])
-        if not np.all(np.isfinite(e)):
-            return np.inf
+    def _objectives(
+        self, states: Sequence[JointState], profile: _Profile, whitener: Whitener, prec: Array, value: Linear
+    ) -> Array:
+        """(states,) what a step minimises; infinite where a simulation leaves the range of numbers."""
+        e = self.problem.residuals([self.problem.vector(state) for state in states])
         with np.errstate(over="ignore", invalid="ignore"):
-            r = whitener.white(e[:, :, None]).ravel()
-            squares = profile.left(r)
+            white = whitener.white(np.moveaxis(e, 0, 2)).reshape(-1, len(states))
+            squares = [profile.left(r) for r in white.T]
+            total = np.array(squares) + [self._charge(state, prec, value) for state in states]
+        return np.where(np.isfinite(total), 0.5 * total, np.inf)
+
+    def _charge(self, state: JointState, prec: Array, value: Linear) -> float:
+        """What a state costs by what is believed of it, in squares."""
+        problem = self.problem
         theta = (state.theta - problem.theta_mean) / problem.theta_sd
         goes = problem.smooth | state.on
-        mains = np.sqrt(prec[linear.main]) * np.where(goes, m - problem.mean, 0.0)
-        extra = 0.0
+        mains = np.sqrt(prec[value.main]) * np.where(goes, state.m - problem.mean, 0.0)
+        total = float(theta @ theta) + float(mains @ mains)
         for k in np.flatnonzero(state.on & ~problem.smooth):
-            for axis, at in zip(
-                problem.causes[k].forms[state.form[k]].candidate.axes[1:], state.seconds[k], strict=True
-            ):
+            axes = problem.causes[k].forms[state.form[k]].candidate.axes[1:]
+            for axis, at in zip(axes, state.seconds[k], strict=True):
                 if axis.low < axis.high:
-                    extra += ((at - axis.mean) / axis.sd) ** 2
-        total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
-        return total if np.isfinite(total) else np.inf
+                    total += ((at - axis.mean) / axis.sd) ** 2
+        return total
 
 
 class _Profile:
