@@ -240,7 +240,8 @@ class _Starts:
     def take(self, H: Array, g: Array) -> None:
         """Eliminate the starts from all else."""
         if len(self.toward):
-            unit = 1.0 / np.sqrt(np.maximum(np.diag(self.by_loose), 1e-300))
+            size = np.diag(self.by_loose)
+            unit = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)  # some starts show nowhere
             inverse = la.pinvh(self.by_loose * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
             H -= self.coupled.T @ inverse @ self.coupled
             g -= self.coupled.T @ (inverse @ self.toward)

@@ -12,7 +12,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.fit import NOT_USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
-from greybox_id.fitting.uncertainty.form import _Joint
+from greybox_id.fitting.uncertainty.form import _Joint, _Starts
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
@@ -175,3 +175,17 @@ def test_a_parameter_of_which_nothing_moves_everything_leaves_the_others_as_they
         found.append((wider[1:, 1:], moved[1:], sizes))
     for plain, beside in zip(*found, strict=True):
         np.testing.assert_allclose(beside, plain, rtol=1e-6)
+
+
+def test_a_start_that_no_reading_shows_takes_nothing_from_the_others():
+    rng = np.random.default_rng(5)
+    wide, residuals, J = rng.standard_normal((40, 4)), rng.standard_normal(40), rng.standard_normal((40, 2))
+    taken = []
+    for by in (J, np.column_stack([J, np.zeros(40)])):
+        starts = _Starts.of(by.shape[1], 4)
+        starts.add(by, wide, residuals)
+        H, g = wide.T @ wide, wide.T @ residuals
+        starts.take(H, g)
+        taken.append((H, g))
+    for plain, beside in zip(*taken, strict=True):
+        np.testing.assert_allclose(beside, plain, rtol=1e-9)
