@@ -20,6 +20,8 @@ from .calibration import CAL
 from .problem import RIDGE, Linear
 
 NEVER = -np.inf
+ROUNDING = 1e-12
+"""Of a sum of squares, below which no digit of it is left."""
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,10 @@ class Sets:
         self.raw = np.diag(squares.G)[ours]
         self.cause, self.main, self.sd = about.cause[ours], about.main[ours], about.sd[ours]
         self.low, self.high, self.mean = about.low[ours], about.high[ours], about.mean[ours]
-        self.left = 0.5 * self._at_means(squares) - 0.5 * float(d @ d)
+        at_means = 0.5 * self._at_means(squares)
+        self.left = at_means - 0.5 * float(d @ d)
+        if not self.left > ROUNDING * at_means:  # of a simulation that spins rounding is left
+            self.left = np.inf
         self.base = -self.left
         self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / about.sd[rest])))
         self.spike = zone**2
