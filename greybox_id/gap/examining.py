@@ -65,7 +65,7 @@ class Examined:
     unnamed : model error that is left; None for models that know no forces.
     freed : the base and the best, by their names, with tolerances that do all they can for free runs.
     amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
-    stands : whether free runs with the best hypothesis do not spin; where they do, no name is to be trusted.
+    follows : whether free runs with the best hypothesis follow the vehicle; where they do not, no name is to be trusted.
     """
 
     model: Diagnosed
@@ -90,7 +90,7 @@ class Examined:
     freed: Mapping[frozenset[str], Hypothesis]
     amplitudes: Amplitudes | None
     expected: Believed
-    stands: bool = True
+    follows: bool = True
 
     def resembles(self) -> tuple[Wander, ...]:
         """Effects that what is left looks like, if their magnitudes vary all the time."""
@@ -161,11 +161,11 @@ def examine(
     everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
     problem = JointProblem(bench, tolerances, everything, good)
     observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
-    stands = partial(_stands, observer, good)
+    follows = partial(_follows, observer, good, sd)
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
-    selection = select(together, believed, cost, _unsteadiness, search.trust, partial(stands, bench))
+    selection = select(together, believed, cost, _unsteadiness, search.trust, partial(follows, bench))
     search = selection.search
-    if stands(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
+    if follows(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
         selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
@@ -213,7 +213,7 @@ def examine(
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, entry, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
-        stands(bench, search.vector(best)),
+        follows(bench, search.vector(best)),
     )  # fmt: skip
 
 
@@ -293,11 +293,19 @@ def _kept_from_spinning(problem: JointProblem) -> int | None:
     return at
 
 
-def _stands(observer: int | None, good: NDArray[np.bool_], bench: FreeRuns, p: Array) -> bool:
-    """Whether free runs with these parameters do without the observer that a search needed, if it needed one."""
-    if observer is None:
+def _follows(observer: int | None, good: NDArray[np.bool_], sd: Array, bench: FreeRuns, p: Array) -> bool:
+    """Whether free runs with these parameters follow the vehicle, without the observer that a search may have needed.
+
+    Their errors of the yaw rate, noise aside, are less than a share of the yaw rate.
+    """
+    if "yaw_rate" not in bench.channels:
         return True
-    p = p.copy()
-    p[observer] = 0.0
-    y = bench.simulate(p[None])[0]
-    return not spins(bench, np.where(bench.counted, y - bench.measured, 0.0), good)
+    if observer is not None:
+        p = p.copy()
+        p[observer] = 0.0
+    at = bench.channels.index("yaw_rate")
+    rows, y = good[:, at], bench.simulate(p[None])[0][:, at]
+    if not np.any(rows):
+        return True
+    beyond = float(np.mean((y[rows] - bench.measured[rows, at]) ** 2)) - sd[at] ** 2
+    return beyond <= CAL.follows**2 * float(np.mean(bench.measured[rows, at] ** 2))

@@ -77,7 +77,7 @@ def select(
     costs: Callable[[str], float],
     unsteadiness: Unsteadiness,
     trust: float,
-    stands: Callable[[Array], bool],
+    follows: Callable[[Array], bool],
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -88,14 +88,14 @@ def select(
     costs : log-likelihood that effects must gain, by name.
     unsteadiness : of each effect of a hypothesis, see `constancy`.
     trust : as how many readings one counts.
-    stands : whether free runs with a vector do not spin: where they do, no name is weighed.
+    follows : whether free runs with a vector follow the vehicle: where they do not, no name is weighed.
     """
     problem = together.problem
     prices = np.array([
         costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
     ])  # fmt: skip
     stage = together.explained()
-    if stands(problem.vector(stage.state)):
+    if follows(problem.vector(stage.state)):
         stage = together.exchanged(stage)
     else:
         stage, prices = (

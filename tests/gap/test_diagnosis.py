@@ -209,7 +209,7 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, follows=True)
     monkeypatch.setattr(judging, "probability", lambda *_: 0.999)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     closes = Share(own.effect, share, low, 2 * share - low)
@@ -267,7 +267,7 @@ def test_what_a_refused_name_explains_is_unnamed():
                 best=best,
                 selection=selection,
                 evidence=evidence,
-                stands=True,
+                follows=True,
                 of_strained={},
             )
         )
@@ -512,7 +512,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, follows=True)
     monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     assert judging.refused(found, best, None) == {}

@@ -20,8 +20,6 @@ from .calibration import CAL
 from .problem import RIDGE, Linear
 
 NEVER = -np.inf
-ROUNDING = 1e-12
-"""Of a sum of squares, below which no digit of it is left."""
 
 
 @dataclass(frozen=True)
@@ -113,7 +111,7 @@ class Sets:
         self.low, self.high, self.mean = about.low[ours], about.high[ours], about.mean[ours]
         at_means = 0.5 * self._at_means(squares)
         self.left = at_means - 0.5 * float(d @ d)
-        if not self.left > ROUNDING * at_means:  # of a simulation that spins rounding is left
+        if not self.left > CAL.rounding * at_means:  # of a simulation that spins rounding is left
             self.left = np.inf
         self.base = -self.left
         self.base += -float(np.sum(np.log(np.diag(factor)))) + float(np.sum(np.log(scale / about.sd[rest])))

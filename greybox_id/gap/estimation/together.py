@@ -416,11 +416,13 @@ class JointSearch:
         new = problem.moved(state, x, on)
         here, full = worth([back])[0], worth([new])[0]
         if not full < here + 1e-6:  # simulations side by side take as long as one
-            damped = [problem.moved(state, squares.best(variance, by * goes), on) for by in CAL.dampings]
-            each = worth(damped)
+            ways = [value.at + by * (x - value.at) for by in CAL.shares]
+            ways += [squares.best(variance, by * goes) for by in CAL.dampings]
+            nearer = [problem.moved(state, way, on) for way in ways]
+            each = worth(nearer)
             if not np.min(each) < here + 1e-6:
                 return back, 0.0
-            new = damped[int(np.argmin(each))]
+            new = nearer[int(np.argmin(each))]
         scales = np.concatenate([problem.theta_sd, problem.usual])
         went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
         far = float(np.max(np.abs(went), initial=0.0))
