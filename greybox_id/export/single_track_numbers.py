@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import isfinite
+from math import isfinite, pi, sin
 
 import casadi as cs
 import numpy as np
@@ -63,7 +63,8 @@ class Axle:
         """B [1/rad], C, D and E of F_y = D load sin(C atan(B a - E (B a - atan(B a)))); None on another tyre."""
         if self.B is None or self.C is None or self.E is None:
             return None
-        return [self.B, self.C, self.peak / self.load, self.E]
+        rises = sin(min(self.C, 1.0) * pi / 2)  # below C = 1 no slip reaches D
+        return [self.B, self.C, self.peak / (self.load * rises), self.E]
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import inf
+from math import inf, pi
 from types import SimpleNamespace
 
 import casadi as cs
@@ -76,11 +76,16 @@ def _pacejka_force(alpha: Symbol, F_z: Symbol, p: Namespace, grip: Symbol, stiff
     return F_z * (grip * p.D * cs.sin(p.C * cs.atan(slip - p.E * (slip - cs.atan(slip)))) + p.S_v)
 
 
+def _pacejka_peak(F_z: Symbol, p: Namespace, grip: Symbol) -> Symbol:
+    """D F_z, or what its sine comes to as slip grows where C < 1: then the curve has no peak."""
+    return grip * p.D * F_z * cs.sin(cs.fmin(p.C, 1) * (pi / 2))
+
+
 pacejka = Tyre(
     name="pacejka",
     parameters=_pacejka_parameters,
     force=_pacejka_force,
-    peak=lambda F_z, p, grip: grip * p.D * F_z,
+    peak=_pacejka_peak,
     slope=lambda F_z, p: p.B * p.C * p.D * F_z,
     source="Pacejka, Tire and Vehicle Dynamics, 3rd ed., Sec. 4.3.1",
 )

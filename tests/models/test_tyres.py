@@ -55,6 +55,15 @@ def test_the_peak_is_never_exceeded_and_is_reached(name, reached):
     assert share.max() >= reached
 
 
+@pytest.mark.parametrize("C", [0.5, 0.8, 1.0, 1.3])
+@pytest.mark.parametrize("E", [-2.0, 0.0, 0.5])
+def test_pacejkas_peak_is_what_the_curve_comes_to(C, E):
+    p = SimpleNamespace(**{**vars(parameters("pacejka", CAR)), "C": C, "E": E})
+    slip = np.concatenate([np.linspace(0.0, 3.0, 30_001), [1e9]])
+    F_y = [float(TYRES["pacejka"].force(alpha, CAR, p, 1.0, 1.0)) for alpha in slip[[*range(0, 30_001, 10), -1]]]
+    assert max(F_y) == pytest.approx(float(TYRES["pacejka"].peak(CAR, p, 1.0)), rel=1e-5)
+
+
 @pytest.mark.parametrize("grip", [0.0, 1e-3, 1.0])
 @pytest.mark.parametrize("F_z", [0.0, 1e-9, 1.0, CAR])
 @pytest.mark.parametrize("name", TYRES)
