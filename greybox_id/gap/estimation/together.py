@@ -216,6 +216,14 @@ class JointSearch:
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
+    def rougher(self, stage: JointStage) -> float:
+        """Times what they usually do that causes must gain: errors of form are alike wherever forces are.
+
+        Innovations count them as new every correlation time. They are no more than usual up to a standard deviation of
+        how rough equations are; beyond, what they do to a name grows with their variance.
+        """
+        return max(1.0, self._as_rough(stage) / float(np.exp(CAL.form_sd))) ** 2
+
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array) -> tuple[JointStage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
 
