@@ -1,8 +1,11 @@
 """The truck benchmark: what grey-box models reach on the authors' recordings, and what it makes of their inputs."""
 
+from importlib import resources
+
 import numpy as np
 import pytest
 
+import greybox_id as gb
 from greybox_id.engine.solvers.gauss_newton import Status
 from greybox_lab.papers.truck_grey_boxes import CANDIDATES, deviations, fitted
 from greybox_lab.papers.truck_inputs import EVERY, _bridged, _remembered, _rise, causal, prepared, raw
@@ -134,3 +137,18 @@ def test_bridging_does_not_know_left_from_right():
     steer = np.cumsum(random.normal(0, 1e-3, 2000))
     steer[np.abs(steer) < 0.01] = 0.0
     np.testing.assert_array_equal(_bridged(-steer), -_bridged(steer))
+
+
+@pytest.mark.slow
+def test_the_gap_beside_table_one_is_the_arm_of_the_speed_sensor(real_data, tmp_path):
+    """Of the shipped truck the arm and the steering's effects are taken out; 4.7 m is what people measured."""
+    text = resources.files("greybox_id.datasets").joinpath("vehicles", "truck.toml").read_text("utf-8")
+    head, _, rest = text.partition("[effects]")
+    stated = tmp_path / "truck.toml"
+    stated.write_text(head + "[noise]" + rest.partition("[noise]")[2])
+    train, val = (real_data / "truck" / f"{name}.parquet" for name in ("train", "val"))
+    gap = gb.diagnose("lateral", train, vehicle=stated, columns="truck", held_out=val)
+    first = next(item for item in gap.ranking if item.effect in gap.applied)
+    assert first.effect == "velocity_lever_arm"
+    assert first.interval[0] < 4.7 < first.interval[1]
+    assert gap.held_out.closed > 0.4
