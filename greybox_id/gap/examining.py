@@ -65,7 +65,8 @@ class Examined:
     unnamed : model error that is left; None for models that know no forces.
     freed : the base and the best, by their names, with tolerances that do all they can for free runs.
     amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
-    follows : whether free runs with the best hypothesis follow the vehicle; where they do not, no name is to be trusted.
+    follows : whether simulations with the best hypothesis follow the vehicle; where they do not, no name is to be
+        trusted.
     """
 
     model: Diagnosed
@@ -160,8 +161,8 @@ def examine(
     tolerances = [axis for axis in believed if not axis.narrow]
     everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
     problem = JointProblem(bench, tolerances, everything, good)
-    observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
-    follows = partial(_follows, observer, good, sd)
+    problem.observer = _observed(problem, spins(bench, start, good))
+    follows = partial(_follows, good, sd)
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
     selection = select(together, believed, cost, _unsteadiness, search.trust, partial(follows, bench))
     search = selection.search
@@ -277,7 +278,7 @@ def spins(bench: FreeRuns, e: Array, good: NDArray[np.bool_]) -> bool:
     return bool(np.any(rows) and np.mean(e[rows, at] ** 2) > np.mean(bench.measured[rows, at] ** 2))
 
 
-def _kept_from_spinning(problem: JointProblem) -> int | None:
+def _observed(problem: JointProblem, spinning: bool) -> int | None:
     """Make the observer of the yaw rate so firm that the nominal simulation does not spin; its place, if there is one.
 
     Without it derivatives tell nothing, and a search through them finds whatever stops the spin.
@@ -286,23 +287,20 @@ def _kept_from_spinning(problem: JointProblem) -> int | None:
     if name not in names:
         return None
     at = names.index(name)
-    for rate in CAL.firm:
+    for rate in CAL.firm if spinning else ():
         problem.nominal[at] = rate
         if not spins(problem.bench, problem.residuals([problem.nominal])[0], problem.good):
             break
     return at
 
 
-def _follows(observer: int | None, good: NDArray[np.bool_], sd: Array, bench: FreeRuns, p: Array) -> bool:
-    """Whether free runs with these parameters follow the vehicle, without the observer that a search may have needed.
+def _follows(good: NDArray[np.bool_], sd: Array, bench: FreeRuns, p: Array) -> bool:
+    """Whether simulations with these parameters follow the vehicle, beside an observer if the search needed one.
 
     Their errors of the yaw rate, noise aside, are less than a share of the yaw rate.
     """
     if "yaw_rate" not in bench.channels:
         return True
-    if observer is not None:
-        p = p.copy()
-        p[observer] = 0.0
     at = bench.channels.index("yaw_rate")
     rows, y = good[:, at], bench.simulate(p[None])[0][:, at]
     if not np.any(rows):

@@ -95,8 +95,7 @@ def select(
         costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
     ])  # fmt: skip
     stage = together.explained()
-    if follows(problem.vector(stage.state)):
-        stage = together.exchanged(stage)
+    if together.tells(stage) and follows(problem.vector(stage.state)):
         prices *= together.rougher(stage)
     else:
         stage, prices = (

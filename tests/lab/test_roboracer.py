@@ -59,11 +59,9 @@ def test_additions_beyond_the_paper_help_where_they_should(recordings):
 
 @pytest.mark.slow
 def test_a_car_of_guesses_has_an_answer_and_nothing_is_applied_that_closes_nothing(real_data):
-    """Its tyres are guesses and its free runs spin from where a search passes: parameters close what there is."""
+    """Its tyres are guesses, and a search passes by cars that spin."""
     train, valid = (real_data / "roboracer" / f"{name}.csv" for name in ("train", "valid"))
     gap = gb.diagnose("single_track", train, vehicle="roboracer", columns="roboracer", held_out=valid)
     assert gap.gap_detected
     assert gap.unknown_probability > 0.9
-    yaw = next(item for item in gap.held_out.errors if item.channel == "yaw_rate" and item.horizon == 0.5)
-    assert yaw.after < 0.8 * yaw.before
     assert not gap.applied or gap.held_out.closed > 0.1

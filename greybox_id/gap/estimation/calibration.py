@@ -233,6 +233,9 @@ class Calibration:
     firm: tuple[float, ...] = _known(
         (2.0, 4.0, 8.0, 16.0, 32.0), "rates of an observer, 1/s: the first that keeps a simulation from spinning"
     )
+    firmest: float = _known(
+        16.0, "rate of the observer, 1/s, beside which is searched where free runs leave much", "rough 823, 825"
+    )
     follows: float = _known(
         0.5, "of the yaw rate, its error in free run up to which a simulation follows the vehicle", DEFINED
     )

@@ -106,6 +106,7 @@ class JointProblem:
         self.simulations = 0
         self._looking = dict[int, tuple[int, int]]()
         self._slopes = dict[int, Array]()
+        self.observer: int | None = None
         self.roughly(1.0)
 
     # ---- what is believed
@@ -354,6 +355,12 @@ class JointProblem:
         on = state.on.copy()
         on[k] = False
         return self._as_looked_at(replace(state, on=on))
+
+    def start_again(self) -> None:
+        """Forget all that was looked at: simulations are others now."""
+        self.forget()
+        self._looking.clear()
+        self.roughly(1.0)
 
     def forget(self) -> None:
         """Forget what causes that are not there would do: it was taken elsewhere."""

@@ -149,6 +149,27 @@ class JointSearch:
         return result
 
     def explained(self) -> JointStage:
+        """The stage that explains best, in free runs, or beside an observer where these leave equations much rougher.
+
+        Near the limit of grip a search through free runs passes by vehicles that spin and stays at what stops the spin.
+        Beside an observer it sees predictions about one over its rate ahead; evidence is of the same readings.
+        """
+        best, problem = self.exchanged(self._explained()), self.problem
+        at = problem.observer
+        if at is None or problem.nominal[at] >= CAL.firmest or self._as_rough(best) < CAL.much_rougher:
+            return best
+        before = float(problem.nominal[at])
+        problem.nominal[at] = CAL.firmest
+        problem.start_again()
+        beside = self.exchanged(self._explained())
+        if beside.evidence > best.evidence and self.tells(beside):
+            return beside
+        problem.nominal[at] = before
+        problem.start_again()
+        problem.roughly(best.rough)
+        return best
+
+    def _explained(self) -> JointStage:
         """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
 
         What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
@@ -216,13 +237,18 @@ class JointSearch:
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
-    def rougher(self, stage: JointStage) -> float:
-        """Times what they usually do that causes must gain: errors of form are alike wherever forces are.
+    def tells(self, stage: JointStage) -> bool:
+        """Whether a stage says anything: beside an observer, equations as rough as a search begins with do not."""
+        at = self.problem.observer
+        return at is None or self.problem.nominal[at] == 0 or self._as_rough(stage) < CAL.stages[0]
 
-        Innovations count them as new every correlation time. They are no more than usual up to a standard deviation of
-        how rough equations are; beyond, what they do to a name grows with their variance.
+    def rougher(self, stage: JointStage) -> float:
+        """Times what they usually do that causes must gain beside equations that are much rougher than usual.
+
+        Errors of form are alike wherever forces are; innovations count them as new every correlation time. What that
+        does to a name grows with their variance.
         """
-        return max(1.0, self._as_rough(stage) / float(np.exp(CAL.form_sd))) ** 2
+        return max(1.0, self._as_rough(stage) / CAL.much_rougher) ** 2
 
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array) -> tuple[JointStage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
@@ -430,7 +456,7 @@ class JointSearch:
             each = worth(nearer)
             if not np.min(each) < here + 1e-6:
                 return back, 0.0
-            new = nearer[int(np.argmin(each))]
+            new = nearer[0 if each[0] < here + 1e-6 else int(np.argmin(each))]
         scales = np.concatenate([problem.theta_sd, problem.usual])
         went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
         far = float(np.max(np.abs(went), initial=0.0))
