@@ -306,4 +306,4 @@ def _follows(good: NDArray[np.bool_], sd: Array, bench: FreeRuns, p: Array) -> b
     if not np.any(rows):
         return True
     beyond = float(np.mean((y[rows] - bench.measured[rows, at]) ** 2)) - sd[at] ** 2
-    return beyond <= CAL.follows**2 * float(np.mean(bench.measured[rows, at] ** 2))
+    return bool(beyond <= CAL.follows**2 * float(np.mean(bench.measured[rows, at] ** 2)))

@@ -69,7 +69,9 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
         sure = of_class(one, name)
         spread = varying.get(name)
         if not one.follows:
-            reasons[name] = "with it, simulations still do not follow the vehicle: errors of yaw_rate exceed half of yaw_rate"
+            reasons[name] = (
+                "with it, simulations still do not follow the vehicle: errors of yaw_rate exceed half of yaw_rate"
+            )
         elif spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
                 f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "

@@ -155,7 +155,7 @@ class JointSearch:
         Beside an observer it sees predictions about one over its rate ahead; evidence is of the same readings.
         """
         best, problem = self.exchanged(self._explained()), self.problem
-        at = problem.observer
+        at = problem.observer if len(problem.tolerances) else None
         if at is None or problem.nominal[at] >= CAL.firmest or self._as_rough(best) < CAL.much_rougher:
             return best
         before = float(problem.nominal[at])
@@ -441,6 +441,7 @@ class JointSearch:
             )
         on = there & ~problem.smooth
         goes = value.moved | np.isin(value.cause, np.flatnonzero(on & ~state.on))
+        held = goes.astype(float)
         prec = squares.precision(variance)
         profile = _Profile(value.A[:, ~goes], prec[~goes], (value.mean - value.at)[~goes])
         back = state
@@ -451,7 +452,7 @@ class JointSearch:
         here, full = worth([back])[0], worth([new])[0]
         if not full < here + 1e-6:  # simulations side by side take as long as one
             ways = [value.at + by * (x - value.at) for by in CAL.shares]
-            ways += [squares.best(variance, by * goes) for by in CAL.dampings]
+            ways += [squares.best(variance, by * held) for by in CAL.dampings]
             nearer = [problem.moved(state, way, on) for way in ways]
             each = worth(nearer)
             if not np.min(each) < here + 1e-6:
