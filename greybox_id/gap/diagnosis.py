@@ -178,7 +178,7 @@ def _held(examined: Examined) -> str:
     if name not in names or not (rate := examined.selection.search.nominal[names.index(name)]) > 0:
         return ""
     return (
-        "Free runs spin here, or nearly so. An observer therefore pulls yaw_rate to its reading within "
+        "Free runs spin here, with and without effects. An observer therefore pulls yaw_rate to its reading within "
         f"{number(1 / rate, 2)} s; errors are those of predictions about that far ahead"
     )
 

@@ -65,8 +65,7 @@ class Examined:
     unnamed : model error that is left; None for models that know no forces.
     freed : the base and the best, by their names, with tolerances that do all they can for free runs.
     amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
-    follows : whether simulations with the best hypothesis follow the vehicle; where they do not, no name is to be
-        trusted.
+    stands : whether free runs with the best hypothesis do not spin; where they do, no name is to be trusted.
     """
 
     model: Diagnosed
@@ -91,7 +90,7 @@ class Examined:
     freed: Mapping[frozenset[str], Hypothesis]
     amplitudes: Amplitudes | None
     expected: Believed
-    follows: bool = True
+    stands: bool = True
 
     def resembles(self) -> tuple[Wander, ...]:
         """Effects that what is left looks like, if their magnitudes vary all the time."""
@@ -161,12 +160,12 @@ def examine(
     tolerances = [axis for axis in believed if not axis.narrow]
     everything = causes(prepared.everything, prepared.effects, moving, tolerances, bench.sample_time, rough)
     problem = JointProblem(bench, tolerances, everything, good)
-    problem.observer = _observed(problem, spins(bench, start, good))
-    follows = partial(_follows, good, sd)
+    observer = _kept_from_spinning(problem) if spins(bench, start, good) else None
+    stands = partial(_stands, observer, good)
     together = JointSearch(problem, JointWhitening(problem, sd, prior, forces, search.trust), tell)
-    selection = select(together, believed, cost, _unsteadiness, search.trust, partial(follows, bench))
+    selection = select(together, believed, cost, _unsteadiness, search.trust, partial(stands, bench))
     search = selection.search
-    if follows(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
+    if stands(bench, search.vector(min((*selection.tried, selection.base), key=by_cost))):
         selection = with_beginnings(selection, value, whiten, cost)
     if bench.learnt:
         selection = plainly(selection, sd, good)
@@ -214,7 +213,7 @@ def examine(
     return Examined(
         model, tuple(recordings), effects, vehicle, prepared, bench, selection, weighed, best, sd, entry, good,
         rough, scatter, closed, own_signs, seen, y, left_over, freed_ways, amplitudes, expected,
-        follows(bench, search.vector(best)),
+        stands(bench, search.vector(best)),
     )  # fmt: skip
 
 
@@ -278,7 +277,7 @@ def spins(bench: FreeRuns, e: Array, good: NDArray[np.bool_]) -> bool:
     return bool(np.any(rows) and np.mean(e[rows, at] ** 2) > np.mean(bench.measured[rows, at] ** 2))
 
 
-def _observed(problem: JointProblem, spinning: bool) -> int | None:
+def _kept_from_spinning(problem: JointProblem) -> int | None:
     """Make the observer of the yaw rate so firm that the nominal simulation does not spin; its place, if there is one.
 
     Without it derivatives tell nothing, and a search through them finds whatever stops the spin.
@@ -287,23 +286,18 @@ def _observed(problem: JointProblem, spinning: bool) -> int | None:
     if name not in names:
         return None
     at = names.index(name)
-    for rate in CAL.firm if spinning else ():
+    for rate in CAL.firm:
         problem.nominal[at] = rate
         if not spins(problem.bench, problem.residuals([problem.nominal])[0], problem.good):
             break
     return at
 
 
-def _follows(good: NDArray[np.bool_], sd: Array, bench: FreeRuns, p: Array) -> bool:
-    """Whether simulations with these parameters follow the vehicle, beside an observer if the search needed one.
-
-    Their errors of the yaw rate, noise aside, are less than a share of the yaw rate.
-    """
-    if "yaw_rate" not in bench.channels:
+def _stands(observer: int | None, good: NDArray[np.bool_], bench: FreeRuns, p: Array) -> bool:
+    """Whether free runs with these parameters do without the observer that a search needed, if it needed one."""
+    if observer is None:
         return True
-    at = bench.channels.index("yaw_rate")
-    rows, y = good[:, at], bench.simulate(p[None])[0][:, at]
-    if not np.any(rows):
-        return True
-    beyond = float(np.mean((y[rows] - bench.measured[rows, at]) ** 2)) - sd[at] ** 2
-    return bool(beyond <= CAL.follows**2 * float(np.mean(bench.measured[rows, at] ** 2)))
+    p = p.copy()
+    p[observer] = 0.0
+    y = bench.simulate(p[None])[0]
+    return not spins(bench, np.where(bench.counted, y - bench.measured, 0.0), good)

@@ -68,10 +68,8 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
         share = weak(shared, name) if shared is not None else None
         sure = of_class(one, name)
         spread = varying.get(name)
-        if not one.follows:
-            reasons[name] = (
-                "with it, simulations still do not follow the vehicle: errors of yaw_rate exceed half of yaw_rate"
-            )
+        if not one.stands:
+            reasons[name] = "with it, free runs still spin where the vehicle did not"
         elif spread is not None and spread.relative > CAL.varies:
             reasons[name] = (
                 f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
@@ -131,8 +129,8 @@ def by_no_name(examined: Examined) -> float:
 
 def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
     """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
-    follows = 1.0 if examined.follows else 1.0 - CAL.present
-    return follows * _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
+    stands = 1.0 if examined.stands else 1.0 - CAL.present
+    return stands * _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
 
 
 def _mimics(examined: Examined, hypothesis: Hypothesis, name: str) -> float:

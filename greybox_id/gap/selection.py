@@ -77,7 +77,7 @@ def select(
     costs: Callable[[str], float],
     unsteadiness: Unsteadiness,
     trust: float,
-    follows: Callable[[Array], bool],
+    stands: Callable[[Array], bool],
 ) -> Selection:
     """Refit what may explain the recording.
 
@@ -88,15 +88,15 @@ def select(
     costs : log-likelihood that effects must gain, by name.
     unsteadiness : of each effect of a hypothesis, see `constancy`.
     trust : as how many readings one counts.
-    follows : whether free runs with a vector follow the vehicle: where they do not, no name is weighed.
+    stands : whether free runs with a vector do not spin: where they do, no name is weighed.
     """
     problem = together.problem
     prices = np.array([
         costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
     ])  # fmt: skip
     stage = together.explained()
-    if together.tells(stage) and follows(problem.vector(stage.state)):
-        prices *= together.rougher(stage)
+    if stands(problem.vector(stage.state)):
+        stage = together.exchanged(stage)
     else:
         stage, prices = (
             together.refitted(stage, np.zeros_like(stage.there), CAL.exchange_steps),

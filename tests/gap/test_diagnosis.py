@@ -150,7 +150,8 @@ def test_what_has_no_name_is_not_closed_by_its_neighbours():
     assert gap.ranking  # the nearest names are told, and why they are none
     assert max(own.probability for own in gap.ranking) < 0.5
     assert any("mimics" in own.reason or "differs between parts" in own.reason for own in gap.ranking)
-    assert gap.budget is None  # there is no name to share it out among
+    assert gap.budget.held_out
+    assert sum(own.share for own in gap.budget.shares) + gap.budget.unnamed.share == pytest.approx(1.0)
     assert gap.held_out.closed == 0.0
     assert gap.gap.closed == 0.0
     assert gap.gap.after == gap.gap.before > 1.0
@@ -208,7 +209,7 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, follows=True)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
     monkeypatch.setattr(judging, "probability", lambda *_: 0.999)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     closes = Share(own.effect, share, low, 2 * share - low)
@@ -266,7 +267,7 @@ def test_what_a_refused_name_explains_is_unnamed():
                 best=best,
                 selection=selection,
                 evidence=evidence,
-                follows=True,
+                stands=True,
                 of_strained={},
             )
         )
@@ -511,7 +512,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, follows=True)
+    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
     monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     assert judging.refused(found, best, None) == {}

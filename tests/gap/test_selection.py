@@ -21,13 +21,13 @@ def cause(index):
 
 def selected(
     bench, count, nuisances=(), costs=lambda name: WORTH, unsteady=lambda search, each: [0.0] * len(each.names),
-    follows=lambda p: True,
+    stands=lambda p: True,
 ):  # fmt: skip
     problem = JointProblem(bench, nuisances, [cause(k) for k in range(count)], bench.counted)
     search = JointSearch(
         problem, JointWhitening(problem, SD, believed(SD, True, True, {}), False, 1.0), lambda *_, **__: None
     )
-    return select(search, nuisances, costs, unsteady, 1.0, follows)
+    return select(search, nuisances, costs, unsteady, 1.0, stands)
 
 
 def of_effects(*numbers):

@@ -233,12 +233,6 @@ class Calibration:
     firm: tuple[float, ...] = _known(
         (2.0, 4.0, 8.0, 16.0, 32.0), "rates of an observer, 1/s: the first that keeps a simulation from spinning"
     )
-    firmest: float = _known(
-        16.0, "rate of the observer, 1/s, beside which is searched where free runs leave much", "rough 823, 825"
-    )
-    follows: float = _known(
-        0.5, "of the yaw rate, its error in free run up to which a simulation follows the vehicle", DEFINED
-    )
     freed_again: int = _known(4, "times that tolerances are linearised again for free runs", SEARCHED)
     freed_enough: float = _known(0.02, "of a cost that is worth once more", SEARCHED)
     again: int = _known(3, "times that nuisances are linearised again", SEARCHED)
@@ -263,10 +257,6 @@ class Calibration:
         (8, 4, 4), "the same beside tolerances: three left 700 nats on CommonRoad's cars", "seeds 0 and 3"
     )
     rounding: float = _known(1e-12, "of a sum of squares, below which no digit of it is left", DEFINED)
-    shares: tuple[float, ...] = _known((0.4, 0.16, 0.06), "of a step that went too far", DEFINED)
-    dampings: tuple[float, ...] = _known(
-        (0.1, 1.0, 10.0, 100.0, 1000.0), "times its curvature that hold it instead: with shares a call's eight lanes"
-    )
     against: float = _known(5.0, "log-odds against a cause before anything was read, beside what its size costs", DRAWN)
     rough_sd: float = _known(0.4, "sd of the logarithm of how rough forms are: as of other vehicles", DEFINED)
     rounds_as_rough: int = _known(8, "steps at most where equations are as rough as is left: far from linear", SEARCHED)

@@ -106,7 +106,6 @@ class JointProblem:
         self.simulations = 0
         self._looking = dict[int, tuple[int, int]]()
         self._slopes = dict[int, Array]()
-        self.observer: int | None = None
         self.roughly(1.0)
 
     # ---- what is believed
@@ -122,13 +121,7 @@ class JointProblem:
         if state is None or before is None:
             return state
         theta = self.theta_mean + np.linalg.solve(self.mix, before - self.theta_mean) if len(before) else state.theta
-        return replace(state, theta=np.clip(theta, *self._reach()))  # forms are believed nearer than they went
-
-    def _reach(self) -> tuple[Array, Array]:
-        """How far tolerances may go, downwards and upwards."""
-        reach = CAL.reach_sd * self.theta_sd
-        low = np.maximum([axis.low for axis in self.tolerances], self.theta_mean - reach)
-        return low, np.minimum([axis.high for axis in self.tolerances], self.theta_mean + reach)
+        return replace(state, theta=theta)
 
     def _parameters(self, theta: Array) -> Array:
         return np.asarray(self.theta_mean + self.mix @ (theta - self.theta_mean))
@@ -321,7 +314,9 @@ class JointProblem:
         seconds: Sequence[tuple[int, int, Axis]], whitener: Whitener, starts: int, jumps: int,
     ) -> Linear:  # fmt: skip
         E, shifts = len(self.causes), len(self.shifts)
-        t_low, t_high = self._reach()
+        reach = CAL.reach_sd * self.theta_sd
+        t_low = np.maximum([axis.low for axis in self.tolerances], self.theta_mean - reach)
+        t_high = np.minimum([axis.high for axis in self.tolerances], self.theta_mean + reach)
         low, high = self.low.copy(), self.high.copy()
         for k in range(E):
             if not self.smooth[k] and not state.on[k]:
@@ -356,28 +351,25 @@ class JointProblem:
         on[k] = False
         return self._as_looked_at(replace(state, on=on))
 
-    def start_again(self) -> None:
-        """Forget all that was looked at: simulations are others now."""
-        self.forget()
-        self._looking.clear()
-        self.roughly(1.0)
-
     def forget(self) -> None:
         """Forget what causes that are not there would do: it was taken elsewhere."""
         self._slopes.clear()
 
-    def moved(self, state: JointState, x: Array, on: Mask) -> JointState:
-        """A state at coordinates of `Linear`; causes that are switched on begin there."""
+    def moved(self, state: JointState, x: Array, share: float, on: Mask) -> JointState:
+        """A share of the way from a state to coordinates of `Linear`; causes that are switched on begin there."""
         nt, E = len(self.tolerances), len(self.causes)
-        m = np.clip(np.where(self.smooth | on, x[nt : nt + E], self.null), self.low, self.high)
+        theta = state.theta + share * (x[:nt] - state.theta)
+        goes = self.smooth | on
+        m = np.where(goes, state.m + share * (x[nt : nt + E] - state.m), self.null)
+        m = np.clip(m, self.low, self.high)
         seconds, place = [list(second) for second in state.seconds], nt + E
         for k in range(E):
             if state.on[k] and not self.smooth[k]:
                 for j, axis in enumerate(self._form(state, k).candidate.axes[1:]):
                     if axis.low < axis.high:
-                        seconds[k][j] = float(x[place])
+                        seconds[k][j] += share * (x[place] - seconds[k][j])
                         place += 1
-        return JointState(x[:nt].copy(), m, tuple(tuple(second) for second in seconds), state.form, on.copy())
+        return JointState(theta, m, tuple(tuple(second) for second in seconds), state.form, on.copy())
 
 
 def _by(p: Array, axes: Sequence[Axis]) -> Array:

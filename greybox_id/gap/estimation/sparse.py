@@ -49,28 +49,22 @@ class Quadratic:
         sd[self.about.main] = np.sqrt(variance)
         return np.asarray(1 / np.maximum(sd, 1e-150) ** 2)
 
-    def best(self, variance: Array, damping: Array | float = 0.0) -> Array:
-        """(K,) the best coordinates within bounds; each held where it is by so many times its curvature."""
+    def best(self, variance: Array) -> tuple[Array, Array]:
+        """(K,) the best coordinates within bounds, and their marginal variances."""
         value, prec = self.about, self.precision(variance)
         H = self.G + np.diag(prec)
         slope = self.g + prec * (value.at - value.mean)
-        H += np.diag(damping * np.diag(H))
         step = least_within(H, slope, value.low - value.at, value.high - value.at, np.ones(len(H), dtype=bool))
-        return np.asarray(value.at + step)
-
-    def marginal(self, variance: Array) -> Array:
-        """(K,) marginal variances of the coordinates."""
-        H = self.G + np.diag(self.precision(variance))
         scale = 1 / np.sqrt(np.diag(H))
         inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
-        return np.asarray(np.diag(inverse) * scale**2)
+        return value.at + step, np.diag(inverse) * scale**2
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
         """(causes,) variances that maximise the evidence, within the zone and three times the usual size."""
         least = zone**2
         about = self.about
         for _ in range(rounds):
-            x, v = self.best(variance), self.marginal(variance)
+            x, v = self.best(variance)
             off, known = (x - about.mean)[about.main], 1 - v[about.main] / variance
             new = np.clip(off**2 / np.maximum(known, 1e-3), least, (3 * usual) ** 2)
             done = np.max(np.abs(np.log(new / variance)), initial=0.0) < CAL.evidence_settled

@@ -8,9 +8,8 @@ win. What a recording does not want falls to its zone by itself (`sparse`).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -149,27 +148,6 @@ class JointSearch:
         return result
 
     def explained(self) -> JointStage:
-        """The stage that explains best, in free runs, or beside an observer where these leave equations much rougher.
-
-        Near the limit of grip a search through free runs passes by vehicles that spin and stays at what stops the spin.
-        Beside an observer it sees predictions about one over its rate ahead; evidence is of the same readings.
-        """
-        best, problem = self.exchanged(self._explained()), self.problem
-        at = problem.observer if len(problem.tolerances) else None
-        if at is None or problem.nominal[at] >= CAL.firmest or self._as_rough(best) < CAL.much_rougher:
-            return best
-        before = float(problem.nominal[at])
-        problem.nominal[at] = CAL.firmest
-        problem.start_again()
-        beside = self.exchanged(self._explained())
-        if beside.evidence > best.evidence and self.tells(beside):
-            return beside
-        problem.nominal[at] = before
-        problem.start_again()
-        problem.roughly(best.rough)
-        return best
-
-    def _explained(self) -> JointStage:
         """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
 
         What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
@@ -213,8 +191,7 @@ class JointSearch:
         if better is stage:
             return stage
         self.problem.forget()
-        again = self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
-        return again if again.evidence > stage.evidence else stage  # in the model error that either leaves
+        return self.settled(better.state, better.rough, self.variance(better.there), rounds=2, there=better.there)
 
     def _mates(self, stage: JointStage, k: int) -> list[tuple[int, int]]:
         """Causes whose columns point as one's does, all else refitted, in each of their forms; the nearest first."""
@@ -236,19 +213,6 @@ class JointSearch:
             return 1.0
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
-
-    def tells(self, stage: JointStage) -> bool:
-        """Whether a stage says anything: beside an observer, equations as rough as a search begins with do not."""
-        at = self.problem.observer
-        return at is None or self.problem.nominal[at] == 0 or self._as_rough(stage) < CAL.stages[0]
-
-    def rougher(self, stage: JointStage) -> float:
-        """Times what they usually do that causes must gain beside equations that are much rougher than usual.
-
-        Errors of form are alike wherever forces are; innovations count them as new every correlation time. What that
-        does to a name grows with their variance.
-        """
-        return max(1.0, self._as_rough(stage) / CAL.much_rougher) ** 2
 
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array) -> tuple[JointStage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
@@ -431,33 +395,32 @@ class JointSearch:
         self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None,
         trial: bool = False,
     ) -> tuple[JointState, float]:  # fmt: skip
-        """A bounded Gauss-Newton step of everything, damped where the objective rises; and how far it went."""
+        """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
         problem, value = self.problem, squares.about
-        x = squares.best(variance)
+        x, _ = squares.best(variance)
         off = np.abs(x - value.mean)[value.main]
         if there is None:
             there = (off > np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)) & (
                 variance > 4 * problem.zone**2
             )
         on = there & ~problem.smooth
-        goes = value.moved | np.isin(value.cause, np.flatnonzero(on & ~state.on))
-        held = goes.astype(float)
+        switched = on & ~state.on
+        linear = ~value.moved & ~np.isin(value.cause, np.flatnonzero(switched))
         prec = squares.precision(variance)
-        profile = _Profile(value.A[:, ~goes], prec[~goes], (value.mean - value.at)[~goes])
+        profile = _Profile(value.A[:, linear], prec[linear], (value.mean - value.at)[linear])
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
-        worth = partial(self._objectives, profile=profile, whitener=whitener, prec=prec, value=value)
-        new = problem.moved(state, x, on)
-        here, full = worth([back])[0], worth([new])[0]
-        if not full < here + 1e-6:  # simulations side by side take as long as one
-            ways = [value.at + by * (x - value.at) for by in CAL.shares]
-            ways += [squares.best(variance, by * held) for by in CAL.dampings]
-            nearer = [problem.moved(state, way, on) for way in ways]
-            each = worth(nearer)
-            if not np.min(each) < here + 1e-6:
-                return back, 0.0
-            new = nearer[0 if each[0] < here + 1e-6 else int(np.argmin(each))]
+        here = self._objective(back, profile, whitener, prec, value, back.m)
+        share = 1.0
+        for _ in range(6):
+            new = problem.moved(state, x, share, on)
+            there_now = self._objective(new, profile, whitener, prec, value, new.m)
+            if there_now < here + 1e-6:
+                break
+            share *= 0.4
+        else:
+            return back, 0.0
         scales = np.concatenate([problem.theta_sd, problem.usual])
         went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
         far = float(np.max(np.abs(went), initial=0.0))
@@ -465,30 +428,28 @@ class JointSearch:
             problem.forget()
         return new, far
 
-    def _objectives(
-        self, states: Sequence[JointState], profile: _Profile, whitener: Whitener, prec: Array, value: Linear
-    ) -> Array:
-        """(states,) what a step minimises; infinite where a simulation leaves the range of numbers."""
-        e = self.problem.residuals([self.problem.vector(state) for state in states])
-        with np.errstate(over="ignore", invalid="ignore"):
-            white = whitener.white(np.moveaxis(e, 0, 2)).reshape(-1, len(states))
-            squares = [profile.left(r) for r in white.T]
-            total = np.array(squares) + [self._charge(state, prec, value) for state in states]
-        return np.where(np.isfinite(total), 0.5 * total, np.inf)
-
-    def _charge(self, state: JointState, prec: Array, value: Linear) -> float:
-        """What a state costs by what is believed of it, in squares."""
+    def _objective(
+        self, state: JointState, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
+    ) -> float:
         problem = self.problem
+        (e,) = problem.residuals([problem.vector(state)])
+        if not np.all(np.isfinite(e)):
+            return np.inf
+        with np.errstate(over="ignore", invalid="ignore"):
+            r = whitener.white(e[:, :, None]).ravel()
+            squares = profile.left(r)
         theta = (state.theta - problem.theta_mean) / problem.theta_sd
         goes = problem.smooth | state.on
-        mains = np.sqrt(prec[value.main]) * np.where(goes, state.m - problem.mean, 0.0)
-        total = float(theta @ theta) + float(mains @ mains)
+        mains = np.sqrt(prec[linear.main]) * np.where(goes, m - problem.mean, 0.0)
+        extra = 0.0
         for k in np.flatnonzero(state.on & ~problem.smooth):
-            axes = problem.causes[k].forms[state.form[k]].candidate.axes[1:]
-            for axis, at in zip(axes, state.seconds[k], strict=True):
+            for axis, at in zip(
+                problem.causes[k].forms[state.form[k]].candidate.axes[1:], state.seconds[k], strict=True
+            ):
                 if axis.low < axis.high:
-                    total += ((at - axis.mean) / axis.sd) ** 2
-        return total
+                    extra += ((at - axis.mean) / axis.sd) ** 2
+        total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
+        return total if np.isfinite(total) else np.inf
 
 
 class _Profile:

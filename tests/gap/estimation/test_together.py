@@ -75,19 +75,6 @@ def test_a_magnitude_stays_within_its_bounds():
     assert all(abs(float(stage.state.m[0])) <= 1.0 for stage in search.annealed())
 
 
-def test_a_step_that_goes_far_too_far_is_held_back():
-    """An exponential response: a full step from the null overshoots by orders of magnitude."""
-    X = smooth_columns(2)
-
-    def respond(p):
-        return X[:, :, 0] * np.expm1(np.clip(8.0 * p[0], -50.0, 300.0)) + X[:, :, 1] * p[1]
-
-    truth = np.array([0.9, 0.0])
-    noise = SD * np.random.default_rng(1).standard_normal((400, 2))
-    search = together(GivenBench(respond, respond(truth) + noise, 2), [cause(0), cause(1)])
-    assert named(search) == {"effect_0": pytest.approx(0.9, abs=0.01)}
-
-
 def test_where_forms_as_rough_as_what_is_left_spin_the_stage_before_stands(monkeypatch):
     X = smooth_columns(2)
     search = together(linear_bench(X, [1.0, 0.0], SD), [cause(0), cause(1)])
@@ -97,14 +84,6 @@ def test_where_forms_as_rough_as_what_is_left_spin_the_stage_before_stands(monke
     stage = search.explained()
     assert np.isfinite(stage.evidence)
     assert list(stage.there) == [True, False]
-
-
-def test_a_tolerance_begins_within_reach_where_forms_are_believed_nearer():
-    X = smooth_columns(2)
-    rough = replace(axis(1, sd=0.1), name="form_of_something")
-    search = together(linear_bench(X, [1.0, 0.0], SD), [cause(0)], (rough,))
-    state = replace(search.problem.roughly(8.0, search.problem.begin()), theta=np.array([4.0]))
-    assert abs(search.problem.roughly(1.0, state).theta[0]) == pytest.approx(0.6)  # six sds
 
 
 def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
