@@ -90,10 +90,13 @@ def test_our_wording_of_the_gyms_equations_is_commonroads():
     np.testing.assert_allclose(of_the_gym((v, r, beta), steer, acceleration, p), theirs[5:7], rtol=1e-12)
 
 
+@pytest.mark.parametrize("C_f", [0.8, 1.4])
 @pytest.mark.parametrize("effects", [{}, HELD], ids=["as it is", "with effects"])
-def test_the_race_stacks_tyres_pull_as_ours(effects):
+def test_the_race_stacks_tyres_pull_as_ours(effects, C_f):
     model = build("lateral", {"tyre": "pacejka"}, effects, SMALL).with_parameters()
-    model = model.with_parameters(model["E_f"].with_value(0.3), model["E_r"].with_value(-0.5))
+    model = model.with_parameters(
+        model["C_f"].with_value(C_f), model["E_f"].with_value(0.3), model["E_r"].with_value(-0.5)
+    )
     made, equations = written(model), Equations(model)
     p = made["car_pacejka.txt"]
     x, u = points(equations, 50)

@@ -1,5 +1,7 @@
 """Sets of causes by their evidence, against the Gaussian density that it is; what is not wanted falls to its zone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
@@ -47,6 +49,15 @@ def test_a_set_scores_as_the_density_of_its_residuals(there):
     sd = np.concatenate([[0.5, 0.5], np.where(on, USUAL, ZONE)])
     density = multivariate_normal(np.zeros(40), np.eye(40) + (A * sd**2) @ A.T).logpdf(r)
     assert own.base + own.score(on) == pytest.approx(density + 20 * np.log(2 * np.pi) - ODDS * len(there), abs=1e-6)
+
+
+@pytest.mark.parametrize("rounding", [0.0, np.nan])
+def test_a_sum_of_squares_that_rounding_made_less_than_nothing_is_no_evidence(rounding):
+    """So it is of simulations that spin, whose residuals are 1e40 and more."""
+    squares = Quadratic.of(linear(*drawn([0.0, 0.8]), 2))
+    given = np.full(2, ZONE), np.full(2, USUAL), np.full(2, ODDS), ()
+    assert np.isfinite(Sets(squares, *given).base)
+    assert Sets(replace(squares, rr=rounding), *given).base == -np.inf
 
 
 def test_sizes_are_those_of_the_posterior():
