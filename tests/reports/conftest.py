@@ -1,5 +1,6 @@
 """Small fits, shared by all tests of reports: of a map with memory, and of equations of motion."""
 
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -55,15 +56,17 @@ def simple():
     return simple
 
 
-@pytest.fixture(scope="session")
-def _uncompiled():
+@contextmanager
+def uncompiled():
+    """Small problems are solved sooner than C is compiled; what a session keeps lets go of the environment at once."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("GREYBOX_COMPILE", "0")
         yield
 
 
 @pytest.fixture(scope="session")
-def laps(_uncompiled):
+@uncompiled()
+def laps():
     """A car whose steering is later than stated, driven twice to fit it and once to judge; it has no gyro bias."""
 
     def lap(number, **kind):
@@ -80,6 +83,7 @@ def sparse(values, every=4):
 
 
 @pytest.fixture(scope="session")
+@uncompiled()
 def motion_fit(laps):
     effects = {"steering_delay": None, "yaw_rate_bias": None}
     model = build("lateral", None, effects, vehicle("full_size_car"))
@@ -89,11 +93,13 @@ def motion_fit(laps):
 
 
 @pytest.fixture(scope="session")
+@uncompiled()
 def motion_found(motion_fit, laps):
     return seen_driven(motion_fit.model, motion_fit, laps)
 
 
 @pytest.fixture(scope="session")
+@uncompiled()
 def motion_report(motion_fit, laps):
     return prepared(motion_fit, laps)
 
