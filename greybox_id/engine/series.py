@@ -42,16 +42,26 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
     first = trace.memory
     past = trace.stage(u[: first - 1], p) if first > 1 else np.empty((0, trace.stage.outputs))
     state = np.concatenate([past.ravel(), measured[first - 1]])
-    samples = len(u) - first
-    states = call(
-        _accumulated(trace, samples), state, np.nan_to_num(u[first - 1 : -1]), np.tile(p, (samples, 1))
-    ).reshape(samples, len(state))
-    return states[:, -measured.shape[1] :].copy()
+    samples, outputs = len(u) - first, measured.shape[1]
+    seen, several = np.nan_to_num(u[first - 1 : -1]), np.tile(p, (LOOP, 1))
+    result = np.empty((samples, outputs))
+    for start in range(0, samples, LOOP):
+        rows = seen[start : start + LOOP]
+        filled = np.concatenate([rows, np.repeat(rows[-1:], LOOP - len(rows), axis=0)])
+        states = call(_accumulated(trace), state, filled, several).reshape(LOOP, len(state))
+        result[start : start + LOOP] = states[: len(rows), -outputs:]
+        state = states[-1]
+    return result
+
+
+LOOP = 64
+"""Steps of the loop that CasADi takes at a time: making a function of a run's whole length takes it a tenth of a
+second, ten times as long as evaluating it."""
 
 
 @lru_cache(maxsize=64)
-def _accumulated(trace: Trace, steps: int) -> cs.Function:
-    """`steps` steps of the loop; the state is the windows' past stage signals, oldest first, and the last outputs."""
+def _accumulated(trace: Trace) -> cs.Function:
+    """`LOOP` steps of the loop; the state is the windows' past stage signals, oldest first, and the last outputs."""
     signals, outputs = trace.stage.outputs, len(trace.model.outputs)
     past = cs.SX.sym("past", signals, trace.memory - 1)
     y = cs.SX.sym("y", outputs)
@@ -65,7 +75,7 @@ def _accumulated(trace: Trace, steps: int) -> cs.Function:
     h = cs.vertcat(*[cs.dot(weights[t, :], z[int(s), :]) for t, s in enumerate(trace.tap_signal)])
     following = cs.vertcat(cs.vec(z[:, 1:]), trace.head.function(h, seen, p))
     step = cs.Function("step", [cs.vertcat(cs.vec(past), y), u, p], [following])
-    return step.mapaccum("free_run", steps)
+    return step.mapaccum("free_run", LOOP)
 
 
 _BLOCK = 40

@@ -483,7 +483,7 @@ def test_any_word_for_the_compiler_ends_in_an_answer(said, monkeypatch, empty_ca
     made, found = worked()
     assert_same(found, worked(compiled=False)[1])
     if not made.compiled:
-        assert "about five times slower" in caplog.text
+        assert "about ten times slower" in caplog.text
 
 
 @needs_compiler
