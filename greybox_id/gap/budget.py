@@ -212,10 +212,15 @@ def closes(shared: Budget | None, name: str) -> float:
     if shared is None or (value := shared.judged(name)) is None:
         return 1.0
     sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
-    return float(ndtr((value.share - CAL.least_share) / sd))
+    return float(ndtr((value.share - _least_share(shared)) / sd))
 
 
 def weak(shared: Budget, name: str) -> Share | None:
     """What an effect closes, if a cause closes more."""
     share = shared.judged(name)
-    return share if share is not None and share.share < CAL.least_share else None
+    return share if share is not None and share.share < _least_share(shared) else None
+
+
+def _least_share(shared: Budget) -> float:
+    """The share from which on an effect is a cause: on the recordings that chose it, any that does not harm."""
+    return CAL.least_share if shared.held_out else 0.0
