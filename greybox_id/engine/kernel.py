@@ -409,7 +409,7 @@ class Kernel:
             except CannotCompile as error:
                 if self._wanted:
                     raise
-                tell_slow("The model", "five", error)
+                tell_slow("The model", "ten", error)
                 self._cannot = True
         self.compiled = self._library is not None
 

@@ -9,7 +9,7 @@ A model running on its own predictions: the closed loop, simulated in CasADi's v
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -42,16 +42,26 @@ def free_run(trace: Trace, u: Array, measured: Array, p: Array) -> Array:
     first = trace.memory
     past = trace.stage(u[: first - 1], p) if first > 1 else np.empty((0, trace.stage.outputs))
     state = np.concatenate([past.ravel(), measured[first - 1]])
-    samples = len(u) - first
-    states = call(
-        _accumulated(trace, samples), state, np.nan_to_num(u[first - 1 : -1]), np.tile(p, (samples, 1))
-    ).reshape(samples, len(state))
-    return states[:, -measured.shape[1] :].copy()
+    samples, outputs = len(u) - first, measured.shape[1]
+    seen, several = np.nan_to_num(u[first - 1 : -1]), np.tile(p, (LOOP, 1))
+    result = np.empty((samples, outputs))
+    for start in range(0, samples, LOOP):
+        rows = seen[start : start + LOOP]
+        filled = np.concatenate([rows, np.repeat(rows[-1:], LOOP - len(rows), axis=0)])
+        states = call(_accumulated(trace), state, filled, several).reshape(LOOP, len(state))
+        result[start : start + LOOP] = states[: len(rows), -outputs:]
+        state = states[-1]
+    return result
+
+
+LOOP = 64
+"""Steps of the loop that CasADi takes at a time: making a function of a run's whole length takes it a tenth of a
+second, ten times as long as evaluating it."""
 
 
 @lru_cache(maxsize=64)
-def _accumulated(trace: Trace, steps: int) -> cs.Function:
-    """`steps` steps of the loop; the state is the windows' past stage signals, oldest first, and the last outputs."""
+def _accumulated(trace: Trace) -> cs.Function:
+    """`LOOP` steps of the loop; the state is the windows' past stage signals, oldest first, and the last outputs."""
     signals, outputs = trace.stage.outputs, len(trace.model.outputs)
     past = cs.SX.sym("past", signals, trace.memory - 1)
     y = cs.SX.sym("y", outputs)
@@ -65,7 +75,7 @@ def _accumulated(trace: Trace, steps: int) -> cs.Function:
     h = cs.vertcat(*[cs.dot(weights[t, :], z[int(s), :]) for t, s in enumerate(trace.tap_signal)])
     following = cs.vertcat(cs.vec(z[:, 1:]), trace.head.function(h, seen, p))
     step = cs.Function("step", [cs.vertcat(cs.vec(past), y), u, p], [following])
-    return step.mapaccum("free_run", steps)
+    return step.mapaccum("free_run", LOOP)
 
 
 _BLOCK = 40
@@ -216,8 +226,7 @@ class Run:
         newest = self._newest(u)
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
         direct, outputs = trace.head_by_p, len(trace.model.outputs)
-        edges = [outputs, outputs + len(trace.head_by_h.row)]
-        y, y_by_h, y_by_p = np.split(trace.head_with_slopes(h, newest, p), edges, axis=1)
+        y, y_by_h, y_by_p = self._head_by_p(h, newest, p)
         by_p = np.zeros((len(h), outputs, len(p)))
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
@@ -244,11 +253,15 @@ class Run:
             by_nodes = self._by_nodes(nodes, u, z_by_u, y_by_h, y_by_u, weights)
         return Linearisation(y, by_p, by_nodes)
 
-    def pulled(self, p: Array, weights: Array, nodes: Array | None = None) -> Array | None:
+    def pulled(self, p: Array, weighed: Callable[[Array], Array], nodes: Array | None = None) -> Array | None:
         """Weights (rows, outputs) times the derivative of the predictions by the parameters, (parameters,).
 
-        Adjoint: windows backwards, a thousandth of what the derivative itself takes. About nodes that match, what a
-        parameter does to them is carried along. None where an actuator's parameter moves.
+        Adjoint: windows backwards, without the derivative laid out. About nodes that match, what a parameter does to
+        them is carried along. None where an actuator's parameter moves.
+
+        Parameters
+        ----------
+        weighed : predictions (rows, outputs) -> their weights.
         """
         trace = self.trace
         u, u_by_p = self.inputs(p, nodes)
@@ -256,7 +269,8 @@ class Run:
             return None
         z, h = self._windows(u, p)
         newest = self._newest(u)
-        by_h = trace.head_by_h.nonzeros(h, newest, p)
+        y, by_h, direct_by_p = self._head_by_p(h, newest, p)
+        weights = weighed(y if nodes is None else nodes[self.predicted])
         of_window = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
         if nodes is not None and self._fed:
             slopes = trace.stage_by_u.nonzeros(u, p), by_h, trace.head_by_u.nonzeros(h, newest, p)
@@ -278,8 +292,15 @@ class Run:
             total[columns] += by_z[:, signal] @ by_p[:-1]
         direct = trace.head_by_p
         if len(direct.row):
-            np.add.at(total, direct.column, np.sum(direct.nonzeros(h, newest, p) * weights[:, direct.row], axis=0))
+            np.add.at(total, direct.column, np.einsum("ij,ij->j", direct_by_p, weights[:, direct.row]))
         return total
+
+    def _head_by_p(self, h: Array, newest: Array, p: Array) -> tuple[Array, Array, Array]:
+        """Predictions, and the nonzeros of their derivatives by windows' results and by parameters."""
+        outputs = len(self.trace.model.outputs)
+        edges = [outputs, outputs + len(self.trace.head_by_h.row)]
+        y, by_h, by_p = np.split(self.trace.head_with_slopes(h, newest, p), edges, axis=1)
+        return y, by_h, by_p
 
     def _windows(self, u: Array, p: Array) -> tuple[Array, Array]:
         trace = self.trace

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
+from functools import partial
 
 import numpy as np
 
@@ -148,7 +149,8 @@ class Problem:
             return self._last[1]
         result = NormalEquations(self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
         for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
-            self._add(result, k, residuals, J)
+            for rows in _counted(self.keep[k][self.runs[k].predicted]):
+                self._add(result, k, residuals[rows], J[rows])
         self._last = (x.copy(), result)
         return result
 
@@ -193,13 +195,14 @@ class Problem:
 
     def gradient(self, x: Array, nodes: Nodes) -> Array:
         """Gradient of the objective at a matched point, zero by unknowns that are held."""
+        if not self.sensing.plain:
+            return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
         g = np.asarray(self.R.T @ self.prior_residuals(x))
         for k, (run, index) in enumerate(zip(self.runs, self.layout.index, strict=True)):
-            p, value = x[index], nodes[k] if nodes else None
-            observed, _ = self.sensing(run.predict(p) if value is None else value[run.predicted], None, p)
-            weights = (observed - run.measured[run.predicted]) * self.weight(k) ** 2
-            pulled = run.pulled(p, weights, value)
-            if pulled is None or not self.sensing.plain:
+            p = x[index]
+            weighed = partial(_weighed, run.measured[run.predicted], self.weight(k))
+            pulled = run.pulled(p, weighed, nodes[k] if nodes else None)
+            if pulled is None:
                 return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
             np.add.at(g, index, pulled)
         return np.where(self.free, g, 0.0)
@@ -241,6 +244,18 @@ class Problem:
             return residuals, None
         observed_by_p *= weight[:, :, None]  # made for this call: a copy takes a third as long as J'J does
         return residuals, observed_by_p.reshape(len(residuals), -1)
+
+
+def _weighed(measured: Array, weight: Array, predicted: Array) -> Array:
+    """Derivative of half the sum of squared residuals by the predictions."""
+    return (predicted - measured) * weight**2
+
+
+def _counted(keep: Array) -> Iterator[slice]:
+    """The stretches of rows that count for something."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], keep != 0.0, [False]))))
+    for start, stop in edges.reshape(-1, 2):
+        yield slice(start, stop)
 
 
 def _condense(by_p: Array, by_nodes: Array) -> Array:

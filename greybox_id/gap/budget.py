@@ -184,11 +184,14 @@ def _of_many(
         misfits = of_subsets(search, result, _absent(examined, best, search), known)
         good = plain(whole.e, fresh(search.bench), search.bench)
         return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
-    known = {frozenset(item): misfit(search, examined.freed[item]) for item in (frozenset(names), frozenset[str]())}
+    free = dict(examined.freed)
+    if frozenset(names) not in free:  # some of them left before
+        (free[frozenset(names)],) = at_their_best(search, [best], examined.sd, examined.good)
+    known = {item: misfit(search, free[item]) for item in (frozenset(names), frozenset[str]())}
     with search.elsewhere():
         if examined.unnamed is not None:
             search.recoloured(white_noise(examined.sd, examined.good, examined.bench.rows))
-        result = examined.freed[frozenset(names)]
+        result = free[frozenset(names)]
         search.about(result)
         misfits = of_subsets(search, result, _absent(examined, best, search), known)
     good = plain(known[frozenset(names)].e, examined.good, examined.bench)
@@ -209,15 +212,10 @@ def closes(shared: Budget | None, name: str) -> float:
     if shared is None or (value := shared.judged(name)) is None:
         return 1.0
     sd = max((value.high - value.low) / (2 * NORMAL), CAL.least_share / 10)
-    return float(ndtr((value.share - _least_share(shared)) / sd))
+    return float(ndtr((value.share - CAL.least_share) / sd))
 
 
 def weak(shared: Budget, name: str) -> Share | None:
     """What an effect closes, if a cause closes more."""
     share = shared.judged(name)
-    return share if share is not None and share.share < _least_share(shared) else None
-
-
-def _least_share(shared: Budget) -> float:
-    """The share from which on an effect is a cause: on the recordings that chose it, any that is surely there."""
-    return CAL.least_share if shared.held_out else 0.0
+    return share if share is not None and share.share < CAL.least_share else None

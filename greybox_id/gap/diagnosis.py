@@ -89,7 +89,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     best, reasons, shared, telling = it.best, dict[str, str](), None, None
     while best.candidates:
         shared = shared_out(it, best, held_out, tell)
-        telling = shared if shared is not None and shared.shows and shared.held_out else None
+        telling = shared if shared is not None and shared.shows else None
         leaving = refused(it, best, telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
         if len(little) > 1:  # the least of them leaves first: it may hide what the others close
@@ -99,7 +99,8 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         best = only(it, set(best.names) - set(leaving))
         if len(little) < 2:
             break
-    if telling is not None and telling.unnamed.low > CAL.present:  # more than half is surely no named effect's
+    if telling is not None and telling.held_out and telling.unnamed.low > CAL.present:
+        # more than half is surely no named effect's
         unknown = max(unknown, CAL.nameless)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")

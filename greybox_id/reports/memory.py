@@ -15,6 +15,7 @@ import numpy as np
 from ..base.numbers import capital, counted, listed, number, percent, pretty_unit, raised, signal_words, with_sd
 from ..base.signals import unit_of
 from ..datasets.recording import Recording
+from ..engine.trace import Trace
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.provenance import Stage
@@ -150,8 +151,9 @@ def _sections(
 @seen.register(MemoryModel)
 def memory_seen(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -> Sequence[Seen]:
     """Under every protocol that the model has."""
+    trace, named = Trace(model), protocols(model)
     return tuple(
-        Seen(record.role, recording, model.outputs, {p: predictions(model, recording, p) for p in protocols(model)})
+        Seen(record.role, recording, model.outputs, {p: predictions(model, recording, p, trace) for p in named})
         for record, recording in zip(fit.data, matched(fit, recordings), strict=True)
     )
 

@@ -483,7 +483,19 @@ def test_any_word_for_the_compiler_ends_in_an_answer(said, monkeypatch, empty_ca
     made, found = worked()
     assert_same(found, worked(compiled=False)[1])
     if not made.compiled:
-        assert "about five times slower" in caplog.text
+        assert "about ten times slower" in caplog.text
+
+
+@needs_compiler
+def test_a_wait_for_the_compiler_is_explained_once(empty_cache, monkeypatch, caplog):
+    monkeypatch.setattr(compiler, "NOTICED", 0.0)
+    compiler._told_once.cache_clear()
+    caplog.set_level("INFO", "greybox_id")
+    for _ in range(2):
+        assert worked(compiled=True)[0].compiled
+        for path in kernels(empty_cache):
+            path.unlink()
+    assert caplog.text.count("Waiting for the C compiler") == 1
 
 
 @needs_compiler

@@ -171,17 +171,18 @@ def test_where_more_than_half_surely_stays_something_unknown_is_at_work(monkeypa
 
 
 @pytest.mark.slow
-def test_a_name_that_closes_nothing_leaves_before_the_others_are_judged(monkeypatch):
+@pytest.mark.parametrize("held", [True, False], ids=["held out", "on the recordings that chose it"])
+def test_a_name_that_closes_nothing_leaves_before_the_others_are_judged(monkeypatch, held):
     lacks = {"steering_delay": 0.05, "yaw_rate_bias": 0.02}
 
     def shares(examined, best, *_):
         closes = {"yaw_rate_bias": -0.3} if len(best.names) == 2 else {}
         each = tuple(Share(name, own := closes.get(name, 0.0 if closes else 0.9), own - 0.1, own + 0.1)
                      for name in best.names)  # fmt: skip
-        return Budget(each, Share("unnamed", 0.1, 0.0, 0.2), ("lap",), True, beside=each)
+        return Budget(each, Share("unnamed", 0.1, 0.0, 0.2), ("lap",), held, beside=each)
 
     monkeypatch.setattr(diagnosis, "shared_out", shares)
-    gap = diagnosed(lap(lacks, 15.0), held_out=[lap(lacks, 10.0, seed=7)])
+    gap = diagnosed(lap(lacks, 15.0), held_out=[lap(lacks, 10.0, seed=7)] if held else ())
     assert gap.applied == ("steering_delay",)
     assert "−30 %" in next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias")
 

@@ -47,7 +47,8 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     """
     scale = np.diag(H).copy()
     scale[scale <= 0] = 1.0
-    H = H + np.diag((damping + LEAST_RIDGE) * scale)
+    H = H.copy()
+    H[np.diag_indices_from(H)] += (damping + LEAST_RIDGE) * scale
     unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
     step = np.where(free, np.clip(0.0, low, high), 0.0)
     slope, free = g + H @ step, free & (low < high)
@@ -55,7 +56,8 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     for _ in range(3 * len(g) + 10):
         movable = np.flatnonzero(free & ~at_low & ~at_high)
         by = unit[movable]
-        inner = H[np.ix_(movable, movable)] * np.outer(by, by)
+        inner = np.outer(by, by)
+        inner *= H if len(movable) == len(g) else H[np.ix_(movable, movable)]
         move = by * solved(inner, -by * slope[movable]) if len(movable) else by
         bound = np.where(move < 0, low[movable], high[movable])
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
@@ -83,7 +85,7 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
 
 def solved(H: Array, b: Array) -> Array:
     """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular."""
-    _, result, failed = lapack.dposv(H, b)
+    _, result, failed = lapack.dposv(H.T, b)  # symmetric, and column by column, as LAPACK has it: no turned copy
     return np.asarray(la.lstsq(H, b)[0] if failed else result)
 
 

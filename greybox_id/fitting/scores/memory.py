@@ -93,7 +93,11 @@ def protocols(model: MemoryModel) -> tuple[Protocol, ...]:
 
 @score.register(MemoryModel)
 def _score(model: MemoryModel, recording: Recording) -> Scores:
-    return {protocol: errors(model, predictions(model, recording, protocol), protocol) for protocol in protocols(model)}
+    trace = Trace(model)
+    return {
+        protocol: errors(model, predictions(model, recording, protocol, trace), protocol)
+        for protocol in protocols(model)
+    }
 
 
 def errors(model: MemoryModel, prediction: Prediction, protocol: Protocol) -> dict[str, Error]:

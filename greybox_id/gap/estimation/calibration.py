@@ -128,7 +128,7 @@ class Calibration:
     wander_nearby: tuple[float, ...] = _known((0.5, 0.7, 1.0, 1.4, 2.0), "times such a size: up to where the next is")
     wander_soon: tuple[float, ...] = _known((0.4, 0.65, 1.0, 1.6, 2.5), "times such a time: the same")
     present: float = _known(0.5, "probability from which on an effect is said to be there", DEFINED)
-    least_share: float = _known(0.02, "of the excess held out that a cause closes at least", DEFINED)
+    least_share: float = _known(0.02, "of the excess that a cause closes at least", DEFINED)
     least_gap: float = _known(0.01, "excess over the floor, as a share of noise, that shares are of at least", DEFINED)
     no_gap: float = _known(1e-3, "mean excess, in squared noise sds, that is not shared out between regimes", DEFINED)
     lift: float = _known(1.5, "times as much of the gap as of the time, from which on a regime is named", DEFINED)
@@ -262,7 +262,9 @@ class Calibration:
     rounds_as_rough: int = _known(8, "steps at most where equations are as rough as is left: far from linear", SEARCHED)
     refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
     listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
-    much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
+    much_rougher: float = _known(
+        3.0, "times as rough as usual, from which on no name at all is tried, too, and names must gain more", DEFINED
+    )
     likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
     spreads_weighed: int = _known(6, "times that causes are weighed by how their magnitudes differ at most", SEARCHED)
     doubted: float = _known(

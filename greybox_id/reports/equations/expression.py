@@ -245,7 +245,7 @@ class _Shortened:
         self._uses: Counter[Expression] = Counter()
         self._letters: dict[Expression, Symbol] = {}
         self._made: list[Equation] = []
-        self._told: set[Expression] = set()
+        self._told = 0
         self._left_out = 0
         seen: set[Expression] = set()
         for equation in equations:
@@ -268,8 +268,8 @@ class _Shortened:
 
     def _waiting_in(self, original: Expression) -> list[Expression]:
         """What got a letter while this was written, in order of appearance."""
-        new = [letter for letter in self._letters if letter not in self._told and letter != original]
-        self._told.update(new)
+        new = [item for item in list(self._letters)[self._told :] if item != original]
+        self._told = len(self._letters)
         return new
 
     def _count(self, of: Expression, seen: set[Expression]) -> int:
