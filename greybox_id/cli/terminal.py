@@ -37,6 +37,8 @@ def streams() -> Iterator[None]:
     logger, handler = logging.getLogger("greybox_id"), _Told()
     logger.addHandler(handler)
     logger.propagate = False
+    level = logger.level
+    logger.setLevel(logging.INFO)
     before, sys.stdout = sys.stdout, cast(TextIO, _Output(sys.stdout))
     try:
         yield
@@ -44,6 +46,7 @@ def streams() -> Iterator[None]:
         sys.stdout = before
         logger.removeHandler(handler)
         logger.propagate = True
+        logger.setLevel(level)
 
 
 @contextmanager
@@ -111,7 +114,7 @@ def drop_output() -> None:
 
 class _Told(logging.Handler):
     def emit(self, record: logging.LogRecord) -> None:
-        tell(f"warning: {record.getMessage()}")
+        tell(f"warning: {record.getMessage()}" if record.levelno >= logging.WARNING else record.getMessage())
 
 
 def _opened() -> None:

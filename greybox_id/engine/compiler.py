@@ -17,7 +17,7 @@ import shutil
 import stat
 import subprocess
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import lru_cache
 from pathlib import Path
@@ -34,6 +34,9 @@ MACHINES = (("-march=native", "-mprefer-vector-width=512"), ("-march=native",), 
 """Ways to ask for this machine's instructions; the first that a compiler understands is taken."""
 
 PROBE = "#include <math.h>\n"
+
+NOTICED = 1.0
+"""Seconds after which somebody who waits wonders what for (Nielsen, Usability Engineering, 1993, Sec. 5.5)."""
 
 
 class CannotCompile(GreyboxError):
@@ -87,15 +90,32 @@ class Compiler:
                     text.write_text(source, encoding="utf-8")
                 command = [*self.command, "-shared", *map(str, texts), "-o", str(made), "-lm"]
                 value = {**os.environ, "TMPDIR": str(place)}  # an interrupted compiler leaves its files where it works
-                done = subprocess.run(command, capture_output=True, text=True, check=False, env=value)
-                if done.returncode != 0:
-                    raise CannotCompile(f"The C compiler {command[0]} failed: {done.stderr.strip()}")
+                failed, said = _run(command, value)
+                if failed:
+                    raise CannotCompile(f"The C compiler {command[0]} failed: {said.strip()}")
                 made.chmod(0o600)
                 target = folder / f"{name}-{_checksum(made)}.so"
                 made.replace(target)
                 return target
         except OSError as error:
             raise CannotCompile(f"Nothing can be compiled in {folder}: {error.strerror or error}.") from error
+
+
+def _run(command: Sequence[str], environment: Mapping[str, str]) -> tuple[int, str]:
+    """How a command ended and what it complained about; a wait that is noticed is explained, once for each process."""
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, env=environment
+    ) as working:
+        try:
+            try:
+                _, said = working.communicate(timeout=NOTICED)
+            except subprocess.TimeoutExpired:
+                _told_once("Waiting for the C compiler; what it makes is kept for the next time.", logging.INFO)
+                _, said = working.communicate()
+        except BaseException:
+            working.kill()
+            raise
+    return working.returncode, said
 
 
 def compiler() -> Compiler:
@@ -153,8 +173,8 @@ def tell_slow(what: str, times: str, error: CannotCompile) -> None:
 
 
 @lru_cache
-def _told_once(sentence: str) -> None:
-    logging.getLogger("greybox_id").warning(sentence)
+def _told_once(sentence: str, level: int = logging.WARNING) -> None:
+    logging.getLogger("greybox_id").log(level, sentence)
 
 
 @lru_cache

@@ -487,6 +487,18 @@ def test_any_word_for_the_compiler_ends_in_an_answer(said, monkeypatch, empty_ca
 
 
 @needs_compiler
+def test_a_wait_for_the_compiler_is_explained_once(empty_cache, monkeypatch, caplog):
+    monkeypatch.setattr(compiler, "NOTICED", 0.0)
+    compiler._told_once.cache_clear()
+    caplog.set_level("INFO", "greybox_id")
+    for _ in range(2):
+        assert worked(compiled=True)[0].compiled
+        for path in kernels(empty_cache):
+            path.unlink()
+    assert caplog.text.count("Waiting for the C compiler") == 1
+
+
+@needs_compiler
 def test_a_full_disk_where_libraries_are_kept_ends_in_an_answer(empty_cache, monkeypatch):
     def full(self, *more, **others):
         if empty_cache in self.parents:

@@ -95,7 +95,10 @@ class Lanes:
     def in_order(self) -> bool:
         """Whether lanes, one after the other, take each reading of each row once: nothing is then to be moved."""
         taken = len(self.interval) * int(np.sum(self.reads)) * self.lane.shape[1]
-        return taken == self.lane.size and self.complete and bool(np.all(np.diff(self.flat) == 1))
+        result = taken == self.lane.size and self.complete and bool(np.all(np.diff(self.flat) == 1))
+        if result:  # nobody looks a place up any more: of hours these are many
+            self.__dict__.pop("flat", None)
+        return result
 
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""

@@ -138,7 +138,7 @@ class MotionProblem:
             shifts = np.tile(simulator.shifts(about), (len(self.runs), 1))
             self._interval_starts.carry(about, lambda: self._scheduled(shifts))
         alike = like is not None and self.intervals == like.intervals and self._steps() == like._steps()
-        self._plans: tuple[Array, list[Schedule], Lanes, Lanes] | None = like._plans if like and alike else None
+        self._plans: tuple[Array, list[Schedule], Lanes, Lanes | None] | None = like._plans if like and alike else None
         self._chain: Chain | None = like._chain if like and alike and len(like.free) == len(self.free) else None
         self._tiled: tuple[Lanes, Array] | None = None
         self._laid: list[tuple[Lanes, Targets, Against]] = []
@@ -238,7 +238,7 @@ class MotionProblem:
             alike = bool(np.all(shifts == shifts[:1]))
         if not (alike and self._interval_starts.plain_starts):
             return np.array([self.simulated_nodes(item).y for item in x])
-        lanes, _ = self.lanes(x[0])
+        lanes = self._whole(x[0])
         count, segments = len(self.intervals), lanes.segments.shape[1]
         at_once = max(1, MOST_SEGMENTS // max(count * segments, 1))
         result = np.empty((len(x), *self.target.shape))
@@ -249,13 +249,16 @@ class MotionProblem:
             if len(self.loose):
                 z0[:, :, self.loose] += value[:, self.parameters.size :].reshape(len(value), count, -1)
             p = per_run[:, self._run]
-            if self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(value) * count:
+            if len(value) == 1:  # perhaps of hours: no second copy
+                self._tiled = (lanes, lanes.segments)
+            elif self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(value) * count:
                 self._tiled = (lanes, np.tile(lanes.segments, (len(value), 1, 1)))
             with np.errstate(over="ignore", invalid="ignore"):
                 _, y = self.simulator.kernel.simulate(
                     z0.reshape(len(value) * count, -1), self._tiled[1], p.reshape(len(value) * count, -1), lanes.reads
                 )
-            read = y.reshape(len(value), -1)[:, lanes.flat].reshape(len(value), *self.target.shape)
+            read = y.reshape(len(value), -1)
+            read = (read if lanes.in_order else read[:, lanes.flat]).reshape(len(value), *self.target.shape)
             result[first : first + at_once] = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
         return result
 
@@ -353,13 +356,22 @@ class MotionProblem:
 
     def lanes(self, x: Array) -> tuple[Lanes, Lanes]:
         """Intervals as lanes, whole and cut; laid out anew when a delay moved."""
+        lanes = self._whole(x)
+        assert self._plans is not None
+        shifts, plans, _, cut = self._plans
+        if cut is None:
+            cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
+            cut = lay(plans, self.intervals, cuts) if cuts > 1 else lanes
+            self._plans = (shifts, plans, lanes, cut)
+        return lanes, cut
+
+    def _whole(self, x: Array) -> Lanes:
+        """Intervals as lanes that are not cut."""
         shifts = np.array([self.simulator.shifts(p) for p in self.per_run(x)])
         if self._plans is None or not np.array_equal(self._plans[0], shifts):
             plans = self._scheduled(shifts)
-            lanes = lay(plans, self.intervals)
-            cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
-            self._plans = (shifts, plans, lanes, lay(plans, self.intervals, cuts) if cuts > 1 else lanes)
-        return self._plans[2], self._plans[3]
+            self._plans = (shifts, plans, lay(plans, self.intervals), None)
+        return self._plans[2]
 
     def starts(self, x: Array) -> tuple[Array, Array]:
         """States at the intervals' starts, (intervals, nz), and their derivative by the parameters."""

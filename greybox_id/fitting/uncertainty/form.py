@@ -325,7 +325,7 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
             moved = inputs.copy()
             moved[:, k] += STEP * spread / power * values
             other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
-            change = (other.simulated_nodes(x).y[::every] - nodes.y[::every]) / STEP
+            change = (other.predicted_readings(x[None])[0, ::every] - nodes.y[::every]) / STEP
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))
         if effects:

@@ -158,6 +158,17 @@ def test_lanes_matched_side_by_side_are_the_simulation_one_after_the_other():
     np.testing.assert_allclose(beside.y, afresh.y, atol=1e-6)
 
 
+def test_readings_under_other_inputs_are_those_of_the_simulation_and_no_lane_is_cut_for_them(monkeypatch):
+    stated, cuts = problem(car(), [driven(noise=1.0), driven(noise=1.0, seed=1, duration=5.0)]), []
+    other = stated.driven_by([1.01 * run.inputs for run in stated.runs])
+    x = other.start + 0.001
+    lay = shooting.lay
+    monkeypatch.setattr(shooting, "lay", lambda *given: (cuts.append(len(given)), lay(*given))[1])
+    alone = other.predicted_readings(x[None])[0]
+    assert cuts == [2]  # plans and intervals: no number of lanes
+    np.testing.assert_array_equal(alone, other.simulated_nodes(x).y)
+
+
 def test_of_a_horizon_that_only_leads_the_way_some_intervals_of_every_run_are_enough():
     recordings = [driven(duration=4.0, noise=1.0, seed=seed) for seed in (0, 1)]
     whole, thinned = (problem(car(), recordings, horizon=0.5, starts="measured", most_rows=own) for own in (None, 200))
