@@ -9,7 +9,6 @@ from typing import Any
 import click
 
 from ..base.errors import GreyboxError
-from ..base.memory import give_back
 from ..base.version import __version__
 from .commands import LazyGroup, option_called
 from .defaults import defaults_of
@@ -43,7 +42,6 @@ def main() -> None:
 
     What libraries warn of is not for users: they cannot act on it. What they must know, the commands say.
     """
-    give_back()
     with warnings.catch_warnings(), streams(), interrupts() as sent:
         warnings.showwarning = _unsaid
         try:
