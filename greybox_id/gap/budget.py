@@ -222,5 +222,5 @@ def weak(shared: Budget, name: str) -> Share | None:
 
 
 def _least_share(shared: Budget) -> float:
-    """The share from which on an effect is a cause: on the recordings that chose it, any that does not harm."""
+    """The share from which on an effect is a cause: on the recordings that chose it, any that does no harm."""
     return CAL.least_share if shared.held_out else 0.0

@@ -87,9 +87,10 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     best, reasons, shared, telling = it.best, dict[str, str](), None, None
+    stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be believed
     while best.candidates:
         shared = shared_out(it, best, held_out, tell)
-        telling = shared if shared is not None and shared.shows else None
+        telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
         leaving = refused(it, best, telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
         if len(little) > 1:  # the least of them leaves first: it may hide what the others close
