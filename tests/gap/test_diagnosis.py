@@ -181,7 +181,7 @@ def test_a_name_that_closes_nothing_leaves_before_the_others_are_judged(monkeypa
 
     def shares(examined, best, *_):
         closes = {"yaw_rate_bias": -0.3} if len(best.names) == 2 else {}
-        each = tuple(Share(name, own := closes.get(name, 0.0 if closes else 0.9), own - 0.1, own + 0.1)
+        each = tuple(Share(name, own := closes.get(name, -0.05 if closes else 0.9), own - 0.1, own + 0.1)
                      for name in best.names)  # fmt: skip
         return Budget(each, Share("unnamed", 0.1, 0.0, 0.2), ("lap",), held, beside=each)
 
