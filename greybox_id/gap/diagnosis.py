@@ -87,7 +87,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     best, reasons, shared, telling = it.best, dict[str, str](), None, None
-    stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be believed
+    stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted
     while best.candidates:
         shared = shared_out(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None

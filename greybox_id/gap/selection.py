@@ -97,7 +97,6 @@ def select(
     stage = together.explained()
     if stands(problem.vector(stage.state)):
         stage = together.exchanged(stage)
-        prices *= together.rougher(stage)
     else:
         stage, prices = (
             together.refitted(stage, np.zeros_like(stage.there), CAL.exchange_steps),

@@ -262,9 +262,7 @@ class Calibration:
     rounds_as_rough: int = _known(8, "steps at most where equations are as rough as is left: far from linear", SEARCHED)
     refits: int = _known(2, "steps of everything where a cause was taken away", SEARCHED)
     listed: int = _known(3, "effects that are listed at least, however little speaks for them", DEFINED)
-    much_rougher: float = _known(
-        3.0, "times as rough as usual, from which on no name at all is tried, too, and names must gain more", DEFINED
-    )
+    much_rougher: float = _known(3.0, "times as rough as usual, from which on no name at all is tried, too", DEFINED)
     likely_there: float = _known(0.15, "of its usual size, sd from which on a cause is likely there", SEARCHED)
     spreads_weighed: int = _known(6, "times that causes are weighed by how their magnitudes differ at most", SEARCHED)
     doubted: float = _known(

@@ -214,14 +214,6 @@ class JointSearch:
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
-    def rougher(self, stage: JointStage) -> float:
-        """Times what they usually do that causes must gain where equations are much rougher than tolerances say.
-
-        Errors of form are alike wherever forces are; innovations count them as new every correlation time. What that
-        does to a name grows with their variance.
-        """
-        return max(1.0, self._as_rough(stage) / CAL.much_rougher) ** 2 if len(self.problem.tolerances) else 1.0
-
     def pruned(self, stage: JointStage, prices: Array, unsteady: Array) -> tuple[JointStage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
 

@@ -86,15 +86,6 @@ def test_where_forms_as_rough_as_what_is_left_spin_the_stage_before_stands(monke
     assert list(stage.there) == [True, False]
 
 
-@pytest.mark.parametrize(
-    ("tolerances", "rough", "times"), [((), 6.0, 1.0), ((axis(1),), 2.0, 1.0), ((axis(1),), 6.0, 4.0)]
-)
-def test_names_gain_more_where_equations_are_much_rougher_than_tolerances_say(monkeypatch, tolerances, rough, times):
-    search = together(linear_bench(smooth_columns(2), [1.0, 0.0], SD), [cause(0)], tolerances)
-    monkeypatch.setattr(search, "_as_rough", lambda stage: rough)
-    assert search.rougher(None) == pytest.approx(times)
-
-
 def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
     X = smooth_columns(2)
     bench = linear_bench(X, [1.5, 0.6], SD)
