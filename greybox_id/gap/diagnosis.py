@@ -227,7 +227,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         ranked.append(
             Ranked(
                 name,
-                min(p, 1.0 - CAL.present) if name in reasons else p,
+                min(p, np.nextafter(1.0 - CAL.present, 0.0)) if name in reasons else p,  # refused: below one half
                 magnitude,
                 most.main(name)[0].unit,
                 interval,
