@@ -90,9 +90,9 @@ class Compiler:
                     text.write_text(source, encoding="utf-8")
                 command = [*self.command, "-shared", *map(str, texts), "-o", str(made), "-lm"]
                 value = {**os.environ, "TMPDIR": str(place)}  # an interrupted compiler leaves its files where it works
-                failed, said = _run(command, value)
+                failed, complaint = _run(command, value)
                 if failed:
-                    raise CannotCompile(f"The C compiler {command[0]} failed: {said.strip()}")
+                    raise CannotCompile(f"The C compiler {command[0]} failed: {complaint.strip()}")
                 made.chmod(0o600)
                 target = folder / f"{name}-{_checksum(made)}.so"
                 made.replace(target)
@@ -108,14 +108,14 @@ def _run(command: Sequence[str], environment: Mapping[str, str]) -> tuple[int, s
     ) as working:
         try:
             try:
-                _, said = working.communicate(timeout=NOTICED)
+                _, complaint = working.communicate(timeout=NOTICED)
             except subprocess.TimeoutExpired:
                 _told_once("Waiting for the C compiler; what it makes is kept for the next time.", logging.INFO)
-                _, said = working.communicate()
+                _, complaint = working.communicate()
         except BaseException:
             working.kill()
             raise
-    return working.returncode, said
+    return working.returncode, complaint
 
 
 def compiler() -> Compiler:

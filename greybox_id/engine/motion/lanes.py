@@ -62,6 +62,9 @@ class Lanes:
     @cached_property
     def flat(self) -> Index:
         """(N * outputs,) where each reading stands among those of all lanes laid out in one row."""
+        return self._places()
+
+    def _places(self) -> Index:
         outputs = self.lane.shape[1]
         place = (self.lane.astype(np.intp) * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
         place[self.lane < 0] = 0
@@ -95,10 +98,8 @@ class Lanes:
     def in_order(self) -> bool:
         """Whether lanes, one after the other, take each reading of each row once: nothing is then to be moved."""
         taken = len(self.interval) * int(np.sum(self.reads)) * self.lane.shape[1]
-        result = taken == self.lane.size and self.complete and bool(np.all(np.diff(self.flat) == 1))
-        if result:  # nobody looks a place up any more: of hours these are many
-            self.__dict__.pop("flat", None)
-        return result
+        # where they are, nobody looks a place up: of hours these are many, and are not kept
+        return taken == self.lane.size and self.complete and bool(np.all(np.diff(self._places()) == 1))
 
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from greybox_id.base.errors import BadInput
+from greybox_id.datasets import formats
 from greybox_id.datasets.formats import LARGEST, MOST_COLUMNS
 from greybox_id.datasets.read import read
 
@@ -31,6 +32,16 @@ def read_apart(file, most=3.5e9):
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return done.returncode, done.stderr, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+@pytest.mark.parametrize("longer", [True, False])
+def test_memory_is_given_back_beside_long_files_alone(tmp_path, monkeypatch, longer):
+    file, given = tmp_path / "lap.csv", []
+    file.write_text("time,v_x\n0.0,1.0\n0.1,1.0\n", encoding="utf-8")
+    monkeypatch.setattr(formats, "LONG", file.stat().st_size - longer)
+    monkeypatch.setattr(formats, "give_back", lambda: given.append(file))
+    read(file)
+    assert given == [file] * longer
 
 
 def test_a_zipped_file_that_grows_without_end_is_not_laid_out(tmp_path):
