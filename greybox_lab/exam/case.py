@@ -190,7 +190,8 @@ class Draw(ABC):
 
 
 LATER = 5
-"""Times as many draws where none could be driven: of cars on springs, 12 in a row could not for a seed in ten."""
+"""Times as many draws where none could be driven: a foreign vehicle of each class, and once more of the first. A single
+track describes about one in twenty trucks on springs."""
 
 
 def fair_case(draw: Callable[[int], Draw], attempts: int, words: str) -> MadeCase:

@@ -243,7 +243,7 @@ class _ForeignCase(Draw):
         self.family, rng = FAMILIES[planned.family], self.rng
         self.known = {name: entry for name, entry in VOCABULARY.items() if name in self.family.effects}
         self.rate = 1.0 / float(rng.choice(PERIODS))
-        vehicle = self.family.draw(rng, planned.number)
+        vehicle = self.family.draw(rng, planned.number + attempt // DRAWS)  # of a class that cannot be had: the next
         self.vehicle = vehicle = replace(vehicle, about=with_lateral_velocity(vehicle.about, planned.effects))
         self.stated = self._identified()
         self.tolerances = tolerances(self.stated)
