@@ -12,7 +12,7 @@ from driven import without, written
 from gap_cases import CAR, NOISE, NUMBERS, candidate, lap, lateral_lap, nominal
 
 from greybox_id.base.errors import BadInput
-from greybox_id.gap import diagnosis, judging
+from greybox_id.gap import budget, diagnosis, judging
 from greybox_id.gap.closed_model import HARMS
 from greybox_id.gap.diagnosis import _of_sets, diagnose
 from greybox_id.gap.estimation.calibration import CAL
@@ -190,6 +190,26 @@ def test_a_name_that_closes_nothing_leaves_before_the_others_are_judged(monkeypa
     assert set(gap.applied) == ({"steering_delay"} if judged else set(lacks))
     if judged:
         assert "−30 %" in next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias")
+
+
+@pytest.mark.slow
+def test_of_many_names_what_is_left_is_shared_out_again(monkeypatch):
+    """Where one has left, nothing was made of the others alone before."""
+    lacks = {"steering_delay": 0.05, "yaw_rate_bias": 0.02}
+    monkeypatch.setattr(budget, "CAL", replace(CAL, few=0))  # as where they are more than three
+    plain = diagnosis.shared_out
+
+    def shares(examined, best, *others):
+        result = plain(examined, best, *others)
+        if len(best.names) == 1:
+            return result
+        each = tuple(replace(share, share=-0.3 if share.effect == "yaw_rate_bias" else -0.1) for share in result.shares)
+        return replace(result, shares=each, beside=each)
+
+    monkeypatch.setattr(diagnosis, "shared_out", shares)
+    gap = diagnosed(lap(lacks, 25.0), TOLERANT)
+    assert gap.applied == ("steering_delay",)
+    assert gap.budget.shares[0].share + gap.budget.unnamed.share == pytest.approx(1.0)
 
 
 @pytest.mark.slow
