@@ -163,11 +163,12 @@ class Sets:
         return on & ((there < self.low[self.main] - size) | (there > self.high[self.main] + size))
 
     def sizes(self, on: Mask) -> tuple[Array, Array]:
-        """(causes,) magnitudes and their standard deviations where a set is there."""
+        """(causes,) magnitudes and their sds where a set is there; infinite ones where only rounding is left."""
         H = self.S + np.diag(self._precision(on))
         scale = 1 / np.sqrt(np.diag(H))
         inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H))) * np.outer(scale, scale)
-        return (self.mean - inverse @ self.b)[self.main], np.sqrt(np.diag(inverse))[self.main]
+        variance = np.diag(inverse)[self.main]
+        return (self.mean - inverse @ self.b)[self.main], np.sqrt(np.where(variance > 0, variance, np.inf))
 
     def climbed(self, on: Mask) -> Mask:
         """The best set that single additions, deletions and exchanges lead to."""

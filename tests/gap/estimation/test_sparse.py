@@ -70,6 +70,17 @@ def test_sizes_are_those_of_the_posterior():
     np.testing.assert_allclose(sd, np.sqrt(np.diag(covariance))[2:], rtol=1e-9)
 
 
+def test_where_rounding_left_a_curvature_indefinite_nothing_is_known_of_sizes():
+    """So it is of simulations that spin, whose derivatives are 1e40 and more."""
+    squares = Quadratic.of(linear(*drawn([0.0, 0.8]), 2))
+    G = squares.G.copy()
+    G[-1, -2] = G[-2, -1] = 3.0 * np.sqrt(G[-1, -1] * G[-2, -2])
+    indefinite = Sets(replace(squares, G=G), np.full(2, ZONE), np.full(2, USUAL), np.full(2, ODDS), ())
+    both = switched(0, 1, of=2)
+    assert indefinite.score(both) == -np.inf
+    assert np.all(np.isinf(indefinite.sizes(both)[1]))
+
+
 @pytest.mark.parametrize("seed", range(5))
 def test_many_causes_at_once_and_nothing_else(seed):
     truth = np.zeros(30)
