@@ -39,6 +39,7 @@ DIFFERS = "its estimate differs between parts of the drive, which suggests that 
 OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
 
 
+@np.errstate(over="ignore", invalid="ignore")  # vehicles spin within a search; who reads numbers sees to their end
 def diagnose(
     model: Diagnosed,
     recordings: Sequence[Recording],

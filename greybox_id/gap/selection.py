@@ -196,12 +196,18 @@ def refitted(search: Search, again: Hypothesis) -> Hypothesis:
 def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
     """A hypothesis refitted about where it is."""
     search.about(hypothesis)
-    result = refit(search, [replace(search.start_of(hypothesis), slopes=None)])
-    if not result:
+    return settled(search, _within_numbers(search, [replace(search.start_of(hypothesis), slopes=None)])[0], 1)
+
+
+def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:
+    """What refits from these starts find; if all of them leave the range of numbers, one from all beliefs."""
+    result = refit(search, starts) or refit(search, [search.start_of(search.at_means())])
+    if not result:  # derivatives of what nearly spins lead nowhere: those about beliefs do
+        search.about(None)
         result = refit(search, [search.start_of(search.at_means())])
     if not result:
         raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
-    return settled(search, result[0], 1)
+    return result
 
 
 def _without_each(search: Search, best: Hypothesis, names: Sequence[str], gains: Array) -> list[Hypothesis]:
@@ -249,9 +255,7 @@ def _exchanged(search: Search, together: JointSearch, stage: JointStage, best: H
 def _base(search: Search, best: Hypothesis) -> Hypothesis:
     """Nothing but nuisances, as well as they can do."""
     nothing = Start((), np.empty(0), best.theta, best.linear)
-    result = refit(search, [search.start_of(search.at_means()), nothing])
-    if not result:
-        raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
+    result = _within_numbers(search, [search.start_of(search.at_means()), nothing])
     return settled(search, min(result, key=by_cost))
 
 

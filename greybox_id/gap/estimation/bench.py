@@ -277,9 +277,10 @@ class Bench:
             J[:, :, : len(chosen)] += Y[..., size:].reshape(lanes, reads * outputs, -1)
         J = cut.gathered(J.reshape(lanes, reads, outputs, -1), 0.0)
         with np.errstate(all="ignore"):
-            finite = np.isfinite(np.sum(J))
-        if not finite:  # a simulation that diverges says of its last rows nothing that a step could follow
+            within = abs(np.sum(J)) < CAL.far
+        if not within:  # a simulation that diverges says of its last rows nothing that a step could follow
             J = np.nan_to_num(J, copy=False, posinf=0.0, neginf=0.0)
+            np.clip(J, -CAL.far, CAL.far, out=J)
         loose = len(self.loose)
         S = np.zeros((*self.measured.shape, len(self.runs) * loose))
         for k, rows in enumerate(self.rows):

@@ -59,12 +59,11 @@ class Colour:
     def white(self, values: Array) -> Array:
         """Innovations over their standard deviation, (N, channels, ...); zero where there is none."""
         result = np.empty(values.shape)
-        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
-            for c, a in enumerate(self.ar):
-                value = values[:, c]
-                if len(a) and value.size:  # without nuisances there is nothing to filter
-                    value = np.concatenate([_innovations(value[rows], a) for rows in self.rows])
-                result[:, c] = value * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
+        for c, a in enumerate(self.ar):
+            value = values[:, c]
+            if len(a) and value.size:  # without nuisances there is nothing to filter
+                value = np.concatenate([_innovations(value[rows], a) for rows in self.rows])
+            result[:, c] = value * (self.usable[:, c] / self.sd[c]).reshape(-1, *[1] * (values.ndim - 2))
         return result
 
     @property

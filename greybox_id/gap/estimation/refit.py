@@ -55,8 +55,7 @@ def _walk(search: Search, work: Sequence[_Work], steps: int) -> None:
         edges = np.cumsum([0, *(each.shape[2] for each in values)])
         white = search.weighed(np.concatenate(values, axis=2))  # of all at once: a filter takes as long for one
         white = white.reshape(-1, white.shape[2])
-        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
-            cross = (white.T @ search.white).T  # several times as fast as the product the other way round
+        cross = (white.T @ search.white).T  # several times as fast as the product the other way round
         for item, each, a, b in zip(active, values, edges[:-1], edges[1:], strict=True):
             item.take(each, white[:, a:b], cross[:, a:b])
 
@@ -219,13 +218,12 @@ class _Work:
         m = self.at[0]
         result = np.empty((*e.shape[1:], 1 + (len(self._moving) if self._beside_too else 0)))
         result[:, :, 0] = e[0] + more
-        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin are far off
-            for at, k in enumerate(self._moving if self._beside_too else (), 1):
-                if k in self._asked:
-                    result[:, :, at] = (e[1 + self._asked.index(k)] - e[0]) / self._beside(self.axes[k], m[k])
-                else:
-                    assert self._given is not None
-                    result[:, :, at] = self._given[:, :, k]
+        for at, k in enumerate(self._moving if self._beside_too else (), 1):
+            if k in self._asked:
+                result[:, :, at] = (e[1 + self._asked.index(k)] - e[0]) / self._beside(self.axes[k], m[k])
+            else:
+                assert self._given is not None
+                result[:, :, at] = self._given[:, :, k]
         return result
 
     def take(self, values: Array, white: Array, cross: Array) -> None:
@@ -235,8 +233,7 @@ class _Work:
         fresh = None
         if self._beside_too and sane:
             value = white[:, 1:].copy()
-            with np.errstate(over="ignore"):  # a motion that spins has slopes whose squares no number holds
-                gram = value.T @ value
+            gram = value.T @ value  # a motion that spins has slopes whose squares no number holds
             if np.all(np.isfinite(gram)):
                 fresh = _Slopes(self.at[0], slopes.copy(), value, gram, cross[:, 1:].copy())
         if self._renews:
@@ -293,8 +290,7 @@ class _Work:
         """Whether this is the best so far, and better by enough to go on; else it steps less far, or ends."""
         search, (m, theta, linear) = self.search, self.at
         off = np.concatenate([theta, linear]) - search.means
-        with np.errstate(over="ignore", invalid="ignore"):  # simulations that spin cost accordingly
-            cost = 0.5 * float(r @ r) + 0.5 * float(off @ search.beliefs(self._own) @ off)
+        cost = 0.5 * float(r @ r) + 0.5 * float(off @ search.beliefs(self._own) @ off)
         if not (np.isfinite(cost) and sane):  # it spins: no place to stay
             cost = np.inf
         if self.best is not None and not cost <= self.best.cost:

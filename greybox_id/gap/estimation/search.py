@@ -166,8 +166,7 @@ class Search:
         self.low = np.array([*low, *np.zeros(count), *np.full(len(starts), -np.inf)])
         self.high = np.array([*high, *np.ones(count), *np.full(len(starts), np.inf)])
         self.null_linear = np.array([*self.expanded, *np.zeros(count + len(starts))])
-        with np.errstate(over="ignore", invalid="ignore"):  # of simulations that spin
-            self.gram = self.white.T @ self.white
+        self.gram = self.white.T @ self.white
 
     def among(self, indices: set[int]) -> NDArray[np.bool_]:
         """Which nuisances, moving and linear, are the parameters of these indices."""

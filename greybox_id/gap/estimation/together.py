@@ -435,9 +435,8 @@ class JointSearch:
         (e,) = problem.residuals([problem.vector(state)])
         if not np.all(np.isfinite(e)):
             return np.inf
-        with np.errstate(over="ignore", invalid="ignore"):
-            r = whitener.white(e[:, :, None]).ravel()
-            squares = profile.left(r)
+        r = whitener.white(e[:, :, None]).ravel()
+        squares = profile.left(r)
         theta = (state.theta - problem.theta_mean) / problem.theta_sd
         goes = problem.smooth | state.on
         mains = np.sqrt(prec[linear.main]) * np.where(goes, m - problem.mean, 0.0)
