@@ -100,7 +100,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         answers.insert(
             0,
             f"Beside the fastest other tool here, {fastest}, the search of greybox-id is "
-            f"{number(speed['greybox-id, its search alone'] / others[fastest], 2)} times as fast, and a whole fit, "
+            f"{number(speed['greybox-id, search only'] / others[fastest], 2)} times as fast, and a whole fit, "
             f"with intervals and errors over horizons, is {number(speed['greybox-id'] / others[fastest], 2)} "
             "times as fast.",
         )
