@@ -192,7 +192,7 @@ def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
     assert {"greybox-id", "greybox-id, search only", "scipy least_squares"} <= {row.model for row in bench.rows}
     assert bench.answers[0].startswith("Beside the fastest other tool here, scipy least_squares,")
     assert "none is left out: it is not installed" in " ".join(bench.protocol)
-    assert list(bench.result["left_out"]) == ["none"]
+    assert list(bench.found["left_out"]) == ["none"]
     published = [row.value for row in bench.rows if row.published]
     assert len(published) == 10 and max(published) == 1690.0
 
