@@ -80,7 +80,9 @@ for label, known, colour in (("vehicle file", 0, "#d55e00"), ("closed model", ro
     error = (places := driven(known)) - path(time)
     place.plot(time, places, color=colour, label=label)
     off.plot(time, error, color=colour, label=f"{label}: RMS {np.sqrt(np.mean(error**2)):.3f} m")
-place.set(title=f"Double lane change at {SPEED:.0f} m/s, steering {1e3 * LATE:.0f} ms late", ylabel="lateral position [m]")
+place.set(
+    title=f"Double lane change at {SPEED:.0f} m/s, steering {1e3 * LATE:.0f} ms late", ylabel="lateral position [m]"
+)
 off.set(xlabel="time [s]", ylabel="path error [m]")
 place.legend(loc="lower center")
 off.legend(loc="upper left")
