@@ -194,7 +194,8 @@ def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
     assert "none is left out: it is not installed" in " ".join(bench.protocol)
     assert list(bench.found["left_out"]) == ["none"]
     published = [row.value for row in bench.rows if row.published]
-    assert len(published) == 10 and max(published) == 1690.0
+    assert len(published) == 10
+    assert max(published) == 1690.0
 
 
 @pytest.mark.slow
