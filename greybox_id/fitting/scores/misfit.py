@@ -18,8 +18,7 @@ from ...base.statistics import white_noise_sd
 from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
-from ..uncertainty.form import CLEARLY
+from ..fit import CLEARLY, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
 
 TRAINED = "train"
 FEWEST_ROWS = 80

@@ -28,6 +28,7 @@ from scipy.stats import t as student_t
 from ...base.shorthands import Array, Index, Mask
 from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
+from ..fit import CLEARLY
 
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
@@ -40,8 +41,6 @@ STEP = 0.01
 """Of an input's spread, by which it is moved to see what follows."""
 RIDGE = 1e-9
 """Of a column's own power: on some drives one function is a sum of others."""
-CLEARLY = 10.0
-"""Log of how much likelier other parameters in the second half have to be before they are told."""
 BLOCKS, BY_CHANCE = 8, 0.01
 """Parts of a recording, in order of time, of which halves are mixed; and how seldom the first and the second half of
 one vehicle's drive stand out from those. What a model lacks differs between manoeuvres, not halves."""
