@@ -31,7 +31,7 @@ from ..base.shorthands import Array
 from ..base.version import __version__
 from ..models.memory_model import MemoryModel
 from ..models.model import Combination, Model
-from ..models.parameter import Parameter, Prior
+from ..models.parameter import Parameter, Prior, free_places, placed
 from .provenance import DataRecord, Stage
 
 Usability = Literal["usable", "usable with care", "not usable"]
@@ -135,17 +135,15 @@ def combined(combination: Combination, model: Model, covariance: Array, dof: Map
     covariance : (parameters, parameters) of its parameter vector.
     dof : name -> degrees of freedom of its standard deviation.
     """
-    parameters = [p for p in model.parameters if p.shape == ()]
-    values = {p.name: float(p.array) for p in parameters}
+    values = {p.name: float(p.array) for p in model.parameters if p.shape == ()}
     value = float(combination.of(SimpleNamespace(**values)))
-    gradient, start, of = np.zeros(model.size), 0, np.full(model.size, np.inf)
-    for p in model.parameters:
-        if p in parameters and not p.fixed and np.isfinite(values[p.name]):
-            step = 1e-6 * max(abs(values[p.name]), 1e-3)
-            up, down = (SimpleNamespace(**{**values, p.name: values[p.name] + sign * step}) for sign in (1, -1))
-            gradient[start] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
-            of[start] = float(np.min(dof.get(p.name, np.asarray(np.inf))))
-        start += p.size
+    gradient, of = np.zeros(model.size), np.full(model.size, np.inf)
+    for name, k in free_places(model.parameters).items():
+        if np.isfinite(values[name]):
+            step = 1e-6 * max(abs(values[name]), 1e-3)
+            up, down = (SimpleNamespace(**{**values, name: values[name] + sign * step}) for sign in (1, -1))
+            gradient[k] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
+            of[k] = float(np.min(dof.get(name, np.asarray(np.inf))))
     moved = np.flatnonzero(gradient)
     variance = float(gradient[moved] @ covariance[np.ix_(moved, moved)] @ gradient[moved])
     shares = gradient * (covariance @ gradient)
@@ -502,26 +500,19 @@ def _covariance_as_dict(fit: Fit) -> dict[str, Any] | None:
     """The covariance of the numbers that moved, by name; that of networks is left out for its size."""
     if fit.covariance is None:
         return None
-    moved, start = [], 0
-    for parameter in fit.model.parameters:
-        if parameter.shape == () and not parameter.fixed:
-            moved.append((parameter.name, start))
-        start += parameter.size
-    if len(moved) > MOST_COVARIANCES:
+    free = free_places(fit.model.parameters)
+    if len(free) > MOST_COVARIANCES:
         return None
-    places = [place for _, place in moved]
-    return {"names": [name for name, _ in moved], "matrix": fit.covariance[np.ix_(places, places)].tolist()}
+    places = [*free.values()]
+    return {"names": [*free], "matrix": fit.covariance[np.ix_(places, places)].tolist()}
 
 
 def _covariance_from_dict(record: Mapping[str, Any] | None, model: Model) -> Array | None:
     if record is None:
         return None
-    start, place = 0, {}
-    for parameter in model.parameters:
-        place[parameter.name] = start
-        start += parameter.size
+    start = {parameter.name: place.start for parameter, place in placed(model.parameters)}
     matrix = np.zeros((model.size, model.size))
-    places = [place[name] for name in record["names"]]
+    places = [start[name] for name in record["names"]]
     matrix[np.ix_(places, places)] = np.asarray(record["matrix"], dtype=float).reshape(len(places), len(places))
     return matrix
 

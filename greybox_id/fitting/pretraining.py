@@ -24,7 +24,7 @@ from ..engine.motion.simulator import Predictor, Simulator
 from ..engine.solvers.quasi_newton import descend
 from ..models.hybrid_model import HybridModel
 from ..models.motion_model import MotionModel
-from ..models.parameter import Prior
+from ..models.parameter import Prior, placed
 from .how import Say
 
 Span = Literal["data", "box"]
@@ -81,15 +81,14 @@ def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
     BadInput : the known vehicle has none of them.
     """
     mean, sd = np.mean(known.draws, axis=0), np.std(known.draws, axis=0)
-    changed, start = [], 0
-    for parameter in known.model.parameters:
+    changed = []
+    for parameter, place in placed(known.model.parameters):
         if parameter.shape == () and parameter.name in model and parameter.name not in model.network.shapes:
             mine = model[parameter.name]
             low, high = min(mine.bounds[0], parameter.bounds[0]), max(mine.bounds[1], parameter.bounds[1])
-            value = np.array(float(mean[start]))
-            prior = Prior(float(sd[start]), mean=value) if sd[start] > 0 and not mine.fixed else mine.prior
+            value, spread = np.array(float(mean[place.start])), float(sd[place.start])
+            prior = Prior(spread, mean=value) if spread > 0 and not mine.fixed else mine.prior
             changed.append(replace(mine, value=value, bounds=(low, high), prior=prior))
-        start += parameter.size
     if not changed:
         raise BadInput(
             f"{known.source or known.model.name} has none of the parameters of the physics in {model.name}: "
