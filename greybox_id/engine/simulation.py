@@ -43,7 +43,7 @@ class Prediction:
         return replace(self, predicted=self.predicted[:, outputs], measured=self.measured[:, outputs])
 
 
-def breaks(rows: Index, run: Index) -> Index:
+def breaks(rows: Index | Array, run: Index | Array) -> Index:
     """Where a row does not follow the one before it, or is of another run."""
     return np.flatnonzero((np.diff(rows) != 1) | (np.diff(run) != 0)) + 1
 
