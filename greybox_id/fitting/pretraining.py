@@ -16,7 +16,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of, must_be_whole
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from ..engine.hybrid.problem import HybridProblem, RateErrors
@@ -64,11 +64,8 @@ class Pretraining:
     beyond: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.span not in get_args(Span):
-            known = near_or_all(str(self.span), get_args(Span))
-            raise BadInput(f"‹pretrain_range›: there is no {self.span!r:.40}.{known}")
-        if isinstance(self.points, bool) or not isinstance(self.points, int) or not 100 <= self.points <= 1_000_000:
-            raise BadInput(f"‹pretrain_points›: a whole number from 100 to 1000000 is needed, not {self.points!r:.40}.")
+        must_be_one_of(get_args(Span), self.span, "‹pretrain_range›: there is no")
+        must_be_whole(self.points, "pretrain_points", 100, 1_000_000)
         if isinstance(self.beyond, bool) or not 1.0 <= self.beyond <= 3.0:
             raise BadInput(f"‹pretrain_beyond›: a number from 1 to 3 is needed, not {self.beyond!r:.40}.")
 

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of
 from greybox_id.base.files import held, write_atomically
 from greybox_id.base.shorthands import Array, Say
 from greybox_id.base.version import __version__
@@ -153,8 +153,7 @@ def demo(
     """
     if not 1 <= cycles <= 20:
         raise BadInput(f"‹cycles›: a number from 1 to 20 is needed, not {cycles!r}.")
-    if arm not in ARMS:
-        raise BadInput(f"There is no arm {arm!r}.{near_or_all(arm, ARMS)}")
+    must_be_one_of(ARMS, arm, "There is no arm")
     return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, arm, seed, cycles, say).run()
 
 
