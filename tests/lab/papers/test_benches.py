@@ -16,10 +16,6 @@ from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown, on_sc
 from greybox_lab.papers.equations import AHEAD, driven_rear, servo_axis
 
 
-def quietly(line, passing=False):
-    del line, passing
-
-
 def test_a_page_has_every_figure_and_marks_what_is_published():
     rows = (
         Row("Yaw: RMSE", "ours", 0.5, "rad/s", 0.01, 12, 3.0),
