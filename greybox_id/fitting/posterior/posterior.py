@@ -27,7 +27,8 @@ from ...base.numbers import between, pretty_unit
 from ...base.shorthands import Array
 from ...base.version import __version__
 from ...models.parameter import placed
-from ..fit import Build, Fit, load
+from ..fit import Fit
+from ..saved_fit import Build, load
 from .density import DrawnNumber, entry_names
 from .laplace import trusted
 
