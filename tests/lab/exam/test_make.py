@@ -103,7 +103,8 @@ def test_exact_aliases_are_named_without_a_look():
 
 def test_answers_survive_the_file(tmp_path):
     answer = Answer("case_000", "single", "clean", {"steering_rate_limit": 0.4}, {"steering_rate_limit": inf},
-                    {"steering_rate_limit": ("steering_lag",)}, {"yaw_rate": 1.0}, 0.5, 7, {"kind": "car"})  # fmt: skip
+                    {"steering_rate_limit": ("steering_lag",)}, {"yaw_rate": 1.0}, {"yaw_rate": 0.5}, seed=7,
+                    car={"kind": "car"})  # fmt: skip
     assert read_answer(write_answer(answer, tmp_path / "answer.json")) == answer
 
 
