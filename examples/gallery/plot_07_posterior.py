@@ -22,9 +22,10 @@ print(posterior.summary())
 # The steering's dead time: draws, and the interval of the fit. The interval is wider, as it allows for
 # errors of the equations; the posterior assumes that they are true.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
-ax.hist(posterior.frame["steering_delay"], weights=posterior.frame["weight"], bins=30, color="#9ecae1")
-ax.axvspan(*fit.conf_int().loc["steering_delay"], color="#d55e00", alpha=0.15, label="95 % interval of the fit")
-ax.set(xlabel="steering_delay [s]", ylabel="weight of draws [1]")
+ax.axvspan(*fit.conf_int().loc["steering_delay"], color="#f8dcc4", label="95 % interval of the fit")
+draws, weight = posterior.frame["steering_delay"], posterior.frame["weight"]
+ax.hist(draws, weights=weight, bins=30, density=True, color="#0072b2", label="draws of the posterior")
+ax.set(title="Steering delay of the 1:10 car", xlabel="steering delay [s]", ylabel="density [1/s]")
 ax.legend()
 
 # %%

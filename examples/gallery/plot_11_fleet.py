@@ -59,11 +59,19 @@ vehicles = pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'
 vehicles[["vehicle", "recordings", "value", "low", "high"]].round(0)
 
 # %%
-# The estimate from each recording, and that of each vehicle from all its recordings, with 95 % intervals.
+# The estimate from each recording, and that of each vehicle from all its recordings, with 95 % intervals. Every single
+# fit is drawn to its priors, the numbers of the vehicle file; the vehicles' estimates are free of them.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 each = estimates.query("name == 'I_z'")
-for table, size, colour, words in ((each, 1.0, "#9ecae1", "one recording"), (vehicles, 2.5, "#0072b2", "vehicle")):
+place = {"V0": 0.0, "V1": 1.0}
+beside = each.groupby("vehicle").cumcount() * 0.1 + 0.1  # so that no bar covers another
+for table, shift, size, colour, words in (
+    (vehicles, 0.0, 2.5, "#0072b2", "from all its recordings"),
+    (each, beside, 1.0, "#d55e00", "from one recording"),
+):
     half = [table["value"] - table["low"], table["high"] - table["value"]]
-    ax.errorbar(table["vehicle"], table["value"], half, fmt="o", linewidth=size, color=colour, label=words)
-ax.set(xlabel="vehicle", ylabel="yaw inertia [kg m²]", xlim=(-0.5, 1.5))
+    places = table["vehicle"].map(place) + shift
+    ax.errorbar(places, table["value"], half, fmt="o", linewidth=size, color=colour, label=words)
+ax.set(title="Yaw inertia of two vehicles", xlabel="vehicle", ylabel="yaw inertia [kg m²]", xlim=(-0.4, 1.7))
+ax.set_xticks(list(place.values()), list(place))
 ax.legend(loc="upper left")

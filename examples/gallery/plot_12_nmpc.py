@@ -2,8 +2,8 @@
 A predictive controller closes the loop
 =======================================
 
-A controller that does not know of a delay steers too late. The same controller on the closed model, exported to
-CasADi, does not.
+A controller that does not know of a delay steers too late: the car swings about the path. The same controller on the
+closed model, exported to CasADi, knows which command acts when.
 """
 
 import importlib.util
@@ -17,7 +17,7 @@ import numpy as np
 import greybox_id as gb
 
 STEP, AHEAD, SPEED = 0.05, 24, 20.0  # s between commands, steps looked ahead, m/s
-LATE = 0.15  # s: the delay of the car's steering, as a diagnosis names it; see the page on a gap
+LATE = 0.05  # s: the delay of the car's steering, as a diagnosis names it; see the page on a gap
 
 # %%
 # The model of the vehicle file, as CasADi functions that need nothing but CasADi.
@@ -58,7 +58,7 @@ def controller(on_their_way):
 
 
 def driven(known):
-    """The car, whose steering acts three steps late, under a controller that knows of `known` of them."""
+    """The car, whose steering acts a step late, under a controller that knows of `known` such steps."""
     late = round(LATE / STEP)
     decide, x, sent, guess, places = controller(known), np.zeros(4), [0.0] * (late + 1), np.zeros(AHEAD), []
     for k in range(140):
@@ -72,12 +72,17 @@ def driven(known):
 
 
 # %%
+# Both drives, and how far each is from the path.
 time = STEP * np.arange(1, 141)
-figure, axis = plt.subplots(figsize=(7, 3), layout="constrained")
-axis.plot(time, path(time), "k--", label="path")
-for label, known in {"vehicle file": 0, "closed model": round(LATE / STEP)}.items():
-    places = driven(known)
-    error = np.sqrt(np.mean((places - path(time)) ** 2))
-    axis.plot(time, places, label=f"{label}: RMS error {error:.2f} m")
-axis.set(xlabel="time [s]", ylabel="lateral position [m]", ylim=(-6, 6))
-axis.legend()
+figure, (place, off) = plt.subplots(2, 1, figsize=(7, 4.4), sharex=True, layout="constrained")
+place.plot(time, path(time), "k--", linewidth=1, label="path")
+for label, known, colour in (("vehicle file", 0, "#d55e00"), ("closed model", round(LATE / STEP), "#0072b2")):
+    error = (places := driven(known)) - path(time)
+    place.plot(time, places, color=colour, label=label)
+    off.plot(time, error, color=colour, label=f"{label}: RMS {np.sqrt(np.mean(error**2)):.3f} m")
+place.set(
+    title=f"Double lane change at {SPEED:.0f} m/s, steering {1e3 * LATE:.0f} ms late", ylabel="lateral position [m]"
+)
+off.set(xlabel="time [s]", ylabel="path error [m]")
+place.legend(loc="lower center")
+off.legend(loc="upper left")

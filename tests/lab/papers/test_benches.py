@@ -181,6 +181,20 @@ def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
 
 
 @pytest.mark.slow
+def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
+    tools = {"scipy least_squares": (peers.by_scipy, 500, "scipy"), "none": (peers.by_nnodely, 500, "no_such_package")}
+    monkeypatch.setattr(emps, "PEERS", tools)
+    bench = emps.measure(None, True, quietly)
+    assert {"greybox-id", "greybox-id, search only", "scipy least_squares"} <= {row.model for row in bench.rows}
+    assert bench.answers[0].startswith("Beside the fastest other tool here, scipy least_squares,")
+    assert "none is left out: it is not installed" in " ".join(bench.protocol)
+    assert list(bench.found["left_out"]) == ["none"]
+    published = [row.value for row in bench.rows if row.published]
+    assert len(published) == 10
+    assert max(published) == 1690.0
+
+
+@pytest.mark.slow
 def test_another_tool_finds_the_axis_from_the_same_rows():
     lap = emps.made(1).iloc[:600]
     start = np.array([80.0, 150.0, 15.0, 0.0])
