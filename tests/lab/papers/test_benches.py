@@ -184,7 +184,7 @@ def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
 def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
     tools = {"scipy least_squares": (peers.by_scipy, 500, "scipy"), "none": (peers.by_nnodely, 500, "no_such_package")}
     monkeypatch.setattr(emps, "PEERS", tools)
-    bench = emps.measure(None, True, quietly)
+    bench = emps.measure(None, True, quiet)
     assert {"greybox-id", "greybox-id, search only", "scipy least_squares"} <= {row.model for row in bench.rows}
     assert bench.answers[0].startswith("Beside the fastest other tool here, scipy least_squares,")
     assert "none is left out: it is not installed" in " ".join(bench.protocol)
