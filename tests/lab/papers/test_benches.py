@@ -11,6 +11,7 @@ from json_pages import PAGE, agree
 
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
+from greybox_id.fitting.how import quiet
 from greybox_lab.papers import a2rl, brakes, emps, ferrari, peers
 from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown, on_screen
 from greybox_lab.papers.equations import AHEAD, driven_rear, servo_axis
