@@ -11,10 +11,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import combinations, pairwise, product
+from itertools import pairwise
 
 import numpy as np
-from scipy.stats import t as student_t
 
 from ..base.errors import BadInput
 from ..base.numbers import number
@@ -23,11 +22,11 @@ from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
 from .attempt import refitted
-from .fit import NOT_USABLE, WITH_CARE, Fit, Reason
+from .fit import CLEARLY, NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
-from .scores.misfit import CLEARLY
 from .scores.motion import score_motion
 from .scores.verdict import WORSE, times_as_large
+from .uncertainty.form import BLOCKS, mixed_halves, prediction_limit
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0
@@ -40,9 +39,8 @@ model has ten parameters, a recording hundreds of independent readings. Less tha
 usable fit must not exceed, since the best known need not be found."""
 OPEN = 10.0
 """Times as wide as stated: tolerances that hold nothing back, and leave parameters near the data's what none tells."""
-BLOCKS, MIXED, BY_CHANCE = 8, 9, 0.01
-"""Parts of a recording, in order of time; in how many ways halves are mixed of them; and how seldom the first and the
-second half of one vehicle's drive stand out from those. What a model lacks differs between manoeuvres, not halves."""
+MIXED = 9
+"""In how many ways halves are mixed of a recording's blocks."""
 REFIT = FitOptions(solver="gauss-newton", horizon=AHEAD, start_from="measured")
 
 
@@ -88,10 +86,11 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
                 f"The errors are {number(times, 2)} times those of the same model with tolerances {OPEN:g} times as "
                 "wide: the vehicle is not the one stated. State wider tolerances, or none.",
             )
-    if fit.how.get("form", {}).get("halves_gain", 0.0) > CLEARLY:
+    form = fit.how.get("form", {})
+    if form.get("halves_gain", 0.0) > CLEARLY:
         compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
         times = compared.apart(*next(halves))
-        if times > WORSE and _stands_out(times, (compared.apart(*mixed) for mixed in halves)):
+        if times > WORSE and (form.get("apart") or _stands_out(times, (compared.apart(*mixed) for mixed in halves))):
             yield Reason(
                 NOT_USABLE,
                 f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
@@ -130,21 +129,15 @@ def _stands_out(times: float, mixed: Iterable[float]) -> bool:
             return False
         if other > 0.0:
             logs.append(float(np.log(other)))
-    n = len(logs)
-    if n < 2:
-        return True
-    limit = student_t.isf(BY_CHANCE, n - 1) * np.sqrt(1.0 + 1.0 / n)
-    return bool(np.log(times) - np.mean(logs) > limit * np.std(logs, ddof=1))
+    return len(logs) < 2 or float(np.log(times)) > prediction_limit(np.array(logs))
 
 
 def _halves(recording: Recording) -> Iterator[tuple[Recording, Recording]]:
     """The first and the second half, then such as have as many blocks of the one as of the other."""
     edges = [len(recording) * k // BLOCKS for k in range(BLOCKS + 1)]
     blocks = [_beginning(recording.rows(a, b), 2 * MOST_ROWS // BLOCKS) for a, b in pairwise(edges)]
-    half, quarter = BLOCKS // 2, BLOCKS // 4
-    early, late = combinations(range(half), quarter), combinations(range(half, BLOCKS), quarter)
-    mixed = [first + second for first, second in product(early, late) if 0 in first]  # the others are complements
-    for one in (tuple(range(half)), *mixed[:: len(mixed) // MIXED][:MIXED]):
+    mixed = mixed_halves()
+    for one in (tuple(range(BLOCKS // 2)), *mixed[:: len(mixed) // MIXED][:MIXED]):
         other = (k for k in range(BLOCKS) if k not in one)
         yield join([blocks[k] for k in one], recording.name), join([blocks[k] for k in other], recording.name)
 

@@ -157,6 +157,8 @@ MOST_COVARIANCES = 200
 """Numbers whose covariance is written into a file."""
 HARDLY, SURPRISING = 0.7, 3.0
 """A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
+CLEARLY = 10.0
+"""Log of how much likelier other parameters in the second half of the data have to be before they are told."""
 FREE_RUN = "free run"
 """The protocol under which every model is scored that moves on by itself."""
 UNTOLD = 0.5

@@ -7,6 +7,7 @@ import pytest
 from driven import driven
 
 from greybox_id.datasets.recording import join
+from greybox_id.fitting import carrying
 from greybox_id.fitting.carrying import _stands_out, withstands
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
@@ -32,9 +33,9 @@ def stated(**values):
     )
 
 
-def against(model, recording, gain=0.0):
+def against(model, recording, gain=0.0, apart=False):
     found = fit(model, [recording], how=QUICK)
-    found = replace(found, how={**found.how, "form": {"halves_gain": gain}})
+    found = replace(found, how={**found.how, "form": {"halves_gain": gain, "apart": apart}})
     return [reason.sentence for reason in withstands(found.model, found, recording)]
 
 
@@ -54,6 +55,16 @@ def test_two_vehicles_in_one_recording_are_told_by_the_fit_to_one_on_the_other()
     halves = [driven(runs=1, seconds=8.0, noise=0.1, values={"B_f": times * right}) for times in (1.0, 0.5)]
     sentences = against(stated(), join(halves, "halves"), gain=100.0)
     assert any("Fitted to one half of the data" in one for one in sentences)
+
+
+@pytest.mark.slow
+def test_refits_that_scatter_widely_excuse_no_halves_that_residuals_tell_apart(monkeypatch):
+    monkeypatch.setattr(carrying, "_stands_out", lambda times, mixed: False)
+    right = float(stated()["B_f"].array)
+    halves = [driven(runs=1, seconds=8.0, noise=0.1, values={"B_f": times * right}) for times in (1.0, 0.5)]
+    both, one = join(halves, "halves"), join([halves[0], halves[0]], "one vehicle")
+    assert any("Fitted to one half" in sentence for sentence in against(stated(), both, gain=100.0, apart=True))
+    assert not any("Fitted to one half" in sentence for sentence in against(stated(), one, gain=100.0, apart=True))
 
 
 @pytest.mark.slow

@@ -67,6 +67,7 @@ class LiftedMotion(NamedTuple):
     H: Array
 
 
+@np.errstate(over="ignore", invalid="ignore")  # far off, it is not finite, and Ipopt takes a shorter step
 def at_nodes(problem: MotionProblem, x: Array, inner: Array) -> LiftedMotion:
     """The lifted problem at nodes that need not match.
 

@@ -18,7 +18,7 @@ from ...base.statistics import white_noise_sd
 from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
+from ..fit import CLEARLY, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
 
 TRAINED = "train"
 FEWEST_ROWS = 80
@@ -37,9 +37,8 @@ TIMES_NOISE = 5.0
 """Residuals so many times their noise that functions of the drive explain for the most part have to be known."""
 ALSO = 0.25
 """Of what explains most of the residuals, the part that is named beside it."""
-SMALL_HALVES, CLEARLY = 0.01, 10.0
-"""Error over the spread that other parameters in the second half explain, the least that is told; log of how much
-likelier that has to be."""
+SMALL_HALVES = 0.01
+"""Error over the spread that other parameters in the second half explain, the least that is told."""
 
 
 def must_tell(model: Model, recordings: Sequence[Recording]) -> None:

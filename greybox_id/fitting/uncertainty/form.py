@@ -18,14 +18,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 import scipy.linalg as la
+from scipy.stats import t as student_t
 
 from ...base.shorthands import Array, Index, Mask
 from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
+from ..fit import CLEARLY
 
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
@@ -38,6 +41,9 @@ STEP = 0.01
 """Of an input's spread, by which it is moved to see what follows."""
 RIDGE = 1e-9
 """Of a column's own power: on some drives one function is a sum of others."""
+BLOCKS, BY_CHANCE = 8, 0.01
+"""Parts of a recording, in order of time, of which halves are mixed; and how seldom the first and the second half of
+one vehicle's drive stand out from those. What a model lacks differs between manoeuvres, not halves."""
 
 
 @dataclass(frozen=True)
@@ -77,17 +83,33 @@ class FormError:
     halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
         functions of the drive.
     halves_gain : log of how much likelier the residuals are with other parameters there.
+    apart : whether that is beyond the scatter between halves that mix early and late rows.
     """
 
     outputs: Mapping[str, OutputForm]
     covariance: Array
     halves: float
     halves_gain: float
+    apart: bool
 
     def as_dict(self) -> dict[str, Any]:
         """All but the covariance, as plain data."""
         outputs = {name: asdict(one) for name, one in self.outputs.items()}
-        return {"outputs": outputs, "halves": self.halves, "halves_gain": self.halves_gain}
+        return {"outputs": outputs, "halves": self.halves, "halves_gain": self.halves_gain, "apart": self.apart}
+
+
+def mixed_halves() -> list[tuple[int, ...]]:
+    """Of halves that have as many of the first four blocks as of the last four, the one with the first block."""
+    half, quarter = BLOCKS // 2, BLOCKS // 4
+    early, late = combinations(range(half), quarter), combinations(range(half, BLOCKS), quarter)
+    return [first + second for first, second in product(early, late) if 0 in first]
+
+
+def prediction_limit(values: Array) -> float:
+    """What one more of such numbers, (n,) of a normal distribution, exceeds as seldom as `BY_CHANCE`."""
+    n = len(values)
+    beyond = student_t.isf(BY_CHANCE, n - 1) * np.sqrt(1.0 + 1.0 / n) * np.std(values, ddof=1)
+    return float(np.mean(values) + beyond)
 
 
 def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
@@ -105,7 +127,8 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     low, high = problem.bounds
     kept = problem.free & (x > low) & (x < high)
     kept[problem.parameters.size :] = False
-    H, g, alone = _normal_equations(problem, x, nodes, drives, passed, kept, every)
+    block = BLOCKS * np.arange(len(drives[0].error)) // len(drives[0].error)
+    H, g, alone = _normal_equations(problem, x, nodes, drives, passed, kept, every, (block >= BLOCKS // 2).astype(int))
     count, halves = int(np.sum(kept)), len(drives) + len(passed)
     sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
     owner = np.repeat(np.arange(halves + 1), sizes_of)
@@ -127,7 +150,36 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     siz = sizes[owner == halves]
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
     explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
-    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), float(gains[halves]))
+    gain, apart = float(gains[halves]), False
+    if gain > CLEARLY:
+        by_block = _normal_equations(problem, x, nodes, drives, passed, kept, every, block)[:2]
+        mixed = _gains_of_mixed(*by_block, count, shares, owner, unit)
+        apart = gain > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
+    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), gain, apart)
+
+
+def _gains_of_mixed(H: Array, g: Array, count: int, shares: Array, owner: Index, unit: Array) -> Array:
+    """(halves,) what other parameters in one of mixed halves gain, in log, beside functions of these shares.
+
+    Parameters
+    ----------
+    H, g : as of `_normal_equations`, each block but the first a part.
+    count : how many parameters.
+    shares, owner, unit : as of `_likeliest`; the last group is that of the parameters.
+    """
+    rest, gains, eye = len(owner), [], np.eye(count)
+    for one in mixed_halves():
+        other = [float(k not in one) for k in range(1, BLOCKS)]
+        both = np.zeros((len(g), rest + count))
+        both[:rest, :rest] = np.eye(rest)
+        both[rest:, rest:] = np.kron(np.array(other)[:, None], eye)
+        joint = _Joint(both.T @ H @ both, both.T @ g, count)
+        tried = []
+        for share in SHARES:
+            of_group = np.append(shares[:-1], share)
+            tried.append(joint.evidence((of_group[owner] * unit) ** 2))
+        gains.append(max(tried) - tried[0])
+    return np.array(gains)
 
 
 @dataclass(frozen=True)
@@ -370,10 +422,10 @@ def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
 
 def _normal_equations(
     problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
-    kept: Mask, every: int,
+    kept: Mask, every: int, part: Index,
 ) -> tuple[Array, Array, list[_Squares]]:  # fmt: skip
     """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
-    kept parameters of the second half of the rows; and the squares of each output alone.
+    kept parameters of each part of the rows but the first, `part` (N,); and the squares of each output alone.
 
     Residuals count as so many independent ones. Starts of intervals are eliminated, interval by interval.
     """
@@ -381,8 +433,8 @@ def _normal_equations(
     firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in drives])]).astype(int)
     common = np.dstack([one.effect for one in passed]) if passed else np.zeros((*nodes.y[::every].shape, 0))
     last = int(firsts[-1]) + common.shape[2]
-    H, g = np.zeros((last + count, last + count)), np.zeros(last + count)
-    half = len(drives[0].error) // 2
+    size = last + count * int(np.max(part, initial=0))
+    H, g = np.zeros((size, size)), np.zeros(size)
     H[:count, :count] = problem.believed[np.ix_(kept, kept)]
     g[:count] = problem.pull_of_priors(x)[kept]
     first_loose = problem.parameters.size
@@ -406,7 +458,8 @@ def _normal_equations(
             wide[:, at] = by_p[:, there]
             wide[:, first : first + one.columns.shape[1]] = one.columns[rows] * here
             wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows][:, None] * here)
-            wide[:, last + at] = by_p[:, there] * (rows >= half)[:, None]
+            for own in np.unique(part[rows][part[rows] > 0]):
+                wide[:, last + count * (own - 1) + at] = by_p[:, there] * (part[rows] == own)[:, None]
             squares.add(wide, r)
             eliminated[k].add(by_p[:, loose], wide, r)
     H += sum(one.H for one in alone)
@@ -443,13 +496,14 @@ class _Joint:
 
     def evidence(self, variances: Array) -> float:
         """Log of how much likelier the residuals are with functions of such variances than with none."""
-        root = np.sqrt(variances) / self.scale[self.count :]
-        inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
+        used = variances > 0.0
+        root = np.sqrt(variances[used]) / self.scale[self.count :][used]
+        inner = np.eye(len(root)) + root[:, None] * self.S[np.ix_(used, used)] * root[None, :]
         try:
             factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
         except la.LinAlgError:  # so large a variance that rounding hides the rest: not to be chosen
             return -np.inf
-        scaled = root * self.pull
+        scaled = root * self.pull[used]
         gained = 0.5 * float(scaled @ la.cho_solve(factor, scaled))
         return gained - float(np.sum(np.log(np.diag(factor[0]))))
 

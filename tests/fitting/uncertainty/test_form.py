@@ -8,11 +8,11 @@ from driven import driven
 
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
-from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.fit import NOT_USABLE
+from greybox_id.datasets.recording import Recording, join
+from greybox_id.fitting.fit import CLEARLY, NOT_USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
-from greybox_id.fitting.uncertainty.form import _Joint, _Starts
+from greybox_id.fitting.uncertainty.form import _Joint, _Starts, prediction_limit
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
@@ -44,6 +44,19 @@ def test_a_right_form_leaves_next_to_nothing_and_costs_no_width():
     assert all(one["explained"] ** 0.5 * one["residual"] < 0.05 * one["spread"] for one in outputs.values())
     assert 0.95 * truth("B_f") < float(found.model["B_f"].array) < 1.05 * truth("B_f")
     assert float(found.sd["B_f"]) < 0.05 * truth("B_f")
+
+
+@pytest.mark.parametrize(
+    ("softer", "apart"), [((4, 5, 6, 7), True), ((1, 3, 4, 6), False)], ids=["in the second half", "by turns"]
+)
+def test_two_vehicles_are_told_apart_where_the_second_half_gains_more_than_mixed_halves(softer, apart):
+    blocks = [
+        driven(runs=1, seconds=5.0, seed=k, noise=0.1, values={"B_f": (0.5 if k in softer else 1.0) * truth("B_f")})
+        for k in range(8)
+    ]
+    form = fit(model("B_f", "I_z"), [join(blocks, "eight")], how=QUICK).how["form"]
+    assert form["apart"] is apart
+    assert form["halves_gain"] > CLEARLY or not apart
 
 
 def test_a_steering_offset_is_named_and_counts_in_the_intervals():
@@ -175,6 +188,12 @@ def test_a_parameter_of_which_nothing_moves_everything_leaves_the_others_as_they
         found.append((wider[1:, 1:], moved[1:], sizes))
     for plain, beside in zip(*found, strict=True):
         np.testing.assert_allclose(beside, plain, rtol=1e-6)
+
+
+def test_a_further_number_exceeds_the_prediction_limit_once_in_a_hundred():
+    draws = np.random.default_rng(4).standard_normal((20_000, 19))
+    beyond = [own[-1] > prediction_limit(own[:-1]) for own in draws]
+    assert 0.008 < np.mean(beyond) < 0.012
 
 
 def test_a_start_that_no_reading_shows_takes_nothing_from_the_others():
