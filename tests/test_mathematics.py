@@ -11,7 +11,7 @@ from greybox_id.engine.least_squares import prior_rows
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.engine.solvers.gauss_newton import gauss_newton
-from greybox_id.engine.solvers.ipopt import at_nodes
+from greybox_id.engine.solvers.motion_program import at_nodes
 from greybox_id.filters.kernel import SigmaPoints
 from greybox_id.fitting.uncertainty.profile import profile
 from greybox_id.fitting.uncertainty.sandwich import correlation_time, uncertainty

@@ -17,7 +17,8 @@ from ..base.guard import FileContent, claim, content_of
 from ..base.json_data import format_of
 from ..base.numbers import alike, pretty_unit
 from ..fitting.fit import KIND as FIT_KIND
-from ..fitting.fit import Fit, load
+from ..fitting.fit import Fit
+from ..fitting.saved_fit import load
 from ..gap.design.arena import arena as arena_of
 from ..gap.design.discriminate import ambiguous, detecting, discriminating
 from ..gap.design.limits import must_agree, read_limits, stated, usual_limits

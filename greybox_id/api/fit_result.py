@@ -24,6 +24,7 @@ from ..fitting.fit import FREE_RUN, Fit, reach
 from ..fitting.holding import as_seen
 from ..fitting.provenance import DataRecord
 from ..fitting.uncertainty.profile import Profile
+from ..models.parameter import free_places
 from ..reports.recordings import matched
 from ..reports.text.fit import as_dict, parts
 from ..reports.text.screen import as_text
@@ -107,13 +108,9 @@ class FitResult(Fit):
         """
         if self.covariance is None:
             raise BadInput(f"The fit of {self.model.name} keeps no covariance, only standard errors of its weights.")
-        names, places, start = [], [], 0
-        for parameter in self.model.parameters:
-            if parameter.shape == () and not parameter.fixed:
-                names.append(parameter.name)
-                places.append(start)
-            start += parameter.size
-        return pd.DataFrame(self.covariance[np.ix_(places, places)], names, names)
+        free = free_places(self.model.parameters)
+        places = [*free.values()]
+        return pd.DataFrame(self.covariance[np.ix_(places, places)], [*free], [*free])
 
     @property
     def corr(self) -> pd.DataFrame:

@@ -10,11 +10,11 @@ from ..base.declared import understood
 from ..base.errors import BadInput
 from ..datasets.recording import Recording, join
 from ..fitting.fit import Fit
-from ..fitting.fit import load as load_fit
 from ..fitting.how import FitOptions, Say, quiet
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.pretraining import Pretraining, Span
 from ..fitting.requested_model import RequestedModel, doubts, must_be_recorded, with_choices
+from ..fitting.saved_fit import load as load_fit
 from ..fitting.scores.metrics import must_suit
 from ..fitting.scores.misfit import must_tell
 from ..fitting.training import TrainedBefore

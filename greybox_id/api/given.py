@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of
 from ..base.units import pairs
 from ..datasets.recording import Recording
 from ..fitting.fit import Fit
@@ -93,8 +93,8 @@ def requested(
     install()
     if name is not None and is_place(name):
         name = own_model(name).name
-    if name is not None and name not in MODELS:
-        raise BadInput(f"‹model›: there is no model {name!r}.{near_or_all(name, MODELS)}")
+    if name is not None:
+        must_be_one_of(MODELS, name, "‹model›: there is no model")
     objects, written = named_effects(effects)
     if objects:
         names = ", ".join(item.name for item in objects)
@@ -146,6 +146,5 @@ def effect(name: str) -> Effect:
     if is_place(name):
         return own_effect(name)
     install()
-    if name not in EFFECTS:
-        raise BadInput(f"effects: there is no effect {name!r}.{near_or_all(name, EFFECTS)}")
+    must_be_one_of(EFFECTS, name, "effects: there is no effect")
     return EFFECTS[name]

@@ -9,9 +9,9 @@ import numpy as np
 from ..base.errors import BadInput
 from ..base.shorthands import Array
 from ..fitting.fit import Fit
-from ..fitting.fit import load as load_fit
 from ..fitting.posterior.posterior import Posterior, load_posterior
 from ..fitting.pretraining import Pretraining, Span
+from ..fitting.saved_fit import load as load_fit
 from ..fitting.training import TrainedBefore
 from ..models.hybrid_model import HybridModel
 from ..models.model import must_be

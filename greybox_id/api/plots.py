@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib import pyplot as plt
 from matplotlib.axes import Axes
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of
 from ..base.numbers import number, pretty_unit
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
@@ -195,8 +195,7 @@ class FitPlots:
         intervals, params = self._fit.conf_int(level), self._fit.params
         known = [p.name for p in self._fit.model.parameters if p.shape == () and not p.fixed]
         for name in names:
-            if name not in known:
-                raise BadInput(f"names: there is no free parameter {name!r}.{near_or_all(name, known)}")
+            must_be_one_of(known, name, "names: there is no free parameter")
         chosen = list(names) or known
         ax = ax if ax is not None else plt.subplots(figsize=(6.4, 1.2 + 0.3 * len(chosen)), layout="constrained")[1]
         for k, name in enumerate(chosen):
@@ -241,8 +240,7 @@ class FitPlots:
 def along_track(track: TrackResult, names: Sequence[str], axes: Any) -> Axes | np.ndarray[Any, Any]:
     """Estimates of a track over time, with bands of two standard deviations."""
     for name in names:
-        if name not in track.values:
-            raise BadInput(f"names: this track has no estimate {name!r}.{near_or_all(name, track.values)}")
+        must_be_one_of(track.values, name, "names: this track has no estimate")
     chosen = list(names) or list(track.values)
     drawn = _rows(axes, len(chosen), "time [s]")
     edges = np.concatenate(([0], np.flatnonzero(np.diff(track.run)) + 1, [len(track.run)]))

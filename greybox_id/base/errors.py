@@ -74,6 +74,20 @@ def nearest(name: str, known: Iterable[str]) -> str | None:
     return lowered[result[0]] if result else None
 
 
+def must_be_one_of(known: Iterable[str], value: object, sentence: str) -> None:
+    """Raise `BadInput` for a value that is none of those known, in a sentence that begins so: "There is no target"."""
+    names = list(known)
+    if value not in names:
+        raise BadInput(f"{sentence} {value!r:.40}.{near_or_all(str(value), names)}")
+
+
+def must_be_whole(value: object, name: str, least: int, most: int | None = None) -> None:
+    """Raise `BadInput` for what is no whole number from `least` on."""
+    if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= (value if most is None else most):
+        up_to = "on" if most is None else f"to {most}"
+        raise BadInput(f"‹{name}›: a whole number from {least} {up_to} is needed, not {value!r:.40}.")
+
+
 def near_or_all(name: str, known: Iterable[str]) -> str:
     """What was meant, or where nothing is near all there is; with a leading space."""
     names = list(known)

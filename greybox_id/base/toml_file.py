@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from collections.abc import Collection, Mapping
 from pathlib import Path
@@ -12,6 +14,17 @@ from .files import small_file
 
 NEVER_EMPTY = ("column", "name", "unit")
 """Keys whose text says something where it is there."""
+BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+def quoted(text: str) -> str:
+    """Text as TOML writes it: JSON's escapes are its own but for the one character that JSON leaves as it is."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def key_of(name: str) -> str:
+    """A name as TOML writes it for a key."""
+    return name if BARE_KEY.fullmatch(name) else quoted(name)
 
 
 def small_text(path: str | Path, what: str) -> str:

@@ -23,7 +23,7 @@ from typing import Any
 import click
 from click.core import ParameterSource
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of, near_or_all
 from .commands import command_names, entry_of
 from .options import MARK
 from .terminal import tell
@@ -94,8 +94,7 @@ def _of_command(ctx: click.Context, command: click.Command, table: Any, where: s
     options = {_long(param).removeprefix("--"): param for param in command.params if isinstance(param, click.Option)}
     result = {}
     for key, value in table.items():
-        if key not in options:
-            raise BadInput(f"{where}: there is no option {key!r}.{near_or_all(key, options)}")
+        must_be_one_of(options, key, f"{where}: there is no option")
         if key in NAMES_CODE:
             raise BadInput(
                 f"{where}: {key} names code to run, which a file in a folder may not; say --{key} when you mean it."
@@ -110,8 +109,7 @@ def _of_command(ctx: click.Context, command: click.Command, table: Any, where: s
 
 
 def _inner(group: click.Group, name: str, where: str) -> click.Command:
-    if name not in group.commands:
-        raise BadInput(f"{where}: there is no command {name!r}.{near_or_all(name, group.commands)}")
+    must_be_one_of(group.commands, name, f"{where}: there is no command")
     return group.commands[name]
 
 

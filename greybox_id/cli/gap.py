@@ -31,7 +31,7 @@ from ..models.vehicle import Vehicle, write_vehicle
 from ..reports.gap.saved import KIND, Made, as_plain_data, as_text
 from ..reports.gap.words import before_words, budget, magnitude_words, unchanged_words
 from ..reports.text.gap import parts, probability
-from ..reports.text.screen import led
+from ..reports.text.screen import led, plain_table
 from .defaults import command_line
 from .options import VEHICLES, columns_option, fit_of, json_option, named_model, names, own_option, read_part
 from .output import console, print_json, progress
@@ -177,9 +177,8 @@ def what_would_show(
     if as_json:
         print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title in ("effect", "shows from", "runs scatter by", "sd from one run"):
-        table.add_column(title, header_style="dim", justify="left" if title == "effect" else "right")
+    sizes = ("shows from", "runs scatter by", "sd from one run")
+    table = plain_table("effect", *sizes, right=sizes)
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
     console().print(f"On one more recording like {listed([item.name for item in before])} a change would show:")

@@ -41,6 +41,14 @@ def show(parts: Iterable[RenderableType]) -> None:
         screen.print(part)
 
 
+def tell_result(result: Any, as_json: bool) -> None:
+    """Print a result's summary, or its plain data as one JSON object."""
+    if as_json:
+        print_json(result.to_json())
+    else:
+        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
+
+
 @contextmanager
 def progress() -> Iterator[Say]:
     """A live line on a terminal, plain lines elsewhere; all on standard error.

@@ -300,12 +300,18 @@ class Recording:
     def rows(self, start: int, stop: int) -> Recording:
         """The rows [start, stop), joins kept."""
         inside = [(max(a, start) - start, min(b, stop) - start) for a, b in self.runs]
-        return replace(
-            self,
-            time=self.time[start:stop],
-            signals={name: values[start:stop] for name, values in self.signals.items()},
-            runs=tuple((a, b) for a, b in inside if b > a),
-        )
+        return self.taken(slice(start, stop), ((a, b) for a, b in inside if b > a))
+
+    def every(self, step: int) -> Recording:
+        """Every so manieth row of each run."""
+        kept = [np.arange(start, stop, step) for start, stop in self.runs]
+        ends = np.cumsum([0, *map(len, kept)]).tolist()
+        return self.taken(np.concatenate(kept), zip(ends[:-1], ends[1:], strict=True))
+
+    def taken(self, rows: slice | NDArray[np.intp] | NDArray[np.bool_], runs: Iterable[tuple[int, int]]) -> Recording:
+        """Some rows, by place or as a mask, whose runs are then these."""
+        signals = {name: values[rows] for name, values in self.signals.items()}
+        return replace(self, time=self.time[rows], signals=signals, runs=tuple(runs))
 
     @understood
     def between(self, start: float | None = None, stop: float | None = None) -> Recording:
@@ -350,13 +356,8 @@ class Recording:
         for start, stop in self.runs:
             edges = np.flatnonzero(np.diff(np.concatenate(([False], rows[start:stop], [False])).astype(int))) + start
             runs += [(int(count[a]), int(count[b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        return replace(
-            self,
-            time=self.time[rows],
-            signals={name: values[rows] for name, values in self.signals.items()},
-            runs=tuple(runs),
-            notes=(*self.notes, f"{np.count_nonzero(rows)} of {len(self)} rows are those {words}."),
-        )
+        note = f"{np.count_nonzero(rows)} of {len(self)} rows are those {words}."
+        return replace(self.taken(rows, runs), notes=(*self.notes, note))
 
     def with_signals(self, **signals: Array) -> Recording:
         """The same recording with signals added or replaced (SI units)."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from ..base.errors import BadInput
 from ..base.numbers import exact
+from ..base.toml_file import key_of, quoted
 from ..base.units import to_si
 from .column_map import Column, ColumnMap, carried_map, column_map
 from .recording import Recording
@@ -153,7 +153,7 @@ def map_text(mapping: ColumnMap) -> str:
             lines += [
                 "",
                 f"[{title}]",
-                *(f"{_key(n)} = {{ {', '.join(column_fields(c))} }}" for n, c in columns.items()),
+                *(f"{key_of(n)} = {{ {', '.join(column_fields(c))} }}" for n, c in columns.items()),
             ]
     for title, column, optional in (
         ("runs", mapping.run_column, mapping.run_column_optional),
@@ -186,12 +186,3 @@ def column_fields(column: Column) -> list[str]:
     if column.lookup:
         fields.append(f"lookup = [{', '.join(str(list(axis)) for axis in zip(*column.lookup, strict=True))}]")
     return fields + (["optional = true"] if column.optional else [])
-
-
-def _key(name: str) -> str:
-    return name if name.replace("_", "").replace("-", "").isalnum() and name.isascii() else quoted(name)
-
-
-def quoted(text: str) -> str:
-    """Text as TOML writes it; JSON's escapes are TOML's, but for what lies beyond 16 bits, which stays as it is."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

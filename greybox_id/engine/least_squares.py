@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.shorthands import Array, Index
 from ..models.model import Model
-from ..models.parameter import Parameter, Prior
+from ..models.parameter import Parameter, Prior, placed
 
 
 def prior_rows(
@@ -31,16 +31,15 @@ def prior_rows(
     """
     strengths = strengths or {}
     blocks: list[tuple[Index, Array, Array]] = []  # entry indices (rows, terms), coefficients, offsets
-    start = 0
-    for parameter in parameters:
-        index = start + np.arange(parameter.size).reshape(parameter.shape)
-        start += parameter.size
+    size = 0
+    for parameter, place in placed(parameters):
+        index, size = np.arange(place.start, place.stop).reshape(parameter.shape), place.stop
         if parameter.prior is not None:
             blocks += _rows(parameter, parameter.prior, index, strengths.get(parameter.prior.strength, 1.0))
     if not blocks:
-        return sp.csr_matrix((0, start)), np.empty(0)
+        return sp.csr_matrix((0, size)), np.empty(0)
     matrices: list[sp.csr_matrix] = [
-        sp.csr_matrix((c.ravel(), (np.repeat(np.arange(len(i)), i.shape[1]), i.ravel())), shape=(len(i), start))
+        sp.csr_matrix((c.ravel(), (np.repeat(np.arange(len(i)), i.shape[1]), i.ravel())), shape=(len(i), size))
         for i, c, _ in blocks
     ]
     return sp.vstack(matrices, format="csr"), np.concatenate([offsets for _, _, offsets in blocks])
@@ -109,12 +108,10 @@ def limits(model: Model, layout: Layout) -> tuple[tuple[Array, Array], NDArray[n
     """Lowest and highest values of all unknowns, and whether each is free."""
     low, high = np.full(layout.size, -np.inf), np.full(layout.size, np.inf)
     free = np.ones(layout.size, dtype=bool)
-    start = 0
-    for parameter in model.parameters:
+    for parameter, place in placed(model.parameters):
         for index in layout.index:
-            value = index[start : start + parameter.size]
+            value = index[place]
             low[value], high[value], free[value] = *parameter.bounds, not parameter.fixed
-        start += parameter.size
     return (low, high), free
 
 
@@ -123,17 +120,15 @@ def beliefs(
 ) -> tuple[sp.csr_matrix, Array]:
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
     rows, columns, values, offsets = ([np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)], [np.empty(0)])
-    start, count = 0, 0
-    for parameter in model.parameters:
-        value = slice(start, start + parameter.size)
-        start += parameter.size
+    count = 0
+    for parameter, place in placed(model.parameters):
         if parameter.prior is None:
             continue
         R, r = prior_rows([parameter], strengths)
         known = sp.coo_matrix(R)
         for index in layout.index[: copies if parameter.scope == "run" else 1]:
             rows.append(np.asarray(count + known.row, np.intp))
-            columns.append(index[value][known.col])
+            columns.append(index[place][known.col])
             values.append(known.data)
             offsets.append(r)
             count += len(r)

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol
 
+import numpy as np
+
 from ..base.errors import BadInput
 from ..base.shorthands import Array, Index, Mask
 from ..models.memory_model import MemoryModel
@@ -32,13 +34,18 @@ class Prediction:
     measured: Array
     run: Index
 
-    def taken(self, order: Index) -> Prediction:
+    def taken(self, order: Index | Mask | slice) -> Prediction:
         """Some of the rows, in that order."""
         return Prediction(self.rows[order], self.predicted[order], self.measured[order], self.run[order])
 
     def of(self, outputs: Sequence[int]) -> Prediction:
         """The same of some of the outputs."""
         return replace(self, predicted=self.predicted[:, outputs], measured=self.measured[:, outputs])
+
+
+def breaks(rows: Index | Array, run: Index | Array) -> Index:
+    """Where a row does not follow the one before it, or is of another run."""
+    return np.flatnonzero((np.diff(rows) != 1) | (np.diff(run) != 0)) + 1
 
 
 Diagnosed = MotionModel | MemoryModel

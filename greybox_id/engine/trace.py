@@ -32,6 +32,7 @@ from ..base.errors import BadModel, GreyboxError, near_or_all
 from ..base.shorthands import Index
 from ..models.memory_model import MemoryModel
 from ..models.model import Model, Namespace, Symbol
+from ..models.parameter import placed
 from .virtual import SampledFunction
 
 if TYPE_CHECKING:
@@ -383,15 +384,14 @@ class _Windows:
 
 def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
     """The parameters of a model by name: p.m an expression, p.F an array of expressions, from one vector."""
-    named, start = {}, 0
-    for parameter in model.parameters:
+    named = {}
+    for parameter, place in placed(model.parameters):
         if parameter.shape == ():
-            named[parameter.name] = vector[start]
+            named[parameter.name] = vector[place.start]
         else:
             entries = np.empty(parameter.size, dtype=object)
-            entries[:] = [vector[start + k] for k in range(parameter.size)]
+            entries[:] = [vector[k] for k in range(place.start, place.stop)]
             named[parameter.name] = entries.reshape(parameter.shape)
-        start += parameter.size
     return SimpleNamespace(**named)
 
 

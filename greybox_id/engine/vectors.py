@@ -322,10 +322,10 @@ def source(value: cs.Function, slope: cs.Function) -> str:
             _simulation(value),
             *[f"#define {name} {size}" for name, size in sizes.items()],
             straight_line("slope", slope, [following, y, *derivatives], ["int reading", "const ptrdiff_t *moving"]),
-            _table("B_ROW", B.get_triplet()[0]),
-            _table("B_COLUMN", B.get_triplet()[1]),
-            _table("D_ROW", D.get_triplet()[0]),
-            _table("D_COLUMN", D.get_triplet()[1]),
+            table("B_ROW", B.get_triplet()[0]),
+            table("B_COLUMN", B.get_triplet()[1]),
+            table("D_ROW", D.get_triplet()[0]),
+            table("D_COLUMN", D.get_triplet()[1]),
             product("A_times", A),
             product("C_times", C),
             ADD,
@@ -356,7 +356,8 @@ def _results(value: cs.Function) -> list[Result]:
     return [Result("next"), Result("y", ["reading"] * value.nnz_out(1))]
 
 
-def _table(name: str, entries: Sequence[int]) -> str:
+def table(name: str, entries: Sequence[int]) -> str:
+    """A table of small numbers in C."""
     return f"static const short {name}[] = {{{', '.join(map(str, entries)) or 0}}};"
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of
 from ..base.version import __version__
 from ..engine.simulation import equations_of_motion
 from ..fitting.fit import Fit
@@ -58,8 +58,7 @@ class Subject:
         named_in_c(self.name)
         known = [parameter.name for parameter in self.model.parameters]
         for name in self.moving or ():
-            if name not in known:
-                raise BadInput(f"{self.model.name} has no parameter {name!r}.{near_or_all(name, known)}")
+            must_be_one_of(known, name, f"{self.model.name} has no parameter")
 
     @cached_property
     def equations(self) -> Equations:

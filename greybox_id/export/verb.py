@@ -16,7 +16,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Protocol
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of
 from ..base.extensions import EXPORTERS, extensions
 from ..base.files import new_folder, replacing
 from ..base.guard import claim, permit_folder
@@ -169,8 +169,7 @@ def origins(subject: Subject, target: str) -> list[KeyOrigin]:
 def _module(target: str) -> ModuleType:
     if target in REFUSED:
         raise BadInput(f"There is no target {target}: {REFUSED[target]}")
-    if target not in TARGETS:
-        raise BadInput(f"There is no target {target!r}.{near_or_all(target, TARGETS)}")
+    must_be_one_of(TARGETS, target, "There is no target")
     return import_module(f".target_{target}", __package__)
 
 

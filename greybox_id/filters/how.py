@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import isfinite
 from typing import get_args
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of
 from .filtering import GATE
 from .kernel import Kind, SigmaPoints
 
@@ -62,8 +62,7 @@ class TrackOptions:
                 raise BadInput(
                     f"{name}: a list of names is needed, as in {name}=['a_y'], not the text {getattr(self, name)!r}."
                 )
-        if self.filter not in get_args(Kind):
-            raise BadInput(f"filter: there is no {self.filter!r:.40}.{near_or_all(str(self.filter), get_args(Kind))}")
+        must_be_one_of(get_args(Kind), self.filter, "filter: there is no")
         for name, least in (("tune", "zero or more"), ("calibrate", "zero or more"), ("gate", "above zero")):
             value = getattr(self, name)
             if not (

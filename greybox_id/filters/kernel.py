@@ -28,7 +28,7 @@ import numpy as np
 from ..base.shorthands import Array
 from ..engine.compiler import library
 from ..engine.graph import Result, straight_line
-from ..engine.vectors import PRELUDE, product
+from ..engine.vectors import PRELUDE, product, table
 from .state_space import StateSpace
 
 NARROW = "#define NARROW"
@@ -87,18 +87,14 @@ def ekf_source(step: cs.Function, output: cs.Function, many: bool, throughout: b
     row, column = H.get_triplet()
     by_row = sorted(range(H.nnz()), key=row.__getitem__)
     tables = [
-        _table("H_BEGIN", [sum(r < i for r in row) for i in range(H.size1() + 1)]),
-        _table("H_PLACE", by_row),
-        _table("H_COLUMN", [column[k] for k in by_row]),
+        table("H_BEGIN", [sum(r < i for r in row) for i in range(H.size1() + 1)]),
+        table("H_PLACE", by_row),
+        table("H_COLUMN", [column[k] for k in by_row]),
         product("F_times", F),
-        *(_table(f"F_{name}", item) for name, item in zip(("ROW", "COLUMN"), F.get_triplet(), strict=True)),
+        *(table(f"F_{name}", item) for name, item in zip(("ROW", "COLUMN"), F.get_triplet(), strict=True)),
         *(["#define THROUGHOUT"] if throughout else []),
     ]
     return written(step, output, tables, "ekf.c", narrow=not many, NF=F.nnz(), NH=H.nnz())
-
-
-def _table(name: str, entries: Sequence[int]) -> str:
-    return f"static const short {name}[] = {{{', '.join(map(str, entries)) or 0}}};"
 
 
 def ukf_source(step: cs.Function, output: cs.Function) -> str:

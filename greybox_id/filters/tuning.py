@@ -27,7 +27,7 @@ from ..base.signals import unit_of
 from ..base.statistics import white_noise_sd
 from ..datasets.recording import Recording
 from ..models.motion_model import MotionModel
-from ..models.parameter import Parameter
+from ..models.parameter import Parameter, free_places
 from .filtering import Filtering, LaidRun
 from .state_space import StateSpace
 
@@ -112,12 +112,8 @@ def noise_coordinates(
 
 def model_coordinates(model: MotionModel, tracked: Sequence[str]) -> list[Coordinate]:
     """The model's free single parameters that are not tracked."""
-    result, place = [], 0
-    for parameter in model.parameters:
-        if not parameter.fixed and parameter.shape == () and parameter.name not in tracked:
-            result.append(_coordinate(parameter, place))
-        place += parameter.size
-    return result
+    free = free_places(model.parameters)
+    return [_coordinate(model[name], place) for name, place in free.items() if name not in tracked]
 
 
 def tuned(

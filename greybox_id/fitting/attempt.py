@@ -22,7 +22,7 @@ from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.solvers.ipopt import NEAR, SAME, ipopt
 from ..engine.solvers.quasi_newton import refine, settle
 from ..models.motion_model import MotionModel
-from ..models.parameter import unpack
+from ..models.parameter import free_places, unpack
 from .how import FitOptions, Say, quiet
 from .provenance import Certificate
 
@@ -337,13 +337,7 @@ def _relative_change(before: Array, after: Array) -> float:
 def free_numbers(model: MotionModel, attempt: Attempt) -> dict[str, float]:
     """Where an attempt ended, of single numbers that are free."""
     p = attempt.problem.shared(attempt.solution.x)
-    places = np.concatenate([[0], np.cumsum([parameter.size for parameter in model.parameters])])
-    free = {
-        parameter.name: places[k]
-        for k, parameter in enumerate(model.parameters)
-        if parameter.shape == () and not parameter.fixed
-    }
-    return {name: float(p[place]) for name, place in free.items()}
+    return {name: float(p[place]) for name, place in free_places(model.parameters).items()}
 
 
 CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS, CORNER_ITERATIONS = 30, 15, 8, 3

@@ -1,7 +1,6 @@
 """A fit: a model with its estimates, their uncertainty, metrics, solver record and provenance.
 
-Saved as JSON and loaded again without running code from the file: the file names the model and its settings,
-the caller hands in the function that builds models by name.
+Saved as JSON; `saved_fit.py` reads it back.
 
 Combinations of parameters as a fit tells them, and how far a 95 % interval reaches.
 
@@ -10,28 +9,22 @@ The verdict on a fit: whether it can be used, and why.
 
 from __future__ import annotations
 
-import warnings
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy import special
 
-from ..base.condition import span
-from ..base.declared import of_plain, understood
-from ..base.errors import BadInput
+from ..base.declared import understood
 from ..base.files import write_atomically
 from ..base.json_data import Kind
-from ..base.origin import Origin
 from ..base.shorthands import Array
 from ..base.version import __version__
-from ..models.memory_model import MemoryModel
 from ..models.model import Combination, Model
-from ..models.parameter import Parameter, Prior
+from ..models.parameter import Parameter, Prior, free_places
 from .provenance import DataRecord, Stage
 
 Usability = Literal["usable", "usable with care", "not usable"]
@@ -135,17 +128,15 @@ def combined(combination: Combination, model: Model, covariance: Array, dof: Map
     covariance : (parameters, parameters) of its parameter vector.
     dof : name -> degrees of freedom of its standard deviation.
     """
-    parameters = [p for p in model.parameters if p.shape == ()]
-    values = {p.name: float(p.array) for p in parameters}
+    values = {p.name: float(p.array) for p in model.parameters if p.shape == ()}
     value = float(combination.of(SimpleNamespace(**values)))
-    gradient, start, of = np.zeros(model.size), 0, np.full(model.size, np.inf)
-    for p in model.parameters:
-        if p in parameters and not p.fixed and np.isfinite(values[p.name]):
-            step = 1e-6 * max(abs(values[p.name]), 1e-3)
-            up, down = (SimpleNamespace(**{**values, p.name: values[p.name] + sign * step}) for sign in (1, -1))
-            gradient[start] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
-            of[start] = float(np.min(dof.get(p.name, np.asarray(np.inf))))
-        start += p.size
+    gradient, of = np.zeros(model.size), np.full(model.size, np.inf)
+    for name, k in free_places(model.parameters).items():
+        if np.isfinite(values[name]):
+            step = 1e-6 * max(abs(values[name]), 1e-3)
+            up, down = (SimpleNamespace(**{**values, name: values[name] + sign * step}) for sign in (1, -1))
+            gradient[k] = (float(combination.of(up)) - float(combination.of(down))) / (2 * step)
+            of[k] = float(np.min(dof.get(name, np.asarray(np.inf))))
     moved = np.flatnonzero(gradient)
     variance = float(gradient[moved] @ covariance[np.ix_(moved, moved)] @ gradient[moved])
     shares = gradient * (covariance @ gradient)
@@ -168,26 +159,10 @@ HARDLY, SURPRISING = 0.7, 3.0
 """A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
 CLEARLY = 10.0
 """Log of how much likelier other parameters in the second half of the data have to be before they are told."""
-CHOICES: Mapping[str, Any] = {
-    "horizon": float | None,
-    "robust": float | None,
-    "start_from": str,
-    "inputs": Mapping[str, str],
-    "counted": Mapping[str, float],
-    "imported": str,
-}
-"""What a fit's `how` may hold that others rely on, with its type; `TypeError` where a file says otherwise."""
 FREE_RUN = "free run"
 """The protocol under which every model is scored that moves on by itself."""
-LARGEST = 1e150
-"""Variances, errors and objectives above it are none: their squares leave the range of numbers."""
-ROUNDING = 1e-6
-"""Share by which a covariance may be off through rounding."""
 UNTOLD = 0.5
 """A positive number whose standard deviation is more than this share of it is not determined."""
-
-Build = Callable[[str, Mapping[str, Any], Mapping[str, float]], Model]
-"""Model name, settings, effects with their magnitudes -> model."""
 
 
 @dataclass(frozen=True)
@@ -326,170 +301,11 @@ class Fit:
         return write_atomically(Path(path), KIND.text(self.as_dict()))
 
 
-def load(path: str | Path, build: Build) -> Fit:
-    """Read a fit back.
-
-    Parameters
-    ----------
-    path : a file written by `Fit.save`.
-    build : makes a model from its name, settings and effects.
-
-    Raises
-    ------
-    BadInput : the file is no fit, is damaged, or was written by another version; or its equations are in a module that
-        greybox-id does not ship and that `build` does not know. A file never names code that loading it would run.
-
-    Warns
-    -----
-    UserWarning : equations of one's own come from a file that has changed since the fit was saved.
-    """
-
-    def made(body: Mapping[str, Any]) -> Fit:
-        return _sound(_from_dict(body, _checked(build, body["model"].get("origins", {}), Path(path))))
-
-    return KIND.load(path, made)
-
-
-def _sound(fit: Fit) -> Fit:
-    """The fit, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
-    if not fit.stages and "imported" not in fit.how:
-        raise ValueError("it has no stages, and was not imported")
-    for k, stage in enumerate(fit.stages):
-        _sizes((*stage.history, *stage.starts), f"objectives of stages[{k}]")
-        _sizes(tuple(stage.noise.values()), f"noise of stages[{k}]")
-        if len({frozenset(item) for item in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
-            raise ValueError(f"its starts of stages[{k}] did not all end at the same parameters' values")
-    for name, sd in fit.sd.items():
-        _sizes(sd, f"standard deviation of {name}")
-    if fit.covariance is not None:
-        _of_covariance(fit.covariance)
-    for error in (item for role in fit.metrics.values() for protocol in role.values() for item in protocol.values()):
-        known = {name: value for name, value in error.items() if name != "diverges"}  # where it does is a record
-        if not {"rmse", "rmse_sd", "fvu"} <= of_plain(Mapping[str, float], known, "metrics").keys():
-            raise ValueError("its metrics are not complete")
-        _sizes((error["rmse"], error["rmse_sd"]), "errors in metrics")
-    if not isinstance(fit.model, MemoryModel) and any(
-        metric and FREE_RUN not in metric for metric in fit.metrics.values()
-    ):
-        raise ValueError("its metrics are not complete")
-    for name, kind in CHOICES.items():
-        if name in fit.how:
-            of_plain(kind, fit.how[name], f"how.{name}")
-    for record in fit.data:
-        if record.role not in ("train", "validate") or min(record.samples, record.runs) < 1 or not record.duration >= 0:
-            raise ValueError(f"its record of {record.name!r:.60} is not that of a recording")
-        if record.between:
-            try:
-                span(record.between)
-            except BadInput as error:
-                raise ValueError(f"in its record of {record.name!r:.60}, {error}") from error
-    for name, values in fit.per_run.items():
-        if name not in fit.model or np.shape(values)[1:] != fit.model[name].shape:
-            raise ValueError(f"its values of {name!r:.60} by run are not those of a parameter")
-    for name, values in fit.dof.items():
-        if np.shape(values) not in ((), fit.model[name].shape):
-            raise ValueError(f"its degrees of freedom of {name} have shape {np.shape(values)}")
-    return fit
-
-
-def _sizes(values: ArrayLike, what: str) -> None:
-    """Raise `ValueError` unless these are sizes: not negative, and of no absurd size unless infinite or not told."""
-    value = np.asarray(values, dtype=float)
-    if np.any(value < 0) or np.any((value > LARGEST) & np.isfinite(value)):
-        raise ValueError(f"its {what} are no sizes")
-
-
-def _of_covariance(matrix: Array) -> None:
-    """Raise `ValueError` unless this can be a covariance: symmetric, and no correlation beyond one."""
-    variance = np.diag(matrix)
-    if not np.all(np.isfinite(matrix)) or np.any(variance < 0) or np.any(variance > LARGEST):
-        raise ValueError("its covariance has a variance that is negative, too large or not finite")
-    most = np.sqrt(np.outer(variance, variance)) * (1 + ROUNDING)
-    if np.any(np.abs(matrix) > most) or np.any(np.abs(matrix - matrix.T) > ROUNDING * most):
-        raise ValueError("its covariance is invalid: it is not symmetric, or has correlations beyond one")
-
-
-def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path) -> Build:
-    """The same, with a sentence on equations that are not shipped: which are missing, which have changed."""
-    recorded = {name: Origin(str(origin["file"]), str(origin["sha256"])) for name, origin in origins.items()}
-
-    def checked(name: str, settings: Mapping[str, Any], effects: Mapping[str, float]) -> Model:
-        try:
-            model = build(name, settings, effects)
-        except BadInput as error:
-            if not recorded:
-                raise
-            where = "; ".join(f"{name} in {origin.words}" for name, origin in recorded.items())
-            raise BadInput(
-                f"{path} needs equations that greybox-id does not ship: {where}. A fit's file never runs code: hand "
-                f"them over when loading it (‹own|models=, effects=›). {error}"
-            ) from error
-        present = {**model.origins, name: model.origin}
-        for item, origin in recorded.items():
-            now = present.get(item)
-            if now is not None and origin.sha256 and now.sha256 and now.sha256 != origin.sha256:
-                warnings.warn(
-                    f"{path} was saved with {item} in {origin.words}, which is now {now.words}: where the equations "
-                    "differ, its numbers mean nothing. Fit again.",
-                    stacklevel=2,
-                )
-        return model
-
-    return checked
-
-
 def _origins_as_dict(model: Model) -> dict[str, Any]:
     """Where equations come from that are not shipped; nothing where all are."""
     value = model.origin
     result = {**model.origins, **({model.name: value} if value is not None else {})}
     return {"origins": {name: asdict(origin) for name, origin in result.items()}} if result else {}
-
-
-def _from_dict(body: Mapping[str, Any], build: Build) -> Fit:
-    described = body["model"]
-    model = build(described["name"], described["settings"], described["effects"])
-    stored = body["parameters"]
-    if set(stored) != {p.name for p in model.parameters}:
-        raise ValueError(f"its parameters are not those of model {model.name}")
-    for p in model.parameters:
-        shape = np.shape(stored[p.name]["sd"])
-        if shape != p.shape:
-            raise ValueError(f"the standard deviations of {p.name} have shape {shape}, its values {p.shape}")
-    model = model.with_parameters(*(_restored(p, stored[p.name]) for p in model.parameters))
-    return Fit(
-        model=model,
-        sd={name: np.asarray(record["sd"], dtype=float) for name, record in stored.items()},
-        stages=of_plain(tuple[Stage, ...], body["stages"], "stages"),
-        metrics=of_plain(Mapping[str, Mapping[str, Mapping[str, Mapping[str, Any]]]], body["metrics"], "metrics"),
-        data=of_plain(tuple[DataRecord, ...], body["data"], "data"),
-        mode=of_plain(str, body["mode"], "mode"),
-        seed=of_plain(int, body["seed"], "seed"),
-        dof={name: np.asarray(record["dof"], dtype=float) for name, record in stored.items() if "dof" in record},
-        covariance=_covariance_from_dict(body["covariance"], model),
-        how=of_plain(Mapping[str, Any], body["how"], "how"),
-        per_run={name: np.asarray(values, dtype=float) for name, values in body["per_run"].items()},
-        command=of_plain(str, body["command"], "command"),
-        version=of_plain(str, body["version"], "version"),
-        verdict=verdict_from(body),
-    )
-
-
-def _restored(parameter: Parameter, record: Mapping[str, Any]) -> Parameter:
-    """A parameter of the registry's model as the fit had it: a vehicle file may have changed what is known of it."""
-    changes: dict[str, Any] = {"fixed": bool(record["fixed"])}
-    if parameter.shape == ():
-        prior = record["prior"]
-        changes |= {
-            "bounds": tuple(float(bound) for bound in record["bounds"]),
-            "prior": None if prior is None else _prior(prior, f"prior of {parameter.name}"),
-            "scope": of_plain(Literal["model", "run"], record["scope"], f"scope of {parameter.name}"),
-        }
-    return replace(parameter, value=np.asarray(record["value"], dtype=float).reshape(parameter.shape), **changes)
-
-
-def _prior(record: Mapping[str, Any], name: str) -> Prior:
-    sd, mean = (of_plain(float | None, record.get(key), f"{name}, its {key},") for key in ("sd", "mean"))
-    return Prior(sd, mean=mean, strength=of_plain(str, record.get("strength", ""), f"{name}, its strength,"))
 
 
 def _prior_as_dict(parameter: Parameter) -> dict[str, Any] | None:
@@ -504,28 +320,11 @@ def _covariance_as_dict(fit: Fit) -> dict[str, Any] | None:
     """The covariance of the numbers that moved, by name; that of networks is left out for its size."""
     if fit.covariance is None:
         return None
-    moved, start = [], 0
-    for parameter in fit.model.parameters:
-        if parameter.shape == () and not parameter.fixed:
-            moved.append((parameter.name, start))
-        start += parameter.size
-    if len(moved) > MOST_COVARIANCES:
+    free = free_places(fit.model.parameters)
+    if len(free) > MOST_COVARIANCES:
         return None
-    places = [place for _, place in moved]
-    return {"names": [name for name, _ in moved], "matrix": fit.covariance[np.ix_(places, places)].tolist()}
-
-
-def _covariance_from_dict(record: Mapping[str, Any] | None, model: Model) -> Array | None:
-    if record is None:
-        return None
-    start, place = 0, {}
-    for parameter in model.parameters:
-        place[parameter.name] = start
-        start += parameter.size
-    matrix = np.zeros((model.size, model.size))
-    places = [place[name] for name in record["names"]]
-    matrix[np.ix_(places, places)] = np.asarray(record["matrix"], dtype=float).reshape(len(places), len(places))
-    return matrix
+    places = [*free.values()]
+    return {"names": [*free], "matrix": fit.covariance[np.ix_(places, places)].tolist()}
 
 
 def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, str]:

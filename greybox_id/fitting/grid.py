@@ -21,7 +21,7 @@ import pandas as pd
 import scipy.linalg as la
 from threadpoolctl import threadpool_limits
 
-from ..base.errors import BadInput
+from ..base.errors import BadInput, must_be_whole
 from ..base.processes import side_by_side
 from ..base.shorthands import Array
 from ..base.statistics import correlation_time
@@ -121,8 +121,7 @@ def fit_grid(
     """
     if strength is not None and not above_zero(strength):
         raise BadInput(f"‹strength›: a factor above zero is needed, or None, not {strength!r:.40}.")
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise BadInput(f"‹jobs›: a whole number from 1 on is needed, not {jobs!r:.40}.")
+    must_be_whole(jobs, "jobs", 1)
     base = dict(settings or {})
     train.must_run()
     several = cells(varied)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, get_args
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of, must_be_whole, near_or_all
 from ..base.signals import unit_of, unit_of_quantity
 from ..base.units import Quantity, number
 from ..engine.motion.shooting import Starts
@@ -94,13 +94,9 @@ class FitOptions:
             if value is not None and not above_zero(value):
                 raise BadInput(f"‹{name}›: {what}, not {value!r:.40}.")
         for name, least in (("starts", 1), ("jobs", 1), ("seed", 0)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < least:
-                raise BadInput(f"‹{name}›: a whole number from {least} on is needed, not {value!r:.40}.")
+            must_be_whole(getattr(self, name), name, least)
         for name, words in (("solver", get_args(Solver)), ("start_from", get_args(Starts))):
-            value = getattr(self, name)
-            if value not in words:
-                raise BadInput(f"‹{name}›: there is no {value!r:.40}.{near_or_all(str(value), words)}")
+            must_be_one_of(words, getattr(self, name), f"‹{name}›: there is no")
         if self.strengths not in ("cross-validation", "early stopping") and not above_zero(self.strengths):
             raise BadInput(
                 f'strengths: "cross-validation", "early stopping" or a factor above zero, not {self.strengths!r:.40}.'

@@ -23,7 +23,7 @@ from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.trace import Trace
 from ..models.memory_model import MemoryModel
 from ..models.model import must_be
-from ..models.parameter import unpack
+from ..models.parameter import placed, unpack
 from .crossvalidation import choose_structure
 from .fit import Fit
 from .holding import stated_again
@@ -188,22 +188,18 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
 
 def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Array]:
     variances = uncertainty(problem, solution.x, solution.nodes).sd ** 2
-    result, start = {}, 0
-    for parameter in problem.trace.model.parameters:
-        value = np.mean([variances[index[start : start + parameter.size]] for index in problem.layout.index], axis=0)
+    result = {}
+    for parameter, place in placed(problem.trace.model.parameters):
+        value = np.mean([variances[index[place]] for index in problem.layout.index], axis=0)
         result[parameter.name] = np.sqrt(np.maximum(value, 0.0)).reshape(parameter.shape)
-        start += parameter.size
     return result
 
 
 def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
-    result, start = {}, 0
-    for parameter in problem.trace.model.parameters:
+    result, runs = {}, problem.layout.index[: problem.copies]  # a mirror image shares its run's
+    for parameter, place in placed(problem.trace.model.parameters):
         if parameter.scope == "run":
-            runs = problem.layout.index[: problem.copies]  # a mirror image shares its run's
-            rows = [solution.x[index[start : start + parameter.size]] for index in runs]
-            result[parameter.name] = np.array(rows).reshape(len(rows), *parameter.shape)
-        start += parameter.size
+            result[parameter.name] = np.array([solution.x[index[place]].reshape(parameter.shape) for index in runs])
     return result
 
 
@@ -236,9 +232,8 @@ def _stated_again(model: MemoryModel, fit: Fit, recordings: Sequence[Recording])
         model = model.with_parameters(*(replace(model[name], fixed=True) for name in model.step_2_holds))
     noise = np.array([last.noise.get(name, 1.0) for name in model.outputs])
     problem = Problem(Trace(model), recordings, closed_loop=last.closed_loop, noise=noise, strengths=last.strengths)
-    x, start = problem.unknowns(model.values), 0
-    for parameter in model.parameters:
+    x = problem.unknowns(model.values)
+    for parameter, place in placed(model.parameters):
         for index, value in zip(problem.layout.index, fit.per_run.get(parameter.name, ()), strict=False):
-            x[index[start : start + parameter.size]] = np.ravel(value)
-        start += parameter.size
+            x[index[place]] = np.ravel(value)
     return problem, x

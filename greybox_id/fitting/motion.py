@@ -27,6 +27,7 @@ from ..engine.motion.simulator import Simulator
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..models.model import Model
 from ..models.motion_model import MotionModel
+from ..models.parameter import placed
 from .attempt import (
     MOST_STEPS,
     SHORT_STEPS,
@@ -390,11 +391,7 @@ def _named(model: Model, vector: Array) -> dict[str, Array]:
 
 
 def _named_rows(model: Model, rows: Array) -> dict[str, Array]:
-    result, start = {}, 0
-    for parameter in model.parameters:
-        result[parameter.name] = rows[:, start : start + parameter.size].reshape(len(rows), *parameter.shape)
-        start += parameter.size
-    return result
+    return {item.name: rows[:, place].reshape(len(rows), *item.shape) for item, place in placed(model.parameters)}
 
 
 carried.register(MotionModel)(carries_over)
@@ -427,10 +424,8 @@ def motion_problem(model: MotionModel, fit: Fit, recordings: Sequence[Recording]
         robust=how.get("robust"),
     )
     x = problem.unknowns(model.values)
-    start = 0
-    for parameter in model.parameters:
+    for parameter, place in placed(model.parameters):
         if parameter.name in fit.per_run:
             for index, value in zip(problem.parameters.index, fit.per_run[parameter.name], strict=True):
-                x[index[start : start + parameter.size]] = np.ravel(value)
-        start += parameter.size
+                x[index[place]] = np.ravel(value)
     return problem, x

@@ -16,7 +16,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of, must_be_whole
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from ..engine.hybrid.problem import HybridProblem, RateErrors
@@ -24,7 +24,7 @@ from ..engine.motion.simulator import Predictor, Simulator
 from ..engine.solvers.quasi_newton import descend
 from ..models.hybrid_model import HybridModel
 from ..models.motion_model import MotionModel
-from ..models.parameter import Prior
+from ..models.parameter import Prior, placed
 from .how import Say
 
 Span = Literal["data", "box"]
@@ -64,11 +64,8 @@ class Pretraining:
     beyond: float = 1.0
 
     def __post_init__(self) -> None:
-        if self.span not in get_args(Span):
-            known = near_or_all(str(self.span), get_args(Span))
-            raise BadInput(f"‹pretrain_range›: there is no {self.span!r:.40}.{known}")
-        if isinstance(self.points, bool) or not isinstance(self.points, int) or not 100 <= self.points <= 1_000_000:
-            raise BadInput(f"‹pretrain_points›: a whole number from 100 to 1000000 is needed, not {self.points!r:.40}.")
+        must_be_one_of(get_args(Span), self.span, "‹pretrain_range›: there is no")
+        must_be_whole(self.points, "pretrain_points", 100, 1_000_000)
         if isinstance(self.beyond, bool) or not 1.0 <= self.beyond <= 3.0:
             raise BadInput(f"‹pretrain_beyond›: a number from 1 to 3 is needed, not {self.beyond!r:.40}.")
 
@@ -81,15 +78,14 @@ def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
     BadInput : the known vehicle has none of them.
     """
     mean, sd = np.mean(known.draws, axis=0), np.std(known.draws, axis=0)
-    changed, start = [], 0
-    for parameter in known.model.parameters:
+    changed = []
+    for parameter, place in placed(known.model.parameters):
         if parameter.shape == () and parameter.name in model and parameter.name not in model.network.shapes:
             mine = model[parameter.name]
             low, high = min(mine.bounds[0], parameter.bounds[0]), max(mine.bounds[1], parameter.bounds[1])
-            value = np.array(float(mean[start]))
-            prior = Prior(float(sd[start]), mean=value) if sd[start] > 0 and not mine.fixed else mine.prior
+            value, spread = np.array(float(mean[place.start])), float(sd[place.start])
+            prior = Prior(spread, mean=value) if spread > 0 and not mine.fixed else mine.prior
             changed.append(replace(mine, value=value, bounds=(low, high), prior=prior))
-        start += parameter.size
     if not changed:
         raise BadInput(
             f"{known.source or known.model.name} has none of the parameters of the physics in {model.name}: "

@@ -23,7 +23,7 @@ from typing import cast, get_args
 import casadi as cs
 import numpy as np
 
-from ..base.errors import BadInput, near_or_all
+from ..base.errors import BadInput, must_be_one_of
 from ..datasets.recording import Recording
 from .hybrid import sized, v_y_of, weights
 from .hybrid_model import Carried, FeedForwardNetwork, HybridModel, Integrator
@@ -81,9 +81,7 @@ class LateralNetworkSettings:
         within(self, window=(2, 5000), warm_up=(0, 4999), least_speed=(0.1, 100.0))
         sized(self.window, self.warm_up, self.hidden)
         for name, words in (("activation", ("tanh", "relu")), ("integrator", get_args(Integrator))):
-            value = getattr(self, name)
-            if value not in words:
-                raise BadInput(f"Setting {name}: there is no {value!r:.40}.{near_or_all(value, words)}")
+            must_be_one_of(words, getattr(self, name), f"Setting {name}: there is no")
         if self.scales is not None and (len(self.scales) != 7 or min(np.delete(self.scales, 2)) <= 0):
             raise BadInput("Setting scales is a list of seven numbers, above zero but for the third, the mean speed.")
 

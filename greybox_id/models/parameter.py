@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -209,10 +209,19 @@ def pack(parameters: Iterable[Parameter]) -> Array:
     return np.concatenate(values) if values else np.empty(0)
 
 
+def placed(parameters: Iterable[Parameter]) -> Iterator[tuple[Parameter, slice]]:
+    """Each parameter, and where its numbers stand in a vector laid out as by `pack`."""
+    start = 0
+    for parameter in parameters:
+        yield parameter, slice(start, start + parameter.size)
+        start += parameter.size
+
+
+def free_places(parameters: Iterable[Parameter]) -> dict[str, int]:
+    """Name -> place in such a vector, of the parameters that are free and single numbers."""
+    return {item.name: place.start for item, place in placed(parameters) if item.shape == () and not item.fixed}
+
+
 def unpack(parameters: Iterable[Parameter], vector: Array) -> tuple[Parameter, ...]:
     """The parameters with the values of a vector laid out as by `pack`."""
-    result, start = [], 0
-    for parameter in parameters:
-        result.append(parameter.with_value(vector[start : start + parameter.size].reshape(parameter.shape)))
-        start += parameter.size
-    return tuple(result)
+    return tuple(item.with_value(vector[place].reshape(item.shape)) for item, place in placed(parameters))

@@ -30,7 +30,6 @@ Shipped ones lie in `vehicles/`.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from math import inf, isfinite, isinf, isnan
@@ -43,7 +42,7 @@ from ..base.errors import BadInput, near
 from ..base.files import write_atomically
 from ..base.guard import VEHICLE_MARK
 from ..base.signals import SIGNALS
-from ..base.toml_file import must_know, parse_toml, table_of, text_of
+from ..base.toml_file import key_of, must_know, parse_toml, quoted, table_of, text_of
 from ..base.version import __version__
 from ..datasets.shipped import named_text, shipped_files
 
@@ -375,9 +374,6 @@ def _all_known(
             )
 
 
-BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-
-
 def write_vehicle(vehicle: Vehicle, path: str | Path) -> Path:
     """Write a vehicle as TOML or, where the path ends in .json, as JSON; atomically.
 
@@ -449,20 +445,16 @@ def _toml(plain: Mapping[str, Any]) -> Iterator[str]:
     tables = {key: value for key, value in plain.items() if isinstance(value, Mapping)}
     for key, value in plain.items():
         if key not in tables:
-            yield f"{_key(key)} = {_inline(value)}"
+            yield f"{key_of(key)} = {_inline(value)}"
     for key, table in tables.items():
-        yield f"\n[{_key(key)}]"
+        yield f"\n[{key_of(key)}]"
         for name, value in table.items():
-            yield f"{_key(name)} = {_inline(value)}"
-
-
-def _key(name: str) -> str:
-    return name if BARE_KEY.fullmatch(name) else _quoted(name)
+            yield f"{key_of(name)} = {_inline(value)}"
 
 
 def _inline(value: Any) -> str:
     if isinstance(value, Mapping):
-        entries = [f"{_key(key)} = {_inline(item)}" for key, item in value.items() if item is not None]
+        entries = [f"{key_of(key)} = {_inline(item)}" for key, item in value.items() if item is not None]
         return f"{{ {', '.join(entries)} }}" if entries else "{}"
     if isinstance(value, (list, tuple)):
         return f"[{', '.join(_inline(item) for item in value)}]"
@@ -470,9 +462,4 @@ def _inline(value: Any) -> str:
         return "true" if value else "false"
     if isinstance(value, (int, float)):
         return repr(value)
-    return _quoted(str(value))
-
-
-def _quoted(text: str) -> str:
-    """A TOML basic string; JSON's escapes are its own but for the one character JSON leaves as it is."""
-    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return quoted(str(value))

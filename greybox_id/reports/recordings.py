@@ -81,8 +81,7 @@ def run_rows(one: Seen, protocol: str) -> list[tuple[int, Prediction]]:
     for number, ends in enumerate(one.recording.runs, 1):
         inside = slice(*np.searchsorted(whole.rows, ends).tolist())
         if inside.stop > inside.start:
-            part = Prediction(whole.rows[inside], whole.predicted[inside], whole.measured[inside], whole.run[inside])
-            result.append((number, part))
+            result.append((number, whole.taken(inside)))
     return result
 
 

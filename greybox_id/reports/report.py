@@ -134,22 +134,6 @@ FORMATS = {"pdf": write_pdf, "html": write_html}
 """Kind of file -> what writes it."""
 
 
-def report(fit: Fit, recordings: Sequence[Recording], out: str | Path) -> Path:
-    """Write the report of a fit, atomically; as HTML where the file's name ends so, else as PDF.
-
-    Parameters
-    ----------
-    fit : the fit.
-    recordings : what it saw, in any order; each is checked against the fit's record of it.
-    out : file to write.
-
-    Raises
-    ------
-    BadInput : a recording is missing or is another file, or `out` cannot be written.
-    """
-    return write(prepared(fit, recordings), out)
-
-
 def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None) -> Document:
     """What the report of a fit says and shows, of equations of motion with draws of its posterior.
 

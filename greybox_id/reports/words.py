@@ -54,11 +54,6 @@ def is_symbol_index(index: str) -> bool:
     return index in GREEK.values() or bool(re.fullmatch("[a-z]", index))
 
 
-def plain(text: str) -> str:
-    """A text of spans without their marks, for measuring."""
-    return "".join(span.words + ",".join(span.index) for span in spans(text))
-
-
 def _parts(text: str) -> Iterator[Span]:
     at = 0
     if alone := _ALONE.match(text):  # a label: a letter and its unit

@@ -6,13 +6,13 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import click
 
 from greybox_id.cli.commands import CommandGroup
 from greybox_id.cli.options import json_option
-from greybox_id.cli.output import console, print_json
+from greybox_id.cli.output import console, print_json, tell_result
 from greybox_id.cli.terminal import tell
 from greybox_id.reports.text.screen import Screen
 
@@ -92,7 +92,7 @@ def run_command(
             plan, out, engine=engine, scheduler=scheduler, jobs=jobs, only=only, retry_failed=retry_failed,
             compact=compact, refit=refit, progress=watch,
         )  # fmt: skip
-    _told(result, as_json)
+    tell_result(result, as_json)
 
 
 @fleet.command("status")
@@ -106,7 +106,7 @@ def status_command(results: Path, as_json: bool) -> None:
     """
     from ..fleet.status import status
 
-    _told(status(results), as_json)
+    tell_result(status(results), as_json)
 
 
 @fleet.command("estimate")
@@ -120,7 +120,7 @@ def estimate_command(results: Path, as_json: bool) -> None:
     """
     from ..fleet.estimate import estimate
 
-    _told(estimate(results), as_json)
+    tell_result(estimate(results), as_json)
 
 
 @fleet.command("report")
@@ -143,13 +143,6 @@ def report_command(results: Path, out: Path | None, kind: str, vehicle: str | No
         print_json({"written": str(written)})
     else:
         console().print(f"written  {written}")
-
-
-def _told(result: Any, as_json: bool) -> None:
-    if as_json:
-        print_json(result.to_json())
-    else:
-        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
 
 
 @contextmanager

@@ -11,7 +11,7 @@ import click
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.commands import CommandGroup
 from greybox_id.cli.options import json_option
-from greybox_id.cli.output import console, print_json, progress
+from greybox_id.cli.output import console, print_json, progress, tell_result
 
 from ..driving.loop.protocol import ARMS
 
@@ -59,10 +59,7 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
 
     with progress() as say:
         result = demo(out, quick=quick, case=case, arm=arm, seed=seed, cycles=cycles, say=say)
-    if as_json:
-        print_json(result.to_json())
-    else:
-        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
+    tell_result(result, as_json)
 
 
 @loop.command("agent")
@@ -95,10 +92,7 @@ def agent_command(
     options = AgentOptions(case, seed, session, arm, trainings, steps)
     with progress() as say:
         result = agent(server, read_token(token_file), out, options, say=say)
-    if as_json:
-        print_json(result.to_json())
-    else:
-        console().print(result.summary(), markup=False, highlight=False, soft_wrap=True)
+    tell_result(result, as_json)
 
 
 @click.command(name="serve")

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import log, nan
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast
 
+from greybox_id.base.declared import of_plain
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import read_json, without_nan
@@ -114,12 +115,6 @@ def read_answer(file: Path) -> Answer:
     """Read an answer. Raises `BadInput` where the file is none."""
     body = read_json(file)
     try:
-        effects = {name: nan if item is None else item for name, item in body["effects"].items()}
-        aliases = {name: tuple(item) for name, item in body["aliases"].items()}
-        nature = tuple(body.get("nature", ()))
-        answer = Answer(**{**body, "effects": effects, "aliases": aliases, "nature": nature})
-    except (TypeError, KeyError, AttributeError) as error:
+        return cast(Answer, of_plain(Answer, body, "answer", null=nan))
+    except TypeError as error:
         raise BadInput(f"{file} is no answer of an examination; restore it, or make the examination again.") from error
-    if answer.kind not in get_args(Kind):
-        raise BadInput(f'{file}: there is no kind of case "{answer.kind}".')
-    return answer

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, isfinite, nan
 from typing import Any
 
@@ -79,22 +79,22 @@ class ExamFinding:
     error: str
     detected: bool
     unknown: bool
-    unknown_probability: float
-    choices: Mapping[str, float]
-    first: bool
-    first_strictly: bool
-    among_three: bool
-    sizes: tuple[Size, ...]
-    applied: tuple[str, ...]
-    beside: tuple[str, ...]
-    applied_right: int
-    classes: tuple[tuple[float, bool], ...]
-    misplaced: float
-    told: tuple[tuple[float, bool], ...]
-    claimed: float
-    verified: float
-    of_truth: float
-    cpu: float
+    unknown_probability: float = nan
+    choices: Mapping[str, float] = field(default_factory=dict)
+    first: bool = False
+    first_strictly: bool = False
+    among_three: bool = False
+    sizes: tuple[Size, ...] = ()
+    applied: tuple[str, ...] = ()
+    beside: tuple[str, ...] = ()
+    applied_right: int = 0
+    classes: tuple[tuple[float, bool], ...] = ()
+    misplaced: float = nan
+    told: tuple[tuple[float, bool], ...] = ()
+    claimed: float = nan
+    verified: float = nan
+    of_truth: float = nan
+    cpu: float = nan
 
     @property
     def right(self) -> bool:
@@ -138,27 +138,9 @@ def finding(answer: Answer, diagnosis: Mapping[str, Any], verified: float = nan,
     if "error" in diagnosis:
         null = answer.kind == "null"
         return ExamFinding(
-            answer,
-            str(diagnosis["error"]),
-            null,
-            library,
-            nan,
-            {},
-            False,
-            False,
-            False,
-            (),
-            (),
-            (),
-            0,
-            (),
-            nan,
-            (),
-            nan,
-            nan,
-            0.0 if library and not np.isnan(by_truth) else nan,
-            cpu,
-        )
+            answer, error=str(diagnosis["error"]), detected=null, unknown=library, cpu=cpu,
+            of_truth=0.0 if library and not np.isnan(by_truth) else nan,
+        )  # fmt: skip
     if lacking := [key for key in NEEDED if key not in diagnosis]:
         raise BadInput(f"The diagnosis of {answer.case} does not say {', '.join(lacking)}. Remove it and run again.")
     ranking = [item for item in diagnosis["ranking"] if isinstance(item, Mapping)]

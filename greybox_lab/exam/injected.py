@@ -214,15 +214,5 @@ def _cut(files: Mapping[str, Recording], stretches: Sequence[Stretch], seconds: 
 
 
 def _thinned(recording: Recording, rate: float) -> Recording:
-    """Every so manieth row of each run."""
-    step = max(1, round(1 / (rate * recording.sample_time)))
-    if step == 1:
-        return recording
-    kept = [np.arange(start, stop, step) for start, stop in recording.runs]
-    ends = np.cumsum([0, *(len(item) for item in kept)])
-    rows = np.concatenate(kept)
-    return replace(
-        recording, time=recording.time[rows],
-        signals={name: values[rows] for name, values in recording.signals.items()},
-        runs=tuple((int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)),
-    )  # fmt: skip
+    """About so many rows a second of each run."""
+    return recording.every(max(1, round(1 / (rate * recording.sample_time))))

@@ -10,7 +10,6 @@ from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from rich.console import JustifyMethod
 from rich.table import Table
 
 from greybox_id.base.errors import BadInput
@@ -19,6 +18,7 @@ from greybox_id.base.json_data import read_json, without_nan
 from greybox_id.base.numbers import number
 from greybox_id.base.processes import side_by_side
 from greybox_id.fitting.how import Say
+from greybox_id.reports.text.screen import plain_table
 
 from .answers import Answer, read_answer
 from .findings import ExamFinding, finding
@@ -154,34 +154,17 @@ def _verified(
     return {item.case: both for item, both in zip(target, done.results, strict=True)}
 
 
-SHARES = ("false_alarms", "detection", "first", "first_strictly", "among_three", "doubles", "unknown")
-PERCENT = (
-    *SHARES,
-    "changed_first",
-    "right",
-    "silent",
-    "above",
-    "beside",
-    "null_names",
-    "outside_named",
-    "misplaced",
-    "wrongly_unknown",
-    "causes",
-    "everything",
-    "of_truth",
-    "magnitude",
-    "coverage",
-)
-"""Measures told in percent."""
+PLAIN = ("changed_off", "extra", "classes", "closed", "claim", "calibration", "cpu")
+"""Measures that are not told in percent."""
 MARKS = {True: "✓", False: "✗", None: ""}
 
 
 def score_table(body: Mapping[str, Any]) -> Table:
     """Every measure with its interval, how many cases it rests on, and the bar."""
-    table = _table(("what", "left"), ("measured", "right"), ("95 % interval", "right"), ("of", "right"),
-                   ("bar", "right"), ("", "left"))  # fmt: skip
+    numbers = ("measured", "95 % interval", "of", "bar")
+    table = plain_table("what", *numbers, "", right=numbers)
     for one in body["measures"]:
-        percent = one["key"] in PERCENT
+        percent = one["key"] not in PLAIN
         low, high = one["interval"]
         interval = f"[{_number(low, percent, bare=True)}, {_number(high, percent, bare=True)}]"
         table.add_row(
@@ -211,7 +194,7 @@ def bar_words(bar: tuple[float, float] | None, percent: bool) -> str:
 
 def confusions_table(body: Mapping[str, Any]) -> Table:
     """What was taken for what, and how good magnitudes were."""
-    table = _table(("effect", "left"), ("first choices", "left"), ("magnitude off", "right"), ("covered", "right"))
+    table = plain_table("effect", "first choices", "magnitude off", "covered", right=("magnitude off", "covered"))
     for true, choices in body["confusions"].items():
         words = ", ".join(f"{'right' if name == true else name} {count}" for name, count in choices.items())
         size = body["magnitudes"].get(true)
@@ -222,7 +205,7 @@ def confusions_table(body: Mapping[str, Any]) -> Table:
 
 def wrong_table(body: Mapping[str, Any]) -> Table:
     """Cases that were wrong, or gave a name that is not there; real changes all."""
-    table = _table(("case", "left"), ("truth", "left"), ("size", "right"), ("wrong", "left"), ("first choices", "left"))
+    table = plain_table("case", "truth", "size", "wrong", "first choices", right=("size",))
     for one in body["findings"]:
         if not _worth_telling(one):
             continue
@@ -263,10 +246,3 @@ def _number(value: float | None, percent: bool, bare: bool = False) -> str:
     if percent:
         return f"{100 * value:.1f}{'' if bare else ' %'}"
     return f"{value:.3f}"
-
-
-def _table(*titles: tuple[str, JustifyMethod]) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    for title, justify in titles:
-        table.add_column(title, header_style="dim", justify=justify)
-    return table

@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of
 from greybox_id.base.toml_file import must_know, read_toml
 from greybox_id.datasets.column_map import column_map, shipped_maps
 from greybox_id.fitting.requested_model import named_vehicle
@@ -134,8 +134,7 @@ def _steps(file: Path, value: Any) -> tuple[str, ...]:
     if not isinstance(value, list) or not value:
         raise BadInput(f'{file}: steps is a list of {", ".join(STEPS)}, as in steps = ["check", "fit"].')
     for item in value:
-        if item not in STEPS:
-            raise BadInput(f"{file}: there is no step {item!r}.{near_or_all(str(item), STEPS)}")
+        must_be_one_of(STEPS, item, f"{file}: there is no step")
     return tuple(item for item in STEPS if item in value)
 
 
@@ -147,8 +146,7 @@ def _options(file: Path, body: Mapping[str, Any], steps: tuple[str, ...]) -> dic
         if not isinstance(entry, Mapping):
             raise BadInput(f"{file}: [{step}] is a table of options, not {entry!r:.60}.")
         for name in entry:
-            if name not in OPTIONS[step]:
-                raise BadInput(f"{file}: [{step}] has no option {name!r}.{near_or_all(name, OPTIONS[step])}")
+            must_be_one_of(OPTIONS[step], name, f"{file}: [{step}] has no option")
     model = body.get(FIT, {}).get("model")
     if FIT in steps and (model is not None or not body.get("vehicle")):
         try:

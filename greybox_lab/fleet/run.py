@@ -16,7 +16,7 @@ from typing import Any, Literal
 
 from greybox_id.base.contained.process import Broken
 from greybox_id.base.declared import understood
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of, must_be_whole
 from greybox_id.base.files import write_atomically
 from greybox_id.base.guard import protect
 from greybox_id.base.numbers import counted
@@ -201,14 +201,11 @@ def run(
     ...
     greybox_id.base.errors.BadInput: no_fleet.toml cannot be read: No such file or directory. ...
     """
-    if engine not in ENGINES:
-        raise BadInput(f"engine: there is no engine {engine!r}.{near_or_all(str(engine), ENGINES)}")
-    if only not in ONLY:
-        raise BadInput(f"only: there is no {only!r}.{near_or_all(str(only), ONLY)}")
+    must_be_one_of(ENGINES, engine, "engine: there is no engine")
+    must_be_one_of(ONLY, only, "only: there is no")
     if scheduler is not None and engine != "dask":
         raise BadInput("‹scheduler› is of the engine dask; add ‹engine› dask.")
-    if isinstance(jobs, bool) or not isinstance(jobs, int) or jobs < 1:
-        raise BadInput(f"‹jobs›: a whole number from 1 on is needed, not {jobs!r:.40}.")
+    must_be_whole(jobs, "jobs", 1)
     requested = plan if isinstance(plan, FleetPlan) else plan_of(plan)
     protect(requested.file)
     began = time.monotonic()

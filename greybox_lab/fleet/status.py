@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Group, RenderableType
-from rich.table import Table
 from rich.text import Text
 
 from greybox_id.base.declared import understood
 from greybox_id.base.numbers import counted
 from greybox_id.base.processes import duration
+from greybox_id.reports.text.screen import plain_table
 
 from .statuses import BROKEN, OK, STATUSES, WAITING
 from .store import Store
@@ -167,10 +167,7 @@ Watch = Callable[[FleetProgress], None]
 
 def live(progress: FleetProgress) -> RenderableType:
     """The table: a row for each vehicle, the worst first, and a line for all."""
-    table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False)
-    table.add_column("vehicle", header_style="dim")
-    for name in STATUSES:
-        table.add_column(name, header_style="dim", justify="right")
+    table = plain_table("vehicle", *STATUSES, right=STATUSES)
     worst = sorted(progress.vehicles.items(), key=lambda item: (item[1][OK] - sum(item[1].values()), item[0]))
     for name, counts in worst[:SHOWN]:
         table.add_row(Text(name), *(str(counts[status] or "") for status in STATUSES))

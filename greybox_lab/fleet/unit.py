@@ -26,7 +26,7 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.requested_model import RequestedModel
 from greybox_id.fitting.uncertainty.identifiability import left_open
 from greybox_id.models.model import Model
-from greybox_id.models.parameter import Parameter
+from greybox_id.models.parameter import Parameter, placed
 from greybox_id.models.registry import install, is_place
 from greybox_id.models.vehicle import Vehicle
 
@@ -157,11 +157,8 @@ def covariances_of(fit: Fit) -> list[dict[str, Any]]:
     entry = list(_estimated(fit.model))
     if fit.covariance is None or not fit.confirmed or not entry:
         return []
-    start, places = 0, {}
-    for p in fit.model.parameters:
-        places[p.name] = start
-        start += p.size
-    at = [places[p.name] for p in entry]
+    start = {p.name: place.start for p, place in placed(fit.model.parameters)}
+    at = [start[p.name] for p in entry]
     logs = [in_logarithm(p, fit.model) for p in entry]
     scale = np.array([1.0 / float(p.array) if log else 1.0 for p, log in zip(entry, logs, strict=True)])
     matrix = fit.covariance[np.ix_(at, at)] * np.outer(scale, scale)

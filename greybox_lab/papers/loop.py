@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from greybox_id.base.errors import BadInput, GreyboxError, near_or_all
+from greybox_id.base.errors import BadInput, GreyboxError, must_be_one_of
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import plain, read_json, without_nan
 from greybox_id.base.shorthands import Say
@@ -115,8 +115,7 @@ def loop_tables(
             raise BadInput(f"‹cycles›: a number from 1 to {len(CAPS) - 1} is needed, not {cycles!r}.")
         size = replace(size, cycles=cycles)
     for name in arms:
-        if name not in ARMS:
-            raise BadInput(f"There is no arm {name!r}.{near_or_all(name, ARMS)}")
+        must_be_one_of(ARMS, name, "There is no arm")
     folder = Path(out)
     requested = {"quick": quick, "cycles": size.cycles, "version": __version__}
     begun(folder / "bench.json", "bench", requested, {})

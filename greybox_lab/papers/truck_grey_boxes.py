@@ -34,6 +34,7 @@ from greybox_id.engine.solvers.gauss_newton import Solution, Status, gauss_newto
 from greybox_id.fitting.fit import combined
 from greybox_id.fitting.uncertainty import uncertainty
 from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.parameter import free_places
 
 from .truck_inputs import causal, prepared, published_signs, raw
 from .truck_models import BOTH_ANGLES, CAUSAL_ANGLE, LEVER_ARM, ONE_ANGLE, PUBLISHED, bank_map, spread_over, truck
@@ -172,15 +173,15 @@ def identified(problem: MeanError, solution: Solution) -> dict[str, Any]:
     """Parameters and combinations with standard deviations, which errors that last have widened."""
     result = uncertainty(problem.weighted(solution.nodes), solution.x, solution.nodes)
     model = problem.plain.model.with_values(problem.plain.shared(solution.x))
-    parameters, dof, at = {}, {}, 0
-    for parameter in model.parameters:
-        if not parameter.fixed and parameter.shape == () and parameter.prior is not None:
-            dof[parameter.name] = result.dof[at]
-            parameters[parameter.name] = {
+    parameters, dof = {}, {}
+    for name, at in free_places(model.parameters).items():
+        parameter = model[name]
+        if parameter.prior is not None:
+            dof[name] = result.dof[at]
+            parameters[name] = {
                 "unit": parameter.unit, "value": float(parameter.array), "sd": float(result.sd[at]),
                 "believed_sd": float(np.asarray(parameter.prior.sd)), "at_bound": bool(result.at_bound[at]),
             }  # fmt: skip
-        at += parameter.size
     every = (combined(each, model, result.covariance, dof) for each in model.combinations)
     combinations = {one.name: {"unit": one.unit, "value": one.value, "sd": one.sd} for one in every}
     return {"parameters": parameters, "combinations": combinations}

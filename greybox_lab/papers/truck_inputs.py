@@ -64,7 +64,7 @@ def published_signs(path: Path) -> Recording:
 
 def raw(path: Path) -> Recording:
     """Every tenth row of a file, in ISO signs."""
-    return _thinned(read(path, "truck"))
+    return read(path, "truck").every(EVERY)
 
 
 def prepared(path: Path) -> Recording:
@@ -95,7 +95,7 @@ def prepared(path: Path) -> Recording:
         course = np.hypot(east, north)
         along = (ROAD[0] * east + ROAD[1] * north) / np.where(course > 0, course, 1.0)
         more |= {"x": x, "y": y, "along_road": along}
-    return _thinned(result.with_signals(**more))
+    return result.with_signals(**more).every(EVERY)
 
 
 def causal(path: Path) -> Recording:
@@ -113,7 +113,7 @@ def causal(path: Path) -> Recording:
     more = {name: level * item for name, item in fading.items()}
     more |= {"sliding": slope * since * fading["held_short"], "turning": np.where(since > 0, 0.0, slope)}
     more |= {"v_x_rate": _each(result["v_x"], runs, _rise)}
-    return _thinned(result.with_signals(**more))
+    return result.with_signals(**more).every(EVERY)
 
 
 @dataclass(frozen=True)
@@ -135,11 +135,8 @@ class Chunks:
         runs = [run for run, taken in zip(value.runs, which, strict=True) if taken]
         rows = np.concatenate([np.arange(a, b) for a, b in runs])
         stops = np.cumsum([b - a for a, b in runs]).tolist()
-        chosen = replace(
-            value, name=name, time=value.time[rows], signals={n: v[rows] for n, v in value.signals.items()},
-            runs=tuple(zip([0, *stops[:-1]], stops, strict=True)),
-        )  # fmt: skip
-        return Chunks(chosen, self.piece_of[which])
+        chosen = value.taken(rows, zip([0, *stops[:-1]], stops, strict=True))
+        return Chunks(replace(chosen, name=name), self.piece_of[which])
 
 
 def chunks(path: Path, prepare: Any = raw) -> Chunks:
@@ -215,17 +212,6 @@ def _joined(one: Chunks, other: Chunks) -> Chunks:
     }
     whole = replace(a, time=np.concatenate([a.time, b.time]), signals=signals, runs=runs)
     return Chunks(whole, np.concatenate([one.piece_of, other.piece_of]))
-
-
-def _thinned(recording: Recording) -> Recording:
-    rows = np.concatenate([np.arange(a, b, EVERY) for a, b in recording.runs])
-    stops = np.cumsum([len(range(a, b, EVERY)) for a, b in recording.runs])
-    return replace(
-        recording,
-        time=recording.time[rows],
-        signals={name: values[rows] for name, values in recording.signals.items()},
-        runs=tuple(zip([0, *stops[:-1].tolist()], stops.tolist(), strict=True)),
-    )
 
 
 def _bridged(steer: Array) -> Array:

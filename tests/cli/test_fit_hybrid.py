@@ -5,7 +5,7 @@ import pytest
 from calling import greybox, refused
 from linear_bicycle import manoeuvres
 
-from greybox_id.fitting.fit import load
+from greybox_id.fitting.saved_fit import load
 from greybox_id.models.registry import build
 
 SMALL = ("--set", "hidden=[3]", "--set", "window=40", "--set", "warm_up=10")

@@ -9,8 +9,8 @@ from calling import greybox, refused
 from driven import driven, without, written
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.fit import load
 from greybox_id.fitting.requested_model import doubts_of_drive
+from greybox_id.fitting.saved_fit import load
 from greybox_id.models.registry import build
 
 HELD = ["--fix", "C_f", "--fix", "C_r", "--fix", "m"]

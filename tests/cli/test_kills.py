@@ -13,7 +13,7 @@ import pytest
 from driven import driven, written
 
 from greybox_id.base.files import NAME
-from greybox_id.fitting.fit import load
+from greybox_id.fitting.saved_fit import load
 from greybox_id.models.registry import build
 
 LINUX = sys.platform.startswith("linux")

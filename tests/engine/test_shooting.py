@@ -9,7 +9,7 @@ from toys import TINY, drive, joined, linear_toy, scattered, speed_toy, tiny
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
-from greybox_id.models.parameter import Parameter, Prior
+from greybox_id.models.parameter import Parameter, Prior, placed
 
 
 def problem_of(model, *recordings, closed_loop=False, **more):
@@ -57,10 +57,9 @@ def residuals_at(problem, x):
 
 def directions(problem, x):
     """Per parameter, one random direction in all of its free entries, and one in its first entry alone."""
-    rng, start = np.random.default_rng(7), 0
-    for parameter in problem.trace.model.parameters:
-        own = np.unique([index[start : start + parameter.size] for index in problem.layout.index])
-        start += parameter.size
+    rng = np.random.default_rng(7)
+    for parameter, place in placed(problem.trace.model.parameters):
+        own = np.unique([index[place] for index in problem.layout.index])
         for entries in (own, own[:1]):
             e = np.zeros(len(x))
             e[entries] = rng.standard_normal(len(entries)) * np.maximum(np.abs(x[entries]), 1e-2)

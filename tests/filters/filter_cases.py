@@ -197,10 +197,6 @@ class Truth:
         self.F_yf, self.F_yr = C_F * self.alpha_f, C_R * self.alpha_r
 
 
-def without(recording, *names):
-    return replace(recording, signals={n: v for n, v in recording.signals.items() if n not in names})
-
-
 def changed(recording, **signals):
     return Recording(recording.name, recording.time, {**recording.signals, **signals}, hold=recording.hold)
 

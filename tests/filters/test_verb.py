@@ -16,10 +16,10 @@ from filter_cases import (
     simrod,
     swerving,
     true_simrod,
-    without,
 )  # fmt: skip
 from motion import commands
 from reference_vehicle import FULL_SIZE_CAR, simulate
+from toys import without
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording, join

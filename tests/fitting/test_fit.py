@@ -11,8 +11,9 @@ from hypothesis import strategies as st
 from toys import drive, tiny
 
 from greybox_id.base.errors import BadInput, GreyboxError
-from greybox_id.fitting.fit import Fit, load
+from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.provenance import Certificate, DataRecord, Stage
+from greybox_id.fitting.saved_fit import load
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 from greybox_id.models.registry import build, prepared
 

@@ -11,9 +11,9 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Source, join
 from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.fitting.adaptation.verb import adapt
-from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.provenance import data_record
+from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.training import mirrored, update_hybrid
 from greybox_id.fitting.verb import fit

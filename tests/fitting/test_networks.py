@@ -11,10 +11,10 @@ from windows_of import window_error
 
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.hybrid.cell import Cell
-from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.fitting.hybrid import fit_network
 from greybox_id.fitting.pretraining import Pretraining, faster, known_physics, taught
+from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.scores.metrics import simulate
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, prepared

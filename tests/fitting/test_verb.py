@@ -8,8 +8,8 @@ from toys import DT, drive, joined, linear_toy, looping, obeying_toy, speed_toy,
 
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.solvers.gauss_newton import Status
-from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
 from greybox_id.models.parameter import Parameter, Prior

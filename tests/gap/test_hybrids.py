@@ -8,8 +8,8 @@ from driven import driven, written
 import greybox_id as gb
 from greybox_id.api.diagnosing import must_have_gaps, of_fit
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.fit import load
 from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.verb import fit
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS

@@ -11,7 +11,7 @@ from driven import driven, written
 import greybox_id as gb
 from greybox_id.base.errors import GreyboxError
 from greybox_id.base.json_data import checksum, read_json
-from greybox_id.fitting.fit import load
+from greybox_id.fitting.saved_fit import load
 from greybox_id.models.registry import build
 from greybox_id.reports.text.fit import as_dict, parts
 from greybox_id.reports.text.screen import as_text

@@ -11,7 +11,8 @@ import pytest
 
 from greybox_id.reports.figures.sheet import Sheet
 from greybox_id.reports.html import POLICY, page, write_html
-from greybox_id.reports.report import kind_of, prepared, report
+from greybox_id.reports.report import kind_of, prepared, write
+from greybox_id.reports.words import spans
 
 MEGABYTE = 1e6
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -101,9 +102,7 @@ def test_it_says_what_the_tree_says(document, text):
 
 
 def plain(sentence):
-    from greybox_id.reports.words import plain as spelled
-
-    return spelled(sentence)
+    return "".join(span.words + ",".join(span.index) for span in spans(sentence))
 
 
 def test_words_from_files_are_no_markup():
@@ -127,7 +126,7 @@ def test_names_order_no_terminal():
 def test_the_file_s_name_says_what_it_is(small_fit, both, tmp_path):
     from greybox_id.base.errors import BadInput
 
-    written = report(small_fit, both, tmp_path / "new" / "report.html")
+    written = write(prepared(small_fit, both), tmp_path / "new" / "report.html")
     assert written.read_text("utf-8").startswith("<!DOCTYPE html>")
     assert kind_of("a.HTM") == "html"
     with pytest.raises(BadInput, match=r"a .pdf or a .html file"):

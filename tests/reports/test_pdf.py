@@ -10,7 +10,7 @@ from report_parts import tables
 
 from greybox_id.base.errors import BadInput
 from greybox_id.reports.pdf import rendered
-from greybox_id.reports.report import prepared, report
+from greybox_id.reports.report import prepared, write
 
 
 @pytest.fixture(scope="module")
@@ -20,12 +20,12 @@ def whole(small_fit, train, validate):
 
 @pytest.fixture(scope="module")
 def pdf(small_fit, train, validate, tmp_path_factory):
-    return report(small_fit, [train, validate], tmp_path_factory.mktemp("report") / "new" / "report.pdf")
+    return write(prepared(small_fit, [train, validate]), tmp_path_factory.mktemp("report") / "new" / "report.pdf")
 
 
 @pytest.fixture(scope="module")
 def motion_pdf(motion_fit, laps, tmp_path_factory):
-    return report(motion_fit, laps, tmp_path_factory.mktemp("motion") / "report.pdf")
+    return write(prepared(motion_fit, laps), tmp_path_factory.mktemp("motion") / "report.pdf")
 
 
 def fonts(page):
@@ -83,9 +83,9 @@ def test_a_report_of_motion_is_the_same_bytes(motion_fit, laps, motion_pdf):
 def test_another_file_is_refused_with_a_sentence(small_fit, train, validate, tmp_path):
     other = replace(validate, source=replace(validate.source, sha256="0" * 64))
     with pytest.raises(BadInput, match="is not the file the fit saw"):
-        report(small_fit, [train, other], tmp_path / "report.pdf")
+        prepared(small_fit, [train, other])
     with pytest.raises(BadInput, match="read differently"):
-        report(small_fit, [train, validate.rows(0, 100)], tmp_path / "report.pdf")
+        prepared(small_fit, [train, validate.rows(0, 100)])
     with pytest.raises(BadInput, match="none of the recordings given"):
-        report(small_fit, [train], tmp_path / "report.pdf")
+        prepared(small_fit, [train])
     assert not list(tmp_path.iterdir())

@@ -1,4 +1,4 @@
-"""Faults that have a size: offsets, scales, turned and early sensors, clocks, frozen channels, half of another car.
+"""Faults that have a size: offsets, scales, turned and early sensors, clocks, half of another car.
 
 Signs, axes and units are asked for by undoing them (`mapping_faults`). Here there is no list of values: each relation
 between channels is a sum of what motion makes of it and of what each fault would add, and least squares tells the size
@@ -23,6 +23,7 @@ from ..recording import Recording
 from ..repair import in_words
 from .delays import estimate_lag
 from .finding import Finding, FoundAt, Severity, listed
+from .frozen import check_frozen
 from .pairs import course_and_speed, grounds, rate, smooth
 from .relations import thinned
 
@@ -65,15 +66,6 @@ SIDEWAYS_RESPONSE = 0.5
 """Share of that by which a_y may come before or after v_x · yaw_rate: v_y answers within it."""
 NEAR_RIGHT = 8.0
 """Degrees about 90 within which an IMU is put right by its map."""
-STEADY = 0.9
-"""Share of an unbroken run beyond which a channel that stands still was meant to: a speed that a controller keeps."""
-FROZEN, TIMES = 1.5, 20.0
-"""Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
-MOVES = 0.2
-"""Least scatter of what goes with it while a channel is stuck, over its usual size."""
-HOLDS, AS_EVER = 3.0, 0.7
-"""Times the next longest hold from which a channel is stuck as well, where what goes with it moves on by so much of its
-usual scatter: a command may be held for long, but then the vehicle does not go on weaving."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +134,7 @@ def _finding(recording: Recording, one: Explanation, also: str = "") -> Finding:
 
 def check_explanations(recording: Recording) -> list[Finding]:
     """Faults with their sizes, the most plausible first."""
-    result = _frozen(recording)
+    result = check_frozen(recording)
     short = thinned(recording)
     if len(short) < 10 * BLOCKS or not short.has("v_x"):
         return result
@@ -486,61 +478,3 @@ def _follows(u: Array, v: Array, stretch: float, dt: float) -> float:
     products = np.fft.irfft(np.fft.rfft(moved, size) * np.conj(np.fft.rfft(other, size)), size)
     scale = float(np.sqrt(np.sum(moved**2) * np.sum(other**2)))
     return float(np.max(np.concatenate([products[-reach:], products[: reach + 1]]))) / max(scale, 1e-300)
-
-
-def _frozen(r: Recording) -> list[Finding]:
-    """Channels that stand still for a while though others move."""
-    findings = []
-    for name in ("yaw_rate", "v_x", "a_x", "a_y", "v_y", "steer", "yaw"):
-        if not r.has(name):
-            continue
-        values = r[name]
-        same = np.concatenate([[False], np.diff(values) == 0.0]) & np.isfinite(values)
-        same[[start for start, _ in r.runs]] = False
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], same.astype(int), [0]])))
-        begins, ends = edges[::2] - 1, edges[1::2]
-        if not len(begins):
-            continue
-        lengths = ends - begins
-        longest = int(np.argmax(lengths))
-        a, b = int(begins[longest]), int(ends[longest])
-        usual = float(np.median(np.delete(lengths, longest))) if len(lengths) > 1 else 1.0
-        next_longest = float(np.max(np.delete(lengths, longest))) if len(lengths) > 1 else 1.0
-        moving = _moves(r, name, a, b)
-        seconds = lengths[longest] * r.sample_time
-        long = lengths[longest] > TIMES * max(usual, 1.0)
-        longer = lengths[longest] > HOLDS * max(next_longest, 1.0) and moving > AS_EVER
-        if (
-            seconds < FROZEN
-            or not (long or longer)
-            or values[a] == 0.0
-            or any(b - a > STEADY * (end - start) for start, end in r.runs if start <= a < end)
-            or moving < MOVES
-        ):
-            continue
-        sentence = (
-            f"{name} is stuck at {quantity(float(values[a]), r.unit(name))} from t = {number(float(r.time[a]), 4)} to "
-            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out."
-        )
-        place = FoundAt(name, rows=tuple(range(a, b)))
-        findings.append(Finding("stuck", Severity.DISTRUST, place, sentence, seconds, None, "s"))
-    return findings
-
-
-def _moves(r: Recording, name: str, a: int, b: int) -> float:
-    """Scatter between two rows of what a channel goes with, over its usual size."""
-    beside = {
-        "yaw_rate": ("a_y", "steer"),
-        "a_y": ("yaw_rate", "steer"),
-        "steer": ("yaw_rate", "a_y"),
-        "v_x": ("a_x", "yaw_rate"),
-        "a_x": ("a_y", "yaw_rate"),
-        "v_y": ("yaw_rate",),
-        "yaw": ("yaw_rate",),
-    }
-    for other in beside[name]:
-        if r.has(other) and np.any(np.isfinite(r[other][a:b])):
-            part, whole = r[other][a:b], r[other]
-            usual = float(np.hypot(np.nanstd(whole), np.nanmean(part)))  # a circle that is driven moves nothing
-            return float(np.nanstd(part)) / max(usual, 1e-300)
-    return 0.0

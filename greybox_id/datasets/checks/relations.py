@@ -296,16 +296,23 @@ def _relation(
     (x, constant_x), (y, constant_y) = (
         _about_zero(np.concatenate([side[k] for side in sides]), offsets[k]) for k in (0, 1)
     )
-    size_x, size_y = (float(np.sqrt(np.mean(item**2))) if item.size else 0.0 for item in (x, y))
-    if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
+    if (compared := _compared(x, y)) is None:
         return None
-    correlation = float(np.mean((x / size_x) * (y / size_y)))
     moves = [np.concatenate([item[k] for item in centred]) for k in (0, 1)]  # runs driven to one side differ in mean
     moves = [move / max(float(np.std(move)), TINY) for move in moves]
     count = independent_samples(moves[0], moves[1], np.cumsum([len(item) for item, _ in centred]))
     if constant_x and constant_y:
         count += STEADY
+    correlation, size_x, size_y = compared
     return Relation(*words, channels, correlation, size_x / size_y, gains, count, known, size_y)
+
+
+def _compared(x: Array, y: Array) -> tuple[float, float, float] | None:
+    """Correlation about zero and sizes of two series; None of few rows, or where a size is none."""
+    size_x, size_y = (float(np.sqrt(np.mean(item**2))) if item.size else 0.0 for item in (x, y))
+    if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
+        return None
+    return float(np.mean((x / size_x) * (y / size_y))), size_x, size_y
 
 
 STEADY = 12.0
@@ -332,11 +339,9 @@ def _ratio(
     if not rows.any():
         return None
     rows &= pace > MOVING * _usual(pace)
-    x, y = left[rows], right[rows]
-    size_x, size_y = (float(np.sqrt(np.mean(item**2))) if item.size else 0.0 for item in (x, y))
-    if len(x) < 5 or not (TINY < size_x < 1 / TINY and TINY < size_y < 1 / TINY):
+    if (compared := _compared(left[rows], right[rows])) is None:
         return None
-    correlation = float(np.mean((x / size_x) * (y / size_y)))
+    correlation, size_x, size_y = compared
     seconds = np.count_nonzero(rows) * r.sample_time
     return Relation(*words, channels, correlation, size_x / size_y, gains, 2 * seconds, known, size_y)
 

@@ -13,12 +13,13 @@ from ...base.errors import BadInput
 from ...base.numbers import exact, number
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS, unit_of
+from ...base.toml_file import quoted
 from ..checks import Finding, Severity, check
 from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
 from ..read import Part, contents_together, read, read_together
 from ..recording import Recording
-from ..repair import column_fields, quoted, repaired
+from ..repair import column_fields, repaired
 from .evidence import MapEntry, by_gravity, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, guess_in, time_of
 from .steering import with_steering

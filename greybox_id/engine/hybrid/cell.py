@@ -30,6 +30,7 @@ from ...base.shorthands import Array
 from ...datasets.recording import Recording
 from ...models.hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ...models.model import Symbol
+from ...models.parameter import placed
 from .stretches import stretches
 
 Network = Callable[[Symbol, Symbol], tuple[Symbol, Symbol]]
@@ -188,14 +189,13 @@ def said(network: FeedForwardNetwork, features: Symbol, p: Mapping[str, Symbol])
 
 def parameters(model: HybridModel, vector: Symbol) -> dict[str, Symbol]:
     """The parts of a parameter vector by name, arrays as matrices (written row by row)."""
-    result, start = {}, 0
-    for parameter in model.parameters:
-        part = vector[start : start + parameter.size]
+    result = {}
+    for parameter, place in placed(model.parameters):
+        part = vector[place]
         if len(parameter.shape) == 2:
             rows, columns = parameter.shape
             part = cs.reshape(part, columns, rows).T
         result[parameter.name] = part
-        start += parameter.size
     return result
 
 

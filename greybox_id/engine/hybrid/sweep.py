@@ -22,6 +22,7 @@ import numpy as np
 from ...base.shorthands import Array
 from ...models.hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ...models.model import Symbol
+from ...models.parameter import placed
 from .cell import Network, parameters
 
 Weights = Mapping[str, Array]
@@ -142,10 +143,9 @@ class Sweep:
     def __init__(self, model: HybridModel, traced: Traced, sizes: tuple[int, int], columns: int) -> None:
         self._layers = NetworkLayers(model.network)
         weights = model.network.shapes
-        ends = np.cumsum([parameter.size for parameter in model.parameters])
         self._places = {
-            parameter.name: (slice(end - parameter.size, end), parameter.shape)
-            for parameter, end in zip(model.parameters, ends.tolist(), strict=True)
+            parameter.name: (place, parameter.shape)
+            for parameter, place in placed(model.parameters)
             if parameter.name in weights
         }
         self._physical = np.array(

@@ -23,6 +23,7 @@ import casadi as cs
 from ...base.errors import BadModel, near_or_all
 from ...models.model import Namespace, Symbol
 from ...models.motion_model import MotionModel
+from ...models.parameter import placed
 from ...models.smooth import SERIES, mean_and_slope
 from ..trace import called, must_be_numbers, tracing
 from ..virtual import SampledFunction
@@ -464,9 +465,7 @@ def beside_inputs(p: Namespace, segment: _Segment) -> Namespace:
 def parameters(model: MotionModel, vector: Symbol) -> Namespace:
     """The parameters by name out of their vector; arrays as flat lists."""
     result: dict[str, Symbol] = {}
-    start = 0
-    for parameter in model.parameters:
-        value = cs.vertsplit(vector[start : start + parameter.size])
+    for parameter, place in placed(model.parameters):
+        value = cs.vertsplit(vector[place])
         result[parameter.name] = value[0] if parameter.shape == () else value
-        start += parameter.size
     return SimpleNamespace(**result)

@@ -15,7 +15,7 @@ from ...datasets.recording import Recording
 from ...engine.solvers.gauss_newton import Status, gauss_newton
 from ...models.effects import EFFECTS
 from ...models.memory_model import MemoryModel
-from ...models.parameter import unpack
+from ...models.parameter import placed, unpack
 from ..fit import Fit
 from ..provenance import Stage, data_record
 from ..scores.memory import errors
@@ -198,11 +198,7 @@ def _way(candidate: AdaptedCandidate, linearised: LinearisedPart, fit: Fit) -> _
     H = problem.normal_equations(solution.x, solution.nodes).H[np.ix_(free, free)]
     spread = np.zeros(part.size)
     spread[free] = np.sqrt(np.maximum(np.diag(la.pinvh(H)), 0.0) * correlation_time(linearised.r))
-    sd, start = {}, 0
-    for parameter in held.parameters:
-        if parameter.name in names:
-            sd[parameter.name] = spread[start : start + parameter.size].reshape(parameter.shape)
-        start += parameter.size
+    sd = {item.name: spread[place].reshape(item.shape) for item, place in placed(held.parameters) if item.name in names}
     stage = Stage(
         model=f"{part.name}, adapted", closed_loop=False, status=solution.status.value,
         converged=solution.status is Status.CONVERGED, steps=solution.steps, history=solution.history,

@@ -30,7 +30,7 @@ from ...base.shorthands import Array, Mask
 from ...engine.motion.lanes import Targets
 from ...engine.motion.shooting import MotionProblem
 from ...engine.solvers.gauss_newton import Solution
-from ...models.parameter import Parameter
+from ...models.parameter import Parameter, placed
 
 
 @dataclass(frozen=True)
@@ -154,16 +154,14 @@ class _Start:
 def coordinates(problem: MotionProblem) -> list[tuple[DrawnNumber, int]]:
     """The free numbers of a problem's parameters, and where each stands among the unknowns."""
     result: list[tuple[DrawnNumber, int]] = []
-    start = 0
-    for parameter in problem.model.parameters:
+    for parameter, numbers in placed(problem.model.parameters):
         runs = list(enumerate(problem.parameters.index)) if parameter.scope == "run" else [(None, None)]
         for run, index in runs:
             for entry, name in enumerate(entry_names(parameter)):
-                place = int((problem.parameters.index[0] if index is None else index)[start + entry])
+                place = int((problem.parameters.index[0] if index is None else index)[numbers.start + entry])
                 if problem.free[place]:
                     value = name if run is None else f"{name}@{run + 1}"
                     result.append((DrawnNumber(value, parameter.unit, parameter.name, entry, run), place))
-        start += parameter.size
     return result
 
 

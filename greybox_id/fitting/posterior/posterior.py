@@ -26,7 +26,9 @@ from ...base.json_data import checksum, plain
 from ...base.numbers import between, pretty_unit
 from ...base.shorthands import Array
 from ...base.version import __version__
-from ..fit import Build, Fit, load
+from ...models.parameter import placed
+from ..fit import Fit
+from ..saved_fit import Build, load
 from .density import DrawnNumber, entry_names
 from .laplace import trusted
 
@@ -234,15 +236,11 @@ class Posterior:
 
     def vectors(self, fit: Fit, draws: Array) -> Array:
         """Parameter vectors of a fit's model, (n, parameters), from draws (n, d); run-scoped ones at their mean."""
-        model = fit.model
-        start, place = 0, {}
-        for parameter in model.parameters:
-            place[parameter.name] = start
-            start += parameter.size
-        result = np.tile(model.values, (len(draws), 1))
+        start = {parameter.name: place.start for parameter, place in placed(fit.model.parameters)}
+        result = np.tile(fit.model.values, (len(draws), 1))
         several: dict[int, list[int]] = {}
         for k, coordinate in enumerate(self.coordinates):
-            several.setdefault(place[coordinate.parameter] + coordinate.entry, []).append(k)
+            several.setdefault(start[coordinate.parameter] + coordinate.entry, []).append(k)
         for at, columns in several.items():
             result[:, at] = np.mean(draws[:, columns], axis=1)
         return result

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from threadpoolctl import threadpool_limits
 
-from ...base.errors import BadInput, near_or_all
+from ...base.errors import BadInput, must_be_one_of, must_be_whole
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
@@ -61,13 +61,9 @@ class SampleOptions:
 
     def __post_init__(self) -> None:
         for name, words in (("method", get_args(Method)), ("distance", get_args(Distance))):
-            value = getattr(self, name)
-            if value not in words:
-                raise BadInput(f"‹{name}›: there is no {value!r:.40}.{near_or_all(str(value), words)}")
+            must_be_one_of(words, getattr(self, name), f"‹{name}›: there is no")
         for name, least, most in (("draws", 10, MOST_DRAWS), ("seed", 0, 2**63)):
-            value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or not least <= value <= most:
-                raise BadInput(f"‹{name}›: a whole number from {least} to {most} is needed, not {value!r:.40}.")
+            must_be_whole(getattr(self, name), name, least, most)
 
 
 def must_suit_sampling(fit: Fit) -> MotionModel:

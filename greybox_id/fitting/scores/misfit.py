@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ...base.errors import BadInput
-from ...base.numbers import number, quantity
+from ...base.numbers import listed, number, quantity
 from ...base.shorthands import Array
 from ...base.signals import unit_of
 from ...base.statistics import white_noise_sd
@@ -51,7 +51,7 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     """
     if not isinstance(model, MotionModel):
         return
-    names = _listed(list(dict.fromkeys(recording.name for recording in recordings)))
+    names = listed(list(dict.fromkeys(recording.name for recording in recordings)))
     rows, seconds = sum(len(one) for one in recordings), sum(one.duration for one in recordings)
     if rows < FEWEST_ROWS or seconds < SHORTEST:
         raise BadInput(
@@ -65,7 +65,7 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
     if outputs and not any(_moves(parts) for parts in outputs.values()):
         raise BadInput(
-            f"{names}: nothing moves: {_listed(list(outputs))} scatter as their noise does, which says nothing "
+            f"{names}: nothing moves: {listed(list(outputs))} scatter as their noise does, which says nothing "
             f"about {model.name}. Record a drive that excites them."
         )
 
@@ -93,7 +93,7 @@ def misfit(fit: Fit) -> Iterator[Reason]:
     if not moving:
         yield Reason(
             NOT_USABLE,
-            f"Nothing moves: {_listed(list(outputs))} scatter as their noise does. Record a drive that excites them.",
+            f"Nothing moves: {listed(list(outputs))} scatter as their noise does. Record a drive that excites them.",
         )
         return
     unknown = [name for name, one in moving.items() if _unexplained(one) > UNEXPLAINED]
@@ -101,7 +101,7 @@ def misfit(fit: Fit) -> Iterator[Reason]:
         shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
         yield Reason(
             NOT_USABLE,
-            f"The fit leaves {_listed(shares)} unexplained beyond noise: the inputs lack what moves the vehicle, or "
+            f"The fit leaves {listed(shares)} unexplained beyond noise: the inputs lack what moves the vehicle, or "
             "belong to another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
@@ -142,8 +142,8 @@ def _short(fit: Fit) -> Iterator[Reason]:
 def _depends(on: Sequence[str]) -> str:
     """What residuals vary with, and which error of an input they look like."""
     like = [word for word in on if word.startswith(("a gain on", "an offset of"))]
-    words = [f"varies with {_listed(plain)}"] if (plain := [word for word in on if word not in like]) else []
-    return f"It {' and '.join([*words, *([f'looks like {_listed(like)}'] if like else [])])}"
+    words = [f"varies with {listed(plain)}"] if (plain := [word for word in on if word not in like]) else []
+    return f"It {' and '.join([*words, *([f'looks like {listed(like)}'] if like else [])])}"
 
 
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:
@@ -175,7 +175,3 @@ def _unexplained(one: Mapping[str, Any]) -> float:
     noise = one["noise"] if one["noise"] == one["noise"] else 0.0
     left, all_of_it = (max(one[key] ** 2 - noise**2, 0.0) for key in ("residual", "spread"))
     return left / all_of_it if all_of_it > 0 else 0.0
-
-
-def _listed(words: list[str]) -> str:
-    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))

@@ -319,8 +319,7 @@ def errors_after(part: MemoryModel, recording: Recording, delays: Sequence[RunDe
     kept = np.logical_not(looked_at[seen.rows])
     if not np.any(kept):
         return {}
-    behind = Prediction(seen.rows[kept], seen.predicted[kept], seen.measured[kept], seen.run[kept])
-    return errors(part, behind, "honest")
+    return errors(part, seen.taken(kept), "honest")
 
 
 def moving(recording: Recording) -> Array:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.numbers import number
+from ...base.numbers import listed, number
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
@@ -173,7 +173,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
     bound = [name for name in bound if name not in fit.model.effects]
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
-        text = f"{_listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
+        text = f"{listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
         yield (
             Reason(NOT_USABLE, f"{text}: so many that the estimates follow the bounds, not the data.")
             if corner
@@ -192,7 +192,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
                 far.append((away, p.name))
             foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
-        text = _listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
+        text = listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
         yield Reason(
             NOT_USABLE if foreign else WITH_CARE,
             f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
@@ -248,7 +248,7 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     if useless:
         yield Reason(
             NOT_USABLE if mostly or len(useless) > 0.5 * len(outputs) else WITH_CARE,
-            f"{what}{_listed(useless)} {'is' if len(useless) == 1 else 'are'} predicted no better than by the mean of "
+            f"{what}{listed(useless)} {'is' if len(useless) == 1 else 'are'} predicted no better than by the mean of "
             "the readings or the last one.",
         )
     for output, times in beaten:
@@ -259,7 +259,7 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     if mostly and not useless:
         yield Reason(
             NOT_USABLE,
-            f"{what}half of the outputs or more, {_listed(lost)}, are predicted no better than by their mean or the "
+            f"{what}half of the outputs or more, {listed(lost)}, are predicted no better than by their mean or the "
             "last reading.",
         )
     for output, share in loose:
@@ -338,7 +338,7 @@ def _told(scores: Scores, judged: Sequence[str]) -> str:
     """How well outputs are predicted, over the shortest horizon that is judged."""
     name = judged[0]
     each = [f"{output} {e.fit_percent:.0f} %" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
-    return f"fit {_listed(each)} ({name.replace('_', ' ')})" if each else ""
+    return f"fit {listed(each)} ({name.replace('_', ' ')})" if each else ""
 
 
 def _unexplained(error: Error) -> float:
@@ -388,7 +388,3 @@ def _called(role: str, roles: Sequence[str]) -> str:
     if role == TRAINED:
         return "On the training data, "
     return "Held out, " if len(roles) == 1 else f"On {role}, "
-
-
-def _listed(words: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(words[:-1]), *words[-1:]]))

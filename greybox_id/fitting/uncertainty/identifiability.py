@@ -18,6 +18,7 @@ import numpy as np
 
 from ...base.numbers import number, percent, quantity, signed, with_unit
 from ...base.shorthands import Array
+from ...models.parameter import free_places
 from ..fit import Fit
 
 HALF = 0.5
@@ -235,17 +236,12 @@ def left_open(fit: Fit) -> Identifiability | None:
     """Parameters weakly identifiable, or only in combination; None where its covariance was not kept."""
     if fit.covariance is None:
         return None
-    names, x, places, prior_sd, units, start = [], [], [], [], [], 0
-    for p in fit.model.parameters:
-        if p.shape == () and not p.fixed:
-            names.append(p.name)
-            x.append(float(p.array))
-            places.append(start)
-            units.append(p.unit)
-            prior_sd.append(np.inf if p.prior is None else float(np.asarray(p.prior.sd)))
-        start += p.size
+    free = free_places(fit.model.parameters)
+    places, parameters = [*free.values()], [fit.model[name] for name in free]
+    x = np.array([float(p.array) for p in parameters])
+    prior_sd = np.array([np.inf if p.prior is None else float(np.asarray(p.prior.sd)) for p in parameters])
     inside = fit.covariance[np.ix_(places, places)]
-    return identifiability(names, np.array(x), inside, prior_sd=np.array(prior_sd), units=units)
+    return identifiability([*free], x, inside, prior_sd=prior_sd, units=[p.unit for p in parameters])
 
 
 def told_together(fit: Fit) -> list[str]:

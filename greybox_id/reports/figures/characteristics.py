@@ -18,7 +18,7 @@ from ...fitting.fit import Fit, combined
 from ...models.memory_model import MemoryModel
 from ...models.model import Combination, Model, Namespace
 from ...models.motion_model import MotionModel
-from ...models.parameter import Parameter
+from ...models.parameter import Parameter, placed
 from ..recordings import MOVING, Driven, Seen, of_role, typical_speed
 from ..settled import OverSlip, steady_turns
 from .sheet import (
@@ -352,15 +352,13 @@ def responses(model: MemoryModel) -> tuple[Parameter, ...]:
     trace = Trace(model)
     by_p = trace.weights_by_p
     lag_of = dict(zip(by_p.column.tolist(), (by_p.row % trace.memory).tolist(), strict=True))
-    result, start = [], 0
-    for parameter in model.parameters:
-        entries = range(start, start + parameter.size)
-        start += parameter.size
+    result = []
+    for parameter, place in placed(model.parameters):
         if len(parameter.shape) == 0 or parameter.shape[-1] < 2:
             continue
         length = parameter.shape[-1]
         lags = [trace.memory - length + k % length for k in range(parameter.size)]
-        if [lag_of.get(entry) for entry in entries] == lags:
+        if [lag_of.get(entry) for entry in range(place.start, place.stop)] == lags:
             result.append(parameter)
     return tuple(result)
 

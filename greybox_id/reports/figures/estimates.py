@@ -10,6 +10,7 @@ from ...base.numbers import pretty_unit
 from ...base.shorthands import Array
 from ...fitting.fit import Fit
 from ...fitting.provenance import Stage
+from ...models.parameter import free_places
 from .sheet import BLUE, INK, ORANGE, SMALL, WIDE, Sheet, cells, look, shades, symbol
 
 CELL, SMALLEST, LARGEST = 18.0, 70.0, 235.0
@@ -31,15 +32,11 @@ def correlations(fit: Fit) -> tuple[list[str], Array]:
     if fit.covariance is None:
         return [], np.empty((0, 0))
     variance = np.diag(fit.covariance)
-    names, places, start = [], [], 0
-    for p in fit.model.parameters:
-        if p.shape == () and not p.fixed and 0 < variance[start] < np.inf:
-            names.append(p.name)
-            places.append(start)
-        start += p.size
+    known = {name: k for name, k in free_places(fit.model.parameters).items() if 0 < variance[k] < np.inf}
+    places = [*known.values()]
     inside = fit.covariance[np.ix_(places, places)]
     sd = np.sqrt(np.diag(inside))
-    return names, np.asarray(np.clip(inside / np.outer(sd, sd), -1.0, 1.0))
+    return [*known], np.asarray(np.clip(inside / np.outer(sd, sd), -1.0, 1.0))
 
 
 def correlation(fit: Fit) -> Sheet | None:

@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from ...base.numbers import pretty_unit
 from ...base.shorthands import Array, Index
 from ...base.statistics import correlation, welch
-from ...engine.simulation import Prediction
+from ...engine.simulation import Prediction, breaks
 from ...fitting.fit import Fit
 from ...fitting.scores.metrics import FREE_RUN, ahead
 from ...models.model import Model
@@ -323,8 +323,8 @@ def _parts(one: Seen, protocol: str, k: int, name: str | None) -> Parts:
     residual = result.predicted[:, k] - result.measured[:, k]
     other = residual if name is None else one.recording[name][result.rows]
     known = np.flatnonzero(np.isfinite(residual) & np.isfinite(other))
-    edges = np.flatnonzero((np.diff(result.rows[known]) != 1) | (np.diff(result.run[known]) != 0)) + 1
-    return [(residual[p], other[p]) for p in np.split(known, edges) if len(p) >= SHORTEST]
+    stretches = np.split(known, breaks(result.rows[known], result.run[known]))
+    return [(residual[p], other[p]) for p in stretches if len(p) >= SHORTEST]
 
 
 LONGEST = 256
@@ -386,8 +386,8 @@ def _curves(one: Seen, k: int, noise: Noise | None) -> list[tuple[Look, Sequence
 def _unbroken(of: Prediction, values: Array) -> list[Array]:
     """Stretches of finite values in neighbouring rows of one run, those long enough."""
     known = np.flatnonzero(np.isfinite(values))
-    edges = np.flatnonzero((np.diff(of.rows[known]) != 1) | (np.diff(of.run[known]) != 0)) + 1
-    return [values[part] for part in np.split(known, edges) if len(part) >= SHORTEST_PART]
+    stretches = np.split(known, breaks(of.rows[known], of.run[known]))
+    return [values[part] for part in stretches if len(part) >= SHORTEST_PART]
 
 
 def psd(parts: Sequence[Array], rate: float) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from ...base.json_data import Kind
 from ...base.shorthands import Array
 from ...base.statistics import correlation
 from ...datasets.recording import Recording
+from ...engine.simulation import breaks
 from ...filters.findings import WINDOW, Consistency, bounds, windowed
 from ...filters.track import Track
 from ...fitting.provenance import DataRecord, data_record
@@ -328,8 +329,8 @@ def _innovations(track: Track, name: str) -> Innovations:
     size = max(2, round(WINDOW / step))
     scaled = track.innovations[name] / track.expected[name]
     there = np.isfinite(scaled)
-    edges = np.flatnonzero((np.diff(track.rows[there]) != 1) | (np.diff(track.run[there]) != 0)) + 1
-    parts = [item for item in np.split(scaled[there], edges) if len(item) > 1]
+    stretches = np.split(scaled[there], breaks(track.rows[there], track.run[there]))
+    parts = [item for item in stretches if len(item) > 1]
     most = max(1, min(round(LAGS / step), MOST_LAGS))
     known = correlation([(part, part) for part in parts], most) if parts else np.full(most + 1, np.nan)
     return Innovations(

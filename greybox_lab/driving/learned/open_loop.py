@@ -160,21 +160,15 @@ class OpenLoop:
 
 
 def errors_ahead(
-    model: MotionModel,
-    recordings: Sequence[Recording],
-    horizons: Sequence[float] = HORIZONS,
-    *,
-    sample_time: float | None = None,
-    every: float = 0.1,
+    model: MotionModel, recordings: Sequence[Recording], horizons: Sequence[float] = HORIZONS
 ) -> dict[float, dict[str, float]]:
     """Root mean square errors of a model over horizons, by signal, of all recordings together.
 
     Parameters
     ----------
-    model, sample_time : see `OpenLoop`.
+    model : see `OpenLoop`.
     recordings : that were not trained on.
     horizons : s.
-    every : s between the rows that predictions begin at.
 
     Returns
     -------
@@ -188,7 +182,7 @@ def errors_ahead(
     >>> sorted(errors_ahead(gb.models.single_track(vehicle="roboracer"), [lap], [0.5])[0.5])
     ['v_x', 'yaw_rate']
     """
-    result = [OpenLoop(model, recording, sample_time).horizons(horizons, every) for recording in recordings]
+    result = [OpenLoop(model, recording).horizons(horizons) for recording in recordings]
     joined = {
         h: Ahead(*(np.concatenate([getattr(item[h], part) for item in result]) for part in Ahead.__dataclass_fields__))
         for h in horizons

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of
 from greybox_id.base.files import held
 from greybox_id.base.json_data import plain
 from greybox_id.base.shorthands import Say
@@ -78,8 +78,7 @@ class AgentOptions:
     def __post_init__(self) -> None:
         if not 1 <= self.trainings <= 20:
             raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
-        if self.arm not in ARMS:
-            raise BadInput(f"There is no arm {self.arm!r}.{near_or_all(self.arm, ARMS)}")
+        must_be_one_of(ARMS, self.arm, "There is no arm")
 
 
 @dataclass(frozen=True)

@@ -13,17 +13,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of
 from greybox_id.base.files import held, write_atomically
 from greybox_id.base.shorthands import Array, Say
 from greybox_id.base.version import __version__
-from greybox_id.datasets.recording import Recording
+from greybox_id.datasets.recording import Recording, join
 from greybox_id.models.motion_model import MotionModel
 from greybox_id.models.registry import motion_model_of
 from greybox_id.models.vehicle import Vehicle, write_vehicle
@@ -153,8 +153,7 @@ def demo(
     """
     if not 1 <= cycles <= 20:
         raise BadInput(f"‹cycles›: a number from 1 to 20 is needed, not {cycles!r}.")
-    if arm not in ARMS:
-        raise BadInput(f"There is no arm {arm!r}.{near_or_all(arm, ARMS)}")
+    must_be_one_of(ARMS, arm, "There is no arm")
     return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, arm, seed, cycles, say).run()
 
 
@@ -416,20 +415,21 @@ def twin_of(twin: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable[
     return tried
 
 
+TRACED = 600
+"""Points of a figure's line, about."""
+
+
 def joined(recordings: Sequence[Recording]) -> Recording:
     """Recordings one after the other, a run each."""
-    first, times, ends, at = recordings[0], [], [0], 0.0
+    shifted, at = [], 0.0
     for recording in recordings:
-        times.append(recording.time - recording.time[0] + at)
-        at = float(times[-1][-1]) + 1.0
-        ends.append(ends[-1] + len(recording))
-    signals = {name: np.concatenate([recording[name] for recording in recordings]) for name in first.signals}
-    runs = tuple(zip(ends[:-1], ends[1:], strict=True))
-    return Recording("rows", np.concatenate(times), signals, runs=runs)
+        shifted.append(replace(recording, time=recording.time - recording.time[0] + at))
+        at = float(shifted[-1].time[-1]) + 1.0
+    return join(shifted, "rows")
 
 
-def trace(drive: DrivenRows, points: int = 600) -> dict[str, list[float]]:
+def trace(drive: DrivenRows) -> dict[str, list[float]]:
     """Lateral error over the distance along the track, of the last episode, thinned out for a figure."""
     episode = drive.episodes[-1]
-    every = max(len(episode.s) // points, 1)
+    every = max(len(episode.s) // TRACED, 1)
     return {"s": np.round(episode.s[::every], 2).tolist(), "e_y": np.round(episode.e_y[::every], 4).tolist()}

@@ -130,20 +130,15 @@ class Server:
     store : what it keeps.
     token : that signs requests.
     host, port : where it listens; port 0 is any that is free.
-    head_seconds, body_seconds : patience with slow clients.
 
     Attributes
     ----------
     address : "http://127.0.0.1:43121", once it listens.
     """
 
-    def __init__(
-        self, store: ServerStore, token: bytes, host: str = "127.0.0.1", port: int = 0, *,
-        head_seconds: float = HEAD_SECONDS, body_seconds: float = BODY_SECONDS,
-    ) -> None:  # fmt: skip
+    def __init__(self, store: ServerStore, token: bytes, host: str = "127.0.0.1", port: int = 0) -> None:
         self._store, self._host, self._port = store, host, port
-        self._strangers, self._patience = Strangers(head_seconds), body_seconds
-        self._admission, self._turns = Admission(token), Turns(body_seconds)
+        self._strangers, self._admission, self._turns = Strangers(HEAD_SECONDS), Admission(token), Turns(BODY_SECONDS)
         self._feed, self._checks = Feed(), BodyChecks()
         self._workers = Workers(store, self._feed.tell)
         self._changing = asyncio.Lock()
@@ -238,7 +233,7 @@ class Server:
         """The body that was signed."""
         body = bytearray()
         try:
-            async with asyncio.timeout(self._patience):
+            async with asyncio.timeout(BODY_SECONDS):
                 async for piece in request.stream():
                     body += piece
                     if len(body) > largest:

@@ -17,7 +17,7 @@ from greybox_id.fitting.fit import Fit
 from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel
-from greybox_id.models.parameter import Parameter
+from greybox_id.models.parameter import Parameter, free_places
 from greybox_id.models.registry import with_effects
 
 HAND = {"grip_scale": (0.67, 1.24), "mass_change": (0.86, 1.12), "steering_delay": (0.0, 0.03)}
@@ -116,13 +116,9 @@ def of_fit(fit: Fit) -> Draws:
     ------
     BadInput : it keeps no covariance, or nothing of it was fitted with one.
     """
-    free, at = dict[int, Parameter](), 0
-    for parameter in fit.model.parameters:
-        if parameter.shape == () and not parameter.fixed:
-            free[at] = parameter
-        at += parameter.array.size
-    held = np.full((at, at), np.nan) if fit.covariance is None else fit.covariance
-    free = {k: parameter for k, parameter in free.items() if np.isfinite(held[k, k])}
+    known, size = free_places(fit.model.parameters), fit.model.size
+    held = np.full((size, size), np.nan) if fit.covariance is None else fit.covariance
+    free = {k: fit.model[name] for name, k in known.items() if np.isfinite(held[k, k])}
     if not free:
         raise BadInput("randomise: this fit keeps no covariance of its parameters, from which they could be drawn.")
     variances, directions = np.linalg.eigh(held[np.ix_(list(free), list(free))])

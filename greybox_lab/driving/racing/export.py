@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of
 from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
 from greybox_id.export.c.functions import INLINE
@@ -137,8 +137,7 @@ def export_policy(subject: PolicySubject, target: str, folder: str | Path) -> li
     ------
     BadInput : policies are not written for the target, the package onnx is missing, or the folder holds other files.
     """
-    if target not in TARGETS:
-        raise BadInput(f"A policy is not written for {target!r}.{near_or_all(target, TARGETS)}")
+    must_be_one_of(TARGETS, target, "A policy is not written for")
     files = {"c": _c, "onnx": _onnx}[target](subject)
     return write_folder(Path(folder), files, {"target": target} | subject.described())
 

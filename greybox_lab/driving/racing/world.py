@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_one_of
 from greybox_id.base.shorthands import Array, Mask
 from greybox_id.models.motion_model import MotionModel
 
@@ -105,8 +105,7 @@ class Rules:
 
     def __post_init__(self) -> None:
         for name, known in (("action", ACTIONS), ("reward", REWARDS), ("observation", OBSERVATIONS)):
-            if (choice := getattr(self, name)) not in known:
-                raise BadInput(f"There is no {name} {choice!r}.{near_or_all(str(choice), known)}")
+            must_be_one_of(known, getattr(self, name), f"There is no {name}")
         if not isinstance(self.memory, int) or not 0 <= self.memory <= MOST_MEMORY:
             raise BadInput(f"memory: a whole number from 0 to {MOST_MEMORY} is needed, not {self.memory!r}.")
         for name in ("period", "follow", "speed_cap", "usage_cap", "seconds", "laps"):

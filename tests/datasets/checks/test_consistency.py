@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from simulated import clean, clean_runs
+from toys import without
 
 from greybox_id.datasets.checks import check, distrusted
 from greybox_id.datasets.checks.consistency import check_duplicates
@@ -16,10 +17,6 @@ DEGREES = 180 / np.pi
 
 def found(recording, kind, **settings):
     return [finding for finding in check(recording, **settings) if finding.kind == kind]
-
-
-def without(recording, *names):
-    return replace(recording, signals={n: v for n, v in recording.signals.items() if n not in names})
 
 
 @pytest.mark.parametrize("name", ["yaw_rate", "steer", "a_y", "a_x", "yaw"])

@@ -14,7 +14,8 @@ from greybox_id.engine.motion.schedule import motion_runs, schedule
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Predictor, Simulator, observed
 from greybox_id.engine.solvers.gauss_newton import Status, gauss_newton
-from greybox_id.engine.solvers.ipopt import at_nodes, ipopt
+from greybox_id.engine.solvers.ipopt import ipopt
+from greybox_id.engine.solvers.motion_program import at_nodes
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 

@@ -7,9 +7,10 @@ import pytest
 from driven import driven
 
 from greybox_id.base.errors import BadInput
-from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, load, weighed
+from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, weighed
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.requested_model import must_be_recorded
+from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.fitting.scores.misfit import foreign_form, misfit
 from greybox_id.fitting.scores.verdict import judged

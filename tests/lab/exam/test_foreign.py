@@ -12,6 +12,7 @@ import pytest
 import greybox_id.gap
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
+from greybox_id.fitting.how import quiet
 from greybox_id.models.vehicle import vehicle
 from greybox_lab.exam.aliases import always_alike, group_of
 from greybox_lab.exam.answers import read_answer
@@ -39,10 +40,6 @@ from greybox_lab.exam.plan import Counts
 from greybox_lab.virtual.virtual_vehicle import EFFECTS, random_vehicle
 
 needs_slipx = pytest.mark.skipif(find_spec("slipx") is None, reason="slipx is not installed")
-
-
-def said(*_, **__):
-    pass
 
 
 def drawn(family="tmeasy", number=0):
@@ -236,7 +233,7 @@ def test_slipx_follows_its_commands():
 
 @pytest.mark.slow
 def test_a_foreign_examination_is_written_and_sealed(tmp_path):
-    made = make_foreign(tmp_path / "exam", 5, "foreign", Counts(1, 1, 0, 0), ("fiala",), 1, said)
+    made = make_foreign(tmp_path / "exam", 5, "foreign", Counts(1, 1, 0, 0), ("fiala",), 1, quiet)
     assert made.counts == {"null": 1, "single": 1}
     assert unbroken(made.folder, made.seal) == made.seal
     for case in ("case_000", "case_001"):

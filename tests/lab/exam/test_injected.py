@@ -8,6 +8,7 @@ import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.how import quiet
 from greybox_id.gap.estimation.calibration import provenance
 from greybox_id.models.effects import EFFECTS
 from greybox_lab.cli.exam import diagnose_case
@@ -16,10 +17,6 @@ from greybox_lab.exam.altering import INJECTIONS, altered, scatter_between
 from greybox_lab.exam.answers import read_answer
 from greybox_lab.exam.folder import unbroken
 from greybox_lab.exam.injected import DEVELOPMENT, EXAMINATION, SOURCES, make_injected, sources
-
-
-def said(*_, **__):
-    pass
 
 
 @pytest.fixture
@@ -131,17 +128,17 @@ def test_pairs_that_numbers_were_chosen_on_are_no_cases_of_known_changes():
 
 def test_recordings_that_are_not_there_are_told(tmp_path):
     with pytest.raises(BadInput, match=r"holds no .*roboracer/train\.csv"):
-        make_injected(tmp_path / "exam", tmp_path, 1, 2, ["roboracer"], 1, said)
+        make_injected(tmp_path / "exam", tmp_path, 1, 2, ["roboracer"], 1, quiet)
     with pytest.raises(BadInput, match=r"holds no dart/"):
-        changed.make_changed(tmp_path / "exam", tmp_path, 1, [], 1, said)
+        changed.make_changed(tmp_path / "exam", tmp_path, 1, [], 1, quiet)
     with pytest.raises(BadInput, match=r'no case "slipery".*Did you mean slippery'):
-        changed.make_changed(tmp_path / "exam", tmp_path, 1, ["slipery"], 1, said)
+        changed.make_changed(tmp_path / "exam", tmp_path, 1, ["slipery"], 1, quiet)
     assert not (tmp_path / "exam").exists()
     assert {own.columns for own in SOURCES.values()} >= {"roboracer", "truck"}
 
 
 def test_altered_recordings_stand_beside_themselves_unaltered(tmp_path, real_data):
-    exam = make_injected(tmp_path / "exam", real_data, 3, 2, ["ferrari"], 1, said)
+    exam = make_injected(tmp_path / "exam", real_data, 3, 2, ["ferrari"], 1, quiet)
     assert exam.counts == {"single": 2, "null": 2}
     assert unbroken(exam.folder) == exam.seal
     answers = [read_answer(file) for file in sorted(exam.folder.glob("sealed/*/answer.json"))]
@@ -157,13 +154,13 @@ def test_altered_recordings_stand_beside_themselves_unaltered(tmp_path, real_dat
             away = abs(np.log(own.effects[name])) if null == 1.0 else abs(own.effects[name])
             assert min(3.0 * sd, INJECTIONS[name].most) - 1e-12 <= away <= 8.0 * sd
             assert own.above == (away >= 4.0 * sd)
-    again = make_injected(tmp_path / "again", real_data, 3, 2, ["ferrari"], 1, said)
+    again = make_injected(tmp_path / "again", real_data, 3, 2, ["ferrari"], 1, quiet)
     assert again.seal == exam.seal
 
 
 @pytest.mark.slow
 def test_a_real_change_is_examined_as_a_case(tmp_path, real_data):
-    exam = changed.make_changed(tmp_path / "exam", real_data, 0, ["slippery"], 1, said)
+    exam = changed.make_changed(tmp_path / "exam", real_data, 0, ["slippery"], 1, quiet)
     assert exam.counts == {"changed": 1}
     (answer,) = [read_answer(file) for file in exam.folder.glob("sealed/*/answer.json")]
     assert answer.effects["grip_scale"] == pytest.approx(0.51, abs=0.01)

@@ -8,6 +8,7 @@ import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
+from greybox_id.fitting.how import quiet
 from greybox_id.models.effects import EFFECTS as KNOWN
 from greybox_id.models.vehicle import vehicle
 from greybox_lab.exam.aliases import GROUPS, Cause, View, always_alike, group_of, indistinguishable, partners
@@ -16,10 +17,6 @@ from greybox_lab.exam.folder import unbroken
 from greybox_lab.exam.make import make
 from greybox_lab.exam.plan import plan
 from greybox_lab.virtual.virtual_vehicle import EFFECTS, OUTSIDE
-
-
-def said(*_, **__):
-    pass
 
 
 def planned(cases=300, nulls=50, seed=1):
@@ -106,14 +103,15 @@ def test_exact_aliases_are_named_without_a_look():
 
 def test_answers_survive_the_file(tmp_path):
     answer = Answer("case_000", "single", "clean", {"steering_rate_limit": 0.4}, {"steering_rate_limit": inf},
-                    {"steering_rate_limit": ("steering_lag",)}, {"yaw_rate": 1.0}, 0.5, 7, {"kind": "car"})  # fmt: skip
+                    {"steering_rate_limit": ("steering_lag",)}, {"yaw_rate": 1.0}, {"yaw_rate": 0.5}, seed=7,
+                    car={"kind": "car"})  # fmt: skip
     assert read_answer(write_answer(answer, tmp_path / "answer.json")) == answer
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("tier", ["clean", "workshop"])
 def test_an_examination_is_written_and_sealed(tmp_path, tier):
-    made = make(tmp_path / "exam", 5, tier, 1, 1, 1, said)
+    made = make(tmp_path / "exam", 5, tier, 1, 1, 1, quiet)
     assert sum(made.counts.values()) == 2
     assert unbroken(made.folder, made.seal) == made.seal
     for case in ("case_000", "case_001"):
@@ -140,11 +138,11 @@ def test_an_examination_is_written_and_sealed(tmp_path, tier):
 def test_no_examination_is_written_over(tmp_path):
     (tmp_path / "something").write_text("")
     with pytest.raises(BadInput, match="not empty"):
-        make(tmp_path, 5, "clean", 1, 1, 1, said)
+        make(tmp_path, 5, "clean", 1, 1, 1, quiet)
 
 
 def test_an_examination_that_was_interrupted_is_gone_on_with(tmp_path):
-    folder, whole = tmp_path / "exam", make(tmp_path / "whole", 5, "clean", 0, 3, 1, said)
+    folder, whole = tmp_path / "exam", make(tmp_path / "whole", 5, "clean", 0, 3, 1, quiet)
 
     def interrupted(line, **_):
         if line.startswith("2/3"):
@@ -155,11 +153,11 @@ def test_an_examination_that_was_interrupted_is_gone_on_with(tmp_path):
     first = folder / "cases" / "case_000" / "recording.csv"
     written = first.stat().st_mtime_ns
     with pytest.raises(BadInput, match=r"unfinished examination .*seed 5.* Repeat those options"):
-        make(folder, 6, "clean", 0, 3, 1, said)
+        make(folder, 6, "clean", 0, 3, 1, quiet)
     told = []
     made = make(folder, 5, "clean", 0, 3, 1, lambda line, **_: told.append(line))
     assert told[0] == "2/3 were made before"
     assert first.stat().st_mtime_ns == written
     assert made.seal == whole.seal == unbroken(folder)
     with pytest.raises(BadInput, match="is not empty"):  # finished ones are never gone on with
-        make(folder, 5, "clean", 0, 3, 1, said)
+        make(folder, 5, "clean", 0, 3, 1, quiet)

@@ -6,11 +6,8 @@ import pytest
 from exam_candidates import diagnosis, ranked
 
 from greybox_id.base.errors import BadInput
+from greybox_id.fitting.how import quiet
 from greybox_lab.exam.score import score
-
-
-def said(*_, **__):
-    pass
 
 
 @pytest.fixture
@@ -37,7 +34,7 @@ def verify(case, held_out, told):
 
 
 def test_the_score_counts_and_is_kept(diagnosed):
-    body, again = score(diagnosed, said, verify=verify)
+    body, again = score(diagnosed, quiet, verify=verify)
     told = {own["key"]: own for own in body["measures"]}
     assert not again
     assert told["first"]["value"] == 1.0
@@ -50,9 +47,9 @@ def test_the_score_counts_and_is_kept(diagnosed):
 
 
 def test_answers_are_opened_once(diagnosed):
-    first, _ = score(diagnosed, said, verify=verify)
+    first, _ = score(diagnosed, quiet, verify=verify)
     write(diagnosed, "case_002", diagnosis(gap_detected=True, ranking=[ranked("mass_change"), ranked("road_slope")]))
-    second, again = score(diagnosed, said, verify=verify)
+    second, again = score(diagnosed, quiet, verify=verify)
     assert again
     assert second["measures"][5]["value"] == first["measures"][5]["value"] == 0.0
 
@@ -60,19 +57,19 @@ def test_answers_are_opened_once(diagnosed):
 def test_a_case_without_diagnosis_keeps_the_answers_closed(diagnosed):
     (diagnosed / "cases" / "case_002" / "diagnosis.json").unlink()
     with pytest.raises(BadInput, match="1 of 4 cases have no diagnosis, case_002 first"):
-        score(diagnosed, said, verify=verify)
+        score(diagnosed, quiet, verify=verify)
     assert not (diagnosed / "score.json").exists()
 
 
 def test_a_broken_seal_is_not_scored(diagnosed):
     (diagnosed / "sealed" / "case_003" / "held_out.csv").write_text("")
     with pytest.raises(BadInput, match="seal is broken"):
-        score(diagnosed, said, verify=verify)
+        score(diagnosed, quiet, verify=verify)
     assert not (diagnosed / "score.json").exists()
 
 
 def test_a_part_is_scored_without_being_kept(diagnosed):
     (diagnosed / "cases" / "case_002" / "diagnosis.json").unlink()
-    body, again = score(diagnosed, said, verify=verify, partial=True)
+    body, again = score(diagnosed, quiet, verify=verify, partial=True)
     assert (body["cases"], again) == (3, False)
     assert not (diagnosed / "score.json").exists()

@@ -9,7 +9,7 @@ from networks import FOLDER, FOREIGN, NAMES, body_of, imported, predicted, said,
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
-from greybox_id.fitting.fit import load
+from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.fitting.scores.metrics import score
 from greybox_id.models.registry import build

@@ -11,13 +11,10 @@ from json_pages import PAGE, agree
 
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
+from greybox_id.fitting.how import quiet
 from greybox_lab.papers import a2rl, brakes, emps, ferrari, peers
 from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown, on_screen
 from greybox_lab.papers.equations import AHEAD, driven_rear, servo_axis
-
-
-def quietly(line, passing=False):
-    del line, passing
 
 
 def test_a_page_has_every_figure_and_marks_what_is_published():
@@ -188,7 +185,7 @@ def test_the_axis_is_found_and_tools_that_are_not_installed_or_fail_are_told():
 def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
     tools = {"scipy least_squares": (peers.by_scipy, 500, "scipy"), "none": (peers.by_nnodely, 500, "no_such_package")}
     monkeypatch.setattr(emps, "PEERS", tools)
-    bench = emps.measure(None, True, quietly)
+    bench = emps.measure(None, True, quiet)
     assert {"greybox-id", "greybox-id, search only", "scipy least_squares"} <= {row.model for row in bench.rows}
     assert bench.answers[0].startswith("Beside the fastest other tool here, scipy least_squares,")
     assert "none is left out: it is not installed" in " ".join(bench.protocol)
