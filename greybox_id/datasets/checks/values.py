@@ -128,9 +128,13 @@ def zero_share(recording: Recording, name: str) -> float:
 
 def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
     steps, repeats = _steps(recording, name, values)
-    if steps.size < 20 or repeats.mean() < HELD_SHARE:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], repeats.astype(int), [0]])))
+    longest = int(np.max(edges[1::2] - edges[::2], initial=0))  # one long hold is a channel that got stuck
+    if steps.size - longest < 20:
         return []
-    share = float(repeats.mean())
+    share = float(np.count_nonzero(repeats) - longest) / (steps.size - longest)
+    if share < HELD_SHARE:
+        return []
     rate = (1 - share) / recording.sample_time
     sentence = (
         f"{name} repeats {100 * share:.0f} % of its samples exactly: it is held between updates, "

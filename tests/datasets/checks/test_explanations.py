@@ -97,6 +97,10 @@ def test_of_31_faults_28_are_found_and_24_named_first(kind, seed):
     assert found["right_first"] >= 24
 
 
+def test_a_channel_that_got_stuck_once_is_not_held_between_updates():
+    assert not any(one.kind == "held" for one in check(stuck(drive(1), "yaw_rate", 10.0, 40.0)))
+
+
 def test_who_drives_ahead_is_never_said_to_reverse():
     r = moved(drive(1), "yaw_rate", scale=-1.0)
     r = Recording("drive", r.time, {n: r[n] for n in ("v_x", "steer", "yaw_rate")})
