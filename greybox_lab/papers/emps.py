@@ -41,7 +41,8 @@ PUBLISHED = {
     "MLP FIR": 121.0, "RNN": 89.2, "GRU": 220.0, "LSTM": 74.1, "OLSTM": 111.0,
 }  # fmt: skip
 """mm: position on the recording's test part, in free run; ten baselines of Champneys, Beintema, Tóth, Schoukens and
-Rogers, Baseline results for selected nonlinear system identification benchmarks, arXiv 2405.10779v2, Table 3."""
+Rogers, Baseline results for selected nonlinear system identification benchmarks, arXiv 2405.10779v2, Table 3,
+as a public transcription has it."""
 
 
 def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:

@@ -117,10 +117,10 @@ def page(
             ratio = {other: mean[name] / mean[other] for other in (STRUCTURED, BLACK_BOX, AVERAGED)}
             far = turn[name] / min(turn[STRUCTURED], turn[BLACK_BOX])
             answers.append(
-                f"{drive}: the {name} errs {ratio[theirs]:.2f} times as much in yaw rate as the {theirs}: {word} "
-                f"(difference of RMSE {pair.second - pair.first:+.3f} [{pair.low:+.3f}, {pair.high:+.3f}] deg/s), "
-                f"{ratio[AVERAGED]:.2f} times as much as the mean of all black boxes, and {far:.2f} times as much as "
-                "the better network in yaw angle over a minute."
+                f"{drive}: in yaw rate, the error of the {name} is {ratio[theirs]:.2f} times that of the {theirs}: "
+                f"{word} (difference of RMSE {pair.second - pair.first:+.3f} [{pair.low:+.3f}, {pair.high:+.3f}] "
+                f"deg/s), and {ratio[AVERAGED]:.2f} times that of the mean of all black boxes; in yaw angle over a "
+                f"minute, it is {far:.2f} times that of the better network."
             )
             result["paired"][f"{drive}, {name}"] = {
                 "against": theirs,
