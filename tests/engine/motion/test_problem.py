@@ -242,7 +242,7 @@ def test_some_lanes_at_a_time_are_as_all_at_once(monkeypatch):
     asked = problem(car("lateral"), [driven(duration=4.0)])
     inner = asked.simulated_nodes(asked.start).starts[1:] + 0.01
     all_at_once = at_nodes(asked, asked.start, inner)
-    monkeypatch.setattr("greybox_id.engine.solvers.ipopt.LANES", 3)
+    monkeypatch.setattr("greybox_id.engine.solvers.motion_program.LANES", 3)
     for whole, part in zip(all_at_once, at_nodes(asked, asked.start, inner), strict=True):
         np.testing.assert_allclose(part, whole, rtol=1e-12, atol=1e-12 * np.max(np.abs(whole)))
     nodes = asked.simulated_nodes(asked.start)
