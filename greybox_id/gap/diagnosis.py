@@ -39,7 +39,7 @@ DIFFERS = "its estimate differs between parts of the drive, which suggests that 
 OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
 
 
-@np.errstate(over="ignore", invalid="ignore")  # vehicles spin within a search; who reads numbers sees to their end
+@np.errstate(over="ignore", invalid="ignore")  # in a search simulations may diverge: what is not finite is refused
 def diagnose(
     model: Diagnosed,
     recordings: Sequence[Recording],

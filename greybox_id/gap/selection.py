@@ -200,9 +200,9 @@ def _refitted(search: Search, hypothesis: Hypothesis) -> Hypothesis:
 
 
 def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]:
-    """What refits from these starts find; if all of them leave the range of numbers, one from all beliefs."""
-    result = refit(search, starts) or refit(search, [search.start_of(search.at_means())])
-    if not result:  # derivatives of what nearly spins lead nowhere: those about beliefs do
+    """What refits from these starts find; if all of them leave the range of numbers, what one from the priors does."""
+    result = refit(search, starts)
+    if not result:  # lags and limits stay where the search is about: there may be no way from them
         search.about(None)
         result = refit(search, [search.start_of(search.at_means())])
     if not result:

@@ -1,9 +1,12 @@
 """From everything at once to hypotheses: each cause is taken away again, and what acts alike is tried in its place."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 
+from greybox_id.gap import selection
 from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.estimation.problem import JointProblem
@@ -100,3 +103,11 @@ def test_a_bench_that_leaves_the_range_of_numbers_is_said():
     bench = GivenBench(lambda p: np.full((60, 2), np.nan), np.zeros((60, 2)), 2)
     with pytest.raises(BadInput, match="range of numbers"):
         selected(bench, 2)
+
+
+def test_where_no_start_stays_within_numbers_the_search_begins_again_from_the_priors(monkeypatch):
+    about = []
+    search = SimpleNamespace(about=about.append, at_means=lambda: "priors", start_of=lambda item: item)
+    monkeypatch.setattr(selection, "refit", lambda search, starts: list(starts) if about else [])
+    assert selection._within_numbers(search, ["where it was"]) == ["priors"]
+    assert about == [None]

@@ -98,7 +98,7 @@ class Changed:
         return self.gap.to_json() | more
 
 
-@np.errstate(over="ignore", invalid="ignore")  # as in a diagnosis, vehicles may spin
+@np.errstate(over="ignore", invalid="ignore")  # as in a diagnosis
 def diagnose_change(
     model: Diagnosed,
     after: Sequence[Recording],

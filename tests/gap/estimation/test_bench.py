@@ -158,3 +158,11 @@ def test_what_was_asked_for_long_ago_is_forgotten(bench, monkeypatch):
     assert sum(asked) == 2 * 12
     np.testing.assert_allclose(bench.simulate(many[:1]), found[:1], rtol=1e-12, atol=1e-12)
     assert sum(asked) == 2 * 13
+
+
+def test_derivatives_that_grow_beyond_all_numbers_are_limited(bench, monkeypatch):
+    """So they do where steps are unstable: tyres keep the motion finite, and nothing its derivatives."""
+    plain = bench.simulator.kernel.linearise
+    monkeypatch.setattr(bench.simulator.kernel, "linearise", lambda *given: [1e120 * item for item in plain(*given)])
+    _, J, _ = bench.linearise(np.array(bench.model.values), [place(bench, name) for name in ("m", "D_r")])
+    assert np.max(np.abs(J)) == CAL.far
