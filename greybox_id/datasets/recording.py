@@ -303,7 +303,7 @@ class Recording:
         return self.taken(slice(start, stop), ((a, b) for a, b in inside if b > a))
 
     def every(self, step: int) -> Recording:
-        """Every so manieth row of each run."""
+        """One of so many rows, of each run."""
         kept = [np.arange(start, stop, step) for start, stop in self.runs]
         ends = np.cumsum([0, *map(len, kept)]).tolist()
         return self.taken(np.concatenate(kept), zip(ends[:-1], ends[1:], strict=True))

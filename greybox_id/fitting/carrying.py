@@ -26,7 +26,7 @@ from .fit import CLEARLY, NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
 from .scores.motion import score_motion
 from .scores.verdict import WORSE, times_as_large
-from .uncertainty.form import BLOCKS, mixed_halves, prediction_limit
+from .uncertainty.halves import BLOCKS, mixed_halves, prediction_limit
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0

@@ -1,10 +1,6 @@
-"""A fit: a model with its estimates, their uncertainty, metrics, solver record and provenance.
+"""A fit: a model with its estimates, combinations of them and their uncertainty, metrics, provenance, and its verdict.
 
 Saved as JSON; `saved_fit.py` reads it back.
-
-Combinations of parameters as a fit tells them, and how far a 95 % interval reaches.
-
-The verdict on a fit: whether it can be used, and why.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Ipopt on the same problem, lifted over time: it certifies what Gauss-Newton found, or carries on from it.
 
-Open loop there are parameters alone. The objective is the least-squares objective, bounds are bounds, and the Hessian
-is Gauss-Newton's.
+The programs are in `programs.py` and `motion_program.py`. Their objective is the least-squares objective, bounds are
+bounds, and the Hessian is Gauss-Newton's.
 """
 
 from __future__ import annotations

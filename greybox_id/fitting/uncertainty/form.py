@@ -18,17 +18,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from itertools import combinations, product
 from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-from scipy.stats import t as student_t
 
 from ...base.shorthands import Array, Index, Mask
 from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..fit import CLEARLY
+from .halves import BLOCKS, mixed_halves, prediction_limit
 
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
@@ -41,9 +40,6 @@ STEP = 0.01
 """Of an input's spread, by which it is moved to see what follows."""
 RIDGE = 1e-9
 """Of a column's own power: on some drives one function is a sum of others."""
-BLOCKS, BY_CHANCE = 8, 0.01
-"""Parts of a recording, in order of time, of which halves are mixed; and how seldom the first and the second half of
-one vehicle's drive stand out from those. What a model lacks differs between manoeuvres, not halves."""
 
 
 @dataclass(frozen=True)
@@ -96,20 +92,6 @@ class FormError:
         """All but the covariance, as plain data."""
         outputs = {name: asdict(one) for name, one in self.outputs.items()}
         return {"outputs": outputs, "halves": self.halves, "halves_gain": self.halves_gain, "apart": self.apart}
-
-
-def mixed_halves() -> list[tuple[int, ...]]:
-    """Of halves that have as many of the first four blocks as of the last four, the one with the first block."""
-    half, quarter = BLOCKS // 2, BLOCKS // 4
-    early, late = combinations(range(half), quarter), combinations(range(half, BLOCKS), quarter)
-    return [first + second for first, second in product(early, late) if 0 in first]
-
-
-def prediction_limit(values: Array) -> float:
-    """What one more of such numbers, (n,) of a normal distribution, exceeds as seldom as `BY_CHANCE`."""
-    n = len(values)
-    beyond = student_t.isf(BY_CHANCE, n - 1) * np.sqrt(1.0 + 1.0 / n) * np.std(values, ddof=1)
-    return float(np.mean(values) + beyond)
 
 
 def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
@@ -458,8 +440,8 @@ def _normal_equations(
             wide[:, at] = by_p[:, there]
             wide[:, first : first + one.columns.shape[1]] = one.columns[rows] * here
             wide[:, firsts[-1] : last] = common[rows, one.place] * (one.weight[rows][:, None] * here)
-            for own in np.unique(part[rows][part[rows] > 0]):
-                wide[:, last + count * (own - 1) + at] = by_p[:, there] * (part[rows] == own)[:, None]
+            for later in np.unique(part[rows][part[rows] > 0]):
+                wide[:, last + count * (later - 1) + at] = by_p[:, there] * (part[rows] == later)[:, None]
             squares.add(wide, r)
             eliminated[k].add(by_p[:, loose], wide, r)
     H += sum(one.H for one in alone)

@@ -251,11 +251,11 @@ def test_some_lanes_at_a_time_are_as_all_at_once(monkeypatch):
 
 
 def test_where_derivatives_leave_the_range_of_numbers_ipopt_hears_it_and_nobody_is_warned():
-    asked = problem(car("lateral"), [driven(duration=1.0)])
-    inner = asked.simulated_nodes(asked.start).starts[1:]
-    far = asked.start.copy()
-    far[[p.name for p in asked.model.parameters].index("I_z")] *= 1e-100
-    assert not np.all(np.isfinite(at_nodes(asked, far, inner).H))
+    lap = problem(car("lateral"), [driven(duration=1.0)])
+    inner = lap.simulated_nodes(lap.start).starts[1:]
+    far = lap.start.copy()
+    far[[p.name for p in lap.model.parameters].index("I_z")] *= 1e-100
+    assert not np.all(np.isfinite(at_nodes(lap, far, inner).H))
 
 
 def test_states_along_a_recording_are_the_same_some_rows_at_a_time(monkeypatch):

@@ -12,7 +12,8 @@ from greybox_id.datasets.recording import Recording, join
 from greybox_id.fitting.fit import CLEARLY, NOT_USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.misfit import must_tell
-from greybox_id.fitting.uncertainty.form import _Joint, _Starts, prediction_limit
+from greybox_id.fitting.uncertainty.form import _Joint, _Starts
+from greybox_id.fitting.uncertainty.halves import prediction_limit
 from greybox_id.fitting.verb import fit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
