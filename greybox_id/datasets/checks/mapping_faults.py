@@ -162,7 +162,7 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     repair = _repair(first.fault) if not others else {}
     more = f"; {first.more} more relation{'s' if first.more > 1 else ''} then hold{'' if first.more > 1 else 's'}"
     sentence = (
-        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; corrected,  "
+        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; corrected, "
         f"{_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
     if others:
@@ -454,12 +454,12 @@ CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
     ("yaw_rate", "the sign of yaw_rate", lambda item: "yaw_rate" in item.channels and item.left != "v_y",
      "v_x with steer or a_y, yaw, or positions"),
     ("a_x", "axis and sign of a_x", lambda item: item.left == "a_x", "v_x"),
-    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x with yaw_rate or steer"),
+    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x with yaw_rate, steer or positions"),
     ("v_x", "the scale of v_x", lambda one: "v_x" in one.channels and one.known and one.left in ("a_x", "a_y", "|v_x|"),
      "positions, or a_y with yaw_rate, or a_x"),
     ("v_y", "the sign of v_y", lambda item: item.left in ("v_y", "sideslip"),
      "x, y and yaw, or yaw_rate at several speeds"),
-    ("yaw", "the sign of yaw", lambda item: "yaw" in item.channels, "yaw_rate, or x and y"),
+    ("yaw", "the sign of yaw", lambda item: "yaw" in item.channels, "yaw_rate or positions"),
     ("time", "the scale of time", lambda one: one.left in CLOCKED and ("/dt" in one.right or "ground" in one.right),
      "a_x and v_x, yaw_rate and yaw, or positions"),
     *((name, f"the sign of {name}", lambda item, name=name: item.right == name, "v_x") for name in DRIVES),

@@ -226,6 +226,14 @@ def _over_ground(requested: _Asked) -> list[Relation | None]:
             offsets = (STEERS * _usual(r["v_x"]), 0.0)
             one.append(_relation(r, ("v_x · steer", words), ("v_x", "steer", *place.channels), place.steered(r), turn,
                                    offsets, LENGTHS, False, 0.0))  # fmt: skip
+        if "yaw_rate" not in r and requested.wants("yaw", *place.channels):
+            heading = place.twice_smoothed(r, rate(r, r["yaw"], True))
+            one.append(_relation(r, ("d(yaw)/dt", words), ("yaw", *place.channels), heading, turn, (TURNS, 0.0), PLACES,
+                                   smoothing=0.0))  # fmt: skip
+        if "yaw_rate" not in r and requested.wants("a_y", "v_x", *place.channels):
+            aside, pace = (place.twice_smoothed(r, r[name]) for name in ("a_y", "v_x"))
+            one.append(_relation(r, ("a_y", f"v_x · {words}"), ("a_y", "v_x", *place.channels), aside, turn * pace,
+                                   (PUSHES, 0.0), SAME, smoothing=0.0))  # fmt: skip
         if requested.wants("v_x", *place.channels):
             sides = ("|v_x|", f"the speed over ground ({place.words})")
             pace = smooth(r, np.abs(r["v_x"]), place.seconds)

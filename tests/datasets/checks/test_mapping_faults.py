@@ -169,3 +169,28 @@ def test_a_column_that_holds_something_else_follows_nothing(name):
     findings = check_mapping(recording.with_signals(**{name: 0.3 * rng.standard_normal(len(recording))}))
     (finding,) = [f for f in findings if f.kind == "mapping"]
     assert f"{name} follows neither" in finding.sentence
+
+
+def at_places(recording):
+    """What a GPS logger has of it: speed, heading, acceleration aside and its place on earth."""
+    north, east = np.degrees(recording["y"] / 6.371e6), np.degrees(recording["x"] / 6.371e6)
+    given = only(recording, "v_x", "yaw", "a_y")
+    return given.with_signals(latitude=north, longitude=east)
+
+
+def test_places_on_earth_check_yaw_and_lateral_acceleration_where_no_yaw_rate_is_recorded():
+    recording = at_places(clean(1))
+    findings = check(recording)
+    assert not distrusted(findings)
+    unchecked = " ".join(finding.sentence for finding in findings if finding.kind == "unchecked")
+    assert "sign of yaw" not in unchecked and "sign of a_y" not in unchecked
+    for name in ("yaw", "a_y"):
+        turned = accused(recording.with_signals(**{name: -recording[name]}))
+        assert turned and all(finding.where.channel == name for finding in turned)
+
+
+def test_what_yaw_and_lateral_acceleration_need_to_be_checked_is_told():
+    recording = only(clean(1), "v_x", "yaw", "a_y")
+    (finding,) = (finding for finding in check(recording) if finding.kind == "unchecked")
+    assert "axis and sign of a_y (that needs v_x with yaw_rate, steer or positions)" in finding.sentence
+    assert "the sign of yaw (that needs yaw_rate or positions)" in finding.sentence
