@@ -231,8 +231,8 @@ def _over_ground(requested: _Asked) -> list[Relation | None]:
             one.append(_relation(r, ("d(yaw)/dt", words), ("yaw", *place.channels), heading, turn, (TURNS, 0.0), PLACES,
                                    smoothing=0.0))  # fmt: skip
         if "yaw_rate" not in r and requested.wants("a_y", "v_x", *place.channels):
-            aside, pace = (place.twice_smoothed(r, r[name]) for name in ("a_y", "v_x"))
-            one.append(_relation(r, ("a_y", f"v_x · {words}"), ("a_y", "v_x", *place.channels), aside, turn * pace,
+            pushed, pace = (place.twice_smoothed(r, r[name]) for name in ("a_y", "v_x"))
+            one.append(_relation(r, ("a_y", f"v_x · {words}"), ("a_y", "v_x", *place.channels), pushed, turn * pace,
                                    (PUSHES, 0.0), SAME, smoothing=0.0))  # fmt: skip
         if requested.wants("v_x", *place.channels):
             sides = ("|v_x|", f"the speed over ground ({place.words})")

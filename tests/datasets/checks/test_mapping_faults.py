@@ -183,10 +183,11 @@ def test_places_on_earth_check_yaw_and_lateral_acceleration_where_no_yaw_rate_is
     findings = check(recording)
     assert not distrusted(findings)
     unchecked = " ".join(finding.sentence for finding in findings if finding.kind == "unchecked")
-    assert "sign of yaw" not in unchecked and "sign of a_y" not in unchecked
+    assert "sign of yaw" not in unchecked
+    assert "sign of a_y" not in unchecked
     for name in ("yaw", "a_y"):
         turned = accused(recording.with_signals(**{name: -recording[name]}))
-        assert turned and all(finding.where.channel == name for finding in turned)
+        assert {finding.where.channel for finding in turned} == {name}
 
 
 def test_what_yaw_and_lateral_acceleration_need_to_be_checked_is_told():
