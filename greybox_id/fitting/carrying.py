@@ -89,14 +89,34 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
     form = fit.how.get("form", {})
     if form.get("halves_gain", 0.0) > CLEARLY:
         compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
-        times = compared.apart(*next(halves))
-        if times > WORSE and (form.get("apart") or _stands_out(times, (compared.apart(*mixed) for mixed in halves))):
-            yield Reason(
-                NOT_USABLE,
-                f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
-                "that a fit to that half has, well above halves that mix early and late data: the vehicle has changed, "
-                "or is not the same. Fit each half; greybox gap says what changed since the first.",
-            )
+        each, mixed = compared.apart(*next(halves)), list[tuple[float, float]]()
+        times = _larger(each)
+
+        def others() -> Iterator[float]:
+            for one, other in halves:
+                mixed.append(compared.apart(one, other))
+                yield _larger(mixed[-1])
+
+        if times > WORSE and (form.get("apart") or _stands_out(times, others())):
+            one, other = ("first", "second") if times == each[0] else ("second", "first")
+            serves = bool(mixed) and min(each) <= max(map(min, mixed))
+            yield Reason(NOT_USABLE, _halves_differ(times, one, other, serves))
+
+
+def _halves_differ(times: float, one: str, other: str, serves: bool) -> str:
+    """The sentence, where a fit to the other half serves both as well as it does of mixed halves, or does not."""
+    result = (
+        f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
+        "that a fit to that half has, well above halves that mix early and late data: "
+    )
+    if serves:
+        return result + (
+            f"as a fit to the {other} half serves both, the {one} half alone does not determine the parameters; "
+            "or the vehicle has changed. State narrower tolerances, or record all manoeuvres again."
+        )
+    return result + (
+        "the vehicle has changed, or is not the same. Fit each half; greybox gap says what changed since the first."
+    )
 
 
 @dataclass(frozen=True)
@@ -107,18 +127,24 @@ class _Compared:
     opened: Simulator
     start: Array
 
-    def apart(self, one: Recording, other: Recording) -> float:
-        """What is fitted to one recording, on the other: errors over those that the model can have there, the larger of
-        both ways; NaN where neither can be fitted.
+    def apart(self, one: Recording, other: Recording) -> tuple[float, float]:
+        """What is fitted to one recording, on the other, and the other way round: errors over those that the model can
+        have there; NaN where one cannot be fitted.
         """
         both = (one, other)
         each = [_refitted(self.stated, part, self.start) for part in both]
         times = [
             _ratio(self.stated, p, self.opened, _refitted(self.opened, part, start), part)
-            for p, start, part in zip(reversed(each), each, both, strict=True)
             if p is not None and start is not None
+            else float("nan")
+            for p, start, part in zip(each, reversed(each), reversed(both), strict=True)
         ]
-        return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
+        return times[0], times[1]
+
+
+def _larger(times: Iterable[float]) -> float:
+    """The largest number; NaN where there is none."""
+    return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
 
 
 def _stands_out(times: float, mixed: Iterable[float]) -> bool:

@@ -57,6 +57,23 @@ def test_two_vehicles_in_one_recording_are_told_by_the_fit_to_one_on_the_other()
     assert any("Fitted to one half of the data" in one for one in sentences)
 
 
+@pytest.mark.parametrize(
+    ("ratios", "apart", "reason"),
+    [
+        ((4.1, 1.0), False, "the first half alone does not determine the parameters; or the vehicle has changed"),
+        ((1.0, 4.1), False, "the second half alone does not determine the parameters; or the vehicle has changed"),
+        ((4.1, 1.1), False, "the vehicle has changed, or is not the same"),
+        ((4.1, 1.0), True, "the vehicle has changed, or is not the same"),
+    ],
+)
+def test_a_half_that_tells_too_little_is_named_before_a_vehicle_that_has_changed(monkeypatch, ratios, apart, reason):
+    ahead, mixed = iter([ratios]), (1.2, 1.05)
+    monkeypatch.setattr(carrying._Compared, "apart", lambda self, one, other: next(ahead, mixed))
+    sentences = against(stated(), driven(runs=2, seconds=4.0), gain=100.0, apart=apart)
+    (sentence,) = (one for one in sentences if "4.1 times the errors" in one)
+    assert reason in sentence
+
+
 @pytest.mark.slow
 def test_refits_that_scatter_widely_excuse_no_halves_that_residuals_tell_apart(monkeypatch):
     monkeypatch.setattr(carrying, "_stands_out", lambda times, mixed: False)
