@@ -55,7 +55,7 @@ def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase
     length = turning_length(known)
     stated = not entry.units and any("states" in reason for reason in entry.reasons)
     if length is None:
-        return _unknown(entry) if hand_wheel else entry
+        return _unknown(entry) if hand_wheel else _either(entry) if entry.unit == "deg" else entry
     in_radians = length / entry.factor  # with the column's numbers taken as radians
     units = {entry.unit: entry.factor} if stated and entry.unit in FACTORS else FACTORS
     fast = sizes_of(known).get("v_x", 0.0) > FAST
@@ -115,3 +115,9 @@ def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
     why = "the hand wheel's angle: divide_by is the steering ratio"
     known = f"; yaw rate and speed say ratio times wheelbase is about {number(length, 3)} m" if length else ""
     return replace(entry, decided=False, reasons=(*entry.reasons, why + known))
+
+
+def _either(entry: MapEntry) -> MapEntry:
+    """Degrees, in which either wheel's angle is recorded, where nothing tells which."""
+    why = "nothing in the file tells road wheels from the hand wheel, of whose angle divide_by is the steering ratio"
+    return replace(entry, decided=False, reasons=(*entry.reasons, why))

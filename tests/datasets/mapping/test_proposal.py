@@ -185,6 +185,15 @@ def test_a_hand_wheel_is_asked_for_its_ratio(disguised):
     assert "ratio" in " ".join(entry.reasons)
 
 
+def test_degrees_of_either_wheel_are_asked_about_where_nothing_turns(tmp_path):
+    time = np.arange(300) / 50
+    table = {"TIME": time, "STEERINGANGLE [deg]": 20 * np.sin(time), "SPEED [km/h]": 60 + np.sin(time)}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    (entry,) = propose(tmp_path / "lap.csv").open
+    assert entry.signal == "steer"
+    assert "tells road wheels from the hand wheel" in entry.reasons[-1]
+
+
 @pytest.mark.parametrize("layout", [(";", ","), ("\t", ".")])
 def test_separators_and_decimals_are_seen(disguised, layout):
     separator, decimal = layout
