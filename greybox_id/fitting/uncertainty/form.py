@@ -342,6 +342,7 @@ def _functions(
 
 def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: int) -> list[_Passed]:
     """What follows of each input's error: it is moved a little, and all is simulated again."""
+    problem.forget_targets()  # of hours, they would stand beside the schedule of the moved inputs
     runs, result = problem.runs, list[_Passed]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
     time = np.concatenate([run.time for run in runs])
