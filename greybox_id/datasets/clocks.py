@@ -219,7 +219,7 @@ def linear(time: Array, values: Array, instants: Array, name: str) -> tuple[Arra
     share = (instants - t[left]) / step[left]
     result = v[left] + share * (v[left + 1] - v[left])
     result = np.where(share == 1, v[left + 1], result)
-    reached = (step[left] <= LINEAR_GAP * float(np.median(step))) | (share == 0) | (share == 1)
+    reached = (step[left] <= LINEAR_GAP * float(np.median(step)) * (1 + 1e-9)) | (share == 0) | (share == 1)
     result[~reached | (share < 0) | (share > 1)] = np.nan
     if around:
         begins = -np.pi if lowest < 0 else 0.0

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from ..base.errors import BadInput
 from ..base.numbers import exact
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from ..base.signals import COMMANDS
-from .clocks import held, linear
+from .clocks import LINEAR_GAP, REGULAR, held, linear
 from .column_map import Column
 from .recording import JITTER_TOLERANCE, Resampled
 
@@ -255,11 +255,13 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
         return _regressed(time, signals, parts, lines, share, sd, packets)
-    return (
-        None
-        if keep_rows or bool(np.any(steps[inside] <= ROUNDING * step))
-        else _on_a_grid(time, signals, parts, step, hold)
-    )
+    if keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
+        return None
+    whole = np.round(steps / usual)
+    if np.mean(np.abs(steps - whole * usual)[inside] > REGULAR * usual) <= BROKEN and np.min(whole[inside]) >= 1:
+        return _with_lost_rows(time, signals, whole, inside & (whole <= LINEAR_GAP))
+    note = f"rows are uneven in time ({_span(time)}): laid on an even grid of {exact(step)} s ({1 / step:.4g} Hz)."
+    return _on_a_grid(time, signals, parts, step, hold, note)
 
 
 def _share_of_stamps(
@@ -305,8 +307,31 @@ def _regressed(
     return Evened(even, {name: values[rows] for name, values in signals.items()}, rows, {}, note)
 
 
+def _with_lost_rows(time: Array, signals: Mapping[str, Array], whole: Array, running: Mask) -> Evened:
+    """An even clock of which rows are lost: lines stand for few in a row, where more are lost a run ends.
+
+    Parameters
+    ----------
+    whole : (n - 1,) steps of the clock from row to row.
+    running : (n - 1,) where lines are drawn.
+    """
+    edges = [0, *(np.flatnonzero(~running) + 1).tolist(), len(time)]
+    parts = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a > 2]
+    counts = np.concatenate([[0.0], np.cumsum(np.where(running, whole, 0.0))])
+    step = float(np.sum(np.diff(time)[running]) / np.sum(whole[running]))
+    even = time.copy()
+    for a, b in parts:
+        count = counts[a:b] - counts[a]
+        even[a:b] = np.mean(time[a:b] - step * count) + step * count
+    note = (
+        f"{int(np.sum(whole[running] - 1))} rows of the clock ({exact(step)} s, {1 / step:.4g} Hz) are lost: where no "
+        f"more than {LINEAR_GAP - 1:g} are in a row, what stands beside them is laid between; elsewhere a run ends."
+    )
+    return _on_a_grid(even, signals, parts, step, "linear", note)  # a lost command is as likely the next one
+
+
 def _on_a_grid(
-    time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], step: float, hold: str
+    time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], step: float, hold: str, note: str
 ) -> Evened:
     """Values at their stamps, laid on an even grid of the mean step: straight lines between them."""
     grids, rows, columns = [], [], {name: list[Array]() for name in signals}
@@ -324,7 +349,6 @@ def _on_a_grid(
         name: Resampled("held" if name in COMMANDS and hold == "zero" else "linear", "its own stamps", 1 / step, *cost)
         for name, cost in costs.items()
     }
-    note = f"rows are uneven in time ({_span(time)}): laid on an even grid of {exact(step)} s ({1 / step:.4g} Hz)."
     return Evened(
         np.concatenate(grids),
         {name: np.concatenate(column) for name, column in columns.items()},

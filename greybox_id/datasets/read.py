@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import BadInput, near
+from ..base.numbers import counted
 from ..base.shorthands import Array
 from ..base.signals import SD, unit_of
 from .alignment import ClockAlignment
@@ -230,12 +231,35 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
     notes, labels = (note,) if note else (), table.labels(run) if run else []
-    joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
+    joined, rows = _once(Joined(_sized(clock.since(origin)), signals, {}, notes), bool(mapping.rate))
+    labels = [labels[row] for row in rows] if labels else []
+    first = table.first_row if len(rows) == len(table) else 0
     even = evened(joined.time, signals, mapping.hold) if not (mapping.poses or mapping.rate) else None
     if even is not None:
-        joined = Joined(even.time, even.signals, even.resampled, (*notes, even.note))
+        joined = Joined(even.time, even.signals, even.resampled, (*joined.notes, even.note))
         labels = [labels[row] for row in even.rows] if labels else []
-    return joined, labels, table.first_row if even is None else 0
+    return joined, labels, first if even is None else 0
+
+
+def _once(joined: Joined, by_row: bool) -> tuple[Joined, Sequence[int]]:
+    """Rows that hold something and do not repeat the one before, its time included; all where rows are the clock.
+
+    Rows of one packet may share a stamp: where others do, none is a repetition.
+    """
+    columns = np.column_stack([joined.time, *joined.signals.values()])
+    blank = ~np.any(np.isfinite(columns), axis=1)
+    same = (columns[1:] == columns[:-1]) | (np.isnan(columns[1:]) & np.isnan(columns[:-1]))
+    doubled = np.concatenate([[False], np.all(same, axis=1)]) & ~blank
+    if np.count_nonzero(np.diff(joined.time) == 0.0) > np.count_nonzero(doubled):
+        doubled[:] = False
+    kept = np.flatnonzero(~(blank | doubled))
+    if by_row or len(kept) == len(columns):
+        return joined, range(len(columns))
+    notes = [f"left out: {counted(int(np.sum(blank)), 'row')} without anything in them."] if blank.any() else []
+    if doubled.any():
+        notes.append(f"left out: {counted(int(np.sum(doubled)), 'repetition')} of the row before, its time included.")
+    signals = {name: values[kept] for name, values in joined.signals.items()}
+    return replace(joined, time=joined.time[kept], signals=signals, notes=(*joined.notes, *notes)), kept.tolist()
 
 
 def _several(

@@ -262,3 +262,30 @@ def test_seconds_and_nanoseconds_may_stand_apart(write):
     rows = "".join(f"{1_731_000_000 + k // 4},{k % 4 * 250_000_001},{k}\n" for k in range(9))
     np.testing.assert_allclose(np.diff(read(write("s,n,v\n" + rows), own).time), 0.25, atol=4e-9)
     assert 'no column "n"' in sentence(write("s,v\n1,2\n"), own)
+
+
+LINES = [f"{0.02 * k:.2f},{5 + 0.1 * k:.1f},0.{k % 7}\n" for k in range(40)]
+OWN = (
+    '[time]\ncolumn="t"\nunit="s"\n[signals.v_x]\ncolumn="v"\nunit="m/s"\n[signals.yaw_rate]\ncolumn="r"\nunit="rad/s"'
+)
+
+
+@pytest.mark.parametrize(
+    ("more", "note"),
+    [
+        (LINES[11], "left out: 1 repetition of the row before, its time included."),
+        (",,\n", "left out: 1 row without anything in them."),
+    ],
+)
+def test_rows_that_say_nothing_new_are_left_out(write, more, note):
+    mapping = parse_column_map(OWN, "own.toml")
+    once = read(write("t,v,r\n" + "".join(LINES)), mapping)
+    more = read(write("t,v,r\n" + "".join([*LINES[:12], more, *LINES[12:]]), "more.csv"), mapping)
+    np.testing.assert_array_equal(more.time, once.time)
+    np.testing.assert_array_equal(more["v_x"], once["v_x"])
+    assert note in more.notes
+
+
+def test_rows_of_one_packet_are_no_repetitions(write):
+    packets = "".join(f"{0.04 * (k // 2):.2f},5.0,0.{k // 3}\n" for k in range(40))
+    assert len(read(write("t,v,r\n" + packets), parse_column_map(OWN, "own.toml"))) == 40

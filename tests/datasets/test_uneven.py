@@ -40,6 +40,24 @@ def test_true_stamps_are_laid_on_an_even_grid():
     assert evened(both, motion(both, 1e-3), "zero", keep_rows=True) is None
 
 
+@pytest.mark.parametrize("lost", [0.03, 0.2])
+@pytest.mark.parametrize("jitter", [0.0, 0.01])
+def test_lost_rows_keep_the_clock_and_are_laid_between_their_neighbours(lost, jitter):
+    rng = np.random.default_rng(1)
+    rows = np.flatnonzero(rng.random(ROWS) >= lost)
+    time = STEP * (rows + jitter * rng.standard_normal(len(rows)))
+    commanded = {"steer": 0.1 * np.sin(3 * time)}
+    found = evened(time, motion(time, 0.001) | commanded, "zero")
+    steps = np.diff(found.time)
+    runs_on = np.abs(steps - STEP) < 0.1 * STEP
+    assert np.mean(runs_on) > 0.98
+    assert np.all(steps[~runs_on] > 3.5 * STEP)
+    assert len(found.time) > 0.96 * ROWS
+    for name, exact in (motion(found.time, 0.0) | {"steer": 0.1 * np.sin(3 * found.time)}).items():
+        assert np.max(np.abs(found.signals[name] - exact)) < 5e-3
+    assert "are lost" in found.note
+
+
 def test_an_even_clock_with_gaps_and_restarts_is_left_alone():
     time = np.concatenate([STEP * np.arange(300), 5 + STEP * np.arange(300), STEP * np.arange(400)])
     assert evened(time, motion(time), "zero") is None

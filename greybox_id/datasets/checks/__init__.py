@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from weakref import ref
 
+import numpy as np
+
 from ...base.signals import SD
 from ..recording import Recording
 from .consistency import check_consistency, check_duplicates, check_rest
@@ -13,7 +15,7 @@ from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
-from .values import check_reading, check_time, check_values, sample_time_believable
+from .values import check_placeholders, check_reading, check_time, check_values, sample_time_believable
 
 __all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]
 
@@ -45,7 +47,13 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
 def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
     recording = replace(recording, signals=measured)
-    findings = [*check_reading(recording), *check_time(recording), *check_values(recording)]
+    findings = [*check_reading(recording), *check_time(recording)]
+    for finding in check_placeholders(recording):
+        values = recording[finding.where.channel].copy()
+        values[list(finding.where.rows)] = np.nan
+        recording, findings = recording.with_signals(**{finding.where.channel: values}), [*findings, finding]
+    told = {finding.where.channel for finding in findings if finding.kind == "placeholder"}
+    findings += [item for item in check_values(recording) if item.kind != "missing" or item.where.channel not in told]
     if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
         faults = check_mapping(recording)
         result = pairs(recording)

@@ -42,6 +42,9 @@ SPIKE_RANGE = 0.1
 SPIKE_END = 1.0
 """... but the whole usual range in the first and last row of a run, which have a neighbour on one side only."""
 
+FAR_OFF = 3.0
+"""Ranges of all other values that a number which stands for no reading lies off at least."""
+
 
 def check_values(recording: Recording) -> list[Finding]:
     """Findings about single channels."""
@@ -184,6 +187,27 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
         rows = tuple(np.flatnonzero(values == level).tolist())
         findings.append(Finding("clipped", severity, FoundAt(name, rows=rows), sentence, float(level), unit=unit))
+    return findings
+
+
+def check_placeholders(recording: Recording) -> list[Finding]:
+    """Numbers that stand for no reading, as -9999 does: the same again and again, and far from all others."""
+    findings = []
+    for name, values in recording.signals.items():
+        levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+        for level, count, others in ((levels[:1], counts[:1], levels[1:]), (levels[-1:], counts[-1:], levels[:-1])):
+            if len(others) < 20 or level[0] == 0.0 or count[0] < CLIP_COUNT:
+                continue
+            if np.min(np.abs(others - level)) <= FAR_OFF * np.ptp(others):
+                continue
+            rows = np.flatnonzero(values == level)
+            sentence = (
+                f"{name} reads exactly {with_unit(exact(level[0], 4), recording.unit(name))} in {rows.size} rows, far "
+                "from all other values: that stands for no reading. Leave these cells empty "
+                f"({file_rows(recording, rows)})."
+            )
+            where = FoundAt(name, rows=tuple(rows.tolist()))
+            findings.append(Finding("placeholder", Severity.DISTRUST, where, sentence, float(level[0])))
     return findings
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from simulated import clean
 
-from greybox_id.datasets.checks import Severity, distrusted
+from greybox_id.datasets.checks import Severity, check, distrusted
 from greybox_id.datasets.checks.values import check_values
 from greybox_id.datasets.read import read
 
@@ -102,3 +102,14 @@ def test_held_and_dead_zone_channels_of_the_truck_are_found(real_data):
     assert zone.where.channel == "steer"
     assert zone.value == pytest.approx(0.6, abs=0.05)
     assert "alpha2" in zone.sentence
+
+
+@pytest.mark.parametrize("level", [-9999.0, 32.767])
+def test_a_number_that_stands_for_no_reading_is_named_and_nothing_else_is_blamed(level):
+    def lost(values):
+        values[20:1020:40] = level
+
+    (finding,) = (one for one in check(changed("yaw_rate", lost)) if one.severity is not Severity.NOTE)
+    assert finding.severity is Severity.DISTRUST
+    assert finding.where.rows == tuple(range(20, 1020, 40))
+    assert "in 25 rows, far from all other values: that stands for no reading" in finding.sentence
