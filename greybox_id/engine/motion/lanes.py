@@ -373,7 +373,7 @@ def targets(
     intervals: Sequence[Interval],
     noise: Array,
     robust: float | None = None,
-    keep: Sequence[Array] | None = None,
+    keep: Sequence[Array | Mask] | None = None,
     reading: Array | None = None,
 ) -> Targets:
     """What the intervals' predictions are held against.

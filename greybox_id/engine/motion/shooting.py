@@ -125,8 +125,8 @@ class MotionProblem:
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         same = like is not None and self.intervals == like.intervals
-        self._valid = like._valid if like is not None and same else self._where_valid()
-        self.targets = self._targets(robust, keep, like.targets.reading if like is not None and same else None)
+        self._valid: list[Mask] = like._valid if like is not None and same else self._where_valid()
+        self.targets: Targets = self._targets(robust, keep, like.targets.reading if like is not None and same else None)
         about = self.model.values if about is None else about
         self.longest = longest_segment(self.trace, self.runs, about)
         self._interval_starts = IntervalStarts(simulator, self.runs, self.intervals)
@@ -428,7 +428,7 @@ class MotionProblem:
 
     def _targets(self, robust: float | None, keep: Sequence[Array] | None, reading: Array | None) -> Targets:
         """Readings that are kept, of rows in which the model's equations hold."""
-        kept: Sequence[Array] = self._valid
+        kept: Sequence[Array | Mask] = self._valid
         if keep is not None:
             wide = (np.asarray(item, dtype=float).reshape(len(item), -1) for item in keep)
             kept = [item * valid for item, valid in zip(wide, kept, strict=True)]

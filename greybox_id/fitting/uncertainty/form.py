@@ -104,6 +104,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     nodes : the problem's simulation there.
     """
     every = max(1, -(-len(nodes.y) // MOST_ROWS))
+    problem.forget_targets()  # of hours, they would stand beside the drives and the schedule of the moved inputs
     drives = list(_drives(problem, nodes, every))
     passed = _of_inputs(problem, x, nodes, every)
     low, high = problem.bounds
@@ -342,7 +343,6 @@ def _functions(
 
 def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: int) -> list[_Passed]:
     """What follows of each input's error: it is moved a little, and all is simulated again."""
-    problem.forget_targets()  # of hours, they would stand beside the schedule of the moved inputs
     runs, result = problem.runs, list[_Passed]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
     time = np.concatenate([run.time for run in runs])
