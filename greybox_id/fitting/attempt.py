@@ -200,6 +200,7 @@ def _on_the_way(
         if settled and (moved < SAME_NOISE or rounds_left == 0):
             break
         settled, p = moved < SAME_NOISE or rounds_left == 1, problem.shared(x)
+        problem.forget_targets()
         problem = _problem(simulator, recordings, noise, how, p, problem)
     say(f"{name}: {solution.status.value} after {solution.steps} steps")
 
@@ -295,14 +296,19 @@ def residual_noise(problem: MotionProblem, solution: Solution) -> Array:
 
     Where outliers are to be expected, the middle half of the residuals tells it.
     """
-    errors = problem.errors(solution.nodes)
-    seen = np.any(np.isfinite(errors), axis=0)
-    errors = np.where(seen, errors, 0.0)
-    if problem.targets.robust is None:
-        spread = np.sqrt(np.nanmean(errors**2, axis=0))
-    else:
-        spread = MIDDLE_HALF * np.nanmedian(np.abs(errors), axis=0)
-    return np.where(seen, np.maximum(spread, LEAST_NOISE), problem.noise)
+    return _spread_of(problem, problem.errors(solution.nodes))
+
+
+def _spread_of(problem: MotionProblem, errors: Array) -> Array:
+    """The same of errors, (N, outputs), output by output: of hours, a copy of all is large."""
+    result = np.array(problem.noise, dtype=float)
+    for k, column in enumerate(errors.T):
+        known = column[np.isfinite(column)]
+        if len(known):
+            robust = problem.targets.robust is not None
+            spread = MIDDLE_HALF * np.median(np.abs(known)) if robust else np.sqrt(np.mean(known**2))
+            result[k] = max(float(spread), LEAST_NOISE)
+    return result
 
 
 def _counted_noise(problem: MotionProblem, solution: Solution) -> Array:
@@ -313,7 +319,7 @@ def _counted_noise(problem: MotionProblem, solution: Solution) -> Array:
     """
     errors = problem.errors(solution.nodes)
     times = [correlation_time(np.nan_to_num(errors[:, [k]])) for k in range(errors.shape[1])]
-    return residual_noise(problem, solution) * np.sqrt(times)
+    return _spread_of(problem, errors) * np.sqrt(times)
 
 
 def _spread(recordings: Sequence[Recording], output: str) -> float:

@@ -107,6 +107,9 @@ class Lanes:
         if self.in_order:
             return values.reshape(shape)
         result = np.zeros(int(np.prod(shape)))
+        if self.complete:
+            result[self.flat] = values.ravel()
+            return result.reshape(shape)
         taken = (self.lane >= 0).ravel()
         result[self.flat[taken]] = values.ravel()[taken]
         return result.reshape(shape)
@@ -193,13 +196,18 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     segments, reads = _filled(schedules, begin[: len(filled)], length[: len(filled)])
     counts = stop - start
     row = np.repeat(edges - run + start - np.append(0, np.cumsum(counts)[:-1]), counts) + np.arange(np.sum(counts))
-    read = _joined([np.where(item.read_segment < 0, -1, item.read_segment + at) for item, at in numbered])[row]
     where = np.full(offsets[-1], -1, dtype=np.intp)
     where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
     )
-    lane = np.where(read >= 0, where[np.maximum(read, 0)], -1).astype(np.int32)
-    rank = np.where(lane >= 0, (np.cumsum(reads) - 1)[np.where(lane >= 0, read - begin[lane], 0)], -1).astype(np.int32)
+    number = np.cumsum(reads) - 1
+    lane, rank = np.empty((2, len(row), schedules[0].read_segment.shape[1]), dtype=np.int32)
+    for k in range(lane.shape[1]):  # output by output: of hours, what is on the way is large
+        columns = [(item.read_segment[:, k], at) for item, at in numbered]
+        read = _joined([np.where(column < 0, -1, column + at) for column, at in columns])[row]
+        mine = np.where(read >= 0, where[np.maximum(read, 0)], -1)
+        lane[:, k] = mine
+        rank[:, k] = np.where(mine >= 0, number[np.where(mine >= 0, read - begin[mine], 0)], -1)
     return Lanes(
         segments=np.broadcast_to(segments, (len(begin), *segments.shape[1:])),
         reads=reads,
@@ -355,7 +363,9 @@ class Targets:
 
     def errors(self, y: Array, taken: Mask) -> Array:
         """(N, outputs) prediction minus reading, in the outputs' units; NaN where there is none."""
-        return np.where((self.weight > 0) & taken, y - self.reading, np.nan)
+        result = y - self.reading
+        result[~((self.weight > 0) & taken)] = np.nan
+        return result
 
 
 def targets(
@@ -363,7 +373,8 @@ def targets(
     intervals: Sequence[Interval],
     noise: Array,
     robust: float | None = None,
-    keep: Sequence[Array] | None = None,
+    keep: Sequence[Array | Mask] | None = None,
+    reading: Array | None = None,
 ) -> Targets:
     """What the intervals' predictions are held against.
 
@@ -374,18 +385,20 @@ def targets(
     noise : (outputs,) standard deviation that one residual counts as.
     robust : as of `Targets`.
     keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
+    reading : as of `Targets`, where it is known for these intervals.
     """
-    reading = np.vstack([runs[i.run].measured[i.start : i.stop] for i in intervals])
-    weight = np.where(np.isfinite(reading), 1.0 / noise, 0.0)
+    measured = _joined([runs[i.run].measured[i.start : i.stop] for i in intervals])
+    read = np.isfinite(measured)
+    weight = np.where(read, 1.0 / noise, 0.0)
     if keep is not None:
         kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in intervals]
-        weight = weight * np.sqrt(np.vstack([item.reshape(len(item), -1) for item in kept]))
-    return Targets(np.where(np.isfinite(reading), reading, 0.0), weight, robust)
+        weight *= np.sqrt(_joined([item.reshape(len(item), -1) for item in kept]))
+    return Targets(np.where(read, measured, 0.0) if reading is None else reading, weight, robust)
 
 
-def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Array]:
-    """Per run, (n, outputs): 1 where the model's equations hold, or the signal that tells is not read; 0 elsewhere."""
-    result = [np.ones(run.measured.shape) for run in runs]
+def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Mask]:
+    """Per run, (n, outputs): whether the model's equations hold, or the signal that tells is not read."""
+    result = [np.ones(run.measured.shape, dtype=bool) for run in runs]
     for item in model.validity:
         holds = []
         for run in runs:
@@ -396,5 +409,5 @@ def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Array]:
             left, all_there = sum(np.sum(a & b) for a, b in zip(read, holds, strict=True)), sum(map(np.sum, read))
             if output in item.outputs and left >= CRAWLING * all_there:
                 for one, there in zip(result, holds, strict=True):
-                    one[:, k] *= there
+                    one[:, k] &= there
     return result

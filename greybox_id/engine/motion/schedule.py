@@ -250,14 +250,17 @@ def schedule(
         sign[kind == k, k] = 1.0 if k < delays else -1.0
     length = np.append(np.diff(instant), 0.0)
     length_by = np.vstack([np.diff(sign, axis=0), np.zeros((1, count))])
-    values, slopes = _commands(trace, run, instant, kind, row, shifts, cuts)
     guess = np.broadcast_to(shifts, (len(kind), count))
-    segments = np.column_stack([length, values, slopes, length_by, sign, guess])
+    segments = np.column_stack(
+        [length, *_commands(trace, run, instant, kind, row, shifts, cuts), length_by, sign, guess]
+    )
 
     places = np.arange(len(kind))
     row_segment = np.empty(rows, dtype=np.intp)
     row_segment[row[kind == -1]] = places[kind == -1]
-    taken = np.tile(row_segment[:, None], (1, len(trace.model.outputs)))
+    taken = np.broadcast_to(row_segment[:, None], (rows, len(trace.model.outputs)))
+    if any(k >= delays for k in cuts):
+        taken = taken.copy()
     for k, name in enumerate(trace.late):
         value = late_kind == delays + k
         if delays + k not in cuts:
@@ -266,7 +269,8 @@ def schedule(
         taken[:, column] = -1
         taken[late_row[value], column] = taker[value]
     reads = np.zeros(len(kind), dtype=bool)
-    reads[taken[taken >= 0]] = True
+    for column in taken.T:  # one after the other: of hours, a copy of all is large
+        reads[column[column >= 0]] = True
     return Schedule(segments, row_segment, taken, reads)
 
 

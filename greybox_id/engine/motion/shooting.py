@@ -124,20 +124,16 @@ class MotionProblem:
         self._lay_out(starts == "free", strengths)
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
-        self._valid = where_valid(self.model, self.runs)
-        states = [
-            self.model.outputs.index(state.name) for state in self.model.states if state.name in self.model.outputs
-        ]
-        for k, valid in enumerate(self._valid):  # readings that starts deviate from hold them: nothing else may
-            valid[np.ix_([interval.start for interval in self.intervals if interval.run == k], states)] = 1.0
-        self.targets = self._targets(robust, keep)
+        same = like is not None and self.intervals == like.intervals
+        self._valid: list[Mask] = like._valid if like is not None and same else self._where_valid()
+        self.targets: Targets = self._targets(robust, keep, like.targets.reading if like is not None and same else None)
         about = self.model.values if about is None else about
         self.longest = longest_segment(self.trace, self.runs, about)
         self._interval_starts = IntervalStarts(simulator, self.runs, self.intervals)
         if horizon is not None:
             shifts = np.tile(simulator.shifts(about), (len(self.runs), 1))
             self._interval_starts.carry(about, lambda: self._scheduled(shifts))
-        alike = like is not None and self.intervals == like.intervals and self._steps() == like._steps()
+        alike = like is not None and same and self._steps() == like._steps()
         self._plans: tuple[Array, list[Schedule], Lanes, Lanes | None] | None = like._plans if like and alike else None
         self._chain: Chain | None = like._chain if like and alike and len(like.free) == len(self.free) else None
         self._tiled: tuple[Lanes, Array] | None = None
@@ -146,7 +142,7 @@ class MotionProblem:
     def weighing(self, keep: Sequence[Array] | None) -> MotionProblem:
         """The same problem with other weights of rows or readings; all that was laid out is shared."""
         other = copy(self)
-        other.targets = self._targets(self.targets.robust, keep)
+        other.targets = self._targets(self.targets.robust, keep, self.targets.reading)
         return other
 
     def driven_by(self, inputs: Sequence[Array]) -> MotionProblem:
@@ -154,11 +150,16 @@ class MotionProblem:
         other = copy(self)
         other.runs = [replace(run, inputs=item) for run, item in zip(self.runs, inputs, strict=True)]
         other._plans = other._chain = other._tiled = None
+        other._laid = []
         return other
 
     def forget(self) -> None:
         """Let go of layouts of all rows; they are made again where they are needed."""
         self._plans = self._chain = self._tiled = None
+        self._laid = []
+
+    def forget_targets(self) -> None:
+        """Let go of what lanes are held against, laid out like them; it is laid out again where it is needed."""
         self._laid = []
 
     @property
@@ -415,13 +416,23 @@ class MotionProblem:
             R, r = sp.vstack([R, rows], format="csr"), np.append(r, np.zeros(len(guessed)))
         self.R, self.r = R, r
 
-    def _targets(self, robust: float | None, keep: Sequence[Array] | None) -> Targets:
+    def _where_valid(self) -> list[Mask]:
+        """Per run, (n, outputs) whether a reading counts: where the equations hold, and where an interval starts."""
+        result = where_valid(self.model, self.runs)
+        states = [
+            self.model.outputs.index(state.name) for state in self.model.states if state.name in self.model.outputs
+        ]
+        for k, valid in enumerate(result):  # readings that starts deviate from hold them: nothing else may
+            valid[np.ix_([interval.start for interval in self.intervals if interval.run == k], states)] = True
+        return result
+
+    def _targets(self, robust: float | None, keep: Sequence[Array] | None, reading: Array | None) -> Targets:
         """Readings that are kept, of rows in which the model's equations hold."""
-        kept = self._valid
+        kept: Sequence[Array | Mask] = self._valid
         if keep is not None:
             wide = (np.asarray(item, dtype=float).reshape(len(item), -1) for item in keep)
             kept = [item * valid for item, valid in zip(wide, kept, strict=True)]
-        return targets(self.runs, self.intervals, self.noise, robust, kept)
+        return targets(self.runs, self.intervals, self.noise, robust, kept, reading)
 
     def _steps(self) -> list[int]:
         """Segments of a row, run by run: all that schedules take from how long segments may be."""

@@ -104,6 +104,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     nodes : the problem's simulation there.
     """
     every = max(1, -(-len(nodes.y) // MOST_ROWS))
+    problem.forget_targets()  # of hours, they would stand beside the drives and the schedule of the moved inputs
     drives = list(_drives(problem, nodes, every))
     passed = _of_inputs(problem, x, nodes, every)
     low, high = problem.bounds
