@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -58,6 +58,8 @@ REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "al
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 AT_A_TIME = 20_000
 """Rows whose estimates are linearised at once, which bounds memory."""
+STATES = ("predicted", "predicted_P", "filtered", "filtered_P", "forward")
+"""Of a history, what is large, and let go once the estimates are made."""
 
 
 def track(
@@ -160,16 +162,20 @@ class Tracker:
         seconds = time.process_time() - clock
         must_be_finite(histories, runs, recording.name)
         result = self._estimates(runs, histories, p)
+        histories = [replace(history, **dict.fromkeys(STATES, np.empty(0))) for history in histories]
         judged = self._judged(runs, histories)
         widened = widening([judged[name] for name in self.readings])
-        sds = {name: np.sqrt(v) * widened for name, v in result.variances.items()}
+        known, about = self._told(result)
+        sds = result.variances
+        for sd in sds.values():  # in place: of hours, a second copy is large
+            np.sqrt(sd, out=sd)
+            sd *= widened
         for j, move in enumerate(moves):
             say(f"uncertainty from parameters, {j + 1} of {len(moves)}")
-            again = self._estimates(runs, self.filtering.histories(runs, p + move, kept), p + move).values
-            for name in sds:
-                off = again[name] - result.values[name]
-                sds[name] = np.hypot(sds[name], np.where(np.isfinite(off), off, 0.0))
-        known, about = self._told(result)
+            for here, again, _ in self._along(runs, self.filtering.histories(runs, p + move, kept), p + move):
+                for k, name in enumerate(sds):
+                    off = again[:, k] - result.values[name][here]
+                    sds[name][here] = np.hypot(sds[name][here], np.where(np.isfinite(off), off, 0.0))
         weighed = only_over_mass(space.model) if how.calibrate else []
         slow = standing(result.values.get("sideslip"), SLOWEST)
         sizes = dict(zip(space.noises, p[space.model.size :].tolist(), strict=True))
@@ -251,22 +257,31 @@ class Tracker:
         return {name: (float(p[k]), float(spread[k])) for name, k in places.items()}
 
     def _estimates(self, runs: Sequence[LaidRun], histories: Sequence[History], p: Array) -> _Estimates:
-        names, n = self.reported, self.space.size
-        seen = self.space.seen(names)
-        values, variances = [], []
+        names = self.reported
+        values, variances = np.empty((2, len(names), sum(len(run.row_segment) for run in runs)))
+        for here, value, variance in self._along(runs, histories, p):
+            values[:, here] = value.T
+            variances[:, here] = np.where(np.isnan(value), np.nan, np.maximum(variance, 0.0)).T
+        return _Estimates(dict(zip(names, values, strict=True)), dict(zip(names, variances, strict=True)))
+
+    def _along(
+        self, runs: Sequence[LaidRun], histories: Sequence[History], p: Array
+    ) -> Iterator[tuple[slice, Array, Array]]:
+        """Some rows at a time, of all runs one after the other: estimates and their variances, (rows, names) each."""
+        count, n, done = len(self.reported), self.space.size, 0
+        seen = self.space.seen(self.reported)
         for run, history in zip(runs, histories, strict=True):
             x, P = smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)
             for first in range(0, len(run.row_segment), AT_A_TIME):
                 rows = run.row_segment[first : first + AT_A_TIME]
                 result = seen(x[rows], run.segments[rows], p)
-                values.append(result[:, : len(names)])
-                by_x = result[:, len(names) :].reshape(len(rows), len(names), n)
-                variances.append(np.einsum("kij,kjl,kil->ki", by_x, P[rows], by_x))
-        stacked = np.vstack(values)
-        spread = np.where(np.isnan(stacked), np.nan, np.maximum(np.vstack(variances), 0.0))
-        return _Estimates(
-            {name: stacked[:, k] for k, name in enumerate(names)}, {name: spread[:, k] for k, name in enumerate(names)}
-        )
+                by_x = result[:, count:].reshape(len(rows), count, n)
+                yield (
+                    slice(done, done + len(rows)),
+                    result[:, :count],
+                    np.einsum("kij,kjl,kil->ki", by_x, P[rows], by_x),
+                )
+                done += len(rows)
 
     def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
         result = {}

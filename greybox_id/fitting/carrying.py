@@ -50,10 +50,8 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
         return []
     part = _beginning(recording)
     simulator, best = Simulator(model), float("nan")
-    before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
-    unfitted = model.with_parameters(*(model[n].with_value(v) for n, v in before.items()))
     value = score_motion(simulator, part, model.values, HORIZONS)
-    for start in (model.values, unfitted.values):
+    for start in (model.values, _unfitted(model, fit)):
         p = _refitted(simulator, part, start)
         if p is not None:
             ratio = times_as_large(value, score_motion(simulator, part, p, HORIZONS))
@@ -89,30 +87,29 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
     form = fit.how.get("form", {})
     if form.get("halves_gain", 0.0) > CLEARLY:
         compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
-        each, mixed = compared.apart(*next(halves)), list[tuple[float, float]]()
-        times = _larger(each)
-
-        def others() -> Iterator[float]:
-            for one, other in halves:
-                mixed.append(compared.apart(one, other))
-                yield _larger(mixed[-1])
-
-        if times > WORSE and (form.get("apart") or _stands_out(times, others())):
-            one, other = ("first", "second") if times == each[0] else ("second", "first")
-            serves = bool(mixed) and min(each) <= max(map(min, mixed))
-            yield Reason(NOT_USABLE, _halves_differ(times, one, other, serves))
+        first = next(halves)
+        times = compared.apart(*first)
+        if times > WORSE and (form.get("apart") or _stands_out(times, (compared.apart(*mixed) for mixed in halves))):
+            stays = bool(fit.how.get("unfitted")) and compared.worst(_unfitted(model, fit), first) < times**0.5
+            yield Reason(NOT_USABLE, _halves_differ(times, stays))
 
 
-def _halves_differ(times: float, one: str, other: str, serves: bool) -> str:
-    """The sentence, where a fit to the other half serves both as well as it does of mixed halves, or does not."""
+def _unfitted(model: MotionModel, fit: Fit) -> Array:
+    """The numbers that were stated."""
+    before = {n: v for n, v in fit.how.get("unfitted", {}).items() if n in model}
+    return model.with_parameters(*(model[n].with_value(v) for n, v in before.items())).values
+
+
+def _halves_differ(times: float, stays: bool) -> str:
+    """The sentence; of one vehicle where the numbers that were stated err less than half as much, in log, on both."""
     result = (
         f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
         "that a fit to that half has, well above halves that mix early and late data: "
     )
-    if serves:
+    if stays:
         return result + (
-            f"as a fit to the {other} half serves both, the {one} half alone does not determine the parameters; "
-            "or the vehicle has changed. State narrower tolerances, or record all manoeuvres again."
+            "as the vehicle stated is nearer on both, one half does not determine the parameters within such "
+            "tolerances; or the vehicle has changed. State narrower tolerances, or record more."
         )
     return result + (
         "the vehicle has changed, or is not the same. Fit each half; greybox gap says what changed since the first."
@@ -127,24 +124,23 @@ class _Compared:
     opened: Simulator
     start: Array
 
-    def apart(self, one: Recording, other: Recording) -> tuple[float, float]:
-        """What is fitted to one recording, on the other, and the other way round: errors over those that the model can
-        have there; NaN where one cannot be fitted.
+    def apart(self, one: Recording, other: Recording) -> float:
+        """What is fitted to one recording, on the other: errors over those that the model can have there, the larger of
+        both ways; NaN where neither can be fitted.
         """
         both = (one, other)
         each = [_refitted(self.stated, part, self.start) for part in both]
         times = [
             _ratio(self.stated, p, self.opened, _refitted(self.opened, part, start), part)
+            for p, start, part in zip(reversed(each), each, both, strict=True)
             if p is not None and start is not None
-            else float("nan")
-            for p, start, part in zip(each, reversed(each), reversed(both), strict=True)
         ]
-        return times[0], times[1]
+        return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
 
-
-def _larger(times: Iterable[float]) -> float:
-    """The largest number; NaN where there is none."""
-    return max((ratio for ratio in times if not np.isnan(ratio)), default=float("nan"))
+    def worst(self, p: Array, parts: Iterable[Recording]) -> float:
+        """Errors of parameters over those that the model can have, where that is most."""
+        best = [(part, _refitted(self.opened, part, self.start)) for part in parts]
+        return max(_ratio(self.stated, p, self.opened, refit, part) for part, refit in best)
 
 
 def _stands_out(times: float, mixed: Iterable[float]) -> bool:

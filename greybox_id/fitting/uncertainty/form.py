@@ -284,16 +284,17 @@ class _Starts:
 
 def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
     model, runs = problem.model, problem.runs
-    errors = problem.errors(nodes)[::every]
+    errors = problem.errors(nodes)[::every].copy()
     inputs = np.vstack([runs[i.run].inputs[i.start : i.stop] for i in problem.intervals])
     time = np.concatenate([runs[i.run].time[i.start : i.stop] for i in problem.intervals])
     edges = np.concatenate([[0], np.cumsum([i.stop - i.start for i in problem.intervals])])
     predicted = np.where(np.isfinite(nodes.y), nodes.y, 0.0)
     table = {name: predicted[:, k] for k, name in enumerate(model.outputs)}
     table |= {name: inputs[:, k] for k, name in enumerate(model.inputs)}
-    rates = {name: _rate(values, time, edges)[::every] for name, values in table.items()}
-    table, edges = {name: values[::every] for name, values in table.items()}, -(-edges // every)
-    predicted, count = predicted[::every], len(errors)
+    # copies: a view of some rows would keep all of them
+    rates = {name: _rate(values, time, edges)[::every].copy() for name, values in table.items()}
+    table, edges = {name: values[::every].copy() for name, values in table.items()}, -(-edges // every)
+    predicted, count = predicted[::every].copy(), len(errors)
     quarter = QUARTERS * np.arange(count) // count
     for k, name in enumerate(model.outputs):
         read = np.isfinite(errors[:, k])
