@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,10 @@ from greybox_id.cli.output import console, print_json, progress, show
 from ..driving.loop.protocol import ARMS as LEARNED_ARMS
 
 LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
+data_option = partial(
+    click.option, "--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings."
+)
+report_option = click.option("--report", metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
 
 
 @click.group(name="bench", cls=CommandGroup)
@@ -33,13 +38,9 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
     """A command for a bench whose module has `measure`: rows beside published ones, one page."""
 
     @bench.command(name, help=f"{about}\n\n\b\ngreybox bench {name}{f' --data {folder}' if folder else ''} --quick")
-    @click.option(
-        "--data", required=bool(folder), metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings."
-    )
+    @data_option(required=bool(folder))
     @click.option("--quick", is_flag=True, help="Fewer seeds, rows and targets: about a CPU minute.")
-    @click.option(
-        "--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page."
-    )
+    @report_option
     @json_option
     def command(data: Path | None, quick: bool, report: str | None, as_json: bool) -> None:
         from ..papers.bench import on_screen, pages_of, write_pages
@@ -57,42 +58,30 @@ def _command(name: str, data: bool, quick: bool) -> str:
     return f"greybox bench {name}{' --data DIR' if data else ''}{' --quick' if quick else ''}"
 
 
-for _name, _module, _folder, _about in (
-    (
-        "a2rl",
-        "a2rl",
-        "a2rl",
-        "Steering of a full-size racer: an inverse single track beside a published network, and its servo.",
-    ),
-    (
-        "ferrari",
-        "ferrari",
-        "revs_telemetry",
-        "Yaw of a Ferrari 250 LM: a single track beside structured and black-box networks.",
-    ),
-    (
-        "abs",
-        "brakes",
-        "abs",
-        "Grip under brakes, tracked along a lap whose grip steps, on another simulator's recordings.",
-    ),
-    (
-        "emps",
-        "emps",
-        "",
-        "A servo axis with friction, no car: this package and other tools on the same rows, in one run.",
-    ),
-):
-    _on_others_ground(_name, _module, _folder, _about)
+_on_others_ground(
+    "a2rl", "a2rl", "a2rl",
+    "Steering of a full-size racer: an inverse single track beside a published network, and its servo.",
+)  # fmt: skip
+_on_others_ground(
+    "ferrari", "ferrari", "revs_telemetry",
+    "Yaw of a Ferrari 250 LM: a single track beside structured and black-box networks.",
+)  # fmt: skip
+_on_others_ground(
+    "abs", "brakes", "abs",
+    "Grip under brakes, tracked along a lap whose grip steps, on another simulator's recordings.",
+)  # fmt: skip
+_on_others_ground(
+    "emps", "emps", "", "A servo axis with friction, no car: this package and other tools on the same rows, in one run."
+)
 
 
 @bench.command("msnn")
-@click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
+@data_option(required=True)
 @click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
 @click.option(
     "--out", default=None, metavar="FILE", help="A .json file to which results are also written as they come."
 )
-@click.option("--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
+@report_option
 @json_option
 def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
     """Tables 1 to 3 of the paper on model-structured networks: a 1:10 car, baselines, ablations and adaptation.
@@ -119,7 +108,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 
 
 @bench.command("truck")
-@click.option("--data", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings.")
+@data_option(required=True)
 @click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
 @click.option("--curves", is_flag=True, help="Learning curves and pretrained networks only.")
 @click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
@@ -129,7 +118,7 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     type=click.FloatRange(min=0),
     help=("Start no training after this many minutes; with --out the next run continues."),
 )
-@click.option("--report", default=None, metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
+@report_option
 @json_option
 def truck_command(
     data: Path,
