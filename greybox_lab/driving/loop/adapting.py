@@ -16,7 +16,8 @@ from greybox_id.models.vehicle import Vehicle
 
 from ..racing.draws import Draws
 from ..racing.learner import FINE_TUNING, Learned, learn, shipped_learned
-from ..racing.world import Rules, World
+from ..racing.rules import Rules
+from ..racing.world import World
 from ..racing.worlds import STEER_MAX
 from .arms import Twin, twin
 

@@ -14,9 +14,10 @@ from greybox_id.models.vehicle import Vehicle
 from greybox_id.models.vehicle import vehicle as vehicle_named
 
 from .draws import Randomisation, draws
+from .rules import Rules
 from .stage import stage
 from .track import read_track
-from .world import Rules, World, limits_of
+from .world import World, limits_of
 
 STEER_MAX = 0.4
 """Largest road-wheel angle, rad, of vehicles whose file states none: that of 1:10 cars; road cars have more."""

@@ -14,10 +14,13 @@ from greybox_id.base.json_data import finite
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting import hybrid, pretraining
 from greybox_lab.papers import truck as bench
+from greybox_lab.papers import truck_comparisons, truck_sets
 from greybox_lab.papers.bench import KeptBench
-from greybox_lab.papers.truck import GreyBoxRun, TruckOptions, _redrawn, _spread, truck_tables
+from greybox_lab.papers.truck import GreyBoxRun, TruckOptions, truck_tables
+from greybox_lab.papers.truck_comparisons import redrawn, standard_error
 from greybox_lab.papers.truck_grey_boxes import CANDIDATES
 from greybox_lab.papers.truck_inputs import Chunks, by_speed, chunks, raw, splits
+from greybox_lab.papers.truck_networks import LESSONS
 
 
 def test_a_split_by_recording_shares_no_recording(real_data):
@@ -74,8 +77,8 @@ def test_standard_errors_are_over_recordings():
     rng = np.random.default_rng(0)
     each = np.repeat(rng.standard_normal((50, 1)), 4, axis=0)  # chunks of a recording repeat each other
     piece = np.repeat(np.arange(50.0), 4)
-    assert _spread(each, piece)[0] == pytest.approx(1 / np.sqrt(50), rel=0.25)
-    assert np.mean(_redrawn(each, piece)) == pytest.approx(np.mean(each), abs=0.02)
+    assert standard_error(each, piece)[0] == pytest.approx(1 / np.sqrt(50), rel=0.25)
+    assert np.mean(redrawn(each, piece)) == pytest.approx(np.mean(each), abs=0.02)
 
 
 def test_folders_without_the_recordings_are_refused(tmp_path):
@@ -130,7 +133,8 @@ def made_up(tmp_path, monkeypatch):
     for k, split in enumerate(("train", "val")):
         truck_file(tmp_path / f"{split}.parquet", 4, k)
     monkeypatch.setattr(bench, "CANDIDATES", bench.CANDIDATES[:2])
-    monkeypatch.setattr(bench, "SIZES", (2, 2, 2))
+    for part in (bench, truck_comparisons):
+        monkeypatch.setattr(part, "SIZES", (2, 2, 2))
     for name in ("ADAM", "SHORT_STEPS", "STEPS"):
         monkeypatch.setattr(hybrid, name, 3)
         monkeypatch.setattr(pretraining, name, 3, raising=False)
@@ -200,10 +204,11 @@ def test_trainings_are_kept_and_carried_on(made_up, tmp_path, monkeypatch):
 
 @pytest.mark.slow
 def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypatch):
-    monkeypatch.setattr(bench, "SHARES", (0.5, 1.0))
-    monkeypatch.setattr(bench, "TAUGHT_ON", (0.5,))
-    monkeypatch.setattr(bench, "SLOW", 12.6)
-    monkeypatch.setattr(bench, "FAST", 12.6)
+    for part in (bench, truck_comparisons):
+        monkeypatch.setattr(part, "SHARES", (0.5, 1.0))
+        monkeypatch.setattr(part, "TAUGHT_ON", (0.5,))
+    monkeypatch.setattr(truck_sets, "SLOW", 12.6)
+    monkeypatch.setattr(truck_sets, "FAST", 12.6)
     page = tmp_path / "page"
     told = greybox(
         "bench", "truck", "--data", made_up, "--curves", "--seeds", 2, "--report", page, "--out", tmp_path / "own.json",
@@ -212,7 +217,7 @@ def test_the_report_holds_tables_figures_and_curves(made_up, tmp_path, monkeypat
     agree(told, PAGE["bench truck"], "bench truck")
     assert told["report"] == [str(page / "truck.html"), str(page / "truck.pdf")]
     assert {own["share"] for own in told["learning_curves"]} == {0.5, 1.0}
-    assert {own["taught"] for own in told["lessons"]} == set(bench.LESSONS)
+    assert {own["taught"] for own in told["lessons"]} == set(LESSONS)
     beyond = [own for own in told["out_of_range"] if own["output"] == "v_y"]
     assert [own["ratio"] == 1.0 for own in beyond] == [True, *[False] * 5]
     assert all(own["low"] <= own["ratio"] <= own["high"] for own in beyond)

@@ -5,7 +5,7 @@ import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_lab.driving.racing.lidar import BEAMS, FIELD_OF_VIEW, RANGE, Lidar
-from greybox_lab.driving.racing.world import Rules
+from greybox_lab.driving.racing.rules import Rules
 from greybox_lab.driving.racing.worlds import world
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")

@@ -9,7 +9,8 @@ from greybox_id.fitting.requested_model import RequestedModel
 from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.racing.draws import HAND
 from greybox_lab.driving.racing.environment import world
-from greybox_lab.driving.racing.world import OWN, Rules, World
+from greybox_lab.driving.racing.rules import Rules
+from greybox_lab.driving.racing.world import OWN, World
 from greybox_lab.virtual.virtual_vehicle import SteppedCar, random_vehicle, vehicle_file_text
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
