@@ -171,13 +171,14 @@ def _on_the_way(
     outputs = simulator.trace.model.outputs
     spread = np.array([_spread(recordings, output) for output in outputs])
     noise = np.maximum(GUESSED_NOISE * spread, LEAST_NOISE)
-    usual = _sample_time(recordings)
+    usual, ahead = _sample_time(recordings), None
     for rows in short if how.solver != "ipopt" else ():
         if how.horizon is not None and rows * usual >= how.horizon:
             break
         ahead = MotionProblem(
-            simulator, recordings, noise=noise, horizon=rows * usual, most_rows=SHORT_ROWS, starts="measured", about=p
-        )
+            simulator, recordings, noise=noise, horizon=rows * usual, most_rows=SHORT_ROWS, starts="measured", about=p,
+            like=ahead,
+        )  # fmt: skip
         solution = gauss_newton(
             ahead, ahead.unknowns(p), max_steps=SHORT_STEPS, tolerance=1e-3, search="levenberg_marquardt"
         )
@@ -185,7 +186,7 @@ def _on_the_way(
         say(f"{name}: {rows} rows ahead, {solution.steps} steps; {_place(ahead, solution.x)}", passing=True)
         p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
         ahead.forget()
-    problem = _problem(simulator, recordings, noise, how, p)
+    problem = _problem(simulator, recordings, noise, how, p, ahead)
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
     settled, taken = known and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):

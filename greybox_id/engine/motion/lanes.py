@@ -97,9 +97,12 @@ class Lanes:
     @cached_property
     def in_order(self) -> bool:
         """Whether lanes, one after the other, take each reading of each row once: nothing is then to be moved."""
-        taken = len(self.interval) * int(np.sum(self.reads)) * self.lane.shape[1]
-        # where they are, nobody looks a place up: of hours these are many, and are not kept
-        return taken == self.lane.size and self.complete and bool(np.all(np.diff(self._places()) == 1))
+        count = int(np.sum(self.reads))
+        if len(self.interval) * count * self.lane.shape[1] != self.lane.size or not self.complete:
+            return False
+        order = np.arange(len(self.lane))  # all are taken once: they begin with the first reading of the first lane
+        columns = zip(self.lane.T, self.rank.T, strict=True)
+        return all(np.array_equal(lane.astype(np.intp) * count + rank, order) for lane, rank in columns)
 
     def scattered(self, values: Array) -> Array:
         """What belongs to readings, (N, outputs), where lanes take them, (L, R, outputs); zero elsewhere."""

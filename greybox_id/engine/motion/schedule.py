@@ -251,9 +251,11 @@ def schedule(
     length = np.append(np.diff(instant), 0.0)
     length_by = np.vstack([np.diff(sign, axis=0), np.zeros((1, count))])
     guess = np.broadcast_to(shifts, (len(kind), count))
-    segments = np.column_stack(
-        [length, *_commands(trace, run, instant, kind, row, shifts, cuts), length_by, sign, guess]
-    )
+    inputs = run.inputs.shape[1]
+    segments = np.empty((len(kind), 1 + 2 * inputs + 3 * count))
+    segments[:, 0] = length
+    _commands(trace, run, instant, kind, row, shifts, cuts, segments[:, 1:])
+    segments[:, 1 + 2 * inputs :] = np.column_stack([length_by, sign, guess])
 
     places = np.arange(len(kind))
     row_segment = np.empty(rows, dtype=np.intp)
@@ -287,13 +289,11 @@ def _in_time(instant: Array, rank: Index) -> Index:
 
 
 def _commands(
-    trace: MotionTrace, run: MotionRun, instant: Array, kind: Index, row: Index, shifts: Array, cuts: Sequence[int]
-) -> tuple[Array, Array]:
-    """Value and slope of every input at every segment's start, (S, inputs) each."""
-    steps = np.append(np.diff(run.time), 1.0)
-    rises = np.vstack([np.diff(run.inputs, axis=0), np.zeros((1, run.inputs.shape[1]))]) / steps[:, None]
-    values = np.empty((len(kind), run.inputs.shape[1]))
-    slopes = np.zeros_like(values)
+    trace: MotionTrace, run: MotionRun, instant: Array, kind: Index, row: Index, shifts: Array, cuts: Sequence[int],
+    to: Array,
+) -> None:  # fmt: skip
+    """Value, and after all values slope, of every input at every segment's start, into the first columns of `to`."""
+    steps, inputs = np.append(np.diff(run.time), 1.0), run.inputs.shape[1]
     for k, name in enumerate(trace.model.inputs):
         source = trace.delayed.index(name) if name in trace.delayed else -1
         source = source if source in cuts else -1
@@ -301,11 +301,11 @@ def _commands(
         before = np.count_nonzero(run.time + shift <= run.time[0] + AT_ONCE) - 1  # had arrived when the run began
         current = np.maximum.accumulate(np.where(kind == source, row, before))
         known = np.maximum(current, 0)
-        values[:, k] = run.inputs[known, k]
+        to[:, k], to[:, inputs + k] = run.inputs[known, k], 0.0
         if not run.held[k]:
-            slopes[:, k] = np.where(current >= 0, rises[known, k], 0.0)
-            values[:, k] += slopes[:, k] * (instant - shift - run.time[known])
-    return values, slopes
+            slope = np.append(np.diff(run.inputs[:, k]), 0.0) / steps
+            to[:, inputs + k] = np.where(current >= 0, slope[known], 0.0)
+            to[:, k] += to[:, inputs + k] * (instant - shift - run.time[known])
 
 
 ACCURATE, STABLE = 1.0, 2.3
