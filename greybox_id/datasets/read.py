@@ -231,18 +231,21 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
     notes, labels = (note,) if note else (), table.labels(run) if run else []
-    joined, rows = _once(Joined(_sized(clock.since(origin)), signals, {}, notes), bool(mapping.rate))
+    rows: Sequence[int] = range(len(table))
+    joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
+    if not mapping.rate:  # else rows are the clock
+        joined, rows = _once(joined)
     labels = [labels[row] for row in rows] if labels else []
     first = table.first_row if len(rows) == len(table) else 0
-    even = evened(joined.time, signals, mapping.hold) if not (mapping.poses or mapping.rate) else None
+    even = evened(joined.time, joined.signals, mapping.hold) if not (mapping.poses or mapping.rate) else None
     if even is not None:
         joined = Joined(even.time, even.signals, even.resampled, (*joined.notes, even.note))
         labels = [labels[row] for row in even.rows] if labels else []
     return joined, labels, first if even is None else 0
 
 
-def _once(joined: Joined, by_row: bool) -> tuple[Joined, Sequence[int]]:
-    """Rows that hold something and do not repeat the one before, its time included; all where rows are the clock.
+def _once(joined: Joined) -> tuple[Joined, Sequence[int]]:
+    """Rows that hold something and do not repeat the one before, its time included; and which they are.
 
     Rows of one packet may share a stamp: where others do, none is a repetition.
     """
@@ -253,9 +256,9 @@ def _once(joined: Joined, by_row: bool) -> tuple[Joined, Sequence[int]]:
     if np.count_nonzero(np.diff(joined.time) == 0.0) > np.count_nonzero(doubled):
         doubled[:] = False
     kept = np.flatnonzero(~(blank | doubled))
-    if by_row or len(kept) == len(columns):
+    if len(kept) == len(columns):
         return joined, range(len(columns))
-    notes = [f"left out: {counted(int(np.sum(blank)), 'row')} without anything in them."] if blank.any() else []
+    notes = [f"left out: {counted(int(np.sum(blank)), 'empty row')}."] if blank.any() else []
     if doubled.any():
         notes.append(f"left out: {counted(int(np.sum(doubled)), 'repetition')} of the row before, its time included.")
     signals = {name: values[kept] for name, values in joined.signals.items()}

@@ -274,7 +274,7 @@ OWN = (
     ("more", "note"),
     [
         (LINES[11], "left out: 1 repetition of the row before, its time included."),
-        (",,\n", "left out: 1 row without anything in them."),
+        (",,\n", "left out: 1 empty row."),
     ],
 )
 def test_rows_that_say_nothing_new_are_left_out(write, more, note):
@@ -284,6 +284,14 @@ def test_rows_that_say_nothing_new_are_left_out(write, more, note):
     np.testing.assert_array_equal(more.time, once.time)
     np.testing.assert_array_equal(more["v_x"], once["v_x"])
     assert note in more.notes
+
+
+def test_repeated_rows_are_left_out_of_a_clock_that_also_lost_some(write):
+    rows = [f"{0.02 * k:.2f},{5 + 0.01 * k:.2f},0.{k % 7}\n" for k in range(400) if k % 9]
+    recording = read(write("t,v,r\n" + "".join([*rows[:50], rows[49], *rows[50:]])), parse_column_map(OWN, "own.toml"))
+    assert "left out: 1 repetition of the row before, its time included." in recording.notes
+    np.testing.assert_allclose(np.diff(recording.time), 0.02, rtol=1e-6)
+    np.testing.assert_allclose(recording["v_x"], 5 + 0.5 * recording.time, atol=1e-3)
 
 
 def test_rows_of_one_packet_are_no_repetitions(write):
