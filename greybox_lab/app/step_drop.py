@@ -211,7 +211,7 @@ def _question(page: Page, entry: Entry, strip: charts.StripChart | None) -> None
             charts.chart(options, height, f"{entry['column']} in the possible units")
         with ui.row(align_items="center"):
             factor = ui.number("divide by", value=entry["divide_by"], format="%.6g").props("dense outlined")
-            factor.style("width: 9rem").set_visibility(counts)
+            factor.style("width: 9rem").set_visibility(counts or signal == "steer")
             for unit in units_for(entry):
 
                 def yes(unit: str = unit) -> None:

@@ -77,11 +77,21 @@ def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase
 
 
 def turning_length(known: Recording) -> float | None:
-    """Ratio times wheelbase, m, from steering in rad, speed and yaw rate (or curvature); None where they tell none."""
-    if not known.has("v_x", "steer") or not ("yaw_rate" in known or "curvature" in known):
+    """Ratio times wheelbase, m, from steering in rad, speed and what turns; None where they tell none.
+
+    What turns is the yaw rate, else v_x · curvature, else a_y / v_x, which it is in a steady turn.
+    """
+    if not known.has("v_x", "steer"):
         return None
     v, steer = known["v_x"], known["steer"]
-    turn = known["yaw_rate"] if "yaw_rate" in known else v * known["curvature"]
+    if "yaw_rate" in known:
+        turn = known["yaw_rate"]
+    elif "curvature" in known:
+        turn = v * known["curvature"]
+    elif "a_y" in known:
+        turn = np.divide(known["a_y"], v, out=np.full(len(v), np.nan), where=v != 0)
+    else:
+        return None
     rows = np.isfinite(v) & np.isfinite(steer) & np.isfinite(turn) & (np.abs(v) > 0.1 * np.nanmax(np.abs(v)))
     rows &= np.abs(v * turn) < GENTLE
     if np.count_nonzero(rows) < LEAST_ROWS:
@@ -111,10 +121,14 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
 
 
 def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
-    """A hand wheel whose ratio nothing tells."""
-    why = "the hand wheel's angle: divide_by is the steering ratio"
-    known = f"; yaw rate and speed say ratio times wheelbase is about {number(length, 3)} m" if length else ""
-    return replace(entry, decided=False, reasons=(*entry.reasons, why + known))
+    """A hand wheel whose ratio nothing tells, or only as of a car's usual wheelbase: a start for who answers."""
+    why, ratio = "the hand wheel's angle: divide_by is the steering ratio", entry.divide_by
+    if length:
+        why += f"; turning and speed say ratio times wheelbase is about {number(length, 3)} m"
+    if length and length > LONGEST:
+        ratio = float(f"{length / np.sqrt(CARS[0] * CARS[1]):.3g}")
+        why += f", a ratio of {ratio:g} for a car of usual length"
+    return replace(entry, divide_by=ratio, decided=False, reasons=(*entry.reasons, why))
 
 
 def _either(entry: MapEntry) -> MapEntry:
