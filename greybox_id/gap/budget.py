@@ -188,9 +188,8 @@ def _of_many(
     if frozenset(names) not in free:  # some of them left before
         (free[frozenset(names)],) = at_their_best(search, [best], examined.sd, examined.good)
     known = {item: misfit(search, free[item]) for item in (frozenset(names), frozenset[str]())}
-    with search.elsewhere():
-        if examined.unnamed is not None:
-            search.recoloured(white_noise(examined.sd, examined.good, examined.bench.rows))
+    white = white_noise(examined.sd, examined.good, examined.bench.rows)
+    with search.counted(search.colour if examined.unnamed is None else white):
         result = free[frozenset(names)]
         search.about(result)
         misfits = of_subsets(search, result, _absent(examined, best, search), known)

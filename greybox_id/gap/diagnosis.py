@@ -32,7 +32,7 @@ from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import Examined, examine
 from .gap import Budget, CauseClass, Gap, Ranked
-from .judging import alike_of, by_no_name, gain_of, itself, of_class, only, refused, something_unnamed
+from .judging import alike_of, by_no_name, gain_of, itself, of_class, only, refused, size_sd, something_unnamed, unsure
 from .regimes import where
 
 DIFFERS = "its estimate differs between parts of the drive, which suggests that the equations have the wrong form"
@@ -87,7 +87,8 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     scattered = [name for name, (_, present) in it.scatter.items() if present > CAL.present]
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
-    best, reasons, shared, telling = it.best, dict[str, str](), None, None
+    reasons = unsure(it)
+    best, shared, telling = only(it, set(it.best.names) - set(reasons)) if reasons else it.best, None, None
     stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted
     while best.candidates:
         shared = shared_out(it, best, held_out, tell)
@@ -291,11 +292,8 @@ def _p_value(examined: Examined, unexplained: bool) -> float:
 
 def _magnitude(examined: Examined, hypothesis: Hypothesis, name: str) -> tuple[float, tuple[float, float]]:
     """Magnitude of one effect in a hypothesis, with its 95 % interval."""
-    (axis, at), search = hypothesis.main(name), examined.selection.search
-    sd = float(np.sqrt(max(search.covariance(hypothesis)[at, at], 0.0)) * search.widening(hypothesis)[at])
-    if examined.rough:
-        sd = float(np.hypot(CAL.wider * sd, CAL.form_of_size * (hypothesis.m[at] - axis.null)))
-    half = 1.96 * sd
+    axis, at = hypothesis.main(name)
+    half = 1.96 * size_sd(examined, hypothesis, name)
     ends = [axis.value(float(np.clip(hypothesis.m[at] + side * half, axis.low, axis.high))) for side in (-1, 1)]
     return axis.value(float(hypothesis.m[at])), (min(ends), max(ends))
 

@@ -6,13 +6,16 @@ from collections.abc import Collection, Mapping
 from math import exp, log
 
 import numpy as np
+from scipy.special import ndtri
 
-from ..base.numbers import whole_percent
+from ..base.numbers import number, whole_percent
+from ..base.shorthands import Array
 from ..datasets.checks.finding import listed
 from .budget import closes, weak
 from .estimation.calibration import CAL
 from .estimation.constancy import Spread
 from .estimation.hypothesis import Hypothesis
+from .estimation.noise import white_noise
 from .evidence import probability
 from .examining import TINY, Examined
 from .gap import Budget
@@ -98,6 +101,64 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
             if entry <= CAL.present:
                 reasons[name] = f"its probability is {entry:.2f}, not more than one half"
     return reasons | _beside_mimics(one, some, reasons)
+
+
+def unsure(one: Examined) -> dict[str, str]:
+    """Effects of the best explanation whose sizes are not surely different from none, and why they are no causes.
+
+    Surely: none lies outside of intervals that hold for all effects that were offered at once, at 95 % (Bonferroni's;
+    Dunn, Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as
+    much as causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and
+    the others go where they go without it: of two that stand for each other one may stay.
+    """
+    best, reasons = one.best, dict[str, str]()
+    if not best.candidates:
+        return reasons
+    surely = -float(ndtri(0.025 / max(len(one.effects), 1)))
+    mains = [at.start for _, at in best.parts]
+    nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
+    for whole in scatters(one, best):
+        V, off, names = whole[np.ix_(mains, mains)], best.m[mains] - nulls, list(best.names)
+        while names:
+            z = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
+            k = int(np.argmin(z))
+            if z[k] >= surely:
+                break
+            reasons[names[k]] = (
+                f"its size is not surely different from none: {number(float(z[k]), 2)} standard deviations; the most "
+                f"that chance makes of one in {len(one.effects)} is {number(surely, 2)}"
+            )
+            names, rest = names[:k] + names[k + 1 :], np.arange(len(names)) != k
+            by = V[rest, k] / V[k, k]
+            off, V = off[rest] - by * off[k], V[np.ix_(rest, rest)] - np.outer(by, V[k, rest])
+    return reasons
+
+
+def size_sd(one: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """Standard deviation of an effect's coordinate in a hypothesis."""
+    _, at = hypothesis.main(name)
+    return float(np.sqrt(max(0.0, *(V[at, at] for V in scatters(one, hypothesis)))))
+
+
+def scatters(one: Examined, hypothesis: Hypothesis) -> list[Array]:
+    """Covariances of a hypothesis' coordinates, by each witness; where equations are rough, with what form does.
+
+    There free runs are a second witness: errors of form are new every correlation time to innovations, but last in what
+    they leave of a free run, whose blocks then pull at a size that stands for them (see `Search.widening`).
+    """
+    search = one.selection.search
+
+    def scatter() -> Array:
+        widening = (CAL.wider if one.rough else 1.0) * search.widening(hypothesis)
+        return search.covariance(hypothesis) * np.outer(widening, widening)
+
+    result = [scatter()]
+    if one.rough and one.unnamed is not None:
+        with search.counted(white_noise(one.sd, one.good, one.bench.rows)):
+            result.append(scatter())
+    nulls = np.array([axis.null for axis in hypothesis.axes])
+    form = CAL.form_of_size * (hypothesis.m - nulls) if one.rough else np.zeros(len(nulls))
+    return [V + np.diag(form**2) for V in result]
 
 
 def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:

@@ -156,12 +156,8 @@ def at_their_best(search: Search, hypotheses: Sequence[Hypothesis], sd: Array, g
         result = [_refitted(search, hypothesis) for hypothesis in hypotheses]
         search.trusting(trust)
         return result
-    before = search.colour
-    with search.elsewhere():
-        search.recoloured(white_noise(sd, good, search.bench.rows))
-        result = [_settled(search, hypothesis) for hypothesis in hypotheses]
-        search.colour = before
-    return result
+    with search.counted(white_noise(sd, good, search.bench.rows)):
+        return [_settled(search, hypothesis) for hypothesis in hypotheses]
 
 
 def _settled(search: Search, hypothesis: Hypothesis) -> Hypothesis:

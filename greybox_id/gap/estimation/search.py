@@ -86,12 +86,14 @@ class Search:
         self._whiten()
 
     @contextmanager
-    def elsewhere(self) -> Iterator[None]:
-        """Linearise elsewhere within, and be about what everything was about before afterwards."""
-        before = self.place()
+    def counted(self, colour: Whitener) -> Iterator[None]:
+        """Count residuals otherwise and linearise anywhere within; all is as it was before afterwards."""
+        before, kept = self.place(), self.colour
+        self.recoloured(colour)
         try:
             yield
         finally:
+            self.colour = kept
             self.back(before)
 
     def place(self) -> dict[str, object]:

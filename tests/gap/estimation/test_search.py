@@ -9,9 +9,21 @@ from gap_cases import GivenBench, alone, axis, candidate, linear_bench, search_o
 from greybox_id.gap.estimation.axes import Candidate
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.hypothesis import Start
+from greybox_id.gap.estimation.noise import white_noise
 from greybox_id.gap.estimation.refit import refit, settled
 
 SD = np.array([0.1, 0.4])
+
+
+def test_what_is_counted_otherwise_for_a_while_counts_as_before_afterwards():
+    search = search_on(linear_bench(smooth_columns(2), [2.0, 0.0], SD), SD, [axis(0, sd=0.005), axis(1, sd=0.1)])
+    gram, nominal = search.gram.copy(), search.nominal.copy()
+    with search.counted(white_noise(3 * SD, search.bench.counted, search.bench.rows)):
+        search.nominal[0] = 1.0
+        search.about(None)
+        np.testing.assert_allclose(search.gram, gram / 9, rtol=1e-6)
+    np.testing.assert_array_equal(search.gram, gram)
+    np.testing.assert_array_equal(search.nominal, nominal)
 
 
 def test_a_tolerance_that_is_freed_is_charged_nothing_and_held_to_nothing():
