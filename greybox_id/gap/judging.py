@@ -125,8 +125,8 @@ def unsure(one: Examined) -> dict[str, str]:
             if z[k] >= surely:
                 break
             reasons[names[k]] = (
-                f"its size is not surely different from none: {number(float(z[k]), 2)} standard deviations; the most "
-                f"that chance makes of one in {len(one.effects)} is {number(surely, 2)}"
+                f"its size is not surely different from none: {number(float(z[k]), 2)} standard deviations, and chance "
+                f"alone makes {number(surely, 2)} of one of the {len(one.effects)} effects looked at"
             )
             names, rest = names[:k] + names[k + 1 :], np.arange(len(names)) != k
             by = V[rest, k] / V[k, k]
