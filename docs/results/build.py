@@ -23,9 +23,10 @@ HERE = Path(__file__).parent
 PAGE = HERE.parent / "results.md"
 HEAD = """# Results
 
-The line below a table says when, with which version, from which seed and on how many cases (n) it was measured. `DIR`
-holds recordings of others (`greybox datasets list`). CPU seconds are of one core at 3.1 GHz. Bars that are missed are
-marked. What was tried and failed is in the [decision notes](decisions/README.md).
+What was measured, and the commands that measure it again. The line below a table says when, with which version, from
+which seed and on how many cases (n). `DIR` holds recordings of others (`greybox datasets list`). CPU seconds are of one
+core at 3.1 GHz. Bars that are missed are marked. What was tried and failed is in the [decision
+notes](decisions/README.md).
 """
 MOST_TASKS = 1
 """A bench with more shows the first one alone; the file has all."""
