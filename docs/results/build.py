@@ -23,13 +23,15 @@ HERE = Path(__file__).parent
 PAGE = HERE.parent / "results.md"
 HEAD = """# Results
 
-Each table is drawn from a file in `docs/results/` (`python docs/results/build.py`). The line below it says when, with
-which version, from which seed and on how many cases (n) it was measured. `DIR` holds recordings of others: `greybox
-datasets list` says where they come from. CPU seconds are of one core at 3.1 GHz. A bar that is missed is marked. What
-was tried and failed is in the [decision notes](decisions/README.md).
+What was measured, and the commands that measure it again. The line below a table says when, with which version, from
+which seed and on how many cases (n). `DIR` holds recordings of others (`greybox datasets list`). CPU seconds are of one
+core at 3.1 GHz. Bars that are missed are marked. What was tried and failed is in the [decision
+notes](decisions/README.md).
 """
 MOST_TASKS = 1
 """A bench with more shows the first one alone; the file has all."""
+STAYS = ("title", "commands", "about", "answer")
+"""Of a bench's file, when it is measured again; the first answer is shown where `answer` is true."""
 
 
 def page() -> str:
@@ -71,12 +73,8 @@ def of_bench(kept: dict[str, Any]) -> dict[str, Any]:
         values = [_value(_of(same, task)) for task in shown]
         name = f"{model}, {parameters} parameters (published)" if published else model
         cells.append([name, *values, "–" if spent is None else number(spent, 2)])
-    return {
-        **kept,
-        "columns": columns,
-        "rows": cells,
-        "after": re.split(r"(?<=\.) (?=[A-Z])", " ".join(kept["result"]["answers"][:1]))[0],
-    }
+    answer = re.split(r"(?<=\.) (?=[A-Z])", kept["result"]["answers"][0])[0] if kept.get("answer") else ""
+    return {**kept, "columns": columns, "rows": cells, "after": answer}
 
 
 def _of(rows: list[dict[str, Any]], task: str) -> list[dict[str, Any]]:
@@ -103,7 +101,7 @@ def run(name: str, options: list[str]) -> None:
 
 
 def keep(file: Path, before: dict[str, Any], result: dict[str, Any]) -> None:
-    """Write a bench's file: title, command and question stay, what was measured is new."""
+    """Write a bench's file: title, commands and words stay, what was measured is new."""
     measured = {
         "date": datetime.date.today().isoformat(),
         "version": __version__,
@@ -112,7 +110,7 @@ def keep(file: Path, before: dict[str, Any], result: dict[str, Any]) -> None:
         "seed": before["measured"]["seed"],
         "n": before["measured"]["n"],
     }
-    kept = {**{name: before[name] for name in ("title", "commands", "about")}, "measured": measured, "result": result}
+    kept = {**{name: before[name] for name in STAYS if name in before}, "measured": measured, "result": result}
     file.write_text(json.dumps(kept, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 
 

@@ -74,7 +74,10 @@ class Problem:
         strengths: Mapping[str, float] | None = None,
         keep: Sequence[Array] | None = None,
     ) -> Problem:
-        """The same runs, with what they remember, counted otherwise; what is None stays as it is."""
+        """The same runs, with what they remember, counted otherwise; what is None stays as it is.
+
+        Where strengths alone change, what was linearised last still holds, but for the priors.
+        """
         other = copy(self)
         other._last = None
         if noise is not None:
@@ -82,6 +85,10 @@ class Problem:
         if strengths is not None:
             other.R, other.r = beliefs(self.trace.model, self.layout, self.copies, strengths)
             other._believed = (other.R.T @ other.R).toarray()
+            if self._last is not None and noise is None and keep is None:
+                x, last = self._last
+                g = other.R.T @ other.prior_residuals(x) - self.R.T @ self.prior_residuals(x)
+                other._last = x, NormalEquations(last.H + other._believed - self._believed, last.g + g)
         if keep is not None:
             other._keep = list(keep)
         return other

@@ -128,7 +128,7 @@ def fit_grid(
     models = [_model(name, train, {**base, **cell}) for cell in several]  # what is wrong is better said before
     data = fingerprint(name, train, validate, base)
     rows = _kept(done, data, several)
-    strengths = _strengths(name, train, base, strength, rows, jobs, say)
+    strengths = _strengths(name, train, base, strength, rows, say)
     doubts = _doubts(models[0], train, validate)
     for doubt in doubts:
         say(doubt)
@@ -245,7 +245,6 @@ def _strengths(
     base: Mapping[str, Any],
     strength: float | None,
     rows: Mapping[str, Mapping[str, Any]],
-    jobs: int,
     say: Say,
 ) -> dict[str, float]:
     if rows:
@@ -257,7 +256,7 @@ def _strengths(
     trace = Trace(model)
     with threadpool_limits(1):
         noise, start, _ = fit_briefly(trace, [train])
-        return choose_strengths(trace, [train], noise, start, say, jobs).strengths
+        return choose_strengths(trace, [train], noise, start, say).strengths
 
 
 def _row(

@@ -51,7 +51,7 @@ class FitOptions:
         "ipopt" solves with Ipopt from the start.
     starts : how many starting points; all but the first are drawn about the nominal values.
     seed : of those draws.
-    jobs : processes at a time, for starting points and what cross-validation compares; results do not depend on it.
+    jobs : processes at a time, for starting points and structures that are compared; results do not depend on it.
     horizon : for motion models, s predicted from one start; None for whole runs.
     start_from : for motion models, "free" starts deviate from their readings, "measured" ones do not.
     robust : for motion models, residuals beyond so many standard deviations count linearly.

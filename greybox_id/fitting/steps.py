@@ -50,11 +50,11 @@ def fit_alone(
     noise, near, laid = fit_briefly(trace, recordings)
     checked = time.process_time()
     tried: tuple[tuple[Mapping[str, float], float], ...] = ()
-    interrupted, elsewhere = False, 0.0
+    interrupted = False
     if how.strengths == "cross-validation":
-        choice = choose_strengths(trace, recordings, noise, near, say, how.jobs)
+        choice = choose_strengths(trace, recordings, noise, near, say)
         strengths, tried, interrupted = choice.strengths, choice.tried, choice.interrupted
-        elsewhere, near = choice.cpu_seconds, near if choice.x is None else choice.x
+        near = near if choice.x is None else choice.x
     else:
         factor = WEAK if how.strengths == "early stopping" else float(how.strengths)
         strengths = {p.prior.strength: factor for p in part.parameters if p.prior is not None and p.prior.strength}
@@ -87,7 +87,7 @@ def fit_alone(
         strengths=strengths, strengths_from=how.mode + (", interrupted" if interrupted else ""), tried=tried,
         noise=dict(zip(part.outputs, noise.tolist(), strict=True)),
         cpu_seconds=time.process_time() - clock - checking + done.cpu_seconds,
-        cross_validation_seconds=checking + elsewhere, certificate=certificate,
+        cross_validation_seconds=checking, certificate=certificate,
     )  # fmt: skip
     return problem, best, stage
 

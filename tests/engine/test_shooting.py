@@ -129,6 +129,20 @@ def test_a_problem_counted_otherwise_is_the_one_made_so():
         np.testing.assert_allclose(mine.normal_equations(F, []).g, theirs.normal_equations(F, []).g, rtol=1e-14)
 
 
+def test_what_was_linearised_still_holds_where_strengths_alone_change():
+    plain = problem_of(lat)
+    x = plain.start + 0.01
+    nodes = plain.simulated_nodes(x)
+    strengths = {p.prior.strength: 3.0 for p in lat.parameters if p.prior is not None and p.prior.strength}
+    fresh = plain.counted(strengths=strengths).normal_equations(x, nodes)
+    plain.normal_equations(x, nodes)
+    other = plain.counted(strengths=strengths)
+    assert other._last is not None
+    kept = other.normal_equations(x, nodes)
+    np.testing.assert_allclose(kept.H, fresh.H, rtol=1e-9, atol=1e-9 * np.max(np.abs(fresh.H)))
+    np.testing.assert_allclose(kept.g, fresh.g, rtol=1e-9, atol=1e-9 * np.max(np.abs(fresh.g)))
+
+
 def test_folds_linearised_together_are_those_linearised_one_by_one():
     name = "msnn_full"
     rng = np.random.default_rng(3)

@@ -12,7 +12,7 @@ from toys import DT, drive, joined, linear_toy, obeying_toy
 from greybox_id.base.errors import GreyboxError
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
-from greybox_id.fitting.crossvalidation import blocks, choose_strengths, choose_structure
+from greybox_id.fitting.crossvalidation import TOLERANCE, blocks, choose_strengths, choose_structure, cross_validated
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
@@ -67,6 +67,14 @@ def test_a_strength_moves_from_as_stated_only_where_held_out_stretches_ask_for_i
     trace = Trace(linear_toy(len(F), Prior(sd, mean=0.0, strength="s")))
     choice = choose_strengths(trace, [obeying_toy(F, rows, noise=noise)], np.array([noise]), np.zeros(len(F)))
     assert choice.strengths["s"] == factor
+
+
+def test_other_strengths_are_told_from_where_folds_ended_and_exactly_where_the_model_is_linear():
+    F, noise = np.array([0.1, 0.5, 1.0]), np.array([0.1])
+    problem = Problem(Trace(linear_toy(3, Prior(0.05, mean=0.0, strength="s"))), [obeying_toy(F, 400)], noise=noise)
+    stated, strong = (cross_validated(problem.counted(strengths={"s": s}), np.zeros(3)) for s in (1.0, 4.0))
+    assert np.max(np.abs(strong.squares / stated.squares - 1)) > 0.05
+    np.testing.assert_allclose(stated.nearby({"s": 4.0}), strong.squares, rtol=TOLERANCE)  # where folds end
 
 
 def test_every_strength_tried_is_on_record_with_its_error():

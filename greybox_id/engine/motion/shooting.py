@@ -18,16 +18,16 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-import scipy.sparse as sp
 
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
 from ..kernel import Against
-from ..least_squares import Layout, NormalEquations, beliefs, lay_out, limits
+from ..least_squares import NormalEquations
 from .lanes import Chain, Interval, Lanes, Targets, chained, lay, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
 from .simulator import IntervalStarts, Simulator
+from .unknowns import lay_out_unknowns
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
@@ -88,10 +88,7 @@ class MotionProblem:
 
     Attributes
     ----------
-    parameters : per run, where its parameters stand among the unknowns.
-    layout : per interval, where its parameters and its free starts stand.
-    loose : states that start freely.
-    bounds, free, R, r : of the unknowns, as of `LeastSquares`.
+    parameters, loose, layout, bounds, free, R, r : of the unknowns, as of `Unknowns`.
     """
 
     def __init__(
@@ -121,7 +118,9 @@ class MotionProblem:
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
         self.copies = len(self.intervals)
         self._run = np.array([interval.run for interval in self.intervals])
-        self._lay_out(starts == "free", strengths)
+        unknowns = lay_out_unknowns(self.model, self.runs, self._run, starts == "free", strengths)
+        self.parameters, self.loose, self.layout = unknowns.parameters, unknowns.loose, unknowns.layout
+        self.bounds, self.free, self.R, self.r = unknowns.bounds, unknowns.free, unknowns.R, unknowns.r
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         same = like is not None and self.intervals == like.intervals
@@ -382,39 +381,6 @@ class MotionProblem:
         if len(self.loose):
             z[:, self.loose] += x[self.parameters.size :].reshape(len(self.intervals), -1)
         return z, by_p
-
-    def _lay_out(self, free_starts: bool, strengths: Mapping[str, float] | None) -> None:
-        """Unknowns: parameters first, then each interval's free starts.
-
-        Free starts are deviations of states that are read, with noise, from their readings, and of those whose start is
-        a guess from what the model says.
-        """
-        model, runs = self.model, self.runs
-        self.parameters = lay_out(model, len(runs), len(runs))
-        read, size = [run.states_read(model) for run in runs], self.parameters.size
-        value = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
-        self.loose: Index = np.array(value if free_starts else [], dtype=np.intp)
-        places = size + np.arange(len(self.intervals) * len(self.loose)).reshape(len(self.intervals), -1)
-        index = np.concatenate((np.asarray(self.parameters.index)[self._run], places), axis=1).astype(np.intp)
-        more = places.size
-        self.layout = Layout(tuple(index), size + more)
-        (low, high), free = limits(model, self.parameters)
-        self.bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
-        self.free: Mask = np.append(free, np.ones(more, dtype=bool))
-        R, r = beliefs(model, self.parameters, len(runs), strengths)
-        R = sp.hstack([R, sp.csr_matrix((R.shape[0], more))], format="csr")
-        guessed = [  # deviations that no reading tells
-            (place[j], 1.0 / model.states[state].scale)
-            for j, state in enumerate(self.loose)
-            for run, names in enumerate(read)
-            if model.states[state].name not in names
-            for place in places[self._run == run]
-        ]
-        if guessed:
-            at, weights = np.array([a for a, _ in guessed]), np.array([b for _, b in guessed])
-            rows = sp.csr_matrix((weights, (np.arange(len(guessed)), at)), shape=(len(guessed), self.layout.size))
-            R, r = sp.vstack([R, rows], format="csr"), np.append(r, np.zeros(len(guessed)))
-        self.R, self.r = R, r
 
     def _where_valid(self) -> list[Mask]:
         """Per run, (n, outputs) whether a reading counts: where the equations hold, and where an interval starts."""

@@ -21,25 +21,20 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-import scipy.linalg as la
 
 from ...base.shorthands import Array, Index, Mask
 from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..fit import CLEARLY
+from .evidence import SHARES, Joint, Squares, Starts, likeliest
 from .halves import BLOCKS, mixed_halves, prediction_limit
 
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
-SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0)
-"""Shares that are compared: of an output's spread, that one function of the drive adds to its error."""
-SWEEPS = 3
 MOST_ROWS = 50_000
 """Rows that are looked at, evenly spread: what they depend on shows in fewer, and memory is bounded."""
 STEP = 0.01
 """Of an input's spread, by which it is moved to see what follows."""
-RIDGE = 1e-9
-"""Of a column's own power: on some drives one function is a sum of others."""
 
 
 @dataclass(frozen=True)
@@ -119,8 +114,8 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     power = np.diag(H)[-count:] if count else np.zeros(0)
     whole = sum(float(np.sum((one.columns**2).max(axis=1))) / one.alone for one in drives)
     unit[owner == halves] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
-    joint = _Joint(H, g, count)
-    shares, gains = _likeliest(joint, owner, unit, halves + 1)
+    joint = Joint(H, g, count)
+    shares, gains = likeliest(joint, owner, unit, halves + 1)
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
@@ -148,7 +143,7 @@ def _gains_of_mixed(H: Array, g: Array, count: int, shares: Array, owner: Index,
     ----------
     H, g : as of `_normal_equations`, each block but the first a part.
     count : how many parameters.
-    shares, owner, unit : as of `_likeliest`; the last group is that of the parameters.
+    shares, owner, unit : as of `likeliest`; the last group is that of the parameters.
     """
     rest, gains, eye = len(owner), [], np.eye(count)
     for one in mixed_halves():
@@ -156,7 +151,7 @@ def _gains_of_mixed(H: Array, g: Array, count: int, shares: Array, owner: Index,
         both = np.zeros((len(g), rest + count))
         both[:rest, :rest] = np.eye(rest)
         both[rest:, rest:] = np.kron(np.array(other)[:, None], eye)
-        joint = _Joint(both.T @ H @ both, both.T @ g, count)
+        joint = Joint(both.T @ H @ both, both.T @ g, count)
         tried = []
         for share in SHARES:
             of_group = np.append(shares[:-1], share)
@@ -231,55 +226,6 @@ class _Drive:
             explained, dict(sorted(on.items(), key=lambda item: -item[1])), gain,
             float(np.count_nonzero(self.read)) / self.correlation,
         )  # fmt: skip
-
-
-@dataclass
-class _Squares:
-    """Squares of one output's residuals: curvature and gradient by all that may explain them, and their sum."""
-
-    H: Array
-    g: Array
-    total: float
-
-    def add(self, wide: Array, residuals: Array) -> None:
-        """Take in rows."""
-        self.H += wide.T @ wide
-        self.g += wide.T @ residuals
-        self.total += float(residuals @ residuals)
-
-    def less(self, sizes: Array) -> float:
-        """Part of the sum that is gone where all that explains it has these sizes."""
-        gone = -float(sizes @ (2.0 * self.g + self.H @ sizes))
-        return float(np.clip(gone / max(self.total, 1e-300), 0.0, 1.0))
-
-
-@dataclass
-class _Starts:
-    """What an interval's free starts explain: their curvature, how they go with all else, and their gradient."""
-
-    by_loose: Array
-    coupled: Array
-    toward: Array
-
-    @classmethod
-    def of(cls, few: int, many: int) -> _Starts:
-        """Of so many starts beside so many others."""
-        return cls(np.zeros((few, few)), np.zeros((few, many)), np.zeros(few))
-
-    def add(self, J: Array, wide: Array, residuals: Array) -> None:
-        """Take in rows."""
-        self.by_loose += J.T @ J
-        self.coupled += J.T @ wide
-        self.toward += J.T @ residuals
-
-    def take(self, H: Array, g: Array) -> None:
-        """Eliminate the starts from all else."""
-        if len(self.toward):
-            size = np.diag(self.by_loose)
-            unit = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)  # some starts show nowhere
-            inverse = la.pinvh(self.by_loose * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
-            H -= self.coupled.T @ inverse @ self.coupled
-            g -= self.coupled.T @ (inverse @ self.toward)
 
 
 def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:
@@ -407,7 +353,7 @@ def _unexplained(columns: Array, residuals: Array) -> tuple[float, float]:
 def _normal_equations(
     problem: MotionProblem, x: Array, nodes: SimulatedRuns, drives: Sequence[_Drive], passed: Sequence[_Passed],
     kept: Mask, every: int, part: Index,
-) -> tuple[Array, Array, list[_Squares]]:  # fmt: skip
+) -> tuple[Array, Array, list[Squares]]:  # fmt: skip
     """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
     kept parameters of each part of the rows but the first, `part` (N,); and the squares of each output alone.
 
@@ -422,10 +368,10 @@ def _normal_equations(
     H[:count, :count] = problem.believed[np.ix_(kept, kept)]
     g[:count] = problem.pull_of_priors(x)[kept]
     first_loose = problem.parameters.size
-    alone = [_Squares(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in drives]
+    alone = [Squares(np.zeros_like(H), np.zeros_like(g), 0.0) for _ in drives]
     theirs = list(problem.rows_of_intervals(nodes))
     loose_of = [index >= first_loose for index in problem.layout.index]
-    eliminated = [_Starts.of(int(np.sum(loose)), len(g)) for loose in loose_of]
+    eliminated = [Starts.of(int(np.sum(loose)), len(g)) for loose in loose_of]
     for k, begin, residuals, J in problem.parts(x, nodes):
         rows = theirs[k][begin : begin + len(residuals)]
         chosen = rows % every == 0
@@ -451,83 +397,3 @@ def _normal_equations(
     for starts in eliminated:
         starts.take(H, g)
     return H, g, alone
-
-
-class _Joint:
-    """Parameters beside functions of the drive.
-
-    Parameters
-    ----------
-    H, g : curvature and gradient by both, parameters first, at the parameters' optimum and no function.
-    count : how many parameters.
-
-    Within, all is in units in which its curvature is one: a parameter of which next to nothing moves everything, as a
-    lag much shorter than a row may be, would leave the others below rounding.
-    """
-
-    def __init__(self, H: Array, g: Array, count: int) -> None:
-        size = np.diag(H)
-        self.scale = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 1.0)
-        self.count, H, g = count, H * np.outer(self.scale, self.scale), g * self.scale
-        P, self.C, S = H[:count, :count], H[:count, count:], H[count:, count:]
-        self.P = P + np.diag(RIDGE * np.maximum(np.diag(P), 1e-300))
-        self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
-        self.g = g[:count]
-        self.S = S - self.C.T @ self.inverse @ self.C
-        size, along = la.eigh(0.5 * (self.S + self.S.T))  # what cancels must not leave curvature below zero
-        self.S = (along * np.maximum(size, 0.0)) @ along.T
-        self.pull = g[count:] - self.C.T @ (self.inverse @ self.g)
-
-    def evidence(self, variances: Array) -> float:
-        """Log of how much likelier the residuals are with functions of such variances than with none."""
-        used = variances > 0.0
-        root = np.sqrt(variances[used]) / self.scale[self.count :][used]
-        inner = np.eye(len(root)) + root[:, None] * self.S[np.ix_(used, used)] * root[None, :]
-        try:
-            factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
-        except la.LinAlgError:  # so large a variance that rounding hides the rest: not to be chosen
-            return -np.inf
-        scaled = root * self.pull[used]
-        gained = 0.5 * float(scaled @ la.cho_solve(factor, scaled))
-        return gained - float(np.sum(np.log(np.diag(factor[0]))))
-
-    def beside(self, variances: Array) -> tuple[Array, Array, Array]:
-        """What functions add to the parameters' covariance, where they move the optimum, and the functions' sizes."""
-        of_p, of_functions = self.scale[: self.count], self.scale[self.count :]
-        root = np.sqrt(variances) / of_functions
-        inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
-        size, along = la.eigh(
-            0.5 * (inner + inner.T)
-        )  # at least one: what is added to the unit matrix has none below zero
-        of_sizes = root[:, None] * ((along / np.maximum(size, 1.0)) @ along.T) * root[None, :]
-        sizes, follow = -of_sizes @ self.pull, self.inverse @ self.C
-        wider = follow @ of_sizes @ follow.T * np.outer(of_p, of_p)
-        return wider, -follow @ sizes * of_p, sizes * of_functions
-
-
-def _likeliest(joint: _Joint, owner: Index, unit: Array, count: int) -> tuple[Array, Array]:
-    """The share of each group under which all residuals are likeliest; what each gains beside none, in log.
-
-    Parameters
-    ----------
-    owner, unit : (functions,) the group of each function, and what a share of one is in its size.
-    """
-    shares = np.zeros(count)
-    best = 0.0
-    for _ in range(SWEEPS):
-        before = shares.copy()
-        for k in range(count):
-            tried = []
-            for share in SHARES:
-                shares[k] = share
-                tried.append(joint.evidence((shares[owner] * unit) ** 2))
-            shares[k] = SHARES[int(np.argmax(tried))]
-            best = max(tried)
-        if np.array_equal(before, shares):
-            break
-    gains = np.zeros(count)
-    for k in range(count):
-        without = shares.copy()
-        without[k] = 0.0
-        gains[k] = best - joint.evidence((without[owner] * unit) ** 2)
-    return shares, gains

@@ -19,7 +19,6 @@ from threadpoolctl import threadpool_limits
 from ...base.errors import BadInput
 from ...base.numbers import listed, number
 from ...base.shorthands import Array
-from ...base.statistics import resampled
 from ...datasets.checks import Severity, check
 from ...datasets.recording import Recording
 from ...engine.simulation import Diagnosed
@@ -27,8 +26,9 @@ from ...models.effect import Effect
 from ...models.motion_model import MotionModel
 from ...models.vehicle import Stated, Vehicle
 from ..estimation.calibration import CAL
-from ..gap import Budget, Closure, Gap, Ranked, Share, Where
+from ..gap import Gap, Ranked, Where
 from .between_runs import Common, RunExplained, values_of
+from .closing import budget_of, channels_of, closure, loudness
 from .columns import ByColumns, told_by_columns
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
@@ -275,8 +275,8 @@ def _answer(
         spans.append((_within(value[effects[each.name]], min(ends)), _within(value[effects[each.name]], max(ends))))
     if first is not None:
         mean[first.place] += first.shift[0]
-    chosen = _closure(known, rides, mean, tuple(one.name for one in after))
-    judged = _closure(known, others, mean, tuple(one.name for one in (held_out or after)))
+    chosen = closure(known, rides, mean, tuple(one.name for one in after))
+    judged = closure(known, others, mean, tuple(one.name for one in (held_out or after)))
     reasons = dict[int, str]()
     if first is not None:
         each = known.numbers[first.place]
@@ -290,7 +290,7 @@ def _answer(
     first_found = first
     if reasons:
         first, mean = None, entry
-        chosen, judged = (_closure(known, ones, mean, each.recordings)
+        chosen, judged = (closure(known, ones, mean, each.recordings)
                           for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
     ranking = []
     for one, p, span in zip(result, sure, spans, strict=True):
@@ -306,11 +306,11 @@ def _answer(
                  for place, by in direct.items()), *ranking]  # fmt: skip
     places = (*direct, *(one.place for one in (first,) if one is not None))
     applied = tuple(effects[known.numbers[place].name] for place in places)
-    budget = _budget(known, others, mean, places, applied, judged, bool(held_out))
-    loud = _loudness(known, rides, base)
+    budget = budget_of(known, others, mean, places, applied, judged, bool(held_out))
+    loud = loudness(known, rides, base)
     odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
     unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
-    channels = _channels(known, rides)
+    channels = channels_of(known, rides)
     gap = Gap(
         model=model.name,
         recordings=tuple(one.name for one in after),
@@ -394,35 +394,6 @@ def _by_columns(known: Common, effect: Effect, effects: Mapping[str, str], place
     return Ranked(effects[number.name], by.probability, size, effect.parameter.unit, (low, high), (), gain)
 
 
-def _budget(
-    known: Common,
-    rides: Sequence[FollowedRun],
-    mean: Array,
-    places: Sequence[int],
-    applied: Sequence[str],
-    judged: Closure,
-    held_out: bool,
-) -> Budget | None:
-    """Shares of what is applied, one after the other; what is left of the gap is unexplained."""
-    if not applied:
-        return None
-    low, high = judged.closed_interval
-    rest = Share("unexplained", 1 - judged.closed, 1 - high, 1 - low)
-    shares, before = [], 0.0
-    for k, name in enumerate(applied):
-        upto = judged.closed
-        if k < len(applied) - 1:
-            at = known.x.copy()
-            at[[*places[: k + 1]]] = mean[[*places[: k + 1]]]
-            upto = _closure(known, rides, at, judged.recordings).closed
-        spread = 0.5 * (high - low)
-        alone = len(applied) == 1
-        shares.append(Share(name, upto - before, low if alone else upto - before - spread,
-                            high if alone else upto - before + spread))  # fmt: skip
-        before = upto
-    return Budget(tuple(shares), rest, judged.recordings, held_out)
-
-
 def _by_chance(result: Sequence[Change], tried: int) -> float:
     """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
     mean of a ratio of evidences is one.
@@ -447,50 +418,6 @@ def _within(effect: Effect, value: float) -> float:
     """A magnitude within an effect's bounds: what a delay is below zero is a matter of clocks."""
     low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
     return min(max(value, low), high)
-
-
-def _closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:
-    """How far errors close with the vehicle's numbers as they stood before, and with those of `mean`."""
-    weigher, sums = known.weigher, list[tuple[float, float, float]]()
-    for ride in rides:
-        first, then = (weigher.innovations(ride, x) for x in (known.x, mean))
-        if first is None or then is None:
-            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
-        ones = np.ones(weigher.noise.channels)
-        squares = (np.sum(weigher.noise.white(each, ones) ** 2, axis=1) for each in (first, then))
-        sums += zip(*squares, np.sum(first.there, axis=1), strict=True)
-    each = np.array(sums)
-
-    def share(total: Array) -> float:
-        before, after = total[:2] / total[2]
-        floor = min(1.0, before, after)
-        return float((before - after) / max(before - floor, CAL.least_gap))
-
-    total = np.sum(each, axis=0)
-    before, after = (float(item) for item in total[:2] / total[2])
-    if np.array_equal(mean, known.x):
-        return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
-    low, high = (float(end) for end in resampled(each, share, CAL.draws))
-    return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
-
-
-def _loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:
-    """How far off recordings from after are beside those from before, mean over channels."""
-    result = [known.weigher.innovations(ride, base.x) for ride in rides]
-    scales = [known.weigher.noise.scales(item) for item in result if item is not None]
-    return float(np.median(np.mean(scales, axis=1))) if scales else 1.0
-
-
-def _channels(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]:
-    """Channel -> root mean square of innovations over what was expected, with the numbers from before."""
-    read = known.weigher.follower.read
-    squares, count = np.zeros(len(read)), np.zeros(len(read))
-    for ride in rides:
-        value = known.weigher.innovations(ride, known.x)
-        if value is not None:
-            squares += np.sum((value.white**2).reshape(-1, len(read)), axis=0)
-            count += np.sum(value.there.reshape(-1, len(read)), axis=0)
-    return {name: float(np.sqrt(s / max(c, 1.0))) for name, s, c in zip(read, squares, count, strict=True)}
 
 
 def drifting(known: Common, effects: Mapping[str, str], since: Sequence[Recording]) -> tuple[str, ...]:

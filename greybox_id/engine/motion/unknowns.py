@@ -1,0 +1,81 @@
+"""The unknowns of fitting a motion model: parameters first, then each interval's free starts.
+
+Free starts are deviations of states that are read, with noise, from their readings, and of those whose start is a guess
+from what the model says.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sp
+
+from ...base.shorthands import Array, Index, Mask
+from ...models.motion_model import MotionModel
+from ..least_squares import Layout, beliefs, lay_out, limits
+from .schedule import MotionRun
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Where unknowns stand, and what is believed of them.
+
+    Attributes
+    ----------
+    parameters : per run, where its parameters stand.
+    loose : states that start freely.
+    layout : per interval, where its parameters and its free starts stand.
+    bounds, free, R, r : as of `LeastSquares`.
+    """
+
+    parameters: Layout
+    loose: Index
+    layout: Layout
+    bounds: tuple[Array, Array]
+    free: Mask
+    R: sp.csr_matrix
+    r: Array
+
+
+def lay_out_unknowns(
+    model: MotionModel,
+    runs: Sequence[MotionRun],
+    run_of: Index,
+    free_starts: bool,
+    strengths: Mapping[str, float] | None,
+) -> Unknowns:
+    """Lay out the unknowns of some runs.
+
+    Parameters
+    ----------
+    model, runs : whose.
+    run_of : (intervals,) the run of each interval.
+    free_starts : whether intervals start freely.
+    strengths : how much stronger than stated each group of priors is taken.
+    """
+    parameters = lay_out(model, len(runs), len(runs))
+    read, size = [run.states_read(model) for run in runs], parameters.size
+    value = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
+    loose: Index = np.array(value if free_starts else [], dtype=np.intp)
+    places = size + np.arange(len(run_of) * len(loose)).reshape(len(run_of), -1)
+    index = np.concatenate((np.asarray(parameters.index)[run_of], places), axis=1).astype(np.intp)
+    more = places.size
+    layout = Layout(tuple(index), size + more)
+    (low, high), free = limits(model, parameters)
+    bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
+    R, r = beliefs(model, parameters, len(runs), strengths)
+    R = sp.hstack([R, sp.csr_matrix((R.shape[0], more))], format="csr")
+    guessed = [  # deviations that no reading tells
+        (place[j], 1.0 / model.states[state].scale)
+        for j, state in enumerate(loose)
+        for run, names in enumerate(read)
+        if model.states[state].name not in names
+        for place in places[run_of == run]
+    ]
+    if guessed:
+        at, weights = np.array([a for a, _ in guessed]), np.array([b for _, b in guessed])
+        rows = sp.csr_matrix((weights, (np.arange(len(guessed)), at)), shape=(len(guessed), layout.size))
+        R, r = sp.vstack([R, rows], format="csr"), np.append(r, np.zeros(len(guessed)))
+    return Unknowns(parameters, loose, layout, bounds, np.append(free, np.ones(more, dtype=bool)), R, r)

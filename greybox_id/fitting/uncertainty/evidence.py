@@ -1,0 +1,148 @@
+"""How large functions are that may explain residuals beside parameters: empirical Bayes on normal equations.
+
+All is of second order about an optimum: curvature and gradient by parameters and by the functions' sizes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg as la
+
+from ...base.shorthands import Array, Index
+
+SHARES = (0.0, 0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.08, 0.12, 0.2, 0.35, 0.6, 1.0)
+"""Shares that are compared: of an output's spread, that one function of the drive adds to its error."""
+SWEEPS = 3
+RIDGE = 1e-9
+"""Of a column's own power: on some drives one function is a sum of others."""
+
+
+@dataclass
+class Squares:
+    """Squares of one output's residuals: curvature and gradient by all that may explain them, and their sum."""
+
+    H: Array
+    g: Array
+    total: float
+
+    def add(self, wide: Array, residuals: Array) -> None:
+        """Take in rows."""
+        self.H += wide.T @ wide
+        self.g += wide.T @ residuals
+        self.total += float(residuals @ residuals)
+
+    def less(self, sizes: Array) -> float:
+        """Part of the sum that is gone where all that explains it has these sizes."""
+        gone = -float(sizes @ (2.0 * self.g + self.H @ sizes))
+        return float(np.clip(gone / max(self.total, 1e-300), 0.0, 1.0))
+
+
+@dataclass
+class Starts:
+    """What an interval's free starts explain: their curvature, how they go with all else, and their gradient."""
+
+    by_loose: Array
+    coupled: Array
+    toward: Array
+
+    @classmethod
+    def of(cls, few: int, many: int) -> Starts:
+        """Of so many starts beside so many others."""
+        return cls(np.zeros((few, few)), np.zeros((few, many)), np.zeros(few))
+
+    def add(self, J: Array, wide: Array, residuals: Array) -> None:
+        """Take in rows."""
+        self.by_loose += J.T @ J
+        self.coupled += J.T @ wide
+        self.toward += J.T @ residuals
+
+    def take(self, H: Array, g: Array) -> None:
+        """Eliminate the starts from all else."""
+        if len(self.toward):
+            size = np.diag(self.by_loose)
+            unit = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 0.0)  # some starts show nowhere
+            inverse = la.pinvh(self.by_loose * np.outer(unit, unit) + RIDGE * np.eye(len(unit))) * np.outer(unit, unit)
+            H -= self.coupled.T @ inverse @ self.coupled
+            g -= self.coupled.T @ (inverse @ self.toward)
+
+
+class Joint:
+    """Parameters beside functions of the drive.
+
+    Parameters
+    ----------
+    H, g : curvature and gradient by both, parameters first, at the parameters' optimum and no function.
+    count : how many parameters.
+
+    Within, all is in units in which its curvature is one: a parameter of which next to nothing moves everything, as a
+    lag much shorter than a row may be, would leave the others below rounding.
+    """
+
+    def __init__(self, H: Array, g: Array, count: int) -> None:
+        size = np.diag(H)
+        self.scale = np.where(size > 0.0, 1.0 / np.sqrt(np.where(size > 0.0, size, 1.0)), 1.0)
+        self.count, H, g = count, H * np.outer(self.scale, self.scale), g * self.scale
+        P, self.C, S = H[:count, :count], H[:count, count:], H[count:, count:]
+        self.P = P + np.diag(RIDGE * np.maximum(np.diag(P), 1e-300))
+        self.inverse = la.pinvh(self.P) if count else np.zeros((0, 0))
+        self.g = g[:count]
+        self.S = S - self.C.T @ self.inverse @ self.C
+        size, along = la.eigh(0.5 * (self.S + self.S.T))  # what cancels must not leave curvature below zero
+        self.S = (along * np.maximum(size, 0.0)) @ along.T
+        self.pull = g[count:] - self.C.T @ (self.inverse @ self.g)
+
+    def evidence(self, variances: Array) -> float:
+        """Log of how much likelier the residuals are with functions of such variances than with none."""
+        used = variances > 0.0
+        root = np.sqrt(variances[used]) / self.scale[self.count :][used]
+        inner = np.eye(len(root)) + root[:, None] * self.S[np.ix_(used, used)] * root[None, :]
+        try:
+            factor = la.cho_factor(inner + 1e-12 * np.eye(len(root)), lower=True)
+        except la.LinAlgError:  # so large a variance that rounding hides the rest: not to be chosen
+            return -np.inf
+        scaled = root * self.pull[used]
+        gained = 0.5 * float(scaled @ la.cho_solve(factor, scaled))
+        return gained - float(np.sum(np.log(np.diag(factor[0]))))
+
+    def beside(self, variances: Array) -> tuple[Array, Array, Array]:
+        """What functions add to the parameters' covariance, where they move the optimum, and the functions' sizes."""
+        of_p, of_functions = self.scale[: self.count], self.scale[self.count :]
+        root = np.sqrt(variances) / of_functions
+        inner = np.eye(len(root)) + root[:, None] * self.S * root[None, :]
+        size, along = la.eigh(
+            0.5 * (inner + inner.T)
+        )  # at least one: what is added to the unit matrix has none below zero
+        of_sizes = root[:, None] * ((along / np.maximum(size, 1.0)) @ along.T) * root[None, :]
+        sizes, follow = -of_sizes @ self.pull, self.inverse @ self.C
+        wider = follow @ of_sizes @ follow.T * np.outer(of_p, of_p)
+        return wider, -follow @ sizes * of_p, sizes * of_functions
+
+
+def likeliest(joint: Joint, owner: Index, unit: Array, count: int) -> tuple[Array, Array]:
+    """The share of each group under which all residuals are likeliest; what each gains beside none, in log.
+
+    Parameters
+    ----------
+    owner, unit : (functions,) the group of each function, and what a share of one is in its size.
+    """
+    shares = np.zeros(count)
+    best = 0.0
+    for _ in range(SWEEPS):
+        before = shares.copy()
+        for k in range(count):
+            tried = []
+            for share in SHARES:
+                shares[k] = share
+                tried.append(joint.evidence((shares[owner] * unit) ** 2))
+            shares[k] = SHARES[int(np.argmax(tried))]
+            best = max(tried)
+        if np.array_equal(before, shares):
+            break
+    gains = np.zeros(count)
+    for k in range(count):
+        without = shares.copy()
+        without[k] = 0.0
+        gains[k] = best - joint.evidence((without[owner] * unit) ** 2)
+    return shares, gains

@@ -1,0 +1,88 @@
+"""How far recordings from after are from what those from before foretell, and what of it a change closes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...base.statistics import resampled
+from ..estimation.calibration import CAL
+from ..gap import Budget, Closure, Share
+from .between_runs import Common, RunExplained
+from .innovations import FollowedRun
+
+
+def closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tuple[str, ...]) -> Closure:
+    """How far errors close with the vehicle's numbers as they stood before, and with those of `mean`."""
+    weigher, sums = known.weigher, list[tuple[float, float, float]]()
+    for ride in rides:
+        first, then = (weigher.innovations(ride, x) for x in (known.x, mean))
+        if first is None or then is None:
+            raise BadInput(f"The filter diverges on {ride.recording.name}: is this the right vehicle?")
+        ones = np.ones(weigher.noise.channels)
+        squares = (np.sum(weigher.noise.white(each, ones) ** 2, axis=1) for each in (first, then))
+        sums += zip(*squares, np.sum(first.there, axis=1), strict=True)
+    each = np.array(sums)
+
+    def share(total: Array) -> float:
+        before, after = total[:2] / total[2]
+        floor = min(1.0, before, after)
+        return float((before - after) / max(before - floor, CAL.least_gap))
+
+    total = np.sum(each, axis=0)
+    before, after = (float(item) for item in total[:2] / total[2])
+    if np.array_equal(mean, known.x):
+        return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
+    low, high = (float(end) for end in resampled(each, share, CAL.draws))
+    return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
+
+
+def budget_of(
+    known: Common,
+    rides: Sequence[FollowedRun],
+    mean: Array,
+    places: Sequence[int],
+    applied: Sequence[str],
+    judged: Closure,
+    held_out: bool,
+) -> Budget | None:
+    """Shares of what is applied, one after the other; what is left of the gap is unexplained."""
+    if not applied:
+        return None
+    low, high = judged.closed_interval
+    rest = Share("unexplained", 1 - judged.closed, 1 - high, 1 - low)
+    shares, before = [], 0.0
+    for k, name in enumerate(applied):
+        upto = judged.closed
+        if k < len(applied) - 1:
+            at = known.x.copy()
+            at[[*places[: k + 1]]] = mean[[*places[: k + 1]]]
+            upto = closure(known, rides, at, judged.recordings).closed
+        spread = 0.5 * (high - low)
+        alone = len(applied) == 1
+        shares.append(Share(name, upto - before, low if alone else upto - before - spread,
+                            high if alone else upto - before + spread))  # fmt: skip
+        before = upto
+    return Budget(tuple(shares), rest, judged.recordings, held_out)
+
+
+def loudness(known: Common, rides: Sequence[FollowedRun], base: RunExplained) -> float:
+    """How far off recordings from after are beside those from before, mean over channels."""
+    result = [known.weigher.innovations(ride, base.x) for ride in rides]
+    scales = [known.weigher.noise.scales(item) for item in result if item is not None]
+    return float(np.median(np.mean(scales, axis=1))) if scales else 1.0
+
+
+def channels_of(known: Common, rides: Sequence[FollowedRun]) -> dict[str, float]:
+    """Channel -> root mean square of innovations over what was expected, with the numbers from before."""
+    read = known.weigher.follower.read
+    squares, count = np.zeros(len(read)), np.zeros(len(read))
+    for ride in rides:
+        value = known.weigher.innovations(ride, known.x)
+        if value is not None:
+            squares += np.sum((value.white**2).reshape(-1, len(read)), axis=0)
+            count += np.sum(value.there.reshape(-1, len(read)), axis=0)
+    return {name: float(np.sqrt(s / max(c, 1.0))) for name, s, c in zip(read, squares, count, strict=True)}
