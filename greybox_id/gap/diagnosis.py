@@ -87,7 +87,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     scattered = [name for name, (_, present) in it.scatter.items() if present > CAL.present]
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
-    reasons = unsure(it)
+    reasons = unsure(it, bool(held_out))
     best, shared, telling = only(it, set(it.best.names) - set(reasons)) if reasons else it.best, None, None
     stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted
     while best.candidates:

@@ -103,13 +103,20 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
     return reasons | _beside_mimics(one, some, reasons)
 
 
-def unsure(one: Examined) -> dict[str, str]:
+def unsure(one: Examined, held_out: bool) -> dict[str, str]:
     """Effects of the best explanation whose sizes are not surely different from none, and why they are no causes.
 
     Surely: none lies outside of intervals that hold for all effects that were offered at once, at 95 % (Bonferroni's;
     Dunn, Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as
     much as causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and
-    the others go where they go without it: of two that stand for each other one may stay.
+    the others go where they go without it: of two that stand for each other one may stay. Limits, plays and saturations
+    are judged by what they gain alone: from where they are no slope leads to none.
+
+    Parameters
+    ----------
+    one : what was examined.
+    held_out : whether there are recordings that chose nothing: what an effect closes of those is a better witness than
+        free runs of these.
     """
     best, reasons = one.best, dict[str, str]()
     if not best.candidates:
@@ -117,10 +124,12 @@ def unsure(one: Examined) -> dict[str, str]:
     surely = -float(ndtri(0.025 / max(len(one.effects), 1)))
     mains = [at.start for _, at in best.parts]
     nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
-    for whole in scatters(one, best):
+    judged = {candidate.effect: candidate.axes[0].gradual for candidate in best.candidates}
+    for whole in scatters(one, best)[: 1 if held_out else None]:
         V, off, names = whole[np.ix_(mains, mains)], best.m[mains] - nulls, list(best.names)
         while names:
             z = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
+            z[[not judged[name] for name in names]] = np.inf
             k = int(np.argmin(z))
             if z[k] >= surely:
                 break

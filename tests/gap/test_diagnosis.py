@@ -235,16 +235,20 @@ def test_of_sizes_that_may_be_none_the_least_sure_leaves_first(monkeypatch):
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
 
-    def left(m, V, count=40):
+    def left(m, V, count=40, held_out=False):
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
-        monkeypatch.setattr(judging, "scatters", lambda *_: [np.array(V)])
-        return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best))
+        monkeypatch.setattr(judging, "scatters", lambda *_: [0.01 * np.array(V), np.array(V)])
+        return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best), held_out)
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
     assert list(left([3.4, -2.3, 9.0], np.eye(3))) == [names[1]]
     assert left([2.0, -2.3, 9.0], np.eye(3), count=1) == {}
+    assert left([3.4, -2.3, 9.0], np.eye(3), held_out=True) == {}  # what it closes of those tells more than free runs
     alike = [[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]  # without the one, the other is surely there
     assert list(left([2.0, -1.0, 9.0], alike)) == [names[1]]
+    sudden = parts[1][0]
+    parts[1] = replace(sudden, axes=(replace(sudden.axes[0], gradual=False),)), parts[1][1]
+    assert left([3.4, -1.0, 9.0], np.eye(3)) == {}  # a limit: no slope leads from it to none
 
 
 @pytest.mark.parametrize(("share", "low", "applied"), [(0.14, -0.02, True), (0.14, -0.6, True), (0.01, -0.02, False)])
