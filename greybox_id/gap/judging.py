@@ -109,8 +109,8 @@ def unsure(one: Examined, held_out: bool) -> dict[str, str]:
     Surely: none lies outside of intervals that hold for all effects that were offered at once, at 95 % (Bonferroni's;
     Dunn, Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as
     much as causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and
-    the others go where they go without it: of two that stand for each other one may stay. Limits, plays and saturations
-    are judged by what they gain alone: from where they are no slope leads to none.
+    the others go where they go without it: of two that stand for each other one may stay. Effects that are not gradual,
+    such as limits and plays, are judged by what they gain alone: from where they are no slope leads to none.
 
     Parameters
     ----------
@@ -134,8 +134,8 @@ def unsure(one: Examined, held_out: bool) -> dict[str, str]:
             if z[k] >= surely:
                 break
             reasons[names[k]] = (
-                f"its size is not surely different from none: {number(float(z[k]), 2)} standard deviations, and chance "
-                f"alone makes {number(surely, 2)} of one of the {len(one.effects)} effects looked at"
+                f"its size is not surely different from none: {number(float(z[k]), 2)} standard deviations away; "
+                f"among the {len(one.effects)} effects looked at, chance alone brings one to {number(surely, 2)}"
             )
             names, rest = names[:k] + names[k + 1 :], np.arange(len(names)) != k
             by = V[rest, k] / V[k, k]

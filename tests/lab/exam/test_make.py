@@ -2,6 +2,7 @@
 
 from collections import Counter
 from math import inf
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from greybox_lab.exam.answers import Answer, read_answer, write_answer
 from greybox_lab.exam.folder import unbroken
 from greybox_lab.exam.make import make
 from greybox_lab.exam.plan import plan
+from greybox_lab.exam.world import _VirtualCase
 from greybox_lab.virtual.virtual_vehicle import EFFECTS, OUTSIDE
 
 
@@ -161,3 +163,12 @@ def test_an_examination_that_was_interrupted_is_gone_on_with(tmp_path):
     assert made.seal == whole.seal == unbroken(folder)
     with pytest.raises(BadInput, match="is not empty"):  # finished ones are never gone on with
         make(folder, 5, "clean", 0, 3, 1, quiet)
+
+
+@pytest.mark.parametrize(("form", "lags"), [("soft_play", True), ("play", False)])
+def test_what_a_car_has_beyond_its_tolerances_is_its_nature(form, lags):
+    case = object.__new__(_VirtualCase)
+    case.tolerances = SimpleNamespace(effects={"steering_offset": 0.001, "steering_ratio": 0.01})
+    case.car = SimpleNamespace(small={"steering_offset": 0.0021, "steering_ratio": 1.019})
+    case.effects, case.truth = {"steering_backlash": 0.003}, SimpleNamespace(forms=SimpleNamespace(backlash=form))
+    assert case._nature() == ("steering_offset", *(["steering_lag"] if lags else []))
