@@ -88,12 +88,12 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     reasons = unsure(it, bool(held_out))
-    doubtful, best, shared, telling = set(reasons), it.best, None, None  # the others are judged beside what may be there
+    best, shared, telling = only(it, set(it.best.names) - set(reasons)) if reasons else it.best, None, None
     stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted
-    while set(best.names) - doubtful:
+    while best.candidates:
         shared = shared_out(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
-        leaving = refused(it, best.only(set(best.names) - doubtful), telling)
+        leaving = refused(it, best, telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
         if len(little) > 1:  # the least of them leaves first: it may hide what the others close
             least = min(little, key=lambda name: little[name])
@@ -102,9 +102,9 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         best = only(it, set(best.names) - set(leaving))
         if len(little) < 2:
             break
-    judged, best = best.names, only(it, set(best.names) - doubtful)
-    if best.names != judged or shared is not None and {share.effect for share in shared.shares} != set(judged):
-        shared = shared_out(it, best, held_out, tell) if best.candidates else None
+    if telling is not None and telling.held_out and telling.unnamed.low > CAL.present:
+        # more than half is surely no named effect's
+        unknown = max(unknown, CAL.nameless)
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
     closed, verified, worse = closed_model(it, best, detected, held_out)
@@ -114,6 +114,8 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         best = only(it, set(best.names) - {weakest})
         closed, verified, worse = closed_model(it, best, detected, held_out)
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
+    if shared is not None and {share.effect for share in shared.shares} != set(applied):  # some left after they shared
+        shared = shared_out(it, best, held_out, tell) if applied else None
     if (
         shared is not None
         and not shared.shows

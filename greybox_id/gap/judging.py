@@ -134,7 +134,7 @@ def unsure(one: Examined, held_out: bool) -> dict[str, str]:
         }  # fmt: skip
         while names:
             slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
-            z = np.array([by_gain.get(name, slope) for name, slope in zip(names, slopes, strict=True)])
+            z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
             k = int(np.argmin(z))
             if z[k] >= surely:
                 break
@@ -162,9 +162,9 @@ class Witness:
     ----------
     covariance : (m, m) of its coordinates; where equations are rough, with what form does.
     widening : (m,) times as far as if residuals were noise.
-    gained : log-likelihood that one of its effects gains. Of limits, lags and plays, to whose none no slope leads, the
-        ratio of likelihoods says how far from none they are, in standard deviations its root (Wilks, Annals of
-        Mathematical Statistics 9, 1938), as much nearer as residuals are no noise (Kent, Biometrika 69, 1982).
+    gained : log-likelihood that one of its effects gains. Of limits, lags and plays, to whose none no slope may lead,
+        the ratio of likelihoods says how far from none they are, too: in standard deviations its root (Wilks, Annals
+        of Mathematical Statistics 9, 1938), as much nearer as residuals are no noise (Kent, Biometrika 69, 1982).
     """
 
     covariance: Array
