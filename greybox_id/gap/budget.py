@@ -145,8 +145,8 @@ def shared_out(
     known = {frozenset(item.names): item for item in examined.selection.tried}
     more = [subset for subset in subsets(names) if subset not in examined.freed]
     parts = [known.get(item) or refitted(search, best.only(item)) for item in more]
-    free = dict(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
-    misfits = {subset: misfit(search, {**free, **examined.freed}[subset]) for subset in subsets(names)}
+    examined.freed.update(zip(more, at_their_best(search, parts, examined.sd, examined.good), strict=True))
+    misfits = {subset: misfit(search, examined.freed[subset]) for subset in subsets(names)}
     good = plain(misfits[frozenset(names)].e, examined.good, examined.bench)
     return budget(
         misfits,
@@ -184,15 +184,12 @@ def _of_many(
         misfits = of_subsets(search, result, _absent(examined, best, search), known)
         good = plain(whole.e, fresh(search.bench), search.bench)
         return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
-    free = dict(examined.freed)
-    if frozenset(names) not in free:  # some of them left before
-        (free[frozenset(names)],) = at_their_best(search, [best], examined.sd, examined.good)
-    known = {item: misfit(search, free[item]) for item in (frozenset(names), frozenset[str]())}
+    freed, base = (examined.at_its_best(item) for item in (best, examined.selection.base))
+    known = {frozenset(names): misfit(search, freed), frozenset[str](): misfit(search, base)}
     white = white_noise(examined.sd, examined.good, examined.bench.rows)
     with search.counted(search.colour if examined.unnamed is None else white):
-        result = free[frozenset(names)]
-        search.about(result)
-        misfits = of_subsets(search, result, _absent(examined, best, search), known)
+        search.about(freed)
+        misfits = of_subsets(search, freed, _absent(examined, best, search), known)
     good = plain(known[frozenset(names)].e, examined.good, examined.bench)
     recordings = tuple(item.name for item in examined.recordings)
     return budget(misfits, names, examined.sd, good, examined.bench, recordings, False)

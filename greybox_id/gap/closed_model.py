@@ -176,7 +176,7 @@ def _fitted(
 
 def _counted(examined: Examined, best: Hypothesis) -> Array:
     """(outputs,) what a reading counts as in free runs: the spread of what is left, over how long that is alike."""
-    value, counted = examined.freed.get(frozenset(best.names), best), []
+    value, counted = examined.at_its_best(best), []
     for good, e in zip(examined.good.T, value.e.T, strict=True):
         spread = MIDDLE_HALF * float(np.median(np.abs(e[good]))) if np.any(good) else 1.0
         alike = correlation_time(np.where(good, e, 0.0)[:, None])

@@ -148,7 +148,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         where=place if detected else replace(place, channel="", regime="any"),
         ranking=tuple(ranking),
         applied=applied,
-        gap=it.closed if applied or not it.best.candidates else left_open(it.closed),
+        gap=it.closes(best) if applied or not it.best.candidates else left_open(it.closed),
         held_out=verified,
         not_excited=unexcited,
         absorbed=absorbed,

@@ -63,7 +63,8 @@ class Examined:
     signs : of something unknown.
     seen, y : signals that regimes are told by, and readings as the best hypothesis has them.
     unnamed : model error that is left; None for models that know no forces.
-    freed : the base and the best, by their names, with tolerances that do all they can for free runs.
+    freed : the base, the best and others that were asked for, by their names, with tolerances that do all they can for
+        free runs; see `at_its_best`.
     amplitudes, expected : of that model error; what is believed of it before the recordings are looked at.
     stands : whether free runs with the best hypothesis do not spin; where they do, no name is to be trusted.
     """
@@ -87,10 +88,26 @@ class Examined:
     seen: Mapping[str, Array]
     y: Array
     unnamed: Unnamed | None
-    freed: Mapping[frozenset[str], Hypothesis]
+    freed: dict[frozenset[str], Hypothesis]
     amplitudes: Amplitudes | None
     expected: Believed
     stands: bool = True
+
+    def at_its_best(self, hypothesis: Hypothesis) -> Hypothesis:
+        """A hypothesis with tolerances that do all they can for free runs."""
+        names = frozenset(hypothesis.names)
+        if names not in self.freed:
+            (self.freed[names],) = at_their_best(self.selection.search, [hypothesis], self.sd, self.good)
+        return self.freed[names]
+
+    def closes(self, hypothesis: Hypothesis) -> Closure:
+        """How far the gap closes on these recordings with a hypothesis: the best one, or what is left of it."""
+        if hypothesis is self.best:
+            return self.closed
+        search = self.selection.search
+        before, then = (misfit(search, self.at_its_best(item)) for item in (self.selection.base, hypothesis))
+        good = plain(then.e, self.good, self.bench)
+        return closed_by(before, then, self.sd, good, self.bench, self.closed.recordings)
 
     def resembles(self) -> tuple[Wander, ...]:
         """Effects that what is left looks like, if their magnitudes vary all the time."""

@@ -210,6 +210,7 @@ def test_of_many_names_what_is_left_is_shared_out_again(monkeypatch):
     gap = diagnosed(lap(lacks, 25.0), TOLERANT)
     assert gap.applied == ("steering_delay",)
     assert gap.budget.shares[0].share + gap.budget.unnamed.share == pytest.approx(1.0)
+    assert gap.gap.closed == pytest.approx(gap.budget.shares[0].share, abs=0.01)  # of what is applied, not of both
 
 
 @pytest.mark.slow
