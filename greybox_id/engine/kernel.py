@@ -183,6 +183,11 @@ class Kernel:
         """
         self._load(PAYS)
 
+    def expect(self, work: int) -> None:
+        """Be compiled from the first call on if so many lanes times segments, asked for next, pay for it."""
+        if self._work + work >= PAYS:
+            self.prepare()
+
     def simulate(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, keeps: ArrayLike | None = None
     ) -> tuple[Array, Array]:
