@@ -41,9 +41,15 @@ LATEST = 9e9
 
 EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8))
 """Counts since 1970, by unit: today's are larger than this."""
-_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_CLOCK = re.compile(r"\s*(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)\s*")
-"""Minutes and seconds, or hours as well."""
+_ISO = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_DATE = re.compile(
+    r"\s*(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?[- ][A-Za-z]{3}[- ]\d{4}|\d{8})[T ,]+\d\d?:?\d\d"
+)
+_CLOCK = re.compile(r"\s*(?:(\d+) days? )?(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)(?::(\d{3}))?\s*([AaPp][Mm])?\s*")
+"""Minutes and seconds, or hours and days as well, or milliseconds behind a colon."""
+DAY = 86_400.0
+REST = {"ns": 1, "us": 1_000, "ms": 1_000_000}
+"""What whole seconds leave may be counted in these: nanoseconds in one."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +100,7 @@ def instants(table: RawTable, column: Column) -> Instants:
         counts = dates.astype(np.int64)
         missing = np.isnat(dates)
         return Instants(np.where(missing, np.nan, counts) if missing.any() else counts, 1e-9)
-    if column.nanoseconds:
+    if column.rest:
         return _split(table, column)
     second = float(column.convert(np.ones(1))[0] - column.convert(np.zeros(1))[0])
     whole = pd.api.types.is_integer_dtype(series.dtype) and not series.isna().any()
@@ -104,7 +110,7 @@ def instants(table: RawTable, column: Column) -> Instants:
 
 
 def is_instants(series: pd.Series[Any]) -> bool:
-    """Whether a column holds dates, or times of a clock, as text."""
+    """Whether a column holds dates with times, or times of a clock, as text."""
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
         return True
     text = not pd.api.types.is_numeric_dtype(series.dtype) and len(series) > 0
@@ -130,25 +136,33 @@ def _on_a_clock(series: pd.Series[Any]) -> bool:
 
 
 def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
-    """Seconds of a clock's readings; NaN where a cell is empty."""
+    """Seconds of a clock's readings; NaN where a cell is empty. Past midnight it runs on."""
     parts = series.astype("string").str.extract(_CLOCK.pattern + "$")
-    strange = parts[2].isna().to_numpy() & series.notna().to_numpy()
+    strange = parts[3].isna().to_numpy() & series.notna().to_numpy()
     if strange.any():
         cell = str(series.iloc[int(np.argmax(strange))])
         raise BadInput(f'{where}: column "{name}" begins with clock times, but {cell!r:.40} is not one. Mend it.')
-    hours, minutes, seconds = (
+    days, hours, minutes, seconds, thousandths = (
         pd.to_numeric(parts[k].str.replace(",", "."), errors="coerce").to_numpy(dtype=float, na_value=np.nan)
-        for k in range(3)
+        for k in range(5)
     )
-    return np.asarray(3600 * np.nan_to_num(hours) + 60 * minutes + seconds)
+    half = parts[5].str.lower()
+    afternoon, morning = ((half == word).fillna(False).to_numpy(dtype=bool) for word in ("pm", "am"))
+    hours = np.nan_to_num(hours)
+    hours = np.where((afternoon | morning) & (hours == 12), 0.0, hours) + 12.0 * afternoon
+    result = DAY * np.nan_to_num(days) + 3600 * hours + 60 * minutes + seconds + 1e-3 * np.nan_to_num(thousandths)
+    known = np.isfinite(result)
+    midnights = np.cumsum(np.diff(result[known], prepend=result[known][:1]) < -DAY / 2)
+    result[known] += DAY * midnights
+    return np.asarray(result)
 
 
 def _split(table: RawTable, column: Column) -> Instants:
-    """Seconds and nanoseconds in columns of their own, as whole nanoseconds."""
-    whole, rest = table.numbers(column.column), table.numbers(column.nanoseconds)
+    """Seconds, and what they leave, in columns of their own, as whole nanoseconds."""
+    whole, rest = table.numbers(column.column), table.numbers(column.rest)
     known = np.isfinite(whole) & np.isfinite(rest) & (np.abs(whole) < LATEST) & (np.abs(rest) < LATEST)
     seconds = np.where(known, whole, 0.0).astype(np.int64)
-    counts = seconds * 10**9 + np.where(known, rest, 0.0).astype(np.int64)
+    counts = seconds * 10**9 + np.round(np.where(known, rest, 0.0) * REST[column.rest_unit]).astype(np.int64)
     return Instants(counts if known.all() else np.where(known, counts, np.nan), 1e-9)
 
 
@@ -172,12 +186,35 @@ def _dates(series: pd.Series[Any], where: str, name: str) -> pd.Series[Any]:
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
         return series
     try:
-        return pd.Series(pd.to_datetime(series, format="ISO8601", utc=True))
+        text = series.astype("string").str.replace(r"(:\d\d),(\d)", r"\1.\2", regex=True)
+        if _ISO.match(str(series.iloc[0])):
+            return pd.Series(pd.to_datetime(text, format="ISO8601", utc=True))
+        return _in_either_order(text)
     except (ValueError, OverflowError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise BadInput(f'{where}: column "{name}" begins with a date, but not all of it is one: {reason:.120}.') from (
             error
         )
+
+
+def _in_either_order(series: pd.Series[Any]) -> pd.Series[Any]:
+    """Dates that are no ISO 8601; where day and month may be either, as the whole column is shortest.
+
+    Raises
+    ------
+    ValueError
+        A cell is no such date.
+    """
+    readings: list[pd.Series[Any]] = []
+    failure = ValueError()
+    for day_first in (True, False) if re.match(r"\s*\d\d?[./-]\d\d?[./-]\d{4}", str(series.iloc[0])) else (False,):
+        try:
+            readings.append(pd.Series(pd.to_datetime(series, format="mixed", dayfirst=day_first, utc=True)))
+        except (ValueError, OverflowError) as error:
+            failure = ValueError(str(error))
+    if not readings:
+        raise failure
+    return min(readings, key=lambda dates: dates.max() - dates.min())
 
 
 BROKEN = 0.02
