@@ -84,9 +84,9 @@ class Against:
     def misfit(self, y: Array) -> float:
         """Half the sum of squared residuals, those in the tails linear."""
         if y.size > HOURS:  # of hours: what is on the way to one number is as long as they are
-            parts = [item.reshape(-1) for item in (y, self.target, self.weight)]
-            items = [slice(first, first + HOURS) for first in range(0, y.size, HOURS)]
-            return sum(Against(*(a[item] for a in parts[1:]), self.robust).misfit(parts[0][item]) for item in items)
+            read, target, weight = (item.reshape(-1) for item in (y, self.target, self.weight))
+            parts = (slice(first, first + HOURS) for first in range(0, y.size, HOURS))
+            return sum(Against(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
         with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
             e = self._residuals(y)
             if self.robust is None:
