@@ -231,6 +231,11 @@ SURE = 2.0
 """Standard deviations."""
 ROUNDING = 1e-3
 """Share of the usual step below which stamps are the same."""
+FEWEST_STAMPS = 5
+EVEN_COUNTS = 0.05
+"""Share by which the number of rows of one stamp may differ."""
+ROUNDED = 1.0
+"""How many times their last digit stamps are off the even clock at most where rounding alone makes them uneven."""
 AT_ONCE = 0.2
 """Share of the usual step below which rows came in one packet."""
 
@@ -269,20 +274,24 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
         return None
     steps = np.diff(time)
     ahead = steps[steps >= 0]
-    step = float(np.median((time[WINDOW:] - time[:-WINDOW]) / WINDOW))
+    step, recurring = float(np.median((time[WINDOW:] - time[:-WINDOW]) / WINDOW)), float(np.quantile(ahead, 0.99))
+    coarse = step <= 0 and bool(ahead.size)
+    if coarse:
+        step, recurring = _of_coarse(time)
     if step <= 0 or not ahead.size:
         return None
-    recurring = float(np.quantile(ahead, 0.99))
     gap = max(GAP * step, 3 * recurring)
     inside = (steps >= -ROUNDING * step) & (steps < gap)
     usual = float(np.median(steps))
-    if np.mean((np.abs(steps - usual) > JITTER_TOLERANCE * max(usual, 0.0)) & inside) <= BROKEN:
+    runs_on = np.mean((np.abs(steps - usual) > JITTER_TOLERANCE * max(usual, 0.0)) & inside) <= BROKEN
+    if runs_on and np.std(steps[inside]) <= REGULAR * step:
         return None
     edges = [0, *(np.flatnonzero(~inside) + 1).tolist(), len(time)]
     parts = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a >= SHORTEST]
     if sum(b - a for a, b in parts) < (1 - BROKEN) * len(time):
         return None
-    lines = [np.polyfit(np.arange(b - a), time[a:b], 1) for a, b in parts]
+    told = [np.flatnonzero(steps[a : b - 1] > 0) + 1 if coarse else np.arange(b - a) for a, b in parts]  # new stamps
+    lines = [np.polyfit(rows, time[a:b][rows], 1) for (a, b), rows in zip(parts, told, strict=True)]
     behind = np.concatenate(
         [time[a:b] - np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)]
     )
@@ -291,8 +300,12 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
-        return _regressed(time, signals, parts, lines, share, sd, packets)
-    if keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
+        why = f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"
+        return _regressed(time, parts, lines, signals, "rows came in packets" if packets else why)
+    rounded = runs_on and np.max(np.abs(behind)) <= ROUNDED * _resolution(time, step)
+    if rounded and bounded and not share - SURE * sd > 0.5:
+        return _regressed(time, parts, lines, signals, "their last digit alone makes them so")
+    if runs_on or keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
         return None
     whole = np.round(steps / usual)
     if np.mean(np.abs(steps - whole * usual)[inside] > REGULAR * usual) <= BROKEN and np.min(whole[inside]) >= 1:
@@ -328,15 +341,33 @@ def _share_of_stamps(
     return float(moments[0] / moments[1]), float(1 / np.sqrt(moments[1]))
 
 
+def _of_coarse(time: Array) -> tuple[float, float]:
+    """The step of rows that share their stamps, as those in whole seconds do, and the stamps' own; zeros if uneven."""
+    stamps, counts = np.unique(time, return_counts=True)
+    if len(stamps) < FEWEST_STAMPS or np.any(np.diff(time) < 0):
+        return 0.0, 0.0
+    usual, apart = float(np.median(counts[1:-1])), float(np.median(np.diff(stamps)))
+    even = np.abs(counts[1:-1] - usual) <= max(1.0, EVEN_COUNTS * usual)
+    return (apart / usual, apart) if np.mean(even) > 1 - BROKEN else (0.0, 0.0)
+
+
+def _resolution(time: Array, step: float) -> float:
+    """The power of ten, s, whose multiples all stamps are, below the step; 0 where they are written finer."""
+    since = time - time[0]
+    for power in range(int(np.floor(np.log10(step))), int(np.floor(np.log10(step))) - 3, -1):
+        digit = 10.0**power
+        if np.all(np.abs(since / digit - np.round(since / digit)) < ROUNDING):
+            return digit
+    return 0.0
+
+
 def _regressed(
-    time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], lines: list[Array], share: float,
-    sd: float, packets: bool,
-) -> Evened:  # fmt: skip
+    time: Array, parts: list[tuple[int, int]], lines: list[Array], signals: Mapping[str, Array], why: str
+) -> Evened:
     """Each stretch at its even step; rows outside of all stretches are left out."""
     rows = np.concatenate([np.arange(a, b) for a, b in parts])
     even = np.concatenate([np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)])
     step = float(np.median([line[0] for line in lines]))
-    why = "rows came in packets" if packets else f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"
     note = (
         f"stamps are uneven ({_span(time)}), and {why}: time is regressed on the row, {exact(step)} s a row "
         f"({1 / step:.4g} Hz)."
@@ -396,5 +427,6 @@ def _on_a_grid(
 
 
 def _span(time: Array) -> str:
-    low, high = np.quantile(np.diff(time), (0.05, 0.95))
+    low, high, longest = np.quantile(np.diff(time), (0.05, 0.95, 0.999))
+    high = longest if high == low else high  # many rows of one stamp
     return f"steps of {1e3 * low:.3g} to {1e3 * high:.3g} ms"

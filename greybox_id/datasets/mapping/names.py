@@ -282,6 +282,8 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
         return MapEntry(TIME, name, stated, reasons=(why, "unit: as the file states it"))
     steps = np.diff(values[np.isfinite(values)])
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else float("nan")
+    if steps.size and np.mean(steps == 0) > 0.5 and np.sum(steps) > 0:  # whole seconds, shared by many rows
+        step = float(np.mean(steps))
     first = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     for unit, size in EPOCHS:
         if first > size:
