@@ -138,7 +138,7 @@ def test_an_unknown_map_is_answered_with_the_nearest_name(tmp_path):
         column_map(tmp_path / "bytes.toml")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     position=st.integers(0, len(GOOD)),
     length=st.integers(0, 30),
@@ -149,7 +149,7 @@ def test_a_mutated_map_never_ends_in_a_traceback(position, length, text):
         parse_column_map(GOOD[:position] + text + GOOD[position + length :], "mine.toml")
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(st.text(st.sampled_from("mskgradeN/^*-12 .()°²_%Hz"), max_size=14))
 def test_any_unit_is_converted_or_refused(unit):
     with suppress(GreyboxError):

@@ -9,7 +9,7 @@ from contextlib import suppress
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from greybox_id.base.errors import BadInput, GreyboxError
@@ -159,7 +159,7 @@ def test_folders_lacking_files_and_locked_files_are_answered(write, tmp_path):
     locked.chmod(stat.S_IRUSR | stat.S_IWUSR)
 
 
-@settings(max_examples=200, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=200)
 @given(
     position=st.integers(0, len(CSV)),
     length=st.integers(0, 60),
@@ -178,7 +178,7 @@ def test_a_mutated_csv_never_ends_in_a_traceback(tmp_path, position, length, jun
         assert len(read(path, "roboracer")) > 0
 
 
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=60)
 @given(position=st.floats(0, 1), length=st.integers(0, 60), junk=st.binary(max_size=8))
 def test_a_mutated_parquet_or_gzip_never_ends_in_a_traceback(tmp_path, position, length, junk):
     frame = pd.DataFrame({"time": np.arange(50.0), "v_x": np.ones(50)})

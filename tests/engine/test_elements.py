@@ -19,7 +19,7 @@ from greybox_id.models.memory_model import SampledActuator
 
 
 @given(st.floats(0.1, 20.0), st.integers(0, 99))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_rate_limit_is_an_independent_limiter(limit, seed):
     model = linear_toy(1).with_values(np.ones(1)) + steering_rate_limit.at(limit)
     recording = drive(50, seed)

@@ -25,7 +25,7 @@ def predicted(model, recording, across_joins=False):
 
 
 @given(st.lists(st.integers(1, 30), min_size=1, max_size=4), st.sets(st.integers(0, 60), max_size=4), st.integers(1, 6))
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_a_row_is_predicted_exactly_where_a_whole_window_lies_before_it(lengths, missing, memory):
     recording = joined(*lengths)
     steer = recording["steer"].copy()
@@ -206,7 +206,7 @@ sizes = st.tuples(st.integers(1, 130), st.integers(1, 5), st.integers(1, 25), st
 
 
 @given(sizes, st.booleans())
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 def test_weighted_windows_are_the_naive_loop(size, strided):
     rows, columns, length, seed = size
     rng = np.random.default_rng(seed)
@@ -220,7 +220,7 @@ def test_weighted_windows_are_the_naive_loop(size, strided):
 
 
 @given(sizes)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_windows_are_oldest_first(size):
     rows, columns, length, _ = size
     values = np.arange(rows * columns, dtype=float).reshape(rows, columns)

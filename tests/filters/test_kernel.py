@@ -235,7 +235,7 @@ def test_a_filter_that_starts_far_off_finds_its_way_back(kind):
 
 
 @both_kinds
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(
     walks=st.lists(st.floats(-7, 0), min_size=5, max_size=5),
     noises=st.lists(st.floats(-5, 1), min_size=5, max_size=5),

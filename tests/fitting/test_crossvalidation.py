@@ -27,7 +27,7 @@ def problem_of(lengths, memory, symmetric):
 
 
 @many
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_every_predicted_row_is_held_out_exactly_once(lengths, folds, memory, symmetric):
     problem = problem_of([*lengths, 12 * 6 * memory], memory, symmetric)
     times = sum(np.concatenate(held[: problem.copies]) for _, held in blocks(problem, folds))
@@ -36,7 +36,7 @@ def test_every_predicted_row_is_held_out_exactly_once(lengths, folds, memory, sy
 
 
 @many
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_no_row_that_is_kept_shares_a_sample_with_one_held_out(lengths, folds, memory, symmetric):
     problem = problem_of(lengths, memory, symmetric)
     for kept, held in blocks(problem, folds):
@@ -47,7 +47,7 @@ def test_no_row_that_is_kept_shares_a_sample_with_one_held_out(lengths, folds, m
 
 
 @many
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_mirror_image_of_a_held_out_stretch_is_left_out_too(lengths, folds, memory, symmetric):
     problem = problem_of(lengths, memory, symmetric)
     for kept, _ in blocks(problem, folds):

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from toys import drive, tiny
 
@@ -136,7 +136,7 @@ def test_a_place_that_cannot_be_written_is_refused_in_a_sentence(tmp_path):
 
 
 @given(st.data())
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100)
 def test_a_damaged_file_is_refused_in_a_sentence_whatever_the_damage(text, tmp_path, data):
     raw = bytearray(text.encode())
     place = data.draw(st.integers(0, len(raw) - 1))

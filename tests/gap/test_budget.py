@@ -83,7 +83,7 @@ def test_shares_of_less_than_must_be_detected_say_nothing_but_a_harm_does():
     assert shared({frozenset(): 1.02, frozenset({"a"}): 1.3}, ("a",)).shows
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.lists(st.floats(1.0, 50.0), min_size=8, max_size=8))
 def test_shares_add_up_to_one_with_the_rest(levels):
     own = dict(zip(subsets(("a", "b", "c")), levels, strict=True))

@@ -38,7 +38,7 @@ def test_the_papers_hyperparameters_give_160_weights():
 
 
 @given(st.integers(1, 7), st.integers(1, 4), st.integers(1, 4), st.integers(0, 24))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_number_of_weights_is_equation_6(n_delta, n_v, n_x, q):
     model = msnn_lat(LateralSettings(n_delta=n_delta, n_v=n_v, n_x=n_x, q=q))
     assert model.size == 4 * n_delta * n_v * n_x + (q + 1) * n_v * n_x

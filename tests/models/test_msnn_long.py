@@ -69,7 +69,7 @@ def test_the_papers_hyperparameters_give_384_parameters_and_385_with_two_inertia
 
 
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 12), st.integers(0, 24))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_the_number_of_parameters_is_equation_15(n_v, n_y, eta, gamma):
     model = msnn_long(LongitudinalSettings(n_v=n_v, n_y=n_y, eta=eta, gamma=gamma, one_inertia=False))
     assert model.size == 7 + 2 * ((gamma + 1) * eta + 2 * eta) + 2 * n_y + (gamma + 1) * n_v

@@ -4,7 +4,7 @@ import math
 import tomllib
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from greybox_id import __version__
@@ -62,7 +62,7 @@ def test_a_shipped_vehicle_is_read_back_as_it_was(tmp_path, name, suffix):
 
 
 @pytest.mark.parametrize("suffix", ["toml", "json"])
-@settings(max_examples=100, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100)
 @given(car=VEHICLE)
 def test_any_vehicle_is_read_back_as_it_was(tmp_path, car, suffix):
     assert vehicle(write_vehicle(car, tmp_path / f"car.{suffix}")) == car

@@ -49,7 +49,7 @@ def test_findings_come_gravest_first_and_speak_in_sentences():
 VALUES = st.one_of(st.floats(-10, 10), st.sampled_from([0.0, float("nan"), 1e30, -1e30, 5.0]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.data())
 def test_no_recording_ends_in_a_traceback(data):
     n = data.draw(st.sampled_from([1, 2, 3, 5, 30, 80]))

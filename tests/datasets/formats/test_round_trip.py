@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from greybox_id.base.errors import BadInput
@@ -33,7 +33,7 @@ def recordings(draw):
 @pytest.mark.slow
 @pytest.mark.parametrize("suffix", WRITTEN)
 @given(recording=recordings())
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=12)
 def test_every_format_gives_back_what_was_written(tmp_path, suffix, recording):
     file = tmp_path / f"{recording.name}{suffix}"
     write(recording, file)

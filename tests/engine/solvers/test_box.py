@@ -20,7 +20,7 @@ def all_free(size):
     return np.ones(size, dtype=bool)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(
     size=st.integers(1, 40),
     seed=st.integers(0, 10_000),
@@ -39,7 +39,7 @@ def test_a_step_is_the_least_within_bounds(size, seed, wide, mixed):
         np.testing.assert_allclose(d, best.x, atol=1e-6 * wide)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(size=st.integers(1, 12), seed=st.integers(0, 10_000))
 def test_a_start_outside_of_bounds_ends_at_the_least_within_them(size, seed):
     A, b, low, high = quadratic(size, seed, 0.3)

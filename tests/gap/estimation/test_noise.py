@@ -102,7 +102,7 @@ def test_derivatives_are_whitened_as_residuals_are():
     np.testing.assert_allclose(white[:, :, 0], found.white(e))
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     seed=st.integers(0, 10_000), places=st.sets(st.integers(2, 1997), max_size=12), slow=st.floats(0.0, 20.0),
     sd=st.floats(1e-3, 1e3),

@@ -8,7 +8,7 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from networks import FOLDER, body_of, imported, said, written
 
@@ -296,7 +296,7 @@ def _survives(rng: random.Random, folder) -> None:
         assert found.error <= 1e-9
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=40)
 @given(st.integers(0, 2**32))
 def test_a_changed_file_is_a_model_that_predicts_as_its_graph_does_or_a_sentence(tmp_path, seed):
     _survives(random.Random(seed), tmp_path)
@@ -304,7 +304,7 @@ def test_a_changed_file_is_a_model_that_predicts_as_its_graph_does_or_a_sentence
 
 @pytest.mark.examination
 @pytest.mark.slow
-@settings(max_examples=2000, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=2000)
 @given(st.integers(0, 2**32))
 def test_two_thousand_changed_files_are_models_or_sentences(tmp_path, seed):
     _survives(random.Random(seed), tmp_path)

@@ -62,7 +62,7 @@ PAIRS = list(combinations(NAMES, 2))
 
 
 @given(st.sampled_from(PAIRS))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_two_effects_compose_in_either_order(pair):
     examine(*pair)
 
@@ -75,7 +75,7 @@ def test_any_two_effects_compose_in_either_order():
 
 
 @given(st.permutations(NAMES))
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=3)
 def test_all_effects_compose_in_any_order(names):
     model = at_typical(*names)
     assert model.effects == tuple(names)

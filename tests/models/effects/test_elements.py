@@ -60,7 +60,7 @@ MAGNITUDES = {
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 @given(data=st.data())
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 def test_an_element_is_its_fine_simulation(kind, data):
     state, begin, end, magnitude = (data.draw(own) for own in (angles, angles, angles, MAGNITUDES[kind]))
     if data.draw(st.booleans()):
@@ -76,7 +76,7 @@ def test_an_element_is_its_fine_simulation(kind, data):
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 @given(state=angles, begin=angles, end=angles)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_an_element_at_its_null_hands_the_command_on(kind, state, begin, end):
     found, J = (np.asarray(f(state, begin, end, H, ELEMENTS[kind][1])) for f in TRACED[kind])
     np.testing.assert_allclose(found.ravel(), [end, begin, end], atol=5e-13)
@@ -85,7 +85,7 @@ def test_an_element_at_its_null_hands_the_command_on(kind, state, begin, end):
 
 @pytest.mark.parametrize("kind", ELEMENTS)
 @given(state=angles, begin=angles, end=angles, data=st.data())
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_the_derivative_of_an_element_is_that_of_differences(kind, state, begin, end, data):
     magnitude = data.draw(MAGNITUDES[kind])
     assume(min(abs(begin - state), abs(end - begin), abs(end - state)) > 1e-3)
