@@ -15,19 +15,13 @@ from ...base.numbers import listed, number, quantity
 from ...base.shorthands import Array
 from ...base.signals import unit_of
 from ...base.statistics import white_noise_sd
+from ...datasets.checks.drive import FEWEST_ROWS, MOVES, SHORTEST
 from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
 from ..fit import CLEARLY, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
 
 TRAINED = "train"
-FEWEST_ROWS = 80
-"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/sandwich.py`), each of ten rows."""
-SHORTEST = 2.0
-"""s: the longest horizon that errors are told for (`metrics.HORIZONS`). Of a shorter recording none is."""
-MOVES = 1.5
-"""Readings that scatter by less than this times their own fast noise are of nothing that moves: of white noise alone
-the ratio is one."""
 UNEXPLAINED = 0.5
 """Share of an output's variance beyond its noise that may be left unexplained in half of the outputs."""
 OF_FORM, DOUBTFUL, FOREIGN_FORM = 0.1, 0.13, 0.2
