@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ...base.numbers import exact, number, quantity
@@ -9,7 +11,7 @@ from ...base.shorthands import Array
 from ...base.signals import SD
 from ...base.statistics import white_noise_sd
 from ..recording import Recording
-from .finding import Finding, FoundAt, Severity, file_row, file_rows, listed
+from .finding import Finding, FoundAt, Severity, file_row, listed
 from .pairs import smooth
 from .relations import SMOOTHING, thinned
 
@@ -19,9 +21,9 @@ sandwich.py`), and its errors are told for up to two seconds ahead."""
 MOVES = 1.5
 """Readings that scatter by less than this times their own fast noise are of nothing that moves: of white noise alone
 the ratio is one."""
-UNORDERED, TOGETHER, SLOWEST = 1.2, 0.7, 0.1
-"""Scatter over fast noise up to which no row knows of the one before, correlation that noise of two sensors has not,
-and the step in s up to which a vehicle's rows know of each other: it turns at less than 2 Hz."""
+UNORDERED, TOGETHER, SLOWEST = 0.85, 0.7, 0.15
+"""Steps over those of white noise from which no row knows of the one before, correlation that noise of two sensors has
+not, and the time in s up to which a vehicle's rows know of each other: steps of what swings at 1 Hz are 0.6 then."""
 CANNOT_JUMP = ("v_x", "v_y", "yaw_rate")
 """What has inertia; accelerations and commands may jump."""
 ASLEEP, TIMES, JUMP, RANGE = 5, 3.0, 4.0, 0.2
@@ -45,15 +47,14 @@ def check_drive(r: Recording) -> list[Finding]:
             f"{FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
         )
         return [Finding("short", Severity.WARNING, FoundAt("time"), sentence, r.duration, None, "s")]
-    ratios = {name: _order(r, r[name]) for name in measured}
-    if together := _unordered(r, ratios):
+    if together := _unordered(r):
         sentence = (
             f"{listed(together)} scatter from each row to the next as much as over the whole drive: the rows are out "
             "of order. Sort them by their time, or export the file again."
         )
         return [Finding("unordered", Severity.DISTRUST, FoundAt(", ".join(together)), sentence)]
-    turning = [name for name in ("v_y", "yaw_rate", "a_y") if name in ratios]
-    still = [name for name, ratio in ratios.items() if not ratio >= MOVES]
+    turning = [name for name in ("v_y", "yaw_rate", "a_y") if name in measured]
+    still = [name for name in measured if not moves([r[name][start:stop] for start, stop in r.runs])]
     if len(still) == len(measured) or (turning and set(turning) <= set(still)):
         what = "moves" if len(still) == len(measured) else "turns"
         names = still if what == "moves" else turning
@@ -65,27 +66,36 @@ def check_drive(r: Recording) -> list[Finding]:
     return _nothing_in_common(r)
 
 
-def _order(r: Recording, values: Array) -> float:
-    """Scatter over fast noise, about one where no row knows of the one before; 0 where nothing scatters."""
-    parts = [values[start:stop] for start, stop in r.runs if np.isfinite(values[start:stop]).any()]
-    spread = float(np.nanstd(np.concatenate(parts))) if parts else 0.0
-    noise = white_noise_sd(parts, held=True)
-    return spread / noise if noise > 0 else np.inf if spread > 0 else 0.0
+def moves(parts: Sequence[Array]) -> bool:
+    """Whether readings, (n,) each unbroken part, scatter by more than their own fast noise."""
+    whole = np.concatenate([part[np.isfinite(part)] for part in parts])
+    spread = float(np.std(whole)) if len(whole) else 0.0
+    return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
 
 
-def _unordered(r: Recording, ratios: dict[str, float]) -> list[str]:
+def _unordered(r: Recording) -> list[str]:
     """Channels of which no row knows of the one before, though they say the same in each row."""
-    white = [name for name in ("yaw_rate", "a_y", "v_y") if ratios.get(name, np.inf) < UNORDERED]
+    turns = {name: r[name] for name in ("yaw_rate", "a_y", "v_y") if r.has(name)}
+    if r.has("v_x", "yaw_rate"):
+        turns["yaw_rate"] = r["v_x"] * r["yaw_rate"]
+    white = [name for name, values in turns.items() if _steps(r, values) > UNORDERED]
     if r.sample_time > SLOWEST or len(white) < 2:
         return []
-    turns = {name: r["v_x"] * r[name] if name == "yaw_rate" and r.has("v_x") else r[name] for name in white}
-    table = np.array(list(turns.values()))
-    seen = np.all(np.isfinite(table), axis=0)
-    if np.count_nonzero(seen) < FEWEST_ROWS or not np.all(np.std(table[:, seen], axis=1) > 0):
+    table = np.array([turns[name] for name in white])
+    table = table[:, np.all(np.isfinite(table), axis=0)]
+    if table.shape[1] < FEWEST_ROWS or not np.all(np.std(table, axis=1) > 0):
         return []
-    agree = np.abs(np.corrcoef(table[:, seen])) - np.eye(len(white))
+    agree = np.abs(np.corrcoef(table)) - np.eye(len(white))
     together = [name for name, most in zip(white, np.max(agree, axis=1), strict=True) if most > TOGETHER]
-    return together + (["v_x"] if together and ratios.get("v_x", np.inf) < UNORDERED else [])
+    return together + (["v_x"] if together and r.has("v_x") and _steps(r, r["v_x"]) > UNORDERED else [])
+
+
+def _steps(r: Recording, values: Array) -> float:
+    """Steps from row to row over those of white noise that scatters as much (von Neumann's ratio, its root)."""
+    steps = np.concatenate([np.diff(values[start:stop]) for start, stop in r.runs])
+    steps, good = steps[np.isfinite(steps)], values[np.isfinite(values)]
+    spread = float(np.std(good)) if len(good) else 0.0
+    return float(np.sqrt(np.mean(steps**2) / 2.0)) / spread if len(steps) and spread > 0 else 0.0
 
 
 def _nothing_in_common(r: Recording) -> list[Finding]:

@@ -75,7 +75,7 @@ class Explanation:
     Attributes
     ----------
     sentence : what it is, and what to do.
-    channel : signal concerned.
+    channel : signal concerned, or signals: "a_x, a_y".
     value, error, unit : its size.
     gain : how much of the conflict it explains, in squared standard errors.
     witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
@@ -279,7 +279,7 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
         Explanation(
             f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x reads {percent(abs(np.sin(angle)))} "
             f"of v_x · yaw_rate, and a_y as much of dv_x/dt. Turn a_x and a_y back, or fit with imu_mount_yaw.",
-            "a_x", degrees, float(np.degrees(ahead.errors[1])), "deg",
+            "a_x, a_y", degrees, float(np.degrees(ahead.errors[1])), "deg",
             float((ahead.values[1] / ahead.errors[1]) ** 2),
         )
     ]  # fmt: skip

@@ -12,10 +12,8 @@ import numpy as np
 
 from ...base.errors import BadInput
 from ...base.numbers import listed, number, quantity
-from ...base.shorthands import Array
 from ...base.signals import unit_of
-from ...base.statistics import white_noise_sd
-from ...datasets.checks.drive import FEWEST_ROWS, MOVES, SHORTEST
+from ...datasets.checks.drive import FEWEST_ROWS, MOVES, SHORTEST, moves
 from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
@@ -57,17 +55,11 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
         for name in model.outputs
     }
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
-    if outputs and not any(_moves(parts) for parts in outputs.values()):
+    if outputs and not any(moves(parts) for parts in outputs.values()):
         raise BadInput(
             f"{names}: nothing moves: {listed(list(outputs))} scatter as their noise does, which says nothing "
             f"about {model.name}. Record a drive that excites them."
         )
-
-
-def _moves(parts: Sequence[Array]) -> bool:
-    """Whether readings, (n,) each unbroken part, scatter by more than their own fast noise."""
-    spread = float(np.nanstd(np.concatenate(parts)))
-    return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
 
 
 def misfit(fit: Fit) -> Iterator[Reason]:
