@@ -314,10 +314,10 @@ class MotionProblem:
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
         """Per interval, which of the N rows it predicts readings of."""
-        order, edges = nodes.cut.by_owner
+        (order, edges), outputs = nodes.cut.by_owner, nodes.cut.lane.shape[1]
         for first, last in zip(edges[:-1], edges[1:], strict=True):
-            readings = np.arange(first, last) if order is None else order[first:last]
-            yield np.unique(readings // nodes.cut.lane.shape[1])
+            together = np.arange(first // outputs, -(-last // outputs))[: last - first]
+            yield together if order is None else np.unique(order[first:last] // outputs)
 
     def parts(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[int, int, Array, Array]]:
         """Interval, row in it where a part begins, and the part's residuals and derivatives as of `residuals`.
