@@ -21,13 +21,12 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
     from .api.adapting import adapt as adapt
     from .api.designing import design as design
     from .api.diagnosing import diagnose as diagnose
+    from .api.exporting import export as export
     from .api.fit_result import FitResult
     from .api.fitting import fit as fit
     from .api.fitting import load as load
     from .api.gap_result import GapResult
     from .api.gridding import grid as grid
-    from .api.handing_over import export as export
-    from .api.handing_over import report as report
     from .api.models import KnownVehicle
     from .api.predictions import predict as predict
     from .api.predictions import score as score
@@ -35,6 +34,7 @@ if TYPE_CHECKING:  # for editors and type checkers; a test holds it and the tabl
     from .api.profiles import profile as profile
     from .api.reading import check as check
     from .api.reading import read as read
+    from .api.reporting import report as report
     from .api.sampling import PosteriorResult
     from .api.sampling import sample as sample
     from .api.track_result import TrackResult
@@ -67,8 +67,8 @@ _PLACES = {
     "track": "api.tracking:track",
     "diagnose": "api.diagnosing:diagnose",
     "design": "api.designing:design",
-    "export": "api.handing_over:export",
-    "report": "api.handing_over:report",
+    "export": "api.exporting:export",
+    "report": "api.reporting:report",
     "datasets": "datasets:",
     "models": "api.models:",
     "effects": "api.effects:",

@@ -86,8 +86,8 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
     if not _EXPRESSION.fullmatch(unit):
         raise BadInput(f'unit "{unit}" cannot be understood; write it like "m/s^2", "deg/s" or "rad"')
     spelled = unit.translate(_SUPERSCRIPTS).strip()
-    if spelled == "g" and target == "m/s^2":
-        spelled = "g_0"  # to pint a plain g is a gram
+    if spelled in ("g", "mg") and target == "m/s^2":
+        spelled = f"{spelled}_0"  # to pint a plain g is a gram
     if spelled == target or (target is None and spelled in _COHERENT):  # as most files have it: no registry for that
         return Conversion(spelled, 1.0)
     if target is not None and (plain := _plain_factor(spelled, target)) is not None:
@@ -106,6 +106,7 @@ _TURN = math.pi / 180.0
 _COMMON: dict[str, tuple[float, str]] = {
     "1": (1.0, ""), "%": (0.01, ""), "m": (1.0, "m"), "mm": (1e-3, "m"), "cm": (1e-2, "m"), "km": (1e3, "m"),
     "s": (1.0, "s"), "ms": (1e-3, "s"), "h": (3600.0, "s"), "kg": (1.0, "kg"), "g_0": (9.80665, "m s^-2"),
+    "mg_0": (9.80665e-3, "m s^-2"),
     "rad": (1.0, "rad"), "mrad": (1e-3, "rad"), "deg": (_TURN, "rad"), "\u00b0": (_TURN, "rad"),
     "rpm": (math.tau / 60.0, "rad s^-1"), "N": (1.0, "kg m s^-2"), "kN": (1e3, "kg m s^-2"), "A": (1.0, "A"),
     "Hz": (1.0, "s^-1"), "V": (1.0, "kg m^2 s^-3 A^-1"), "W": (1.0, "kg m^2 s^-3"), "kW": (1e3, "kg m^2 s^-3"),
@@ -137,6 +138,7 @@ def _product(unit: str) -> tuple[float, dict[str, int] | None]:
 SPELLINGS = {
     "km/h": "kmh kph km/hr kmph km/h", "m/s": "mps m/sec m/s", "mph": "mph mi/h miles/h", "knot": "knots kn kt kts",
     "m/s^2": "m/s/s m/s2 m/sec2 m/s^2 m/s² mps2 m/(s^2) m/sec^2 ms-2", "g": "g gs g-force gforce",
+    "mg": "mg", "mdeg/s": "mdps mdeg/s",
     "deg": "deg degree degrees ° º", "deg/s": "deg/s deg/sec degrees/s degrees/sec °/s º/s dps deg/second",
     "rad/s": "rad/s rad/sec radians/s", "rad": "rad radians", "s": "s sec secs second seconds unix_time unixtime",
     "ms": "ms msec millisecond milliseconds", "us": "us µs μs usec", "ns": "ns nsec", "rpm": "rpm 1/min rev/min u/min",

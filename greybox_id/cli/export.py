@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ..api.handing_over import export as export_model
+from ..api.exporting import export as export_model
 from ..base.errors import BadInput
 from ..export.verb import ALONE, TARGETS, exporter_of_file
 from .defaults import command_line

@@ -51,7 +51,7 @@ def report(
     The recordings of fits are read from where the fits found them, and must be the same files: their hashes are
     compared.
     """
-    from ..api.handing_over import beside, reported  # the typesetter, which --help does without
+    from ..api.reporting import beside, reported  # the typesetter, which --help does without
 
     target = Path(out) if out is not None else beside(files, kind or "pdf")
     moved = {"train": train, "validate": [validate] if validate else []}

@@ -17,7 +17,7 @@ import numpy as np
 from ..base.errors import BadInput, near
 from ..base.shorthands import Array
 from ..base.signals import SIGNALS
-from ..base.toml_file import must_know, parse_toml, table_of, text_of
+from ..base.toml_file import must_know, parse_toml, quoted, table_of, text_of
 from ..base.units import to_si
 from .shipped import named_text, shipped_files
 
@@ -39,6 +39,8 @@ MAP_KEYS = (
     "poses",
 )
 COLUMN_KEYS = ("column", "unit", "scale", "divide_by", "lookup", "sign", "offset", "optional")
+RESTS = {"nanoseconds": "ns", "microseconds": "us", "milliseconds": "ms"}
+"""Keys that name the column with what whole seconds of time leave, and its unit."""
 POSES_KEYS = ("forward", "left", "heading", "if_column")
 
 
@@ -59,7 +61,8 @@ class Column:
     offset : added last, in the SI unit.
     optional : a file without this column can still be read.
     otherwise : further names that the column has in other files; the first one that is there counts.
-    nanoseconds : of time: the column that holds what whole seconds leave, in ns; empty for none.
+    rest : of time: the column that holds what whole seconds leave; empty for none.
+    rest_unit : "ns", "us" or "ms" of that column.
     """
 
     signal: str
@@ -72,7 +75,8 @@ class Column:
     optional: bool = False
     lookup: tuple[tuple[float, float], ...] = ()
     otherwise: tuple[str, ...] = ()
-    nanoseconds: str = ""
+    rest: str = ""
+    rest_unit: str = "ns"
 
     def convert(self, values: Array) -> Array:
         """Values in SI units, (n,) for (n,) of the file's values."""
@@ -85,6 +89,12 @@ class Column:
     def among(self, is_there: Callable[[str], object]) -> Column:
         """The same column under the first of its names that is there; under its own where none is."""
         return replace(self, column=next(filter(is_there, (self.column, *self.otherwise)), self.column))
+
+    @property
+    def rest_fields(self) -> list[str]:
+        """How a column map names what whole seconds of time leave."""
+        key = next(key for key, unit in RESTS.items() if unit == self.rest_unit)
+        return [f"{key} = {quoted(self.rest)}"] if self.rest else []
 
 
 @dataclass(frozen=True)
@@ -264,8 +274,11 @@ def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
 
 
 def _time(entry: Mapping[str, Any], where: str) -> Column:
-    column = _column({key: value for key, value in entry.items() if key != "nanoseconds"}, "time", "s", where)
-    return replace(column, nanoseconds=text_of(entry, "nanoseconds", where))
+    column = _column({key: value for key, value in entry.items() if key not in RESTS}, "time", "s", where)
+    stated = [key for key in RESTS if key in entry]
+    if len(stated) > 1:
+        raise BadInput(f"{where}: {' and '.join(stated)} cannot both hold what whole seconds leave; name one.")
+    return replace(column, rest=text_of(entry, stated[0], where), rest_unit=RESTS[stated[0]]) if stated else column
 
 
 def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: str) -> Column:

@@ -41,9 +41,15 @@ LATEST = 9e9
 
 EPOCHS = (("ns", 1e17), ("us", 1e14), ("ms", 1e11), ("s", 1e8))
 """Counts since 1970, by unit: today's are larger than this."""
-_DATE = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
-_CLOCK = re.compile(r"\s*(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)\s*")
-"""Minutes and seconds, or hours as well."""
+_ISO = re.compile(r"\s*\d{4}-\d\d-\d\d[T ]\d\d:\d\d")
+_DATE = re.compile(
+    r"\s*(?:\d{4}[-/.]\d\d?[-/.]\d\d?|\d\d?[-/.]\d\d?[-/.]\d{4}|\d\d?[- ][A-Za-z]{3}[- ]\d{4}|\d{8})[T ,]+\d\d?:?\d\d"
+)
+_CLOCK = re.compile(r"\s*(?:(\d+) days? )?(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)(?::(\d{3}))?\s*([AaPp][Mm])?\s*")
+"""Minutes and seconds, or hours and days as well, or milliseconds behind a colon."""
+DAY = 86_400.0
+REST = {"ns": 1, "us": 1_000, "ms": 1_000_000}
+"""What whole seconds leave may be counted in these: nanoseconds in one."""
 
 
 @dataclass(frozen=True)
@@ -94,7 +100,7 @@ def instants(table: RawTable, column: Column) -> Instants:
         counts = dates.astype(np.int64)
         missing = np.isnat(dates)
         return Instants(np.where(missing, np.nan, counts) if missing.any() else counts, 1e-9)
-    if column.nanoseconds:
+    if column.rest:
         return _split(table, column)
     second = float(column.convert(np.ones(1))[0] - column.convert(np.zeros(1))[0])
     whole = pd.api.types.is_integer_dtype(series.dtype) and not series.isna().any()
@@ -104,7 +110,7 @@ def instants(table: RawTable, column: Column) -> Instants:
 
 
 def is_instants(series: pd.Series[Any]) -> bool:
-    """Whether a column holds dates, or times of a clock, as text."""
+    """Whether a column holds dates with times, or times of a clock, as text."""
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
         return True
     text = not pd.api.types.is_numeric_dtype(series.dtype) and len(series) > 0
@@ -130,25 +136,33 @@ def _on_a_clock(series: pd.Series[Any]) -> bool:
 
 
 def _of_clock(series: pd.Series[Any], where: str, name: str) -> Array:
-    """Seconds of a clock's readings; NaN where a cell is empty."""
+    """Seconds of a clock's readings; NaN where a cell is empty. Past midnight it runs on."""
     parts = series.astype("string").str.extract(_CLOCK.pattern + "$")
-    strange = parts[2].isna().to_numpy() & series.notna().to_numpy()
+    strange = parts[3].isna().to_numpy() & series.notna().to_numpy()
     if strange.any():
         cell = str(series.iloc[int(np.argmax(strange))])
         raise BadInput(f'{where}: column "{name}" begins with clock times, but {cell!r:.40} is not one. Mend it.')
-    hours, minutes, seconds = (
+    days, hours, minutes, seconds, thousandths = (
         pd.to_numeric(parts[k].str.replace(",", "."), errors="coerce").to_numpy(dtype=float, na_value=np.nan)
-        for k in range(3)
+        for k in range(5)
     )
-    return np.asarray(3600 * np.nan_to_num(hours) + 60 * minutes + seconds)
+    half = parts[5].str.lower()
+    afternoon, morning = ((half == word).fillna(False).to_numpy(dtype=bool) for word in ("pm", "am"))
+    hours = np.nan_to_num(hours)
+    hours = np.where((afternoon | morning) & (hours == 12), 0.0, hours) + 12.0 * afternoon
+    result = DAY * np.nan_to_num(days) + 3600 * hours + 60 * minutes + seconds + 1e-3 * np.nan_to_num(thousandths)
+    known = np.isfinite(result)
+    midnights = np.cumsum(np.diff(result[known], prepend=result[known][:1]) < -DAY / 2)
+    result[known] += DAY * midnights
+    return np.asarray(result)
 
 
 def _split(table: RawTable, column: Column) -> Instants:
-    """Seconds and nanoseconds in columns of their own, as whole nanoseconds."""
-    whole, rest = table.numbers(column.column), table.numbers(column.nanoseconds)
+    """Seconds, and what they leave, in columns of their own, as whole nanoseconds."""
+    whole, rest = table.numbers(column.column), table.numbers(column.rest)
     known = np.isfinite(whole) & np.isfinite(rest) & (np.abs(whole) < LATEST) & (np.abs(rest) < LATEST)
     seconds = np.where(known, whole, 0.0).astype(np.int64)
-    counts = seconds * 10**9 + np.where(known, rest, 0.0).astype(np.int64)
+    counts = seconds * 10**9 + np.round(np.where(known, rest, 0.0) * REST[column.rest_unit]).astype(np.int64)
     return Instants(counts if known.all() else np.where(known, counts, np.nan), 1e-9)
 
 
@@ -172,12 +186,35 @@ def _dates(series: pd.Series[Any], where: str, name: str) -> pd.Series[Any]:
     if pd.api.types.is_datetime64_any_dtype(series.dtype):
         return series
     try:
-        return pd.Series(pd.to_datetime(series, format="ISO8601", utc=True))
+        text = series.astype("string").str.replace(r"(:\d\d),(\d)", r"\1.\2", regex=True)
+        if _ISO.match(str(series.iloc[0])):
+            return pd.Series(pd.to_datetime(text, format="ISO8601", utc=True))
+        return _in_either_order(text)
     except (ValueError, OverflowError, TypeError) as error:
         reason = str(error).splitlines()[0]
         raise BadInput(f'{where}: column "{name}" begins with a date, but not all of it is one: {reason:.120}.') from (
             error
         )
+
+
+def _in_either_order(series: pd.Series[Any]) -> pd.Series[Any]:
+    """Dates that are no ISO 8601; where day and month may be either, as the whole column is shortest.
+
+    Raises
+    ------
+    ValueError
+        A cell is no such date.
+    """
+    readings: list[pd.Series[Any]] = []
+    failure = ValueError()
+    for day_first in (True, False) if re.match(r"\s*\d\d?[./-]\d\d?[./-]\d{4}", str(series.iloc[0])) else (False,):
+        try:
+            readings.append(pd.Series(pd.to_datetime(series, format="mixed", dayfirst=day_first, utc=True)))
+        except (ValueError, OverflowError) as error:
+            failure = ValueError(str(error))
+    if not readings:
+        raise failure
+    return min(readings, key=lambda dates: dates.max() - dates.min())
 
 
 BROKEN = 0.02
@@ -194,6 +231,11 @@ SURE = 2.0
 """Standard deviations."""
 ROUNDING = 1e-3
 """Share of the usual step below which stamps are the same."""
+FEWEST_STAMPS = 5
+EVEN_COUNTS = 0.05
+"""Share by which the number of rows of one stamp may differ."""
+ROUNDED = 1.0
+"""How many times their last digit stamps are off the even clock at most where rounding alone makes them uneven."""
 AT_ONCE = 0.2
 """Share of the usual step below which rows came in one packet."""
 
@@ -232,20 +274,24 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
         return None
     steps = np.diff(time)
     ahead = steps[steps >= 0]
-    step = float(np.median((time[WINDOW:] - time[:-WINDOW]) / WINDOW))
+    step, recurring = float(np.median((time[WINDOW:] - time[:-WINDOW]) / WINDOW)), float(np.quantile(ahead, 0.99))
+    coarse = step <= 0 and bool(ahead.size)
+    if coarse:
+        step, recurring = _of_coarse(time)
     if step <= 0 or not ahead.size:
         return None
-    recurring = float(np.quantile(ahead, 0.99))
     gap = max(GAP * step, 3 * recurring)
     inside = (steps >= -ROUNDING * step) & (steps < gap)
     usual = float(np.median(steps))
-    if np.mean((np.abs(steps - usual) > JITTER_TOLERANCE * max(usual, 0.0)) & inside) <= BROKEN:
+    runs_on = np.mean((np.abs(steps - usual) > JITTER_TOLERANCE * max(usual, 0.0)) & inside) <= BROKEN
+    if runs_on and np.std(steps[inside]) <= REGULAR * step:
         return None
     edges = [0, *(np.flatnonzero(~inside) + 1).tolist(), len(time)]
     parts = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a >= SHORTEST]
     if sum(b - a for a, b in parts) < (1 - BROKEN) * len(time):
         return None
-    lines = [np.polyfit(np.arange(b - a), time[a:b], 1) for a, b in parts]
+    told = [np.flatnonzero(steps[a : b - 1] > 0) + 1 if coarse else np.arange(b - a) for a, b in parts]  # new stamps
+    lines = [np.polyfit(rows, time[a:b][rows], 1) for (a, b), rows in zip(parts, told, strict=True)]
     behind = np.concatenate(
         [time[a:b] - np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)]
     )
@@ -254,8 +300,12 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
-        return _regressed(time, signals, parts, lines, share, sd, packets)
-    if keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
+        why = f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"
+        return _regressed(time, parts, lines, signals, "rows came in packets" if packets else why)
+    rounded = runs_on and np.max(np.abs(behind)) <= ROUNDED * _resolution(time, step)
+    if rounded and bounded and not share - SURE * sd > 0.5:
+        return _regressed(time, parts, lines, signals, "their last digit alone makes them so")
+    if runs_on or keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
         return None
     whole = np.round(steps / usual)
     if np.mean(np.abs(steps - whole * usual)[inside] > REGULAR * usual) <= BROKEN and np.min(whole[inside]) >= 1:
@@ -291,15 +341,33 @@ def _share_of_stamps(
     return float(moments[0] / moments[1]), float(1 / np.sqrt(moments[1]))
 
 
+def _of_coarse(time: Array) -> tuple[float, float]:
+    """The step of rows that share their stamps, as those in whole seconds do, and the stamps' own; zeros if uneven."""
+    stamps, counts = np.unique(time, return_counts=True)
+    if len(stamps) < FEWEST_STAMPS or np.any(np.diff(time) < 0):
+        return 0.0, 0.0
+    usual, apart = float(np.median(counts[1:-1])), float(np.median(np.diff(stamps)))
+    even = np.abs(counts[1:-1] - usual) <= max(1.0, EVEN_COUNTS * usual)
+    return (apart / usual, apart) if np.mean(even) > 1 - BROKEN else (0.0, 0.0)
+
+
+def _resolution(time: Array, step: float) -> float:
+    """The power of ten, s, whose multiples all stamps are, below the step; 0 where they are written finer."""
+    since = time - time[0]
+    for power in range(int(np.floor(np.log10(step))), int(np.floor(np.log10(step))) - 3, -1):
+        digit = 10.0**power
+        if np.all(np.abs(since / digit - np.round(since / digit)) < ROUNDING):
+            return digit
+    return 0.0
+
+
 def _regressed(
-    time: Array, signals: Mapping[str, Array], parts: list[tuple[int, int]], lines: list[Array], share: float,
-    sd: float, packets: bool,
-) -> Evened:  # fmt: skip
+    time: Array, parts: list[tuple[int, int]], lines: list[Array], signals: Mapping[str, Array], why: str
+) -> Evened:
     """Each stretch at its even step; rows outside of all stretches are left out."""
     rows = np.concatenate([np.arange(a, b) for a, b in parts])
     even = np.concatenate([np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)])
     step = float(np.median([line[0] for line in lines]))
-    why = "rows came in packets" if packets else f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"
     note = (
         f"stamps are uneven ({_span(time)}), and {why}: time is regressed on the row, {exact(step)} s a row "
         f"({1 / step:.4g} Hz)."
@@ -359,5 +427,6 @@ def _on_a_grid(
 
 
 def _span(time: Array) -> str:
-    low, high = np.quantile(np.diff(time), (0.05, 0.95))
+    low, high, longest = np.quantile(np.diff(time), (0.05, 0.95, 0.999))
+    high = longest if high == low else high  # many rows of one stamp
     return f"steps of {1e3 * low:.3g} to {1e3 * high:.3g} ms"

@@ -310,9 +310,9 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     if isinstance(group, Part):  # `imu/time` says whose instants are kept; the others have a column `time` too
         names += [name.rpartition("/")[2] for name in names]
     name = next(filter(None, (group.full(name, alone) for name in names)), None) or group.clock
-    nanoseconds = mapping.time.nanoseconds
-    if nanoseconds and isinstance(group, Part):
-        nanoseconds = next(filter(None, map(group.full, (nanoseconds, nanoseconds.rpartition("/")[2]))), "")
+    rest = mapping.time.rest
+    if rest and isinstance(group, Part):
+        rest = next(filter(None, map(group.full, (rest, rest.rpartition("/")[2]))), "")
     if not name:
         raise BadInput(
             f"The columns {', '.join(group.names[:4])} have no time beside them, and the column map takes others on a "
@@ -320,12 +320,12 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
         )
     if name == group.clock and group.clock_unit:
         return Column("time", name, group.clock_unit, "s")
-    return replace(mapping.time, column=name, nanoseconds=nanoseconds)
+    return replace(mapping.time, column=name, rest=rest)
 
 
 def _of_time(time: Column) -> list[str]:
     """The columns that hold the time."""
-    return [name for name in (time.column, time.nanoseconds) if name]
+    return [name for name in (time.column, time.rest) if name]
 
 
 def _converted(table: RawTable, column: Column) -> Array:

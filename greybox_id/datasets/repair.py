@@ -146,8 +146,7 @@ def map_text(mapping: ColumnMap) -> str:
     if mapping.rate:
         lines.append(f"rate = {mapping.rate!r}")
     else:
-        rest = [f"nanoseconds = {quoted(mapping.time.nanoseconds)}"] if mapping.time.nanoseconds else []
-        lines += ["", "[time]", *column_fields(mapping.time), *rest]
+        lines += ["", "[time]", *column_fields(mapping.time), *mapping.time.rest_fields]
     for title, columns in (("signals", mapping.signals), ("extra", mapping.extra)):
         if columns:
             lines += [

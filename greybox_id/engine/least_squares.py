@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.shorthands import Array, Index
 from ..models.model import Model
-from ..models.parameter import Parameter, Prior, placed
+from ..models.parameter import Parameter, placed
 
 
 def prior_rows(
@@ -29,23 +29,33 @@ def prior_rows(
     -------
     (rows, parameters) sparse matrix, (rows,) offsets.
     """
-    strengths = strengths or {}
-    blocks: list[tuple[Index, Array, Array]] = []  # entry indices (rows, terms), coefficients, offsets
-    size = 0
+    blocks, size = [], 0
     for parameter, place in placed(parameters):
-        index, size = np.arange(place.start, place.stop).reshape(parameter.shape), place.stop
-        if parameter.prior is not None:
-            blocks += _rows(parameter, parameter.prior, index, strengths.get(parameter.prior.strength, 1.0))
-    if not blocks:
-        return sp.csr_matrix((0, size)), np.empty(0)
-    matrices: list[sp.csr_matrix] = [
-        sp.csr_matrix((c.ravel(), (np.repeat(np.arange(len(i)), i.shape[1]), i.ravel())), shape=(len(i), size))
-        for i, c, _ in blocks
-    ]
-    return sp.vstack(matrices, format="csr"), np.concatenate([offsets for _, _, offsets in blocks])
+        size = place.stop
+        blocks += [(place.start + index, *known) for index, *known in _rows(parameter, strengths)]
+    return _joined(blocks, size)
 
 
-def _rows(parameter: Parameter, prior: Prior, index: Index, strength: float) -> list[tuple[Index, Array, Array]]:
+Rows = tuple[Index, Array, Array]
+"""Rows of priors that have as many terms: the unknowns of each (rows, terms), their coefficients, offsets (rows,)."""
+
+
+def _joined(blocks: Sequence[Rows], size: int) -> tuple[sp.csr_matrix, Array]:
+    """One sparse matrix of blocks of rows, and its offsets."""
+    offsets = np.concatenate([np.empty(0), *(r for _, _, r in blocks)])
+    terms = np.concatenate([np.empty(0, np.intp), *(np.full(len(i), i.shape[1]) for i, _, _ in blocks)])
+    columns = np.concatenate([np.empty(0, np.intp), *(i.ravel() for i, _, _ in blocks)])
+    values = np.concatenate([np.empty(0), *(c.ravel() for _, c, _ in blocks)])
+    return sp.csr_matrix((values, (np.repeat(np.arange(len(terms)), terms), columns)), (len(terms), size)), offsets
+
+
+def _rows(parameter: Parameter, strengths: Mapping[str, float] | None) -> list[Rows]:
+    """Rows of one parameter's prior, its own values counted from zero."""
+    prior = parameter.prior
+    if prior is None:
+        return []
+    index = np.arange(parameter.size).reshape(parameter.shape)
+    strength = (strengths or {}).get(prior.strength, 1.0)
     mean = np.broadcast_to(parameter.array if prior.mean is None else np.asarray(prior.mean, float), parameter.shape)
     weight = strength / np.broadcast_to(np.asarray(prior.sd, float), parameter.shape).reshape(-1, 1)
     known = weight[:, 0] > 0.0
@@ -119,21 +129,12 @@ def beliefs(
     model: Model, layout: Layout, copies: int, strengths: Mapping[str, float] | None
 ) -> tuple[sp.csr_matrix, Array]:
     """Prior rows over all unknowns: model-scoped parameters once, run-scoped ones once per run."""
-    rows, columns, values, offsets = ([np.empty(0, np.intp)], [np.empty(0, np.intp)], [np.empty(0)], [np.empty(0)])
-    count = 0
+    blocks = []
     for parameter, place in placed(model.parameters):
-        if parameter.prior is None:
-            continue
-        R, r = prior_rows([parameter], strengths)
-        known = sp.coo_matrix(R)
+        known = _rows(parameter, strengths)
         for index in layout.index[: copies if parameter.scope == "run" else 1]:
-            rows.append(np.asarray(count + known.row, np.intp))
-            columns.append(index[place][known.col])
-            values.append(known.data)
-            offsets.append(r)
-            count += len(r)
-    places = np.concatenate(rows), np.concatenate(columns)
-    return sp.csr_matrix((np.concatenate(values), places), shape=(count, layout.size)), np.concatenate(offsets)
+            blocks += [(index[place][own], c, r) for own, c, r in known]
+    return _joined(blocks, layout.size)
 
 
 Matched = Any

@@ -227,7 +227,7 @@ class Run:
         weights = trace.weights(p).reshape(len(trace.tap_signal), trace.memory)
         direct, outputs = trace.head_by_p, len(trace.model.outputs)
         y, y_by_h, y_by_p = self._head_by_p(h, newest, p)
-        by_p = np.zeros((len(h), outputs, len(p)))
+        by_p = _zeros(len(h), outputs, len(p), by_rows=nodes is not None)
         z_by_p = self._stage_by_p(u, p)
         z_by_u = trace.stage_by_u.nonzeros(u, p) if nodes is not None or u_by_p is not None else None
         filled = np.zeros((outputs, len(p)), dtype=bool)
@@ -413,6 +413,17 @@ class Run:
 
     def _joined(self, predictions: Array) -> Array:
         return np.vstack([self.measured[: self.first], predictions])
+
+
+def _zeros(rows: int, outputs: int, parameters: int, by_rows: bool) -> Array:
+    """(rows, outputs, parameters) zeros, in memory row by row or parameter by parameter.
+
+    A window's derivative by its weights are its signal's samples, each a row later: long copies parameter by parameter,
+    a dozen numbers at a time row by row. Fed back, derivatives are carried from row to row.
+    """
+    if by_rows:
+        return np.zeros((rows, outputs, parameters))
+    return np.zeros((parameters, rows, outputs)).transpose(1, 2, 0)
 
 
 def _fed_back(weights: Array, by_nodes: Array) -> Array:

@@ -14,8 +14,9 @@ from copy import copy
 from functools import partial
 
 import numpy as np
+import scipy.sparse as sp
 
-from ..base.shorthands import Array
+from ..base.shorthands import Array, Mask
 from ..datasets.recording import Recording
 from .elements import Sensing
 from .least_squares import NormalEquations, beliefs, lay_out, limits
@@ -63,8 +64,8 @@ class Problem:
         self.sensing = Sensing(trace)
         self.layout = lay_out(trace.model, len(self.runs), self.copies)
         self.bounds, self.free = limits(trace.model, self.layout)
-        self.R, self.r = beliefs(trace.model, self.layout, self.copies, strengths)
-        self._believed = (self.R.T @ self.R).toarray()
+        self._priors: dict[tuple[tuple[str, float], ...], tuple[sp.csr_matrix, Array, Array]] = {}
+        self.R, self.r, self._believed = self._prior(strengths or {})
         self._last: tuple[Array, NormalEquations] | None = None
 
     def counted(
@@ -83,8 +84,7 @@ class Problem:
         if noise is not None:
             other.noise = np.asarray(noise, dtype=float)
         if strengths is not None:
-            other.R, other.r = beliefs(self.trace.model, self.layout, self.copies, strengths)
-            other._believed = (other.R.T @ other.R).toarray()
+            other.R, other.r, other._believed = self._prior(strengths)
             if self._last is not None and noise is None and keep is None:
                 x, last = self._last
                 g = other.R.T @ other.prior_residuals(x) - self.R.T @ self.prior_residuals(x)
@@ -92,6 +92,14 @@ class Problem:
         if keep is not None:
             other._keep = list(keep)
         return other
+
+    def _prior(self, strengths: Mapping[str, float]) -> tuple[sp.csr_matrix, Array, Array]:
+        """Rows of the priors, their offsets and the rows' squares; the same for all that counts the same runs."""
+        key = tuple(sorted(strengths.items()))
+        if key not in self._priors:
+            R, r = beliefs(self.trace.model, self.layout, self.copies, strengths)
+            self._priors[key] = R, r, (R.T @ R).toarray()
+        return self._priors[key]
 
     @property
     def keep(self) -> Sequence[Array]:
@@ -156,8 +164,8 @@ class Problem:
             return self._last[1]
         result = NormalEquations(self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
         for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
-            for rows in _counted(self.keep[k][self.runs[k].predicted]):
-                self._add(result, k, residuals[rows], J[rows])
+            rows = _counted(self.keep[k][self.runs[k].predicted])
+            self._add(result, k, residuals[rows], J[rows])
         self._last = (x.copy(), result)
         return result
 
@@ -192,7 +200,7 @@ class Problem:
         index = self.layout.index[k]
         free = self.free[index]
         flat = J.reshape(-1, J.shape[-1])
-        if np.all(free) and len(index) == len(equations.g):  # all unknowns are of every run: nothing is picked out
+        if np.mean(free) > FEW and len(index) == len(equations.g):  # all unknowns are of every run: none is picked out
             np.add(equations.H, flat.T @ flat, out=equations.H)
             np.add(equations.g, flat.T @ residuals.ravel(), out=equations.g)
         else:
@@ -225,7 +233,9 @@ class Problem:
             by_p, free = lines.by_p, self.free[self.layout.index[k]]
             if not np.all(free):
                 by_p[:, :, ~free] = 0.0
-            if lines.by_nodes is not None:
+            if lines.by_nodes is not None and np.mean(free) > FEW:
+                by_p = _condense(by_p, lines.by_nodes)  # what is zero stays so, and takes less than picking the rest
+            elif lines.by_nodes is not None:
                 by_p[:, :, free] = _condense(by_p[:, :, free], lines.by_nodes)
             flat, J = self._residuals(k, lines.y, by_p, p)
             assert J is not None
@@ -258,11 +268,15 @@ def _weighed(measured: Array, weight: Array, predicted: Array) -> Array:
     return (predicted - measured) * weight**2
 
 
-def _counted(keep: Array) -> Iterator[slice]:
-    """The stretches of rows that count for something."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([False], keep != 0.0, [False]))))
-    for start, stop in edges.reshape(-1, 2):
-        yield slice(start, stop)
+FEW = 0.5
+"""Where a larger share of rows counts, or of unknowns is free, all are multiplied: the others are zero, and picking
+some out copies them."""
+
+
+def _counted(keep: Array) -> slice | Mask:
+    """The rows to be multiplied: all of them unless few count for something."""
+    counted = keep != 0.0
+    return counted if np.count_nonzero(counted) < FEW * len(counted) else slice(None)
 
 
 def _condense(by_p: Array, by_nodes: Array) -> Array:

@@ -161,13 +161,14 @@ class SampledFunction:
         samples = max((len(a) for a in arguments if a.ndim == 2), default=0)
         if samples == 0 and self.outputs:  # nothing varies from sample to sample
             return call(self.function, *arguments).reshape(1, self.outputs)
-        result = np.empty((max(samples, 1), self.outputs))
-        if self.outputs == 0:
-            return result
-        if samples > BLOCK and self._side_by_side is not None:
+        if samples > BLOCK and self.outputs and self._side_by_side is not None:
+            result = np.empty((self.outputs, samples)).T  # each output's samples in a row, as operations give them
             for start in range(0, samples, SIDE_BY_SIDE):
                 rows = slice(start, start + SIDE_BY_SIDE)
                 self._side_by_side([a[rows] if a.ndim == 2 else a for a in arguments], result[rows])
+            return result
+        result = np.empty((max(samples, 1), self.outputs))
+        if self.outputs == 0:
             return result
         memory, run = self._buffer(tuple(k for k, a in enumerate(arguments) if a.ndim == 1))
         held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
@@ -233,7 +234,7 @@ class _Operations:
 
     def __call__(self, arguments: Sequence[Array], result: Array) -> None:
         """Evaluate into `result`, (n, outputs)."""
-        columns = [np.asarray(a, dtype=float).T for a in arguments]
+        columns = [np.ascontiguousarray(np.asarray(a, dtype=float).T) for a in arguments]
         work: list[Any] = [0.0] * self._work
         with np.errstate(all="ignore"):
             for target, operation, sources in self._steps:

@@ -347,7 +347,7 @@ def free_numbers(model: MotionModel, attempt: Attempt) -> dict[str, float]:
     return {name: float(p[place]) for name, place in free_places(model.parameters).items()}
 
 
-CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS, CORNER_ITERATIONS = 30, 15, 8, 3
+CERTIFYING_ITERATIONS, CERTIFYING_CLOSED_LOOP, CONTINUING_ITERATIONS, CORNER_ITERATIONS = 30, 15, 8, 1
 """Ipopt's iterations where Gauss-Newton converged, open and closed loop (each costs up to half a second with 544
 weights), where it only carries on, and at a corner, where no gradient is zero and it can only try to gain."""
 NOTHING = 1e-3

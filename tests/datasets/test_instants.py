@@ -1,11 +1,14 @@
 """Columns of time: whole nanoseconds since 1970 and dates keep their microseconds, small numbers stay what they are."""
 
+from datetime import datetime, timedelta
+
 import numpy as np
 import pandas as pd
 import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
+from greybox_id.datasets.mapping import as_toml, propose
 from greybox_id.datasets.read import read
 
 STEPS = np.arange(50) * 10_000_001  # ns
@@ -33,6 +36,48 @@ def test_dates_are_times(tmp_path, kind):
     file = tmp_path / ("lap.parquet" if kind == "parquet" else "lap.csv")
     frame.to_parquet(file) if kind == "parquet" else frame.to_csv(file, index=False)
     np.testing.assert_allclose(recording(file).time, STEPS * 1e-9, rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("form", "begin"),
+    [
+        ("%H:%M:%S.%f", 0.0),
+        ("%H:%M:%S,%f", 0.0),
+        ("%I:%M:%S.%f %p", 43_180.0),  # over noon
+        ("%H:%M:%S.%f", 86_380.0),  # over midnight
+        ("%d.%m.%Y %H:%M:%S.%f", 86_380.0),
+        ("%m/%d/%Y %I:%M:%S.%f %p", 86_380.0),
+        ("%d/%m/%Y %H:%M:%S.%f", 86_380.0),
+        ("%Y/%m/%d %H:%M:%S.%f", 0.0),
+        ("%Y-%m-%d %H:%M:%S,%f", 0.0),
+        ("%Y-%m-%dT%H:%M:%S.%f+02:00", 0.0),
+        ("%d-%b-%Y %H:%M:%S.%f", 0.0),
+        ("%j days %H:%M:%S.%f", 0.0),
+    ],
+)
+def test_clocks_and_dates_as_loggers_write_them_are_found_and_read(tmp_path, form, begin):
+    """Also where day and month may be either, and past noon and midnight."""
+    steps, first = 0.04 * np.arange(1000), datetime(2024, 3, 4)
+    cells = [(first + timedelta(seconds=begin + step)).strftime(form) for step in steps]
+    pd.DataFrame({"Zeit": cells, "v": 1 + steps, "r": 0.1}).to_csv(tmp_path / "lap.csv", index=False, sep=";")
+    time = propose(tmp_path / "lap.csv").time
+    assert (time.column, time.decided) == ("Zeit", True)
+    mapping = parse_column_map('[time]\ncolumn="Zeit"\nunit="s"\n[signals.v_x]\ncolumn="v"\nunit="m/s"', "own.toml")
+    found = read(tmp_path / "lap.csv", mapping)
+    np.testing.assert_allclose(found.time - found.time[0], steps, atol=1e-6)
+
+
+@pytest.mark.parametrize(("key", "name", "size"), [("nanoseconds", "nsec", 1e9), ("microseconds", "tv_usec", 1e6)])
+def test_what_whole_seconds_leave_may_be_in_any_unit(tmp_path, key, name, size):
+    steps = 0.05 * np.arange(100)
+    pd.DataFrame({"tv_sec": 1.7e9 + np.floor(steps), name: np.round(steps % 1 * size), "v": 1 + steps}).to_csv(
+        tmp_path / "lap.csv", index=False
+    )
+    assert f'{key} = "{name}"' in as_toml(propose(tmp_path / "lap.csv"), "own")
+    text = f'[time]\ncolumn="tv_sec"\n{key}="{name}"\nunit="s"\n[signals.v_x]\ncolumn="v"\nunit="m/s"'
+    np.testing.assert_allclose(read(tmp_path / "lap.csv", parse_column_map(text, "own.toml")).time, steps, atol=1e-6)
+    with pytest.raises(BadInput, match="cannot both hold"):
+        parse_column_map(text.replace(key, 'milliseconds="ms"\n' + key), "own.toml")
 
 
 def test_a_date_among_numbers_is_refused_with_its_column(tmp_path):

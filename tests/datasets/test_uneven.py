@@ -30,6 +30,22 @@ def test_stamps_of_receipt_are_regressed_on_the_row(stamps, gap):
     assert "regressed on the row" in found.note
 
 
+@pytest.mark.parametrize(("rate", "digit"), [(120.0, 1e-3), (30.0, 1e-2), (64.0, 1.0)])
+def test_rounded_stamps_are_regressed_on_the_row(rate, digit):
+    """In thousandths, in hundredths, and in whole seconds that many rows share."""
+    true = np.arange(ROWS) / rate
+    found = evened(np.floor(true / digit) * digit, motion(true), "zero")
+    assert np.ptp(found.time - true) < 0.1 / rate
+    assert "regressed on the row" in found.note
+
+
+def test_stamps_that_are_a_little_uneven_are_put_so_if_values_follow_the_rows():
+    true = STEP * np.arange(ROWS)
+    stamped = true + np.where(np.arange(ROWS) % 2, 0.001, 0.0)  # steps of 6 and 4 ms
+    assert np.ptp(evened(stamped, motion(true, 1e-3), "zero").time - true) < 0.1 * STEP
+    assert evened(stamped, motion(stamped, 1e-3), "zero") is None
+
+
 def test_true_stamps_are_laid_on_an_even_grid():
     both = np.unique(np.round(np.concatenate([np.arange(0, 26, 0.04), np.arange(0, 26, 0.05)]), 6))  # 25 and 20 Hz
     found = evened(both, motion(both, 1e-3), "zero")

@@ -1,4 +1,7 @@
-"""Lines of JSON, an object each: a row of columns, or a reading with its name and time, as OpenXC traces are."""
+"""JSON: lines or a list of objects, each a row of columns or a reading with its name and time (OpenXC); or one object.
+
+One object holds columns, or stands around such a list.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +13,8 @@ import pandas as pd
 
 from ...base.errors import BadInput
 from ..column_map import ColumnMap
-from . import Contents, RawTable, apart_by_name, few_enough, whole
+from . import Contents, RawTable, few_enough, whole
+from .long_table import apart_by_name
 from .text import text_of_file
 
 KIND = "JSON lines"
@@ -21,7 +25,7 @@ SHORT_LISTS = 16
 
 
 def contents(file: Path, _: ColumnMap) -> Contents:
-    """The columns of a file with an object in each line, or with one list of objects.
+    """The columns of a file with an object in each line, with one list of objects, or with one object of lists.
 
     Raises
     ------
@@ -29,7 +33,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
         A line is no object of JSON: names the row.
     """
     text = text_of_file(file).decode()
-    rows = _listed(text, str(file)) if text.lstrip().startswith("[") else _lines(text, str(file))
+    rows = _rows(text, str(file))
     if not rows:
         raise BadInput(f"{file} holds no rows; record something, or name another file.")
     flat = [_flat(row) for row in rows]
@@ -39,6 +43,31 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     numeric = tuple(c if pd.api.types.is_numeric_dtype(c.dtype) else c.infer_objects() for c in columns)
     table = RawTable(str(file), names, numeric, 1)
     return apart_by_name(table, KIND) or whole(table, KIND)
+
+
+def _rows(text: str, where: str) -> list[dict[str, Any]]:
+    """The objects of a file."""
+    if text.lstrip().startswith("["):
+        return _listed(text, where)
+    lines = [line for line in text.splitlines() if line.strip()]
+    first = lines[0] if lines else ""
+    if len(lines) > 1 and not (first.rstrip().endswith("}") and first.lstrip().startswith("{")):  # one over many lines
+        return _within(_object(text, where)) or _lines(text, where)
+    rows = _lines(text, where)
+    return (_within(rows[0]) or rows) if len(rows) == 1 else rows
+
+
+def _within(whole: dict[str, Any]) -> list[dict[str, Any]]:
+    """The rows in one object: its longest list of objects, or else its lists of one length as columns."""
+    lists = {key: item for key, item in whole.items() if isinstance(item, list) and len(item) > 1}
+    rows = [item for item in lists.values() if all(isinstance(row, dict) for row in item)]
+    if rows:
+        return max(rows, key=len)
+    columns = {key: item for key, item in lists.items() if not any(isinstance(cell, dict | list) for cell in item)}
+    if not columns or len({len(item) for item in columns.values()}) > 1:
+        inside = [_within(item) for item in whole.values() if isinstance(item, dict)]
+        return max(inside, key=len, default=[])
+    return [dict(zip(columns, cells, strict=True)) for cells in zip(*columns.values(), strict=True)]
 
 
 def _lines(text: str, where: str) -> list[dict[str, Any]]:

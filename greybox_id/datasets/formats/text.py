@@ -29,7 +29,8 @@ import pandas as pd
 from ...base.errors import BadInput
 from ...base.units import known_unit
 from ..column_map import SEPARATORS, ColumnMap
-from . import LARGEST, Columns, Contents, RawTable, apart_by_name, bounded, few_enough, one_column, whole
+from . import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, whole
+from .long_table import apart_by_name
 
 SPACE = " "
 """Stands for any number of blanks between columns."""
@@ -42,6 +43,28 @@ BLOCK = 4
 COMMENT = ("#", "%", "//")
 NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
 """What a row of units holds where a column has none."""
+STATISTICS = frozenset(
+    [
+        "min",
+        "max",
+        "mean",
+        "avg",
+        "average",
+        "minimum",
+        "maximum",
+        "median",
+        "std",
+        "stdev",
+        "sigma",
+        "mittel",
+        "mittelwert",
+        "maximal",
+        "minimal",
+    ]
+)
+"""How a row begins that sums up the columns."""
+BETWEEN = 8
+"""Rows of numbers that may stand between names and values: statistics, numbers of channels, rates."""
 _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
 _INSTANT = re.compile(
     r"\d{4}[-/.]\d\d?[-/.]\d\d?([ T].*)?|\d{1,2}[./]\d{1,2}[./]\d{4}( .*)?|\d+:\d\d(:\d\d)?([.,]\d+)?"
@@ -63,6 +86,7 @@ class TableLayout:
     names : what stands in the line of names, a mark of a comment and blank ends taken off, doubles told apart.
     units : one for each name; empty where the file says none.
     renamed : names that stood there more than once, as they stand there.
+    between : rows of numbers between names and values that are none of the recording.
     """
 
     separator: str
@@ -72,6 +96,7 @@ class TableLayout:
     names: tuple[str, ...]
     units: tuple[str, ...]
     renamed: tuple[str, ...] = ()
+    between: int = 0
 
 
 def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout:
@@ -87,10 +112,10 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
     rows = [_cells(line, separator) for line in lines]
     width = _width(rows)
     first = _first_values(rows, width)
-    block = _words_above(rows, first, width) if first else []
+    block, between = _words_above(rows, first, width) if first else ([], [])
     header = _line_of_names(rows, block, width)
     if header is None:  # as every table has it: names in the first line
-        header, block = 0, []
+        header, block, between = 0, [], []
     below = [rows[k] for k in block if k > header]
     units: Sequence[str] = next((row for row in below if _is_units(row)), [])
     sources: Sequence[str] = next((row for row in below if row is not units), [])
@@ -100,13 +125,13 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
         names.pop()
     known, renamed = _told_apart(names, sources)
     stated = tuple(_unit(units[k]) if k < len(units) else "" for k in range(len(names)))
-    start = max((header, *block)) + 1 if block else header + 1
+    start = max((header, *block, *between)) + 1 if block else header + 1
     if block:  # blank lines may stand between names and values
         start = next((k for k in range(start, len(rows)) if any(rows[k])), start)
     if not decimal:
         comma = separator != "," and any(_DECIMAL_COMMA.fullmatch(c) for row in rows[start : start + 5] for c in row)
         decimal = "," if comma else "."
-    return TableLayout(separator, decimal, header, start, known, stated, renamed)
+    return TableLayout(separator, decimal, header, start, known, stated, renamed, len(between))
 
 
 def _cells(line: str, separator: str, strict: bool = False) -> list[str]:
@@ -166,14 +191,18 @@ def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
         if len(row) >= width - 1 and len(row) > 0 and _words(row) <= usual and any(map(_is_value, row)):
             later = [row for row in rows[k + 1 : k + 11] if any(row)]
             alike = sum(1 for item in later if len(item) >= width - 1 and _words(item) <= usual)
-            if alike >= 0.5 * len(later):
+            if alike >= 0.5 * len(later) and not any(_is_units(row) or _sums_up(row) for row in later[:BETWEEN]):
                 return k
     return 0
 
 
-def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> list[int]:
-    """Lines of words directly above the values, as wide as they are, blank lines between them; from the top."""
+def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> tuple[list[int], list[int]]:
+    """Lines of words above the values, as wide as they are, and rows of numbers between them; from the top.
+
+    Blank lines may stand between them, and up to `BETWEEN` full rows that sum the columns up or number them.
+    """
     block: list[int] = []
+    between: list[int] = []
     for k in range(first - 1, -1, -1):
         row = list(rows[k])
         while row and not row[-1]:
@@ -181,10 +210,21 @@ def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> list[
         if not row:
             continue
         numbers = sum(1 for cell in row if _is_value(cell) and cell != "1")
-        if len(row) > width + 1 or len(row) < 0.3 * width or numbers > 0.2 * len(row) or len(block) == BLOCK:
+        if len(row) > width + 1 or len(row) < 0.3 * width or len(block) == BLOCK:
             break
-        block.insert(0, k)
-    return block
+        if numbers > 0.2 * len(row):
+            full = sum(map(bool, row)) >= NAMED * width and len(between) < BETWEEN
+            if not full or not (_sums_up(row) or all(map(_is_value, row))):
+                break
+            between.insert(0, k)
+        else:
+            block.insert(0, k)
+    return block, [k for k in between if block and k > block[0]]
+
+
+def _sums_up(row: Sequence[str]) -> bool:
+    """Whether a row holds the least, the mean or the like of each column."""
+    return bool(row) and row[0].strip("[]():= ").lower() in STATISTICS
 
 
 def _line_of_names(rows: Sequence[Sequence[str]], block: Sequence[int], width: int) -> int | None:
@@ -264,12 +304,24 @@ def text_of_file(file: Path) -> bytes:
                 f"{file} holds more than {LARGEST / 1e9:g} GB of text once it is unzipped, which is the most that is "
                 "read. Cut it into parts, or leave columns out."
             )
-    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+    wide = _utf_16(data)
+    if wide:
         try:
-            data = data.decode("utf-16").encode()
+            data = data.decode(wide).encode()
         except UnicodeDecodeError as error:
             raise BadInput(f"{file} begins as UTF-16 text, but is none ({error.reason}). Save it as UTF-8.") from error
     return _utf_8(data.removeprefix(b"\xef\xbb\xbf"), str(file))
+
+
+def _utf_16(data: bytes) -> str:
+    """The name of the code if a text is in UTF-16, by its mark or by every second byte being null; else empty."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return "utf-16"
+    begin = data[:HEAD]
+    for code, nulls, letters in (("utf-16-le", begin[1::2], begin[::2]), ("utf-16-be", begin[::2], begin[1::2])):
+        if nulls and nulls.count(0) > NAMED * len(nulls) and not letters.count(0):
+            return code
+    return ""
 
 
 def _utf_8(data: bytes, where: str) -> bytes:
@@ -308,7 +360,7 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
         raise BadInput(f"{where}: row {layout.header + 1} is empty; it must hold the column names.")
     few_enough(len(names), where)
     parts = _LINE_END.split(data, maxsplit=layout.first)
-    body = parts[layout.first] if len(parts) > layout.first else b""
+    body = _without_sums(parts[layout.first], layout.separator) if len(parts) > layout.first else b""
     body = _COMMENT_LINE.sub(b"", body) if any(mark.encode() in body for mark in COMMENT[::2]) else body
     first_row = layout.first + 1
     units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
@@ -321,6 +373,16 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     if overflow.any():
         raise BadInput(_too_long(where, int(np.argmax(overflow)) + first_row, names))
     return RawTable(where, names, tuple(frame[k] for k in range(len(names))), first_row, units), layout
+
+
+def _without_sums(body: bytes, separator: str) -> bytes:
+    """The rows of values without those at the end that sum them up."""
+    for _ in range(BETWEEN):
+        kept, _, last = body.rstrip().rpartition(b"\n")
+        if not kept or not _sums_up(_cells(last[:HEAD].decode("utf-8", "ignore"), separator)):
+            break
+        body = kept + b"\n"
+    return body
 
 
 def _head(data: bytes, separator: str, where: str) -> list[str]:
@@ -369,6 +431,10 @@ def _notes(layout: TableLayout) -> tuple[str, ...]:
     if layout.header:
         notes.append(
             f"{layout.header} lines above the names, which stand in row {layout.header + 1}, were passed over."
+        )
+    if layout.between:
+        notes.append(
+            f"{layout.between} rows of numbers between names and values were passed over: they are no samples."
         )
     if layout.renamed:
         listed = ", ".join(layout.renamed[:6])

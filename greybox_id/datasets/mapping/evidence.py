@@ -13,7 +13,7 @@ from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
 from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
-from ..checks.pairs import Agreement, Pair, agreement, pairs
+from ..checks.pairs import Agreement, Pair, agreement, pairs, rate
 from ..column_map import Column
 from ..recording import Recording
 
@@ -33,7 +33,8 @@ class MapEntry:
     reasons : what speaks for it, or why it is left open.
     units : what the unit may be, where that is open.
     otherwise : further names that the column has in other files.
-    nanoseconds : of time: the column that holds what whole seconds leave; empty for none.
+    rest : of time: the column that holds what whole seconds leave; empty for none.
+    rest_unit : of that column.
     ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
     """
 
@@ -46,14 +47,15 @@ class MapEntry:
     reasons: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     otherwise: tuple[str, ...] = ()
-    nanoseconds: str = ""
+    rest: str = ""
+    rest_unit: str = "ns"
     ends: tuple[float, ...] = ()
 
     def as_column(self) -> Column:
         """The entry as a column map holds it; an unknown unit is taken as SI."""
         target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
         column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
-        return replace(column, otherwise=self.otherwise, nanoseconds=self.nanoseconds)
+        return replace(column, otherwise=self.otherwise, rest=self.rest, rest_unit=self.rest_unit)
 
     @property
     def factor(self) -> float:
@@ -64,6 +66,20 @@ class MapEntry:
 
 USUAL = {"m/s": ("m/s", "km/h"), "rad/s": ("rad/s", "deg/s"), "rad": ("rad", "deg"), "m/s^2": ("m/s^2", "g")}
 """Units in which files hold a signal of this SI unit; any other has only its own."""
+RATIOS = (7.0, 30.0)
+"""Hand wheel over road wheel, from racing cars to trucks."""
+HAND = 0.5
+"""What it costs to take a steering column whose name does not say so as the hand wheel's: less than `MARGIN`, so that
+no other unit is settled by the length of a vehicle with that wheel at its axle."""
+MOST_TURNS = 4 * np.pi
+"""Angle in rad that no hand wheel is turned to either side."""
+ODD = {"mph": 0.44704, "knot": 0.514444}
+"""Speeds that are recorded in these are asked about where the motion says so, in m/s."""
+NEAR_ODD, FAR_OFF = 0.12, 0.35
+"""Logarithm of the factor by which relations may be off in such a unit, and are at least in the usual one."""
+FULL, PERCENT = 1.5, 100.5
+"""A pedal's values up to here are shares, or percent."""
+PEDALS = ("throttle", "brake")
 MARGIN = 0.7
 """How much better, in the logarithm of a factor, a unit must explain the data than the next (a factor of two)."""
 TOO_FAR = 4.0
@@ -106,8 +122,23 @@ class Met:
 
 
 def pairs_of(recording: Recording) -> list[Pair]:
-    """All pairs of a recording that runs on at all."""
-    return pairs(recording) if recording.sample_time > 0 else []
+    """All pairs of a recording that runs on at all; without a yaw rate the heading stands in for it."""
+    return [*pairs(recording), *_of_heading(recording)] if recording.sample_time > 0 else []
+
+
+def _of_heading(r: Recording) -> list[Pair]:
+    """What the heading's rate says of lateral acceleration and steering, where no yaw rate is recorded."""
+    if "yaw_rate" in r or not r.has("yaw", "v_x"):
+        return []
+    turn, result = rate(r, r["yaw"], True), []
+    if "a_y" in r:
+        sides, nodes = ("a_y", "v_x · d(yaw)/dt"), ("a_y", "yaw")
+        result.append(Pair(*sides, nodes, (*nodes, "v_x"), r["a_y"], r["v_x"] * turn, lag_smoothing=None))
+    if "steer" in r:
+        sides, nodes = ("d(yaw)/dt", "v_x · steer"), ("yaw", "steer")
+        right = r["v_x"] * r["steer"]
+        result.append(Pair(*sides, nodes, (*nodes, "v_x"), turn, right, kinematic=False, lag_smoothing=None))
+    return result
 
 
 def met(recording: Recording) -> list[Met]:
@@ -122,7 +153,9 @@ def sizes_of(recording: Recording) -> dict[str, float]:
     return {name: float(np.quantile(np.abs(v), 0.99)) if v.size else 0.0 for name, v in finite.items()}
 
 
-def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | None) -> list[MapEntry]:
+def with_units(
+    entries: Sequence[MapEntry], raw: Recording, wheelbase: float | None, hand_wheel: bool = False
+) -> list[MapEntry]:
     """The entries with their units decided or left open.
 
     Parameters
@@ -130,13 +163,14 @@ def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | N
     entries : one for each signal; a unit that is stated is only checked.
     raw : the signals as the file holds them, with factor 1.
     wheelbase : in m, if known.
+    hand_wheel : whether the name of the steering column says that it is the hand wheel's angle.
     """
     short = raw.rows(0, MOST_ROWS)
     sizes = sizes_of(short)
     options = [_options(entry, short, sizes) for entry in entries]
     paired = {name for item in pairs_of(short) for name in item.channels}
     open_ones = [k for k, option in enumerate(options) if len(option) > 1 and entries[k].signal in paired]
-    costs = _costs(options, open_ones, short, sizes, wheelbase)
+    costs = _costs(options, open_ones, short, sizes, wheelbase, hand_wheel)
     best = min(costs, key=lambda choice: costs[choice])
     picked = [option[0] for option in options]
     for k, n in zip(open_ones, best, strict=True):
@@ -144,14 +178,16 @@ def with_units(entries: Sequence[MapEntry], raw: Recording, wheelbase: float | N
     agreed = met(_scaled(short, picked))
     decided = []
     for k, entry in enumerate(picked):
-        if entry.divide_by != 1.0:
+        if entry.signal in PEDALS and not entries[k].unit:
+            decided.append(_pedal(entries[k], sizes[entry.signal]))
+        elif entry.divide_by != 1.0:
             decided.append(replace(entry, decided=False))
         elif len(options[k]) == 1:
             decided.append(_stated(entries[k], entry, agreed, wheelbase))
         elif k in open_ones:
             place = open_ones.index(k)
             margin = min(costs[c] for c in costs if c[place] != best[place]) - costs[best]
-            decided.append(_by_margin(entry, margin, agreed, options[k], sizes))
+            decided.append(_by_margin(_odd(entry, agreed), margin, agreed, options[k], sizes))
         else:
             odds = [_improbable(option, sizes) for option in options[k]]
             margin = max(odds) - min(odds)
@@ -213,6 +249,8 @@ def _by_margin(
     entry: MapEntry, margin: float, agreed: Sequence[Met], options: Sequence[MapEntry], sizes: Mapping[str, float]
 ) -> MapEntry:
     alike = [item.words for item in agreed if entry.signal in item.pair.channels]
+    if not entry.decided:
+        return entry
     if margin >= MARGIN:
         size = sizes[entry.signal]
         why = "; ".join(alike[:2]) or f"values up to {number(size)} are too large for the other units"
@@ -221,6 +259,36 @@ def _by_margin(
     below = number(sizes[entry.signal])
     why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {below})"
     return replace(entry, decided=False, units=names, reasons=(*entry.reasons, why))
+
+
+def _pedal(entry: MapEntry, size: float) -> MapEntry:
+    """A pedal without a unit: a share, percent, or something that only who wired it knows."""
+    if size <= FULL:
+        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: the usual one"))
+    upto = f"values up to {number(size, 3)}"
+    if size <= PERCENT and entry.signal == "throttle":
+        return replace(entry, unit="%", reasons=(*entry.reasons, f"unit: {upto} are percent"))
+    if size <= PERCENT:
+        why = f"unit: {upto} are percent or a pressure: then write divide_by, what full braking reads, with unit 1"
+        return replace(entry, unit="%", decided=False, reasons=(*entry.reasons, why))
+    why = f"{upto} are counts: divide_by is what the column reads where the pedal is down"
+    full = float(f"{size:.3g}")
+    return replace(entry, unit="1", divide_by=full, decided=False, reasons=(*entry.reasons, why))
+
+
+def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
+    """A speed as a question, where all that it takes part in says that it is in miles or knots."""
+    if entry.signal != "v_x":
+        return entry
+    told = [item for item in agreed if item.pair.kinematic and "v_x" in item.pair.channels and item.agreed.gain]
+    times = [np.log(abs(item.agreed.gain)) * (1 if item.pair.nodes[0] == "v_x" else -1) for item in told]
+    if not times or min(map(abs, times)) < FAR_OFF:
+        return entry
+    for unit, size in ODD.items():
+        if max(abs(factor - np.log(entry.factor / size)) for factor in times) < NEAR_ODD:
+            why = f"unit: {'; '.join(item.words for item in told[:2])}, which is as due in {unit}"
+            return replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, why))
+    return entry
 
 
 def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
@@ -256,6 +324,7 @@ def _costs(
     raw: Recording,
     sizes: Mapping[str, float],
     wheelbase: float | None,
+    hand_wheel: bool,
 ) -> dict[tuple[int, ...], float]:
     """How badly each choice of units explains the data; a pair that agrees in other units only counts too."""
     known: dict[tuple[object, ...], Met] = {}
@@ -273,8 +342,10 @@ def _costs(
                 known[key] = Met(pair, agreement(raw, pair.left_values, pair.right_values, pair.smoothing))
             if known[key].agreed.beyond_chance:
                 speed = sizes.get("v_x", 0.0) * factors.get("v_x", 1.0)
-                misfits[choice][pair.left + pair.right] = misfit(known[key], wheelbase, speed)
-        costs[choice] = sum(_improbable(entry, sizes) for entry in chosen)
+                misfits[choice][pair.left + pair.right] = misfit(
+                    known[key], wheelbase, speed, 0.0 if hand_wheel else HAND
+                )
+        costs[choice] = sum(_improbable(entry, sizes, 0.0 if hand_wheel else HAND) for entry in chosen)
     agreeing = {name for misfit in misfits.values() for name in misfit}
     return {
         choice: costs[choice] + sum(misfit.get(name, LOST) for name in agreeing) for choice, misfit in misfits.items()
@@ -285,36 +356,60 @@ def _scaled(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{entry.signal: raw[entry.signal] * entry.factor for entry in entries})
 
 
-def misfit(met: Met, wheelbase: float | None = None, speed: float = 0.0) -> float:
-    """How far a pair is from what is due, as the logarithm of a factor."""
+def misfit(met: Met, wheelbase: float | None = None, speed: float = 0.0, hand: float = np.inf) -> float:
+    """How far a pair is from what is due, as the logarithm of a factor.
+
+    Parameters
+    ----------
+    met : the pair.
+    wheelbase : in m, if known.
+    speed : m/s, the largest.
+    hand : what it costs that steering is the hand wheel's angle; 0 where its name says so.
+    """
     if met.pair.kinematic:
         return float(min(abs(np.log(abs(met.agreed.gain))), TOO_FAR))
     length = 1 / abs(met.agreed.gain)
     low, high = WHEELBASES[speed > FAST]
     if wheelbase is not None:
         low, high = (share * wheelbase for share in GIVEN_WHEELBASE)
-    return float(min(max(np.log(low / length), np.log(length / high), 0.0), TOO_FAR))
+    road = max(np.log(low / length), np.log(length / high), 0.0)
+    wheel = hand + max(np.log(RATIOS[0] * low / length), np.log(length / (RATIOS[1] * high)), 0.0)
+    return float(min(wheel if hand == 0 else min(road, wheel), TOO_FAR))
 
 
-def _improbable(entry: MapEntry, sizes: Mapping[str, float]) -> float:
+def _improbable(entry: MapEntry, sizes: Mapping[str, float], hand: float = HAND) -> float:
+    """What the size of a signal costs in a unit; steering may be the hand wheel's angle at the cost `hand`."""
     size = sizes[entry.signal] * entry.factor
     impossible = size > LIMITS.get(entry.signal, (np.inf,))[0]
-    return TOO_FAR * impossible + 1.0 * (size > RARE.get(entry.signal, np.inf))
+    cost = TOO_FAR * impossible + 1.0 * (size > RARE.get(entry.signal, np.inf))
+    return min(cost, hand) if entry.signal == "steer" and size < MOST_TURNS else cost
 
 
 ANCHORS = ("course over ground (latitude, longitude)", "v_x")
 """What has its sign from elsewhere: a course from north and east, and a vehicle that drives forward."""
+EASTING = "course over ground (x, y)"
 CLEAR = 3
 """So many channels on one side against a single one settle which is wrong."""
 
 
-def with_signs(entries: Sequence[MapEntry], agreed: Sequence[Met]) -> list[MapEntry]:
-    """The entries with signs that agree with each other, or left open where two sides are as likely."""
+def with_signs(
+    entries: Sequence[MapEntry], agreed: Sequence[Met], compass: bool = False, easting: bool = False
+) -> list[MapEntry]:
+    """The entries with signs that agree with each other, or left open where two sides are as likely.
+
+    Parameters
+    ----------
+    entries : the signals.
+    agreed : pairs of them.
+    compass : whether the heading is called as a compass's, which counts clockwise.
+    easting : whether x and y are called east and north, so that their course is anchored as a geographic one is.
+    """
+    anchors = (*ANCHORS, EASTING) if easting else ANCHORS
     result = {entry.signal: entry for entry in entries}
     for sides in _components(agreed):
         words = [one.pair.left + (" agrees with " if one.agreed.correlation > 0 else " contradicts ") + one.pair.right
                  for one in agreed if one.pair.nodes[0] in sides]  # fmt: skip
-        right, wrong, sure = _judged(sides)
+        right, wrong, sure = _judged(sides, anchors, compass)
         for name in wrong:
             if name not in result:  # the course of x and y: one of them is mirrored, or all the rest is
                 name = "y"
@@ -348,13 +443,15 @@ def _components(agreed: Sequence[Met]) -> list[dict[str, int]]:
     return groups
 
 
-def _judged(sides: dict[str, int]) -> tuple[list[str], list[str], bool]:
+def _judged(sides: dict[str, int], anchors: Sequence[str], compass: bool) -> tuple[list[str], list[str], bool]:
     """The channels that are right, those that are wrong, and whether that is certain."""
-    anchor = next((name for name in ANCHORS if name in sides), None)
+    anchor = next((name for name in anchors if name in sides), None)
     if anchor:
         right = [name for name, side in sides.items() if side == sides[anchor]]
         return right, [name for name in sides if name not in right], True
     first = [name for name, side in sides.items() if side == 1]
     second = [name for name, side in sides.items() if side == -1]
-    right, wrong = sorted((first, second), key=lambda item: (-len(item), "yaw_rate" not in item))
+    right, wrong = sorted(
+        (first, second), key=lambda item: (-len(item), compass and "yaw" in item, "yaw_rate" not in item)
+    )
     return right, wrong, len(wrong) == 0 or (len(wrong) == 1 and len(right) >= CLEAR)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,7 +49,7 @@ RULES: dict[str, tuple[str, ...]] = {
     "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
               r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
-              r"|steered angle",
+              r"|steered angle|lenkwinkel",
               r"steer(ing)?( angle)? (cmd|command|target|ref(erence)?|setpoint|desired|soll)|(cmd|target) steer(ing)?"),
     "steer_measured": (r"steer(ing)?( angle)? (meas|measured|actual|act|feedback|fb)",),
     HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
@@ -71,7 +71,8 @@ RULES: dict[str, tuple[str, ...]] = {
     "y": (r"y|pos y|pose y|position y|y pos|y position|py", r"north|northing|local y|map y|pos north"),
     "latitude": (r"latitude|lat|lat deg",),
     "longitude": (r"longitude|lon|lng|long",),
-    **{f"wheel_speed_{c}": (rf"(wheel speed|wheelspeed|ws|whl spd|omega|wheel|wspd|n|drehzahl) {w}|{w} wheel speed",)
+    **{f"wheel_speed_{c}": (rf"(wheel speed|wheelspeed|ws|whl spd|omega|wheel|wspd|n|drehzahl|(wheel )?rpm) {w}"
+                           rf"|{w} wheel speed",)
        for c, w in CORNERS.items()},
     **{f"wheel_speed_{w}": (rf"(wheel speed|wheelspeed|ws|omega|wheel) {s}|{s} wheel( speed| vel| velocity)?",)
        for w, s in (("left", "(left|l)"), ("right", "(right|r)"))},
@@ -103,6 +104,7 @@ WORDS_OF_UNITS = {
     "rads": "rad/s", "radps": "rad/s", "rad s": "rad/s", "rad sec": "rad/s",
     "degs": "deg/s", "degps": "deg/s", "dps": "deg/s", "deg s": "deg/s", "deg sec": "deg/s", "grad s": "deg/s",
     "rpm": "rpm", "m": "m", "mm": "mm", "a": "A", "amp": "A", "amps": "A", "ma": "mA", "n": "N", "kn": "kN",
+    "mg": "mg", "mdps": "mdeg/s",
     "s": "s", "sec": "s", "secs": "s", "seconds": "s", "msec": "ms", "us": "us", "usec": "us", "ns": "ns", "nsec": "ns",
     "nanoseconds": "ns", "percent": "%", "pct": "%", "perc": "%",
 }  # fmt: skip
@@ -164,6 +166,17 @@ def plain_words(name: str) -> str:
     return " ".join(re.split(r"[\s_\-./:|\\]+", _CAMEL.sub(" ", name))).lower().strip()
 
 
+def counts_clockwise(column: str) -> bool:
+    """Whether a column is called as the angles of a compass are."""
+    return bool(re.search(r"\b(heading|bearing|course|cog|track angle)\b", plain_words(column)))
+
+
+def is_north_of(x: str, y: str) -> bool:
+    """Whether two columns are called east and north."""
+    east, north = r"\b(easting|east|utm e)\b", r"\b(northing|north|utm n)\b"
+    return bool(re.search(east, plain_words(x)) and re.search(north, plain_words(y)))
+
+
 def _bracketed(column: str) -> tuple[str, str]:
     match = _BRACKETS.search(column)
     if not match or match.start() == 0:
@@ -184,7 +197,8 @@ def _read(words: str, unit: str) -> list[Guess]:
             for order, pattern in enumerate(patterns):
                 if re.fullmatch(pattern, text):
                     stated = "ms" if signal == TIME and unit == "m/s" else unit
-                    if not stated or signal == "v_x" or fits(stated, signal):  # a motor's speed is a speed in rpm
+                    rim = signal.startswith("wheel_speed") and stated and fits(stated, "v_x")
+                    if not stated or signal == "v_x" or rim or fits(stated, signal):  # a motor's speed is one in rpm
                         wish = bool(WISHES.search(words))
                         result.append(Guess(signal, stated, cost + order, wish, AMBIGUOUS.get(text, "")))
     return result
@@ -194,18 +208,35 @@ SLOWEST, FASTEST = 1.0, 2e4
 """Sample rates of vehicle recordings in Hz lie between these."""
 
 
-def time_of(group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]) -> MapEntry | None:
-    """The time of a table, from its name or as the only column that runs on in even steps; None if there is none."""
+def time_of(
+    group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], texts: Set[str] = frozenset()
+) -> MapEntry | None:
+    """The time of a table, from its name or as the only column that runs on in even steps; None if there is none.
+
+    Parameters
+    ----------
+    group, guesses, numbers : the table, what its names may mean, and its columns of numbers.
+    texts : columns of dates or of a clock's times, which a column of numbers goes before.
+    """
     numbers = {name: values for name, values in numbers.items() if name in group.names}
-    named = sorted((g.rank, name) for name, g in guesses.items() if g.signal == TIME and name in numbers)
+    named = sorted(
+        (name in texts, g.rank, name)
+        for name, g in guesses.items()
+        if g.signal == TIME and name in group.names and (name in numbers or name in texts)
+    )
     if group.clock and group.clock_unit:
         return MapEntry(TIME, group.clock, group.clock_unit, reasons=("the file's own clock",))
     split = _split(group, numbers)
     if split:
         return split
     if named:
-        name = named[0][1]
+        name = named[0][2]
+        if name in texts:
+            return MapEntry(TIME, name, "s", reasons=("its name", "it holds dates, or the times of a clock"))
         return _in_unit(name, guesses[name].unit or group.units.get(name, ""), numbers[name], "its name")
+    unnamed = [name for name in group.names if name in texts]
+    if unnamed:
+        return MapEntry(TIME, unnamed[0], "s", reasons=("it holds dates, or the times of a clock",))
     even = [name for name, values in numbers.items() if _runs_on(values)]
     return (
         _in_unit(even[0], "", numbers[even[0]], "the only column that runs on in even steps")
@@ -214,22 +245,17 @@ def time_of(group: Group, guesses: Mapping[str, Guess], numbers: Mapping[str, Ar
     )
 
 
-SECONDS = ("s", "sec", "secs", "seconds", "stamp sec", "stamp secs")
-NANOSECONDS = (
-    "ns",
-    "nsec",
-    "nsecs",
-    "nanosec",
-    "nanosecs",
-    "nanoseconds",
-    "stamp nsec",
-    "stamp nanosec",
-    "stamp nsecs",
-)
+SECONDS = ("s", "sec", "secs", "seconds", "stamp sec", "stamp secs", "tv sec")
+RESTS = {
+    "ns": "ns nsec nsecs nanosec nanosecs nanoseconds nanos",
+    "us": "us usec usecs microsec microsecs microseconds micros",
+    "ms": "ms msec msecs millisec millisecs milliseconds millis",
+}
+"""Unit -> how columns are called that hold what whole seconds leave."""
 
 
 def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
-    """Whole seconds and the nanoseconds that they leave, in columns of their own."""
+    """Whole seconds and what they leave, in columns of their own."""
     words = {name: plain_words(name.removeprefix(group.prefix)) for name in numbers}
     tails = {
         name: {word, " ".join(word.split()[-2:]), word.split()[-1] if word else ""} for name, word in words.items()
@@ -237,11 +263,13 @@ def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
     seconds = next(
         (name for name, tail in tails.items() if tail & set(SECONDS) and _whole(numbers[name], np.inf)), None
     )
-    rest = next((name for name, tail in tails.items() if tail & set(NANOSECONDS) and _whole(numbers[name], 1e9)), None)
-    if not seconds or not rest:
-        return None
-    why = f'its name; "{rest}" holds the nanoseconds'
-    return MapEntry(TIME, seconds, "s", reasons=(why,), nanoseconds=rest)
+    for unit, known in RESTS.items() if seconds else ():
+        called = (name for name, tail in tails.items() if tail & set(known.split()))
+        rest = next((name for name in called if _whole(numbers[name], 1 / to_si(unit, "s").factor)), None)
+        if seconds and rest:
+            why = f'its name; "{rest}" holds the {known.split()[-2]}'
+            return MapEntry(TIME, seconds, "s", reasons=(why,), rest=rest, rest_unit=unit)
+    return None
 
 
 def _whole(values: Array, below: float) -> bool:
@@ -254,6 +282,8 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
         return MapEntry(TIME, name, stated, reasons=(why, "unit: as the file states it"))
     steps = np.diff(values[np.isfinite(values)])
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else float("nan")
+    if steps.size and np.mean(steps == 0) > 0.5 and np.sum(steps) > 0:  # whole seconds, shared by many rows
+        step = float(np.mean(steps))
     first = float(np.nanmax(np.abs(values))) if np.isfinite(values).any() else 0.0
     for unit, size in EPOCHS:
         if first > size:

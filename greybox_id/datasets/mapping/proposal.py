@@ -14,14 +14,16 @@ from ...base.numbers import exact, number
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS, unit_of
 from ...base.toml_file import quoted
+from ...base.units import to_si
 from ..checks import Finding, Severity, check
 from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
+from ..instants import is_instants
 from ..read import Part, contents_together, read, read_together
 from ..recording import Recording
 from ..repair import column_fields, repaired
 from .evidence import MapEntry, by_gravity, met, with_signs, with_units
-from .names import HAND_WHEEL, RUN, TIME, Guess, guess_in, time_of
+from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, time_of
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
@@ -103,11 +105,11 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
     if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command that it is beside
         guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
-    numbers, labels = _numbers(result, guesses)
-    clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers))] if not rate else []
+    numbers, labels, texts = _numbers(result, guesses)
+    clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers, texts))] if not rate else []
     time = _one_time(result, clocks)
     run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
-    taken = {run, *(name for clock in clocks for name in (clock.column, clock.nanoseconds))}
+    taken = {run, *(name for clock in clocks for name in (clock.column, clock.rest))}
     chosen, rivals = _candidates(result, guesses, numbers, taken)
     others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
     named = " ".join(files) if files else str(path)
@@ -118,14 +120,15 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     raw = _raw(draft, chosen)
     chosen, raw = headings(chosen, guesses, raw)
     present = [entry for entry in chosen if entry.signal in raw and np.isfinite(raw[entry.signal]).any()]
-    decided = by_gravity(with_units(present, raw, wheelbase), numbers)
-    decided = with_signs(decided, met(_in_si(raw, decided)))
+    hand_wheel = any(e.signal == "steer" and guesses[e.column].signal == HAND_WHEEL for e in present)
+    decided = by_gravity(with_units(present, raw, wheelbase, hand_wheel), numbers)
+    agreed, columns = met(_in_si(raw, decided)), {entry.signal: entry.column for entry in decided}
+    compass = counts_clockwise(columns.get("yaw", ""))
+    decided = with_signs(decided, agreed, compass, is_north_of(columns.get("x", ""), columns.get("y", "")))
     decided = [_asked(entry, guesses[entry.column]) for entry in decided]
-    known = _in_si(raw, decided)
-    decided = [
-        with_steering(e, known, guesses[e.column].signal == HAND_WHEEL, wheelbase) if e.signal == "steer" else e
-        for e in decided
-    ]
+    if compass and not any("yaw" in item.pair.channels for item in agreed):
+        decided = [_of_a_compass(entry) if entry.signal == "yaw" else entry for entry in decided]
+    decided = [_steering(e, decided, raw, hand_wheel, wheelbase) if e.signal == "steer" else e for e in decided]
     decided = [_as_commanded(entry, decided, raw) for entry in decided]
     decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
     if len(result.groups) == 1:
@@ -178,6 +181,24 @@ def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) 
                    reasons=(entry.reasons[0], why))  # fmt: skip
 
 
+def _of_a_compass(entry: MapEntry) -> MapEntry:
+    """A heading whose sign nothing tells, and whose name is one for angles that count clockwise."""
+    why = "sign: a compass counts clockwise, which is sign = -1; nothing in the file tells which this is"
+    return replace(entry, sign=-1, decided=False, reasons=(*entry.reasons, why))
+
+
+def _steering(
+    entry: MapEntry, entries: Sequence[MapEntry], raw: Recording, hand_wheel: bool, wheelbase: float | None
+) -> MapEntry:
+    """The entry of `steer` as the turning explains it; a question where it is one in any unit that v_x may have."""
+    speeds = [e for e in entries if e.signal == "v_x"]
+    others = [e for e in entries if e.signal != "v_x"]
+    readings = [[replace(e, unit=unit)] for e in speeds for unit in (e.units or (e.unit,))] or [[]]
+    known = (_in_si(raw, [*others, *reading]) for reading in readings)
+    results = [with_steering(entry, recording, hand_wheel, wheelbase) for recording in known]
+    return next((result for result in results if not result.decided), results[0])
+
+
 def _fits(unit: str, signal: str) -> bool:
     try:
         MapEntry(signal, "", unit).as_column().convert(np.ones(1))
@@ -192,8 +213,8 @@ def _one_time(result: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
         return clocks[0] if clocks else None
     bare = [name for clock in clocks for name in (clock.column.partition("/")[2],)]
     first, *others = dict.fromkeys(bare)
-    rest = clocks[0].nanoseconds.partition("/")[2]
-    return replace(clocks[0], column=first, otherwise=tuple(others), nanoseconds=rest)
+    rest = clocks[0].rest.partition("/")[2]
+    return replace(clocks[0], column=first, otherwise=tuple(others), rest=rest)
 
 
 def _recorded(draft: Proposal, mapping: ColumnMap) -> Recording:
@@ -218,8 +239,16 @@ def _asked(entry: MapEntry, guess: Guess) -> MapEntry:
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     if any(f"which {entry.signal} cannot be" in reason for reason in entry.reasons):
         why = "set divide_by: how many of the file's units make one SI unit"
+        if entry.signal.startswith("wheel_speed") and (rim := _of_the_rim(entry)):
+            why = f"the speed of its rim: divide_by is {rim} the wheel's radius in m"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     return entry
+
+
+def _of_the_rim(entry: MapEntry) -> str:
+    """By what a radius is multiplied for a wheel's speed in the unit that the file states; empty for other units."""
+    stated = next(reason for reason in entry.reasons if "which" in reason).partition("says ")[2].partition(",")[0]
+    return f"{1 / to_si(stated, 'm/s').factor:.4g} times" if _fits(stated, "v_x") else ""
 
 
 def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...]:
@@ -230,10 +259,12 @@ def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...
     return tuple(item for item in result if item.severity is not Severity.NOTE)
 
 
-def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str]]:
-    """Columns that hold numbers, and those that hold something else; of files with many groups the named ones only."""
+def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str], set[str]]:
+    """Columns that hold numbers, those that hold something else, and of these the ones that hold dates or a clock's
+    times; of files with many groups the named ones only.
+    """
     numbers: dict[str, Array] = {}
-    labels: set[str] = set()
+    labels, texts = set[str](), set[str]()
     for group in result.groups:
         few = len(result.groups) == 1 or isinstance(group, Part)
         target = [name for name in group.names if few or name in guesses]
@@ -244,7 +275,9 @@ def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, 
                 numbers[name] = table.numbers(name)
             except (BadInput, TypeError, ValueError):
                 labels.add(name)
-    return numbers, labels
+                if table is not None and is_instants(table.column(name)):
+                    texts.add(name)
+    return numbers, labels, texts
 
 
 WIDTH = 110
@@ -308,8 +341,7 @@ def _time(time: MapEntry | None) -> list[str]:
     unit = f"unit = {quoted(time.unit)}" if time.decided else f'#? unit = "{time.units[0]}"'
     names = [quoted(name) for name in (time.column, *time.otherwise)]
     column = f"column = [{', '.join(names)}]" if time.otherwise else f"column = {names[0]}"
-    rest = [f"nanoseconds = {quoted(time.nanoseconds)}"] if time.nanoseconds else []
-    return [*_comment("; ".join(time.reasons)), column, *rest, unit]
+    return [*_comment("; ".join(time.reasons)), column, *time.as_column().rest_fields, unit]
 
 
 def _signal(entry: MapEntry) -> list[str]:

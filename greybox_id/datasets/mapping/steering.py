@@ -12,10 +12,8 @@ import numpy as np
 
 from ...base.numbers import number
 from ..recording import Recording
-from .evidence import FAST, MapEntry, sizes_of
+from .evidence import FAST, RATIOS, MapEntry, sizes_of
 
-RATIOS = (7.0, 30.0)
-"""Hand wheel over road wheel, from racing cars to trucks."""
 LENGTHS = (0.5, 2.0)
 """Share of the wheelbase that ratio · L may be where road wheels are meant: tyres and scale factors err."""
 CARS = (2.0, 3.8)
@@ -73,7 +71,9 @@ def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase
         for unit, factor in units.items()
         if RATIOS[0] * shortest / middle < in_radians * factor / middle < RATIOS[1] * longest / middle
     ]
-    return _asked(entry, wheel, in_radians) if wheel else _unknown(entry) if hand_wheel else entry
+    if wheel:
+        return _asked(entry, wheel, in_radians)
+    return _unknown(entry) if hand_wheel else _no_angle(entry, in_radians * units.get(entry.unit, 1.0))
 
 
 def turning_length(known: Recording) -> float | None:
@@ -118,6 +118,15 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
     return replace(
         entry, unit=best.unit, units=(), divide_by=best.ratio, decided=False, reasons=(*entry.reasons, known)
     )
+
+
+def _no_angle(entry: MapEntry, length: float) -> MapEntry:
+    """What turns the vehicle, though as the angle of neither wheel: a command in units of its own."""
+    why = (
+        f"in {entry.unit or 'rad'}, ratio times wheelbase is {number(length, 2)} m, which fits neither road wheels nor "
+        "a hand wheel: the share of full lock, or counts? divide_by is how many make one unit"
+    )
+    return replace(entry, decided=False, reasons=(*entry.reasons, why))
 
 
 def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:

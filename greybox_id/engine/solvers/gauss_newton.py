@@ -47,18 +47,18 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     """
     scale = np.diag(H).copy()
     scale[scale <= 0] = 1.0
-    H = H.copy()
-    H[np.diag_indices_from(H)] += (damping + LEAST_RIDGE) * scale
+    added = (damping + LEAST_RIDGE) * scale
     unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
     step = np.where(free, np.clip(0.0, low, high), 0.0)
-    slope, free = g + H @ step, free & (low < high)
+    slope, free = g + (H @ step + added * step if np.any(step) else step), free & (low < high)
     at_low, at_high = free & (low >= step) & (slope > 0), free & (high <= step) & (slope < 0)
     for _ in range(3 * len(g) + 10):
         movable = np.flatnonzero(free & ~at_low & ~at_high)
         by = unit[movable]
-        inner = np.outer(by, by)
-        inner *= H if len(movable) == len(g) else H[np.ix_(movable, movable)]
-        move = by * solved(inner, -by * slope[movable]) if len(movable) else by
+        inner = (H if len(movable) == len(g) else H[np.ix_(movable, movable)]) * by
+        inner *= by[:, None]
+        inner[np.diag_indices_from(inner)] += added[movable] * by**2
+        move = by * solved(inner, -by * slope[movable], overwrite=True) if len(movable) else by
         bound = np.where(move < 0, low[movable], high[movable])
         with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
             share = np.where(move != 0, (bound - step[movable]) / move, np.inf)
@@ -69,11 +69,11 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
             step[movable[blocking]] = bound[blocking]
             at_low[movable[blocking & (move < 0)]] = True
             at_high[movable[blocking & (move > 0)]] = True
-            slope = g + H @ step
+            slope = g + H @ step + added * step
             continue
         if not np.any(at_low | at_high):
             break
-        slope = g + H @ step
+        slope = g + H @ step + added * step
         pull = slope * unit
         inward = np.where(at_low, -pull, np.where(at_high, pull, 0.0))
         released = int(np.argmax(inward))
@@ -83,10 +83,18 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
     return step
 
 
-def solved(H: Array, b: Array) -> Array:
-    """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular."""
-    _, result, failed = lapack.dposv(H.T, b)  # symmetric, and column by column, as LAPACK has it: no turned copy
-    return np.asarray(la.lstsq(H, b)[0] if failed else result)
+def solved(H: Array, b: Array, overwrite: bool = False) -> Array:
+    """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular.
+
+    `overwrite`: H may be written over.
+    """
+    diagonal = np.diag(H).copy()
+    # symmetric, and column by column, as LAPACK has it: no turned copy
+    _, result, failed = lapack.dposv(H.T, b, overwrite_a=overwrite)
+    if not failed:
+        return np.asarray(result)
+    above = np.triu(H, 1)  # the other half is the factor's now
+    return np.asarray(la.lstsq(above + above.T + np.diag(diagonal), b)[0])
 
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
@@ -188,8 +196,10 @@ def gauss_newton(
             if not (np.all(np.isfinite(equations.H)) and np.all(np.isfinite(equations.g))):
                 status = Status.STALLED if steps else Status.NOT_FINITE
                 break
-            full = _decrease(equations, _step(problem, point.x, equations, 0.0))
-            decrement = max(full, _single_decrease(problem, point.x, equations)) / max(point.objective, 1e-300)
+            tried, size = memory.first(problem, point.x, equations), max(point.objective, 1e-300)
+            decrement = _least_decrease(problem, point.x, equations, tried) / size
+            if decrement <= tolerance:
+                decrement = max(decrement, _decrease(equations, _step(problem, point.x, equations, 0.0)) / size)
             if decrement <= tolerance:
                 status = Status.CONVERGED
                 break
@@ -198,8 +208,9 @@ def gauss_newton(
                 break
             if steps == max_steps:
                 break
-            better = _descent(problem, point, equations, memory)
+            better = _descent(problem, point, equations, memory, tried)
             if better is None:
+                decrement = max(decrement, _decrease(equations, _step(problem, point.x, equations, 0.0)) / size)
                 status = Status.CONVERGED if decrement <= max(tolerance, 1e-6) else Status.STALLED
                 break
             point, steps = better, steps + 1
@@ -232,16 +243,25 @@ class _Search:
         self.share = 1.0
         self.damping = LEAST_DAMPING if kind == "line_search" else FIRST_DAMPING
 
+    def first(self, problem: LeastSquares, x: Array, equations: NormalEquations) -> Array | None:
+        """The step that a line search tries first, None for another search."""
+        return _step(problem, x, equations, self.damping) if self.kind == "line_search" else None
 
-def _descent(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
+
+def _descent(
+    problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, tried: Array | None
+) -> _Point | None:
     """The next point, None where nothing lowers the objective."""
-    return (_shortened if memory.kind == "line_search" else _damped)(problem, point, equations, memory)
+    if tried is not None:
+        return _shortened(problem, point, equations, memory, tried)
+    return _damped(problem, point, equations, memory)
 
 
-def _shortened(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
+def _shortened(
+    problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, step: Array
+) -> _Point | None:
     """A step shortened until the objective falls as promised, damped if no share of it helps."""
     while memory.damping < MOST_DAMPING:
-        step = _step(problem, point.x, equations, memory.damping)
         promised = -float(equations.g @ step)
         share = min(1.0, 2.5 * memory.share)
         while share > 1e-3:
@@ -251,6 +271,7 @@ def _shortened(problem: LeastSquares, point: _Point, equations: NormalEquations,
                 return trial
             share *= 0.4
         memory.share, memory.damping = 1.0, memory.damping * 100.0
+        step = _step(problem, point.x, equations, memory.damping)
     return None
 
 
@@ -349,6 +370,12 @@ def _step(
 
 def _decrease(equations: NormalEquations, step: Array) -> float:
     return float(-(equations.g @ step + 0.5 * step @ equations.H @ step))
+
+
+def _least_decrease(problem: LeastSquares, x: Array, equations: NormalEquations, tried: Array | None) -> float:
+    """What a full step promises at least: as much as one unknown alone, as much as the damped step that is tried."""
+    single = _single_decrease(problem, x, equations)
+    return single if tried is None else max(single, _decrease(equations, tried))
 
 
 def _single_decrease(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:

@@ -144,10 +144,10 @@ def _linearised(problem: MotionProblem, scale: Array, cut: Lanes) -> Computed:
     dense = [cs.Sparsity.dense(*shape) for shape in ((1, 1), (m, 1), (n, 1), (m, n))]
     of_H = cs.Sparsity.triplet(n, n, rows.tolist(), columns.tolist())
 
-    def values(X: Array) -> list[cs.DM]:
+    def values(X: Array) -> list[Array]:
         x = X * scale
         at = at_nodes(problem, x[:unknowns], x[unknowns:].reshape(-1, problem.trace.size))
         others = at.objective, at.gaps, at.gradient * scale, at.gaps_by * scale
-        return [*(cs.DM(value) for value in others), cs.DM(of_H, at.H[rows, columns] * (scale[rows] * scale[columns]))]
+        return [*(np.ravel(value, "F") for value in others), at.H[rows, columns] * (scale[rows] * scale[columns])]
 
     return Computed("linearised", n, [*dense, of_H], values)

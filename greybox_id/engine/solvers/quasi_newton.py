@@ -12,10 +12,10 @@ from typing import Any
 
 import numpy as np
 import scipy.linalg as la
-from scipy.optimize import Bounds, minimize, nnls
 
 from ...base.shorthands import Array
 from ..least_squares import LeastSquares
+from .gauss_newton import least_within
 
 Loss = Callable[[Array], tuple[float, Array]]
 """Unknowns -> loss and its gradient."""
@@ -79,6 +79,8 @@ def descend(
     -------
     The best point. Ctrl-C keeps the best so far.
     """
+    from scipy.optimize import Bounds, minimize  # loading it takes longer than many a fit that needs none of it
+
     losses, outside = [], [held_out(start)]
     best, place = start.copy(), 0
     losses.append(loss(start)[0])
@@ -243,8 +245,12 @@ class _Metric:
         """The average of gradients, with weights from zero on, that is shortest in the metric."""
         G = np.array(gradients).T
         sizes = la.solve_triangular(self._factor[0], self.unit[:, None] * G, lower=True)
-        whole = 1e3 * float(np.max(np.linalg.norm(sizes, axis=0)))  # weights add up to one
-        share, _ = nnls(np.vstack((sizes, np.full(G.shape[1], whole))), np.append(np.zeros(len(sizes)), whole))
+        products = sizes.T @ sizes
+        whole = 1e6 * float(np.max(np.diag(products)))  # weights add up to one
+        many = len(products)
+        share = least_within(
+            products + whole, np.full(many, -whole), np.zeros(many), np.full(many, np.inf), np.ones(many, bool)
+        )
         return np.asarray(G @ (share / np.sum(share)))
 
 

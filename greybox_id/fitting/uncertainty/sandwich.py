@@ -43,6 +43,8 @@ FEWEST, MOST = 8, 40
 """Blocks: with fewer their scatter is no estimate, with more the intervals hardly narrow."""
 LOCAL = 1 / 16
 """An unknown that a single piece with less than this share of all rows tells is local."""
+AT_HAND = 4_000_000
+"""Derivatives are kept for the second time that they are asked for up to so many numbers, 32 MB; else made anew."""
 
 
 @dataclass(frozen=True)
@@ -116,9 +118,10 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     count, size, few = len(plan.edges) - 1, int(np.sum(kept)), int(np.sum(local))
     H, scores = np.zeros((count, size, size)), np.zeros((count, size))
     pull, alone, independent, dof = np.zeros((few, size)), np.zeros((few, few)), np.zeros((few, few)), np.ones(few)
-    for k, start, residuals, J in _parts(problem, x, nodes):
+    for k, start, residuals, J in plan.parts or _parts(problem, x, nodes):
         of = problem.layout.index[k]
-        by_kept, by_local, theirs = J[:, :, kept[of]], J[:, :, local[of]], of[local[of]]
+        theirs = of[local[of]]
+        by_kept, by_local = (J[:, :, kept[of]], J[:, :, local[of]]) if len(theirs) else (J, J[:, :, :0])
         if len(theirs):
             flat, value, everything = by_local.reshape(-1, len(theirs)), place[theirs], place[of[kept[of]]]
             prior, informed = P[theirs].toarray(), flat.T @ flat
@@ -134,7 +137,10 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
         for g in np.flatnonzero(np.diff(cuts)):
             rows = slice(cuts[g], cuts[g + 1])
             flat = by_kept[rows].reshape(-1, len(among))
-            H[g][np.ix_(among, among)] += flat.T @ flat
+            if len(among) == size:
+                H[g] += flat.T @ flat
+            else:
+                H[g][np.ix_(among, among)] += flat.T @ flat
             scores[g, among] += flat.T @ residuals[rows].ravel()
     whole = np.zeros((len(kept), size))  # what all unknowns do when a kept one moves
     whole[kept], whole[local] = np.eye(size), -pull
@@ -144,15 +150,23 @@ def blocks(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> Block
     )  # fmt: skip
 
 
+_Part = tuple[int, int, Array, Array]
+"""Piece, row in it, residuals (rows, outputs) and derivatives (rows, outputs, unknowns of the piece)."""
+
+
 @dataclass(frozen=True)
 class _Plan:
-    """What is local, and where blocks are cut: (blocks + 1,) edges and (pieces + 1,) beginnings of pieces, in rows."""
+    """What is local, and where blocks are cut: (blocks + 1,) edges and (pieces + 1,) beginnings of pieces, in rows.
+
+    `parts` : what was linearised; none where it would fill the memory.
+    """
 
     local: Mask
     edges: NDArray[np.intp]
     first: NDArray[np.intp]
     correlation: float
     variance: float
+    parts: list[_Part]
 
 
 def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
@@ -160,7 +174,14 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
     curvature, telling, pieces = (problem.R.T @ problem.R).diagonal(), np.zeros(size), np.zeros(size)
     series: list[list[tuple[int, Array]]] = [[] for _ in range(problem.copies)]
     squares, seen, in_parts = 0.0, set[int](), np.zeros(size, dtype=bool)
+    linearised: list[_Part] = []
+    numbers = 0
     for k, start, residuals, J in _parts(problem, x, nodes):
+        numbers += J.size
+        if numbers <= AT_HAND:
+            linearised.append((k, start, residuals, J))
+        else:
+            linearised.clear()
         curvature[index[k]] += np.einsum("rop,rop->p", J, J)
         squares += float(np.sum(residuals**2))
         pieces[index[k]] += k not in seen
@@ -187,10 +208,10 @@ def _plan(problem: LeastSquares, x: Array, nodes: Matched, keep: Mask) -> _Plan:
     piece = np.clip(np.searchsorted(first, edges, "right") - 1, 0, len(lengths) - 1)
     begin, end = first[piece], first[piece + 1]
     edges = np.unique(np.where(short[piece], np.where(edges - begin < end - edges, begin, end), edges))
-    return _Plan(local, edges, first, correlation, squares / max(1, int(np.count_nonzero(together))))
+    return _Plan(local, edges, first, correlation, squares / max(1, int(np.count_nonzero(together))), linearised)
 
 
-def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[tuple[int, int, Array, Array]]:
+def _parts(problem: LeastSquares, x: Array, nodes: Matched) -> Iterator[_Part]:
     """Piece, row in it, residuals and derivatives; long pieces part by part where a problem offers that."""
     if isinstance(problem, MotionProblem):
         yield from problem.parts(x, nodes)

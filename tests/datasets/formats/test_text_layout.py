@@ -46,6 +46,16 @@ Track name,"Y"
 
 Time (s),Speed (km/h),Bearing (deg),Lateral acceleration (G)
 """
+STATISTICS = (
+    MOTEC.rstrip()
+    + """
+"Min","54.5","-15.0","0.0"
+"Max","84.5","0.0","0.06"
+"Avg","70.0","-7.5","0.03"
+
+"""
+)
+NUMBERED = AIM.replace('"s","km/h"', '"1","2","3","4"\n"s","km/h"')
 COMMENTED = "# RaceRender Data: TrackAddict\n# Vehicle: car\n# Mode: 1\nTime [s],Speed [km/h],Steer [deg],Ay [g]\n"
 UNITS_ROW = "TIME,SPEED,STEERINGANGLE,LATACC\ns,km/h,°,g\n"
 MATLAB = "% time speed steer ay\n"
@@ -56,6 +66,8 @@ MATLAB = "% time speed steer ay\n"
     [
         (MOTEC, ("Time", "Ground Speed", "Steered Angle", "G Force Lat"), ("s", "km/h", "deg", "g")),
         (AIM, ("Time", "GPS Speed", "Steer_Pos", "GPS LatAcc"), ("s", "km/h", "deg", "g")),
+        (STATISTICS, ("Time", "Ground Speed", "Steered Angle", "G Force Lat"), ("s", "km/h", "deg", "g")),
+        (NUMBERED, ("Time", "GPS Speed", "Steer_Pos", "GPS LatAcc"), ("s", "km/h", "deg", "g")),
         (RACECHRONO_3, ("timestamp", "speed gps", "bearing", "speed obd"), ("s", "km/h", "deg", "m/s")),
         (RACECHRONO_2, ("Time (s)", "Speed (km/h)", "Bearing (deg)", "Lateral acceleration (G)"), ("", "", "", "")),
         (COMMENTED, ("Time [s]", "Speed [km/h]", "Steer [deg]", "Ay [g]"), ("", "", "", "")),
@@ -149,6 +161,58 @@ def test_racelogic_writes_minutes_west_positive_and_a_clock(tmp_path):
     np.testing.assert_allclose(np.diff(table.numbers("time")), [0.05], atol=1e-6)
     np.testing.assert_allclose(table.numbers("lat"), [52.0, 52.01])
     np.testing.assert_allclose(table.numbers("long"), [1.0, 1.01])
+
+
+def test_rows_at_the_end_that_sum_up_are_no_samples(tmp_path):
+    file = tmp_path / "lap.csv"
+    file.write_text(MOTEC + "\n".join(map(",".join, TEXT)) + '\n\n"Minimum","54.5","-15.0","0.0"\nMaximum,1,2,3\n')
+    table = contents(file, column_map("canonical")).groups[0].load(["Time"])
+    np.testing.assert_allclose(table.numbers("Time"), [row[0] for row in ROWS])
+
+
+@pytest.mark.parametrize("code", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_text_in_two_bytes_a_letter_is_read_with_and_without_a_mark(tmp_path, code):
+    file = tmp_path / "lap.csv"
+    file.write_bytes((UNITS_ROW.replace("°", "deg") + "\n".join(map(",".join, TEXT))).encode(code))
+    assert contents(file, column_map("canonical")).names == ("TIME", "SPEED", "STEERINGANGLE", "LATACC")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time,name,value,unit\n{t},speed,{v},km/h\n{t},mode,eco,\n",
+        "signal_name;timestamp;signal_value;unit\nspeed;{t};{v};km/h\nmode;{t};eco;-\n",
+        "Time [s],CAN ID,Signal Name,Physical Value,Unit\n{t},0x1f,speed,{v},km/h\n{t},0x1f,mode,eco,\n",
+        "metric\tWert\tZeit\tEinheit\nspeed\t{v}\t{t}\tkm/h\nmode\teco\t{t}\t\n",
+    ],
+)
+def test_long_tables_are_known_by_words_in_their_names(tmp_path, text):
+    file, (head, *rows) = tmp_path / "long.csv", text.splitlines(keepends=True)
+    file.write_text(head + "".join("".join(rows).format(t=0.1 * k, v=36 + k) for k in range(100)))
+    (group,) = contents(file, column_map("canonical")).groups
+    table = group.load(group.names)
+    assert (group.name, dict(group.units)) == ("speed", {"speed": "km/h"})
+    np.testing.assert_allclose(table.numbers("speed"), 36 + np.arange(100))
+    np.testing.assert_allclose(table.numbers("speed/time"), 0.1 * np.arange(100))
+
+
+@pytest.mark.parametrize(
+    "whole",
+    [
+        {"time": [0.0, 0.1], "v": [1.0, 2.0]},
+        {"car": "x", "data": [{"time": 0.0, "v": 1.0}, {"time": 0.1, "v": 2.0}]},
+        {"meta": {"laps": [1]}, "log": {"time": [0.0, 0.1], "v": [1.0, 2.0]}},
+    ],
+)
+@pytest.mark.parametrize("indent", [None, 2])
+def test_one_json_object_of_columns_or_around_rows_is_read(tmp_path, whole, indent):
+    import json
+
+    file = tmp_path / "lap.json"
+    file.write_text(json.dumps(whole, indent=indent))
+    (group,) = contents(file, column_map("canonical")).groups
+    table = group.load(group.names)
+    np.testing.assert_allclose([table.numbers("time"), table.numbers("v")], [[0.0, 0.1], [1.0, 2.0]])
 
 
 @pytest.mark.parametrize("kind", ["long.csv", "trace.json", "list.json"])

@@ -287,3 +287,95 @@ def test_counts_of_a_servo_about_their_centre_are_asked_for_as_steering(tmp_path
     text = as_toml(proposal, "car")
     assert '#? steer = { column = "servo_us", unit = "rad", lookup = [[' in text
     assert "#? throttle" in text  # no column looks like a drive
+
+
+def drive(tmp_path, wheelbase=2.7, ratio=16.0, seconds=60.0, seed=0, **columns):
+    """A car's drive as a file of the named columns, each of them a factor on a signal; and the signals in SI units."""
+    time = np.arange(round(50 * seconds)) / 50
+    noise = np.random.default_rng(seed).standard_normal((2, len(time)))
+    v = 18 + 6 * np.sin(0.2 * time) + 0.02 * noise[0]
+    steer = 0.03 * np.sin(0.7 * time) + 0.02 * np.sin(1.9 * time + 1)
+    turn = v * steer / wheelbase + 0.002 * noise[1]
+    yaw = np.cumsum(turn) / 50
+    x, y = (np.cumsum(v * part) / 50 for part in (np.cos(yaw), np.sin(yaw)))
+    si = {
+        "v_x": v,
+        "steer": steer,
+        "hand_wheel": ratio * steer,
+        "yaw_rate": turn,
+        "yaw": yaw,
+        "a_y": v * turn,
+        "a_x": np.gradient(v, time),
+        "x": x,
+        "y": y,
+        "compass": np.mod(90 - np.degrees(yaw), 360),
+        "throttle": 0.3 + 0.2 * np.sin(time),
+    }
+    table = {name: factor * si[signal] for name, (signal, factor) in columns.items()}
+    pd.DataFrame({"t": time} | table).to_csv(tmp_path / "lap.csv", index=False)
+    proposal = propose(tmp_path / "lap.csv")
+    return proposal, {entry.signal: entry for entry in proposal.entries}, si
+
+
+def test_a_hand_wheel_settles_no_unit_of_another_signal(tmp_path):
+    """In km/h its angle would be that of a long car's road wheels: no reason to take metres a second for that."""
+    for name, factor in (("steering_angle", 180 / np.pi), ("steering_angle", 1.0), ("SWA", 180 / np.pi), ("SWA", 1.0)):
+        columns = {"v": ("v_x", 1.0), name: ("hand_wheel", factor), "yaw_rate": ("yaw_rate", 1.0)}
+        _, entries, _ = drive(tmp_path, **columns)
+        assert not entries["steer"].decided
+        for signal, unit in (("v_x", "m/s"), ("yaw_rate", "rad/s")):
+            assert not entries[signal].decided or entries[signal].unit == unit, (name, factor, signal)
+
+
+@pytest.mark.parametrize("factor", [1 / 0.3, 100 / 0.35])
+def test_steering_that_is_no_wheels_angle_is_asked_about(tmp_path, factor):
+    """The share of full lock, or percent of it."""
+    columns = {"v": ("v_x", 1.0), "steer": ("steer", factor), "yaw_rate": ("yaw_rate", 1.0), "ay": ("a_y", 1.0)}
+    proposal, entries, _ = drive(tmp_path, **columns)
+    assert not entries["steer"].decided
+    assert {"v_x", "yaw_rate", "a_y"} <= {entry.signal for entry in proposal.entries if entry.decided}
+
+
+def test_a_speed_in_miles_that_does_not_say_so_is_a_question(tmp_path):
+    columns = {"speed": ("v_x", 1 / 0.44704), "yaw_rate": ("yaw_rate", 1.0), "ay": ("a_y", 1.0), "ax": ("a_x", 1.0)}
+    _, entries, _ = drive(tmp_path, **columns)
+    assert (entries["v_x"].unit, entries["v_x"].decided) == ("mph", False)
+
+
+def test_a_compass_counts_clockwise_where_nothing_says_otherwise(tmp_path):
+    """A heading alone is asked about; beside steering that contradicts it, it is the one in doubt."""
+    _, entries, _ = drive(tmp_path, heading=("compass", 1.0))
+    assert (entries["yaw"].sign, entries["yaw"].decided) == (-1, False)
+    columns = {"speed": ("v_x", 1.0), "heading": ("compass", 1.0), "steer": ("steer", 1.0)}
+    _, entries, _ = drive(tmp_path, **columns)
+    assert (entries["yaw"].sign, entries["yaw"].decided, entries["steer"].sign) == (-1, False, 1)
+
+
+def test_east_and_north_tell_which_way_is_left(tmp_path):
+    columns = {
+        "v_x": ("v_x", 1.0), "north": ("y", 1.0), "east": ("x", 1.0), "yaw": ("yaw", -1.0), "gz": ("yaw_rate", -1.0),
+        "steer": ("steer", -1.0),
+    }  # fmt: skip
+    proposal, entries, si = drive(tmp_path, **columns)
+    assert not proposal.open
+    assert [entries[name].sign for name in ("yaw", "yaw_rate", "steer", "x", "y")] == [-1, -1, -1, 1, 1]
+    found = read(tmp_path / "lap.csv", proposal.mapping())
+    assert all(np.allclose(found[name], si[name]) for name in ("yaw_rate", "steer", "x", "y"))
+
+
+@pytest.mark.parametrize(("factor", "unit", "sure"), [(1, "1", True), (100, "%", True), (1023, "1", False)])
+def test_a_pedals_unit_is_seen_from_its_values(tmp_path, factor, unit, sure):
+    _, entries, _ = drive(tmp_path, throttle=("throttle", factor))
+    assert (entries["throttle"].unit, entries["throttle"].decided) == (unit, sure)
+
+
+def test_the_speed_of_a_rim_is_asked_for_the_wheels_radius(tmp_path):
+    _, entries, _ = drive(tmp_path, wheel_fl_kmh=("v_x", 3.6), speed_kmh=("v_x", 3.6))
+    assert "divide_by is 3.6 times the wheel's radius" in entries["wheel_speed_fl"].reasons[-1]
+
+
+def test_thousandths_of_gravity_and_of_degrees_are_units(tmp_path):
+    columns = {"v_mps": ("v_x", 1.0), "ax_mg": ("a_x", 1e3 / 9.80665), "gyro_z_mdps": ("yaw_rate", 180e3 / np.pi)}
+    proposal, _, si = drive(tmp_path, **columns)
+    found = read(tmp_path / "lap.csv", proposal.mapping())
+    assert all(np.allclose(found[name], si[name]) for name in ("v_x", "a_x", "yaw_rate"))

@@ -1,0 +1,38 @@
+"""Diagnoses and tracks in reports; those of fits alone do without what is loaded here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ..base.errors import BadInput
+from ..gap.gap import Gap
+from ..models.model import Model
+from ..reports.document import Document
+from ..reports.gap.report import gap_report
+from ..reports.gap.saved import load_gap
+from ..reports.track.digest import Digest, load_track
+from ..reports.track.report import track_report
+from .gap_result import GapResult
+from .track_result import TrackResult
+
+Other = Gap | TrackResult | Digest
+"""Results that are no fits."""
+
+
+def opened(file: str | Path, kind: str) -> Other:
+    """The diagnosis or the track in a file of that kind."""
+    return GapResult.of(*load_gap(file)) if kind == "greybox-gap" else load_track(file)
+
+
+def model_of(result: Other) -> Model | None:
+    """Its model, where it holds one."""
+    return result.closed if isinstance(result, Gap) else None if isinstance(result, Digest) else result.model
+
+
+def document(result: Other) -> Document:
+    """What its report says."""
+    if isinstance(result, TrackResult | Digest):
+        return track_report(result if isinstance(result, Digest) else result.digest)
+    if not isinstance(result, GapResult):
+        raise BadInput("This diagnosis does not know what it was made with; make it with gb.diagnose.")
+    return gap_report(result, result.made)
