@@ -74,9 +74,14 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
 def _left(
     recording: Recording, faults: list[Finding], findings: list[Finding], wheelbase: float | None
 ) -> list[Finding]:
-    """Findings that are left with the map's fault undone, where that is the sign of v_x, which others take as given."""
-    repair = next((fault.repair for fault in faults if fault.repair.get("v_x", ("", 1.0, 0.0))[1] < 0), None)
-    if not repair or not findings:
+    """Findings that are left with the map's fault undone: what it explains is said once, where the fault is named."""
+    fault = next((item for item in faults if item.kind == "mapping" and item.severity is Severity.DISTRUST), None)
+    if fault is None or not findings:
+        return findings
+    repair = {name: change for name, change in fault.repair.items() if name != "time"}
+    if not repair and "the wrong sign" in fault.sentence:  # others are as likely: any of them makes the signs agree
+        repair = {name: (name, -1.0, 0.0) for name in fault.where.channel.split(", ")}
+    if not repair:
         return findings
     undone = recording.with_signals(
         **{name: factor * recording[source] for name, (source, factor, _) in repair.items()}
