@@ -98,6 +98,9 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         screen.print(
             "no column looks like a drive (throttle, motor_current, drive_force or ax_cmd), which single_track needs"
         )
+    if proposal.left_assumed:
+        turning = ", ".join(proposal.left_assumed)
+        screen.print(f"nothing in the file tells which way is left: check one turn that you know ({turning})")
     for finding in proposal.findings:
         stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
         screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
@@ -120,6 +123,7 @@ def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
         "runs": proposal.run or None,
         "signals": [_as_dict(entry) for entry in proposal.entries],
         "others": list(proposal.others),
+        "left_assumed": list(proposal.left_assumed),
         "findings": [{"kind": f.kind, "channel": f.where.channel, "sentence": f.sentence} for f in proposal.findings],
     }
 
