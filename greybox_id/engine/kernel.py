@@ -83,6 +83,10 @@ class Against:
 
     def misfit(self, y: Array) -> float:
         """Half the sum of squared residuals, those in the tails linear."""
+        if y.size > HOURS:  # of hours: what is on the way to one number is as long as they are
+            read, target, weight = (item.reshape(-1) for item in (y, self.target, self.weight))
+            parts = (slice(first, first + HOURS) for first in range(0, y.size, HOURS))
+            return sum(Against(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
         with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
             e = self._residuals(y)
             if self.robust is None:
@@ -139,6 +143,8 @@ compiling, as what is compiled is kept. Both grow with the model's size in much 
 not know it: a tenth of a second for a single-track model, half a second for a large one. The work alone decides, not
 what the cache holds: a first run and a later one give the same digits."""
 
+HOURS = 1_000_000
+"""Readings of recordings of hours, of which nothing is laid out twice: an hour at 100 Hz with three outputs."""
 LINEARISED = 5
 """What a segment's derivatives cost, in segments."""
 
@@ -182,6 +188,11 @@ class Kernel:
         share the work.
         """
         self._load(PAYS)
+
+    def expect(self, work: int) -> None:
+        """Be compiled from the first call on if so many lanes times segments, asked for next, pay for it."""
+        if self._work + work >= PAYS:
+            self.prepare()
 
     def simulate(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, keeps: ArrayLike | None = None

@@ -114,6 +114,8 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         best = only(it, set(best.names) - {weakest})
         closed, verified, worse = closed_model(it, best, detected, held_out)
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
+    if shared is not None and {share.effect for share in shared.shares} != set(applied):  # some left after they shared
+        shared = shared_out(it, best, held_out, tell) if applied else None
     if (
         shared is not None
         and not shared.shows

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass
+from functools import partial
 from math import exp, log
 
 import numpy as np
@@ -109,8 +111,7 @@ def unsure(one: Examined, held_out: bool) -> dict[str, str]:
     Surely: none lies outside of intervals that hold for all effects that were offered at once, at 95 % (Bonferroni's;
     Dunn, Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as
     much as causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and
-    the others go where they go without it: of two that stand for each other one may stay. Effects that are not gradual,
-    such as limits and plays, are judged by what they gain alone: from where they are no slope leads to none.
+    the others go where they go without it: of two that stand for each other one may stay.
 
     Parameters
     ----------
@@ -124,12 +125,16 @@ def unsure(one: Examined, held_out: bool) -> dict[str, str]:
     surely = -float(ndtri(0.025 / max(len(one.effects), 1)))
     mains = [at.start for _, at in best.parts]
     nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
-    judged = {candidate.effect: candidate.axes[0].gradual for candidate in best.candidates}
-    for whole in scatters(one, best)[: 1 if held_out else None]:
-        V, off, names = whole[np.ix_(mains, mains)], best.m[mains] - nulls, list(best.names)
+    sudden = np.array([not (item.gradual or item.axes[0].shift) for item in best.candidates])
+    for witness in witnesses(one, best)[: 1 if held_out else None]:
+        V, off, names = witness.covariance[np.ix_(mains, mains)], best.m[mains] - nulls, list(best.names)
+        by_gain = {
+            name: np.sqrt(2.0 * witness.gained(name)) / witness.widening[at]
+            for name, at, each in zip(names, mains, sudden, strict=True) if each
+        }  # fmt: skip
         while names:
-            z = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
-            z[[not judged[name] for name in names]] = np.inf
+            slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
+            z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
             k = int(np.argmin(z))
             if z[k] >= surely:
                 break
@@ -146,28 +151,50 @@ def unsure(one: Examined, held_out: bool) -> dict[str, str]:
 def size_sd(one: Examined, hypothesis: Hypothesis, name: str) -> float:
     """Standard deviation of an effect's coordinate in a hypothesis."""
     _, at = hypothesis.main(name)
-    return float(np.sqrt(max(0.0, *(V[at, at] for V in scatters(one, hypothesis)))))
+    return float(np.sqrt(max(0.0, *(witness.covariance[at, at] for witness in witnesses(one, hypothesis)))))
 
 
-def scatters(one: Examined, hypothesis: Hypothesis) -> list[Array]:
-    """Covariances of a hypothesis' coordinates, by each witness; where equations are rough, with what form does.
+@dataclass(frozen=True)
+class Witness:
+    """What one way to count residuals tells of a hypothesis' sizes.
 
-    There free runs are a second witness: errors of form are new every correlation time to innovations, but last in what
+    Attributes
+    ----------
+    covariance : (m, m) of its coordinates; where equations are rough, with what form does.
+    widening : (m,) times as far as if residuals were noise.
+    gained : log-likelihood that one of its effects gains. Of limits, lags and plays, to whose none no slope may lead,
+        the ratio of likelihoods says how far from none they are, too: in standard deviations its root (Wilks, Annals
+        of Mathematical Statistics 9, 1938), as much nearer as residuals are no noise (Kent, Biometrika 69, 1982).
+    """
+
+    covariance: Array
+    widening: Array
+    gained: Callable[[str], float]
+
+
+def witnesses(one: Examined, hypothesis: Hypothesis) -> list[Witness]:
+    """Innovations, and where equations are rough free runs.
+
+    There these are a second witness: errors of form are new every correlation time to innovations, but last in what
     they leave of a free run, whose blocks then pull at a size that stands for them (see `Search.widening`).
     """
     search = one.selection.search
+    nulls = np.array([axis.null for axis in hypothesis.axes])
+    form = np.diag((CAL.form_of_size * (hypothesis.m - nulls)) ** 2) if one.rough else 0.0
 
-    def scatter() -> Array:
+    def witness(gained: Callable[[str], float]) -> Witness:
         widening = (CAL.wider if one.rough else 1.0) * search.widening(hypothesis)
-        return search.covariance(hypothesis) * np.outer(widening, widening)
+        return Witness(search.covariance(hypothesis) * np.outer(widening, widening) + form, widening, gained)
 
-    result = [scatter()]
+    def gained_freely(name: str) -> float:
+        whole, without = (one.at_its_best(item) for item in (hypothesis, only(one, {*hypothesis.names} - {name})))
+        return max(without.cost - whole.cost, 0.0)
+
+    result = [witness(partial(gain_of, one, hypothesis))]
     if one.rough and one.unnamed is not None:
         with search.counted(white_noise(one.sd, one.good, one.bench.rows)):
-            result.append(scatter())
-    nulls = np.array([axis.null for axis in hypothesis.axes])
-    form = CAL.form_of_size * (hypothesis.m - nulls) if one.rough else np.zeros(len(nulls))
-    return [V + np.diag(form**2) for V in result]
+            result.append(witness(gained_freely))
+    return result
 
 
 def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:

@@ -22,7 +22,7 @@ from .estimation.hypothesis import Hypothesis, Start, by_cost
 from .estimation.problem import FORM
 from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
-from .estimation.together import JointSearch, JointStage
+from .estimation.together import JointSearch, JointStage, JointWhitening
 
 Unsteadiness = Callable[[Search, Hypothesis], list[float]]
 """Of each effect of a hypothesis, how its magnitude differs between parts of the drive."""
@@ -126,9 +126,7 @@ def select(
         stage, gains, best = later, gained, again
     base = _base(search, best)
     if not best.names:  # model error as it is beside nothing: there is no effect that could live on it
-        whitening = together.whitening
-        search.recoloured(whitening.left(whitening.about(search.vector(base)), base.e, least=False))
-        base = best = _base(search, base)
+        base = best = _recoloured(search, together.whitening, base)
     if best.names and base.cost - best.cost < 0.5 * float(np.max(gains)):  # it went astray where nothing is linear
         gains = np.minimum(gains, max(base.cost - best.cost, 0.0))
     alike = _exchanged(search, together, stage, best) if best.names else []
@@ -257,6 +255,21 @@ def _base(search: Search, best: Hypothesis) -> Hypothesis:
     nothing = Start((), np.empty(0), best.theta, best.linear)
     result = _within_numbers(search, [search.start_of(search.at_means()), nothing])
     return settled(search, min(result, key=by_cost))
+
+
+def _recoloured(search: Search, whitening: JointWhitening, base: Hypothesis) -> Hypothesis:
+    """The base in model error as it is beside nothing; as it was, where refits in that leave the range of numbers.
+
+    What spins has derivatives that no error is told by.
+    """
+    place, colour = search.place(), search.colour
+    search.recoloured(whitening.left(whitening.about(search.vector(base)), base.e, least=False))
+    result = refit(search, [search.start_of(search.at_means()), search.start_of(base)])
+    if result:
+        return settled(search, min(result, key=by_cost))
+    search.colour = colour
+    search.back(place)
+    return base
 
 
 def promised(together: JointSearch, stage: JointStage) -> tuple[Promise, ...]:

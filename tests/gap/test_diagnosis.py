@@ -236,9 +236,10 @@ def test_of_sizes_that_may_be_none_the_least_sure_leaves_first(monkeypatch):
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
 
-    def left(m, V, count=40, held_out=False):
+    def left(m, V, count=40, held_out=False, gain=0.0):
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
-        monkeypatch.setattr(judging, "scatters", lambda *_: [0.01 * np.array(V), np.array(V)])
+        ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
+        monkeypatch.setattr(judging, "witnesses", lambda *_: ways)
         return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best), held_out)
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
@@ -247,9 +248,10 @@ def test_of_sizes_that_may_be_none_the_least_sure_leaves_first(monkeypatch):
     assert left([3.4, -2.3, 9.0], np.eye(3), held_out=True) == {}  # what it closes of those tells more than free runs
     alike = [[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]  # without the one, the other is surely there
     assert list(left([2.0, -1.0, 9.0], alike)) == [names[1]]
-    sudden = parts[1][0]
-    parts[1] = replace(sudden, axes=(replace(sudden.axes[0], gradual=False),)), parts[1][1]
-    assert left([3.4, -1.0, 9.0], np.eye(3)) == {}  # a limit: no slope leads from it to none
+    parts[1] = replace(parts[1][0], gradual=False), parts[1][1]
+    assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=18.0)) == [names[1]]
+    assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # a limit, to whose none no slope leads: sqrt(48) / 2
+    assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
 
 
 @pytest.mark.parametrize(("share", "low", "applied"), [(0.14, -0.02, True), (0.14, -0.6, True), (0.01, -0.02, False)])

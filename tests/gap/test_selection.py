@@ -1,5 +1,6 @@
 """From everything at once to hypotheses: each cause is taken away again, and what acts alike is tried in its place."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -111,3 +112,20 @@ def test_where_no_start_stays_within_numbers_the_search_begins_again_from_the_pr
     monkeypatch.setattr(selection, "refit", lambda search, starts: list(starts) if about else [])
     assert selection._within_numbers(search, ["where it was"]) == ["priors"]
     assert about == [None]
+
+
+def test_where_model_error_beside_nothing_leaves_the_range_of_numbers_the_base_stays_as_it_was(monkeypatch):
+    """About a simulation that spins no filter holds; there still is an answer."""
+
+    class Lost(JointWhitening):
+        def left(self, about, e, least=True):
+            told = super().left(about, e, least)
+            return told if least else replace(told, sd=told.sd * np.nan)
+
+    bench = linear_bench(smooth_columns(4), np.zeros(4), SD)
+    usual = selected(bench, 4)
+    monkeypatch.setitem(globals(), "JointWhitening", Lost)
+    kept = selected(bench, 4)
+    assert kept.base.names == usual.base.names == ()
+    assert np.isfinite(kept.base.cost)
+    np.testing.assert_allclose(kept.base.e, usual.base.e)

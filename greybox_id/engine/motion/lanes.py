@@ -83,12 +83,16 @@ class Lanes:
     @cached_property
     def owner(self) -> Index:
         """(N * outputs,) interval that predicts each reading: a late one the interval before may."""
+        if len(self.rows) == 2:  # of hours, so many zeros
+            return np.broadcast_to(np.zeros(1, dtype=np.intp), self.lane.size)
         value = np.repeat(np.arange(len(self.rows) - 1), np.diff(self.rows))[:, None]
         return np.asarray(np.where(self.lane >= 0, self.interval[self.lane], value).ravel())
 
     @cached_property
     def by_owner(self) -> tuple[Index | None, Index]:
         """The order that sorts readings by their owner, None where they are; where each owner's begin in it."""
+        if len(self.rows) == 2:
+            return None, np.array([0, self.lane.size])
         sorted_already = bool(np.all(np.diff(self.owner) >= 0))
         order = None if sorted_already else np.argsort(self.owner, kind="stable")
         in_order = self.owner if order is None else self.owner[order]

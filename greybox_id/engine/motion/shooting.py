@@ -22,7 +22,7 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
-from ..kernel import Against
+from ..kernel import HOURS, Against
 from ..least_squares import NormalEquations
 from .lanes import Chain, Interval, Lanes, Targets, chained, lay, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
@@ -112,7 +112,7 @@ class MotionProblem:
         self.noise = np.asarray(noise, dtype=float)
         self.horizon = horizon
         every = 1 if most_rows is None else max(1, sum(len(run) for run in self.runs) // most_rows)
-        self.intervals = [interval for k, run in enumerate(self.runs) for interval in self._intervals(k, run)[::every]]
+        self.intervals = [interval for k, run in enumerate(self.runs) for interval in self._intervals(k, run, every)]
         if not self.intervals:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
@@ -314,10 +314,10 @@ class MotionProblem:
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
         """Per interval, which of the N rows it predicts readings of."""
-        order, edges = nodes.cut.by_owner
+        (order, edges), outputs = nodes.cut.by_owner, nodes.cut.lane.shape[1]
         for first, last in zip(edges[:-1], edges[1:], strict=True):
-            readings = np.arange(first, last) if order is None else order[first:last]
-            yield np.unique(readings // nodes.cut.lane.shape[1])
+            together = np.arange(first // outputs, -(-last // outputs))[: last - first]
+            yield together if order is None else np.unique(order[first:last] // outputs)
 
     def parts(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[int, int, Array, Array]]:
         """Interval, row in it where a part begins, and the part's residuals and derivatives as of `residuals`.
@@ -407,15 +407,13 @@ class MotionProblem:
     def _scheduled(self, shifts: Array) -> list[Schedule]:
         return [schedule(self.trace, run, shift, self.longest) for run, shift in zip(self.runs, shifts, strict=True)]
 
-    def _intervals(self, k: int, run: MotionRun) -> list[Interval]:
-        """A run in stretches of the horizon, each from a row at which every state that is read has a reading."""
+    def _intervals(self, k: int, run: MotionRun, every: int) -> list[Interval]:
+        """Every so many of a run's stretches of the horizon, each from where every state that is read has a reading."""
         rows = len(run) if self.horizon is None else max(1, round(self.horizon / run.sample_time))
         channels = [self.model.outputs.index(name) for name in run.states_read(self.model)]
         starts = run.starts(channels, np.arange(0, len(run), rows))
-        if len(starts) == 0:
-            return []
-        stops = [*starts[1:].tolist(), len(run)]
-        return [Interval(k, int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
+        stops = np.append(starts[1:], len(run))[: len(starts)]
+        return [Interval(k, a, b) for a, b in zip(starts[::every].tolist(), stops[::every].tolist(), strict=True)]
 
     @cached_property
     def _moving_index(self) -> Index:
@@ -428,13 +426,14 @@ class MotionProblem:
         return np.concatenate((self.moving, self.model.size + np.arange(len(self.loose))))
 
     def against(self, lanes: Lanes) -> Against:
-        """What the readings of lanes are held against, laid out like them; the last two layouts are kept."""
+        """What the readings of lanes are held against, laid out like them; the last two are kept, of hours one."""
         for known, of, against in self._laid:
             if known is lanes and of is self.targets:
                 return against
+        self._laid = self._laid[-1:] if self.targets.reading.size <= HOURS else []
         weight, target = lanes.scattered(self.targets.weight), lanes.scattered(self.targets.reading)
         against = Against(target, weight, self.targets.robust)
-        self._laid = [*self._laid[-1:], (lanes, self.targets, against)]
+        self._laid = [*self._laid, (lanes, self.targets, against)]
         return against
 
     def _accumulated(

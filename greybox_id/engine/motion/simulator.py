@@ -207,6 +207,8 @@ class Predictor:
         chosen: list[tuple[int, Index]] = []
         result = []
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
+        for run in self.runs:  # what all windows together take pays for a compiler before each row is set back
+            self.simulator.kernel.expect(len(run) // stride * max(1, round(horizon / run.sample_time)))
         for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
             steps = max(1, round(horizon / run.sample_time))
             complete = np.all(np.isfinite(run.measured[:, self._channels(self._read[k])]), axis=1)

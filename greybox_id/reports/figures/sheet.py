@@ -343,7 +343,7 @@ def cells(
         codes = [Path.MOVETO, Path.LINETO, Path.LINETO, Path.LINETO, Path.CLOSEPOLY] * len(i)
         path = Path(np.moveaxis(around, 2, 0).reshape(-1, 2), codes)
         shade = opacity[0] + (opacity[1] - opacity[0]) * item / SHADES
-        ax.add_patch(
+        ax.add_artist(  # no patch: that would walk along every path for its ends, which are those of the cells
             PathPatch(path, facecolor=below if is_negative else colour, alpha=shade, linewidth=0.0, label=label)
         )
         label = None
