@@ -25,7 +25,7 @@ from ..read import Part, contents_together, one_signal, read, read_together
 from ..recording import Recording
 from ..repair import column_fields, repaired
 from .evidence import USUAL, MapEntry, by_gravity, met, with_signs, with_units
-from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, time_of
+from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, of_a_tyre_rig, time_of
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
@@ -51,6 +51,7 @@ class Proposal:
     others : further columns with numbers that were taken for nothing.
     run : the column whose change begins a new run; empty if there is none.
     findings : warnings and worse about the recording, read through what is decided.
+    rig : whether it holds a tyre's slip angle, load and side force, and no vehicle's signals.
     """
 
     file: str
@@ -61,6 +62,7 @@ class Proposal:
     rate: float = 0.0
     files: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
+    rig: bool = False
 
     @property
     def open(self) -> tuple[MapEntry, ...]:
@@ -115,6 +117,9 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
     if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command that it is beside
         guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
+    rig = of_a_tyre_rig(result.names)
+    if rig:  # its forces are none of a vehicle's drive
+        guesses = {name: guess for name, guess in guesses.items() if guess.signal == TIME}
     numbers, labels, texts = _numbers(result, guesses)
     clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers, texts))] if not rate else []
     time = _one_time(result, clocks)
@@ -123,7 +128,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     chosen, rivals = _candidates(result, guesses, numbers, taken)
     others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
     named = " ".join(files) if files else str(path)
-    draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else ())
+    draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else (), rig=rig)
     if (time is None and not rate) or not chosen:
         open_ones = tuple(replace(e, decided=False, reasons=(*e.reasons, "nothing to check it with")) for e in chosen)
         return replace(draft, entries=(*open_ones, *rivals))

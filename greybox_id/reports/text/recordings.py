@@ -88,6 +88,11 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         table.add_row(*_row(entry), style=None if entry.decided else "yellow")
     screen.print(Text(proposal.file, style="bold"))
     screen.print(table)
+    if proposal.rig:
+        screen.print(
+            f"slip angle, load and side force are those of a tyre on a rig: greybox fit --model tyre {proposal.file}"
+        )
+        return
     if proposal.time is None and not proposal.rate:
         screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
     if proposal.others:

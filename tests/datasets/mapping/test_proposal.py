@@ -429,3 +429,19 @@ def test_units_are_as_many_as_names():
     text = '[time]\ncolumn=["t","u"]\nunit=["s","ms","us"]\n[signals.v_x]\ncolumn="v"\nunit="m/s"'
     with pytest.raises(BadInput, match="as many as column has names"):
         parse_column_map(text, "own.toml")
+
+
+def test_a_tyre_on_a_rig_is_no_vehicle(tmp_path):
+    time = np.arange(300) / 100
+    table = {"ET": time, "SA": 12 * np.sin(time), "FZ": -700.0, "FY": 900 * np.sin(time), "FX": 1.0, "V": 40.0}
+    pd.DataFrame(table).to_csv(tmp_path / "rig.csv", index=False)
+    proposal = propose(tmp_path / "rig.csv")
+    assert proposal.rig
+    assert not proposal.entries
+
+
+def test_a_servos_setting_is_asked_about(tmp_path):
+    """It need not be an angle, nor rest at zero."""
+    columns = {"v_x": ("v_x", 1.0), "servo_position": ("steer", 1.2), "yaw_rate": ("yaw_rate", 1.0), "ay": ("a_y", 1.0)}
+    _, entries, _ = drive(tmp_path, **columns)
+    assert not entries["steer"].decided
