@@ -66,7 +66,11 @@ class Lanes:
 
     def _places(self) -> Index:
         outputs = self.lane.shape[1]
-        place = (self.lane.astype(np.intp) * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
+        place = self.lane.astype(np.intp)
+        place *= int(np.sum(self.reads))
+        place += self.rank
+        place *= outputs
+        place += np.arange(outputs)
         place[self.lane < 0] = 0
         return np.asarray(place.ravel())
 

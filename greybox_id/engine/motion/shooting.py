@@ -288,7 +288,8 @@ class MotionProblem:
 
         def pulled(x_there: Array, there: SimulatedRuns) -> Array:
             e, _ = self.against(there.along).weighted(there.read)
-            e = e if there.along is cut else cut.scattered(there.along.gathered(e, 0.0))
+            e = e if there.along is cut else there.along.gathered(e, 0.0)  # in turn: of hours, each is large
+            e = e if there.along is cut else cut.scattered(e)
             _, _, pull = self._accumulated(x, nodes, e)
             result = self.pull_of_priors(x_there)
             _add(None, result, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
