@@ -99,8 +99,13 @@ class Against:
         r = self._residuals(y)
         if self.robust is None:
             return r, self.weight
-        tail = np.sqrt(np.minimum(1.0, self.robust / np.maximum(np.abs(r), 1e-300)))
-        return r * tail, self.weight * tail
+        tail = np.abs(r)  # each step in its place: of hours, every further array is large
+        np.maximum(tail, 1e-300, out=tail)
+        np.divide(self.robust, tail, out=tail)
+        np.minimum(1.0, tail, out=tail)
+        np.sqrt(tail, out=tail)
+        r *= tail
+        return r, np.multiply(self.weight, tail, out=tail)
 
     def _residuals(self, y: Array) -> Array:
         """Weighted, zero where nothing counts; in one array, which may be as long as hours are."""

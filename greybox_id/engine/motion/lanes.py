@@ -66,7 +66,11 @@ class Lanes:
 
     def _places(self) -> Index:
         outputs = self.lane.shape[1]
-        place = (self.lane.astype(np.intp) * int(np.sum(self.reads)) + self.rank) * outputs + np.arange(outputs)
+        place = self.lane.astype(np.intp)
+        place *= int(np.sum(self.reads))
+        place += self.rank
+        place *= outputs
+        place += np.arange(outputs)
         place[self.lane < 0] = 0
         return np.asarray(place.ravel())
 
@@ -83,12 +87,16 @@ class Lanes:
     @cached_property
     def owner(self) -> Index:
         """(N * outputs,) interval that predicts each reading: a late one the interval before may."""
+        if len(self.rows) == 2:  # of hours, so many zeros
+            return np.broadcast_to(np.zeros(1, dtype=np.intp), self.lane.size)
         value = np.repeat(np.arange(len(self.rows) - 1), np.diff(self.rows))[:, None]
         return np.asarray(np.where(self.lane >= 0, self.interval[self.lane], value).ravel())
 
     @cached_property
     def by_owner(self) -> tuple[Index | None, Index]:
         """The order that sorts readings by their owner, None where they are; where each owner's begin in it."""
+        if len(self.rows) == 2:
+            return None, np.array([0, self.lane.size])
         sorted_already = bool(np.all(np.diff(self.owner) >= 0))
         order = None if sorted_already else np.argsort(self.owner, kind="stable")
         in_order = self.owner if order is None else self.owner[order]

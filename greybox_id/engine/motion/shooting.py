@@ -288,7 +288,8 @@ class MotionProblem:
 
         def pulled(x_there: Array, there: SimulatedRuns) -> Array:
             e, _ = self.against(there.along).weighted(there.read)
-            e = e if there.along is cut else cut.scattered(there.along.gathered(e, 0.0))
+            e = e if there.along is cut else there.along.gathered(e, 0.0)  # in turn: of hours, each is large
+            e = e if there.along is cut else cut.scattered(e)
             _, _, pull = self._accumulated(x, nodes, e)
             result = self.pull_of_priors(x_there)
             _add(None, result, index, None, pull if T is None else (pull[:, None] @ T)[:, 0])
@@ -314,10 +315,10 @@ class MotionProblem:
 
     def rows_of_intervals(self, nodes: SimulatedRuns) -> Iterator[Index]:
         """Per interval, which of the N rows it predicts readings of."""
-        order, edges = nodes.cut.by_owner
+        (order, edges), outputs = nodes.cut.by_owner, nodes.cut.lane.shape[1]
         for first, last in zip(edges[:-1], edges[1:], strict=True):
-            readings = np.arange(first, last) if order is None else order[first:last]
-            yield np.unique(readings // nodes.cut.lane.shape[1])
+            together = np.arange(first // outputs, -(-last // outputs))[: last - first]
+            yield together if order is None else np.unique(order[first:last] // outputs)
 
     def parts(self, x: Array, nodes: SimulatedRuns) -> Iterator[tuple[int, int, Array, Array]]:
         """Interval, row in it where a part begins, and the part's residuals and derivatives as of `residuals`.
