@@ -32,7 +32,20 @@ from .estimation.wandering import Wander
 from .evidence import by_chance, p_value, probability
 from .examining import Examined, examine
 from .gap import Budget, CauseClass, Gap, Ranked
-from .judging import alike_of, by_no_name, gain_of, itself, of_class, only, refused, size_sd, something_unnamed, unsure
+from .judging import (
+    BY_CHANCE,
+    alike_of,
+    by_no_name,
+    gain_of,
+    itself,
+    of_class,
+    only,
+    refused,
+    size_sd,
+    something_unnamed,
+    unsure,
+    witnesses,
+)
 from .regimes import where
 
 DIFFERS = "its estimate differs between parts of the drive, which suggests that the equations have the wrong form"
@@ -87,13 +100,16 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     scattered = [name for name, (_, present) in it.scatter.items() if present > CAL.present]
     unknown = 1.0 - (1.0 - something_unnamed(it)) * (1.0 - by_no_name(it))
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
-    reasons = unsure(it, bool(held_out))
-    best, shared, telling = only(it, set(it.best.names) - set(reasons)) if reasons else it.best, None, None
+    ways = witnesses(it, it.best) if it.best.candidates else []
+    ways = ways[: 1 if held_out else None]  # what an effect closes of those tells more than free runs of these
+    reasons, leave = (unsure(it, ways, level) for level in (BY_CHANCE, CAL.present))
+    doubtful, best = set(reasons) - set(leave), only(it, set(it.best.names) - set(leave)) if leave else it.best
+    shared, telling = None, None
     stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted
-    while best.candidates:
+    while set(best.names) - doubtful:  # beside what is there rather than not
         shared = shared_out(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
-        leaving = refused(it, best, telling)
+        leaving = refused(it, best.only(set(best.names) - doubtful), telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
         if len(little) > 1:  # the least of them leaves first: it may hide what the others close
             least = min(little, key=lambda name: little[name])
@@ -102,9 +118,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         best = only(it, set(best.names) - set(leaving))
         if len(little) < 2:
             break
-    if telling is not None and telling.held_out and telling.unnamed.low > CAL.present:
-        # more than half is surely no named effect's
-        unknown = max(unknown, CAL.nameless)
+    best = only(it, set(best.names) - doubtful) if doubtful else best
     if held_out:
         tell(f"verifying on {listed([item.name for item in held_out])}, held out")
     closed, verified, worse = closed_model(it, best, detected, held_out)
@@ -116,6 +130,10 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
     if shared is not None and {share.effect for share in shared.shares} != set(applied):  # some left after they shared
         shared = shared_out(it, best, held_out, tell) if applied else None
+    whole = shared if shared is not None and shared.shows else telling
+    if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:
+        # more than half is surely no named effect's
+        unknown = max(unknown, CAL.nameless)
     if (
         shared is not None
         and not shared.shows

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import exp, log
@@ -23,6 +23,9 @@ from .examining import TINY, Examined
 from .gap import Budget
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
+
+BY_CHANCE = 0.05
+"""How often chance alone may bring any of the effects that were offered as far from none as causes are."""
 
 
 def something_unnamed(examined: Examined) -> float:
@@ -105,28 +108,26 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
     return reasons | _beside_mimics(one, some, reasons)
 
 
-def unsure(one: Examined, held_out: bool) -> dict[str, str]:
+def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
     """Effects of the best explanation whose sizes are not surely different from none, and why they are no causes.
 
-    Surely: none lies outside of intervals that hold for all effects that were offered at once, at 95 % (Bonferroni's;
-    Dunn, Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as
-    much as causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and
-    the others go where they go without it: of two that stand for each other one may stay.
+    Surely: none lies outside of intervals that hold for all effects that were offered at once (Bonferroni's; Dunn,
+    Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as much as
+    causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and the others
+    go where they go without it: of two that stand for each other one may stay.
 
     Parameters
     ----------
     one : what was examined.
-    held_out : whether there are recordings that chose nothing: what an effect closes of those is a better witness than
-        free runs of these.
+    ways : what tells of the sizes.
+    level : how often chance alone may bring any of the effects so far.
     """
     best, reasons = one.best, dict[str, str]()
-    if not best.candidates:
-        return reasons
-    surely = -float(ndtri(0.025 / max(len(one.effects), 1)))
+    surely = -float(ndtri(level / 2 / max(len(one.effects), 1)))
     mains = [at.start for _, at in best.parts]
     nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
     sudden = np.array([not (item.gradual or item.axes[0].shift) for item in best.candidates])
-    for witness in witnesses(one, best)[: 1 if held_out else None]:
+    for witness in ways:
         V, off, names = witness.covariance[np.ix_(mains, mains)], best.m[mains] - nulls, list(best.names)
         by_gain = {
             name: np.sqrt(2.0 * witness.gained(name)) / witness.widening[at]

@@ -231,21 +231,20 @@ def test_what_harms_predictions_held_out_leaves_one_by_one_the_weakest_first(mon
     assert next(each.reason for each in gap.ranking if each.effect not in gap.applied and each.effect in lacks)
 
 
-def test_of_sizes_that_may_be_none_the_least_sure_leaves_first(monkeypatch):
+def test_of_sizes_that_may_be_none_the_least_sure_leaves_first():
     """By intervals that hold for all effects that were offered at once: 5 % in 40 are beyond 3.23 sd."""
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
 
-    def left(m, V, count=40, held_out=False, gain=0.0):
+    def left(m, V, count=40, gain=0.0, level=judging.BY_CHANCE):
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
         ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
-        monkeypatch.setattr(judging, "witnesses", lambda *_: ways)
-        return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best), held_out)
+        return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best), ways, level)
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
     assert list(left([3.4, -2.3, 9.0], np.eye(3))) == [names[1]]
     assert left([2.0, -2.3, 9.0], np.eye(3), count=1) == {}
-    assert left([3.4, -2.3, 9.0], np.eye(3), held_out=True) == {}  # what it closes of those tells more than free runs
+    assert left([3.4, -2.6, 9.0], np.eye(3), level=0.5) == {}  # rather there than not: half in 40 are beyond 2.50 sd
     alike = [[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]  # without the one, the other is surely there
     assert list(left([2.0, -1.0, 9.0], alike)) == [names[1]]
     parts[1] = replace(parts[1][0], gradual=False), parts[1][1]
