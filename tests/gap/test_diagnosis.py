@@ -231,6 +231,27 @@ def test_what_harms_predictions_held_out_leaves_one_by_one_the_weakest_first(mon
     assert next(each.reason for each in gap.ranking if each.effect not in gap.applied and each.effect in lacks)
 
 
+@pytest.mark.slow
+def test_what_is_there_rather_than_not_stays_while_causes_are_judged_and_is_no_part_of_what_closes(monkeypatch):
+    lacks = {"steering_delay": 0.05, "yaw_rate_bias": 0.02}
+    plain, shared = diagnosis.shared_out, []
+
+    def shared_out(examined, best, *others):
+        shared.append(set(best.names))
+        return plain(examined, best, *others)
+
+    def unsure(examined, ways, level):
+        return {"yaw_rate_bias": "its size may be none"} if level < 0.5 else {}
+
+    monkeypatch.setattr(diagnosis, "shared_out", shared_out)
+    monkeypatch.setattr(diagnosis, "unsure", unsure)
+    gap = diagnosed(lap(lacks, 20.0))
+    assert gap.applied == ("steering_delay",)
+    assert shared == [set(lacks), {"steering_delay"}]
+    assert [share.effect for share in gap.budget.shares] == ["steering_delay"]
+    assert next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias") == "its size may be none"
+
+
 def test_of_sizes_that_may_be_none_the_least_sure_leaves_first():
     """By intervals that hold for all effects that were offered at once: 5 % in 40 are beyond 3.23 sd."""
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
