@@ -61,6 +61,7 @@ class Column:
     offset : added last, in the SI unit.
     optional : a file without this column can still be read.
     otherwise : further names that the column has in other files; the first one that is there counts.
+    other_units : of these, where they are not `unit`.
     rest : of time: the column that holds what whole seconds leave; empty for none.
     rest_unit : "ns", "us" or "ms" of that column.
     """
@@ -75,6 +76,7 @@ class Column:
     optional: bool = False
     lookup: tuple[tuple[float, float], ...] = ()
     otherwise: tuple[str, ...] = ()
+    other_units: tuple[str, ...] = ()
     rest: str = ""
     rest_unit: str = "ns"
 
@@ -88,7 +90,19 @@ class Column:
 
     def among(self, is_there: Callable[[str], object]) -> Column:
         """The same column under the first of its names that is there; under its own where none is."""
-        return replace(self, column=next(filter(is_there, (self.column, *self.otherwise)), self.column))
+        return self.named(next(filter(is_there, (self.column, *self.otherwise)), self.column))
+
+    def named(self, name: str) -> Column:
+        """The same column under one of its names, in the unit of that."""
+        units = dict(zip(self.otherwise, self.other_units, strict=False))
+        return replace(self, column=name, unit=units.get(name, self.unit) if name != self.column else self.unit)
+
+    @property
+    def unit_field(self) -> str:
+        """How a column map states the unit, or those of all its names."""
+        if not self.other_units:
+            return f"unit = {quoted(self.unit)}"
+        return f"unit = [{', '.join(map(quoted, (self.unit, *self.other_units)))}]"
 
     @property
     def rest_fields(self) -> list[str]:
@@ -287,9 +301,12 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
         raise BadInput(
             f'{where} has no unit; say in which unit the file holds it, for example unit = "{si_unit or 1}".'
         )
-    unit = text_of(entry, "unit", where)
+    column, *otherwise = _names(entry, signal, where)
+    unit, *units = _units(entry, 1 + len(otherwise), where)
     try:
         converted = to_si(unit, si_unit).unit
+        for other in units:
+            to_si(other, si_unit or converted)
     except BadInput as error:
         raise BadInput(f"{where}: {error}.") from error
     divisor = _number(entry, "divide_by", 1.0, where)
@@ -298,11 +315,11 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
     sign = _number(entry, "sign", 1.0, where)
     if abs(sign) != 1.0:
         raise BadInput(f"{where}: sign = {sign:g} must be 1 or -1; a factor belongs in scale or divide_by.")
-    column, *otherwise = _names(entry, signal, where)
     return Column(
         signal=signal,
         column=column,
         otherwise=tuple(otherwise),
+        other_units=tuple(units),
         lookup=_lookup(entry, where),
         unit=unit,
         si_unit=converted,
@@ -321,6 +338,18 @@ def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:
     if not names or not all(isinstance(name, str) and name.strip() for name in names):
         raise BadInput(f"{where}: column must be a name in quotes or a list of such, not {names!r:.60}.")
     return names
+
+
+def _units(entry: Mapping[str, Any], names: int, where: str) -> list[str]:
+    """The unit of a column, or one for each of its names."""
+    units = entry["unit"]
+    if not isinstance(units, list):
+        return [text_of(entry, "unit", where)]
+    if len(units) != names or not all(isinstance(unit, str) for unit in units):
+        raise BadInput(
+            f"{where}: unit must be one in quotes, or a list of as many as column has names, not {units!r:.60}."
+        )
+    return units
 
 
 def _lookup(entry: Mapping[str, Any], where: str) -> tuple[tuple[float, float], ...]:

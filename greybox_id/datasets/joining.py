@@ -111,13 +111,12 @@ def join_files(
 def _offset(first: Part, other: Part, mapping: ColumnMap) -> Offset:
     best = Offset(other.name, first.name)
     for name, column in mapping.signals.items():
-        places = [_in(part, column) for part in (first, other)]
-        if name in COMMANDS or None in places:
+        places = [place for part in (first, other) if (place := _in(part, column))]
+        if name in COMMANDS or len(places) < 2:
             continue
         best = replace(best, shared=(*best.shared, name))
         (t, v), (t_other, v_other) = (
-            one_signal(part, replace(column, column=place or ""), mapping)
-            for part, place in zip((first, other), places, strict=True)
+            one_signal(part, place, mapping) for part, place in zip((first, other), places, strict=True)
         )
         if min(len(t), len(t_other)) < 2:
             continue
@@ -131,6 +130,7 @@ def _offset(first: Part, other: Part, mapping: ColumnMap) -> Offset:
     return best
 
 
-def _in(part: Part, column: Column) -> str | None:
-    """The name under which a file has a column."""
-    return next(filter(None, (part.full(name) for name in (column.column, *column.otherwise))), None)
+def _in(part: Part, column: Column) -> Column | None:
+    """A column under the name that it has in a file; None where it is not there."""
+    name = next(filter(part.full, (column.column, *column.otherwise)), None)
+    return replace(column.named(name), column=part.full(name) or "") if name else None

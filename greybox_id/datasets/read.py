@@ -309,7 +309,8 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     names = [mapping.time.column, *mapping.time.otherwise]
     if isinstance(group, Part):  # `imu/time` says whose instants are kept; the others have a column `time` too
         names += [name.rpartition("/")[2] for name in names]
-    name = next(filter(None, (group.full(name, alone) for name in names)), None) or group.clock
+    known = next((name for name in names if group.full(name, alone)), "")
+    name = (group.full(known, alone) if known else None) or group.clock
     rest = mapping.time.rest
     if rest and isinstance(group, Part):
         rest = next(filter(None, map(group.full, (rest, rest.rpartition("/")[2]))), "")
@@ -320,7 +321,7 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
         )
     if name == group.clock and group.clock_unit:
         return Column("time", name, group.clock_unit, "s")
-    return replace(mapping.time, column=name, rest=rest)
+    return replace(mapping.time.named(known or mapping.time.column), column=name, rest=rest)
 
 
 def _of_time(time: Column) -> list[str]:

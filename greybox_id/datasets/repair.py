@@ -178,7 +178,7 @@ def column_fields(column: Column) -> list[str]:
     """The fields of a column's table in TOML."""
     names = [quoted(name) for name in (column.column, *column.otherwise)]
     listed = names[0] if len(names) == 1 else f"[{', '.join(names)}]"
-    fields = [f"column = {listed}", f"unit = {quoted(column.unit)}"]
+    fields = [f"column = {listed}", column.unit_field]
     fields += [f"scale = {column.scale!r}"] if column.scale != 1 else []
     fields += [f"sign = {column.sign}"] if column.sign != 1 else []
     fields += [f"offset = {column.offset!r}"] if column.offset else []

@@ -33,6 +33,7 @@ class MapEntry:
     reasons : what speaks for it, or why it is left open.
     units : what the unit may be, where that is open.
     otherwise : further names that the column has in other files.
+    other_units : of these, where they are not `unit`.
     rest : of time: the column that holds what whole seconds leave; empty for none.
     rest_unit : of that column.
     ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
@@ -47,6 +48,7 @@ class MapEntry:
     reasons: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     otherwise: tuple[str, ...] = ()
+    other_units: tuple[str, ...] = ()
     rest: str = ""
     rest_unit: str = "ns"
     ends: tuple[float, ...] = ()
@@ -55,7 +57,9 @@ class MapEntry:
         """The entry as a column map holds it; an unknown unit is taken as SI."""
         target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
         column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
-        return replace(column, otherwise=self.otherwise, rest=self.rest, rest_unit=self.rest_unit)
+        return replace(
+            column, otherwise=self.otherwise, other_units=self.other_units, rest=self.rest, rest_unit=self.rest_unit
+        )
 
     @property
     def factor(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Set
+from collections.abc import Iterable, Mapping, Set
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -49,7 +49,7 @@ RULES: dict[str, tuple[str, ...]] = {
     "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
               r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
-              r"|steered angle|lenkwinkel",
+              r"|steered angle|lenkwinkel|servo( pos| position)?",
               r"steer(ing)?( angle)? (cmd|command|target|ref(erence)?|setpoint|desired|soll)|(cmd|target) steer(ing)?"),
     "steer_measured": (r"steer(ing)?( angle)? (meas|measured|actual|act|feedback|fb)",),
     HAND_WHEEL: (r"swa|steering wheel( angle)?|hand ?wheel( angle)?|steer wheel( angle)?|lenkradwinkel|delta h|delta sw"
@@ -83,6 +83,7 @@ AMBIGUOUS = {
     "w": "the angular velocity of a wheel or a motor",
     "angular velocity": "the angular velocity of a wheel or a motor",
     "angular rate": "the angular velocity of a wheel or a motor",
+    **dict.fromkeys(("servo", "servo pos", "servo position"), "the setting of a servo, in units of its own"),
     "phi": "the heading",
     "theta": "the heading",
 }
@@ -94,7 +95,7 @@ PLACES = ("lat", "long")
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
 """Words of what is asked for: such a column holds no measured speed or acceleration."""
 NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
-                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc)"
+                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder)"
                    r"\b")  # fmt: skip
 WORDS_OF_UNITS = {
     "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
@@ -142,6 +143,8 @@ def guess_in(group: Group, column: str) -> Guess | None:
 def guess(column: str) -> Guess | None:
     """The most telling reading of a column's name; None where it says nothing."""
     bare, stated = _bracketed(column)
+    if stated and not NOISE.sub("", plain_words(stated)).strip():  # where it is from, as in "acc x (IMU)"
+        bare, stated = f"{bare} {stated}", ""
     stated = known_unit(stated) or stated
     words = plain_words(bare)
     attempts = [(words, stated)]
@@ -164,6 +167,14 @@ def fits(unit: str, signal: str) -> bool:
 def plain_words(name: str) -> str:
     """A name in lower case, its words apart."""
     return " ".join(re.split(r"[\s_\-./:|\\]+", _CAMEL.sub(" ", name))).lower().strip()
+
+
+def of_a_tyre_rig(columns: Iterable[str]) -> bool:
+    """Whether columns are those of a tyre on a rig: slip angle, load and side force."""
+    words = {_bracketed(column)[0] for column in columns}
+    words = {plain_words(word).replace(" ", "") for word in words}
+    slip = words & {"sa", "slipangle", "alpha"}
+    return bool(slip and words & {"fz", "normalload", "verticalload"} and words & {"fy", "lateralforce", "sideforce"})
 
 
 def counts_clockwise(column: str) -> bool:

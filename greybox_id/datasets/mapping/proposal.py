@@ -12,18 +12,20 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.numbers import exact, number
 from ...base.shorthands import Array
-from ...base.signals import SIGNALS, unit_of
+from ...base.signals import COMMANDS, SIGNALS, unit_of
 from ...base.toml_file import quoted
 from ...base.units import to_si
+from ..alignment import aligned
 from ..checks import Finding, Severity, check
 from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
 from ..instants import is_instants
-from ..read import Part, contents_together, read, read_together
+from ..joining import LONGEST, SHARE, join_files
+from ..read import Part, contents_together, one_signal, read, read_together
 from ..recording import Recording
 from ..repair import column_fields, repaired
-from .evidence import MapEntry, by_gravity, met, with_signs, with_units
-from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, time_of
+from .evidence import USUAL, MapEntry, by_gravity, met, with_signs, with_units
+from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, of_a_tyre_rig, time_of
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
@@ -49,6 +51,7 @@ class Proposal:
     others : further columns with numbers that were taken for nothing.
     run : the column whose change begins a new run; empty if there is none.
     findings : warnings and worse about the recording, read through what is decided.
+    rig : whether it holds a tyre's slip angle, load and side force, and no vehicle's signals.
     """
 
     file: str
@@ -59,6 +62,7 @@ class Proposal:
     rate: float = 0.0
     files: tuple[str, ...] = ()
     findings: tuple[Finding, ...] = ()
+    rig: bool = False
 
     @property
     def open(self) -> tuple[MapEntry, ...]:
@@ -69,6 +73,14 @@ class Proposal:
     def lacking(self) -> tuple[str, ...]:
         """Signals that most models read or predict, and that no column looks like."""
         return tuple(name for name in SOUGHT if name not in {entry.signal for entry in self.entries})
+
+    @property
+    def left_assumed(self) -> tuple[str, ...]:
+        """Signals whose sign rests on nothing but on each other: no position tells which way is left."""
+        taken = {entry.signal: entry.sign for entry in self.entries if entry.decided}
+        if {"latitude", "longitude"} <= set(taken) or {"x", "y"} <= set(taken):
+            return ()
+        return tuple(name for name in taken if name != "curvature" and SIGNALS[name].mirrors)
 
     @property
     def without_drive(self) -> bool:
@@ -105,6 +117,9 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     guesses = {name: value for group in result.groups for name in group.names if (value := guess_in(group, name))}
     if not any(guess.signal in ("steer", HAND_WHEEL) for guess in guesses.values()):  # no command that it is beside
         guesses = {n: replace(g, signal="steer") if g.signal == MEASURED else g for n, g in guesses.items()}
+    rig = of_a_tyre_rig(result.names)
+    if rig:  # its forces are none of a vehicle's drive
+        guesses = {name: guess for name, guess in guesses.items() if guess.signal == TIME}
     numbers, labels, texts = _numbers(result, guesses)
     clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers, texts))] if not rate else []
     time = _one_time(result, clocks)
@@ -113,7 +128,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     chosen, rivals = _candidates(result, guesses, numbers, taken)
     others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
     named = " ".join(files) if files else str(path)
-    draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else ())
+    draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else (), rig=rig)
     if (time is None and not rate) or not chosen:
         open_ones = tuple(replace(e, decided=False, reasons=(*e.reasons, "nothing to check it with")) for e in chosen)
         return replace(draft, entries=(*open_ones, *rivals))
@@ -135,6 +150,8 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
         unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
         rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
         others = tuple(name for name in others if name not in {entry.column for entry in rivals})
+    if draft.files:
+        decided, rivals = _shared(decided, rivals, guesses, result, draft)
     final = replace(draft, entries=(*decided, *rivals), others=others)
     return replace(final, findings=_findings(final, wheelbase))
 
@@ -211,15 +228,71 @@ def _one_time(result: Contents, clocks: Sequence[MapEntry]) -> MapEntry | None:
     """The clock of a file, or the one name that it has in several; their further names beside it."""
     if not clocks or len(result.groups) == 1 or not isinstance(result.groups[0], Part):
         return clocks[0] if clocks else None
-    bare = [name for clock in clocks for name in (clock.column.partition("/")[2],)]
-    first, *others = dict.fromkeys(bare)
+    named: dict[str, str] = {}
+    for clock in clocks:
+        named.setdefault(clock.column.partition("/")[2], clock.unit)
+    first, *others = named
+    units = tuple(named[name] for name in others) if len(set(named.values())) > 1 else ()
     rest = clocks[0].rest.partition("/")[2]
-    return replace(clocks[0], column=first, otherwise=tuple(others), rest=rest)
+    return replace(clocks[0], column=first, otherwise=tuple(others), other_units=units, rest=rest)
+
+
+SCALE = 1.3
+"""Factor by which two readings of one signal may scatter differently."""
+
+
+def _shared(
+    decided: list[MapEntry], rivals: list[MapEntry], guesses: Mapping[str, Guess], result: Contents, draft: Proposal
+) -> tuple[list[MapEntry], list[MapEntry]]:
+    """The entries with what the first file and another both carry under both its names: that compares their clocks."""
+    first = result.groups[0]
+    parts = {name: group for group in result.groups if isinstance(group, Part) for name in group.names}
+    entries, left = [], list(rivals)
+    for entry in decided:
+        for rival in rivals:
+            both = [parts.get(rival.column), parts.get(entry.column)]
+            measured = entry.signal not in COMMANDS and not guesses[rival.column].wish
+            if rival.signal == entry.signal and measured and first in both and both[0] is not both[1]:
+                candidates = [entry] if entry.decided else [_in_its(entry, unit) for unit in entry.units if rival.unit]
+                found = [(one, _alike_unit(one, rival, parts, draft.mapping())) for one in candidates]
+                entry, unit = next((item for item in found if item[1]), (entry, ""))
+                if unit:
+                    why = f"{rival.column} carries it as well, in {unit}: that compares the clocks"
+                    entry = replace(
+                        entry, otherwise=(*entry.otherwise, rival.column), reasons=(*entry.reasons, why),
+                        other_units=(*(entry.other_units or (entry.unit,) * len(entry.otherwise)), unit),
+                    )  # fmt: skip
+                    left.remove(rival)
+        entries.append(entry if set(entry.other_units) - {entry.unit} else replace(entry, other_units=()))
+    return entries, left
+
+
+def _in_its(entry: MapEntry, unit: str) -> MapEntry:
+    """An entry whose unit was open in one that another file's column speaks for."""
+    return replace(entry, unit=unit, units=(), decided=True, reasons=entry.reasons[:-1])
+
+
+def _alike_unit(entry: MapEntry, rival: MapEntry, parts: Mapping[str, Part], mapping: ColumnMap) -> str:
+    """The unit in which a column reads as another one on its own clock does; empty where it does in none."""
+    times, values = one_signal(parts[entry.column], entry.as_column(), mapping)
+    for unit in (rival.unit,) if rival.unit else USUAL.get(SIGNALS[entry.signal].unit, (entry.unit,)):
+        column = replace(rival, unit=unit, sign=entry.sign).as_column()
+        others, beside = one_signal(parts[rival.column], column, mapping)
+        scale = float(np.std(beside)) / max(float(np.std(values)), 1e-300) if len(beside) and len(values) else 0.0
+        longest = min(LONGEST, SHARE * float(min(np.ptp(times), np.ptp(others)))) if scale else 0.0
+        if 1 / SCALE < scale < SCALE and aligned(times, values, others, beside, longest) is not None:
+            return unit
+    return ""
 
 
 def _recorded(draft: Proposal, mapping: ColumnMap) -> Recording:
     """The file, or the files together, through a map."""
     return read_together(draft.files, mapping) if draft.files else read(draft.file, mapping)
+
+
+def _joined(draft: Proposal, mapping: ColumnMap) -> Recording:
+    """The file, or the files as they are joined: with their clocks compared."""
+    return join_files(draft.files, mapping)[0] if draft.files else read(draft.file, mapping)
 
 
 def _raw(draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
@@ -255,8 +328,17 @@ def _findings(proposal: Proposal, wheelbase: float | None) -> tuple[Finding, ...
     clocked = proposal.rate or (proposal.time and proposal.time.decided)
     if not any(entry.decided for entry in proposal.entries) or not clocked:
         return ()
-    result = check(_recorded(proposal, proposal.mapping()), wheelbase)
-    return tuple(item for item in result if item.severity is not Severity.NOTE)
+    result = [
+        item for item in check(_joined(proposal, proposal.mapping()), wheelbase) if item.severity is not Severity.NOTE
+    ]
+    known = {item.sentence for item in result}
+    decided = {entry.signal for entry in proposal.entries if entry.decided}
+    if proposal.open:  # columns may be exchanged whatever the units of others are
+        for item in check(_joined(proposal, proposal.mapping(everything=True)), wheelbase):
+            exchanged = any(source != name for name, (source, *_) in item.repair.items())
+            if exchanged and set(item.repair) <= decided and item.sentence not in known:
+                result.append(item)
+    return tuple(result)
 
 
 def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, Array], set[str], set[str]]:
@@ -338,7 +420,7 @@ def _proposed_repair(proposal: Proposal) -> list[str]:
 def _time(time: MapEntry | None) -> list[str]:
     if time is None:
         return ['#? column = "..."  # no column looks like a time', '#? unit = "s"', "#? rate = 20  # or rows a second"]
-    unit = f"unit = {quoted(time.unit)}" if time.decided else f'#? unit = "{time.units[0]}"'
+    unit = time.as_column().unit_field if time.decided else f'#? unit = "{time.units[0]}"'
     names = [quoted(name) for name in (time.column, *time.otherwise)]
     column = f"column = [{', '.join(names)}]" if time.otherwise else f"column = {names[0]}"
     return [*_comment("; ".join(time.reasons)), column, *time.as_column().rest_fields, unit]
@@ -351,7 +433,9 @@ def _signal(entry: MapEntry) -> list[str]:
 
 
 def _table(entry: MapEntry, unit: str) -> str:
-    parts = [f"column = {quoted(entry.column)}", f"unit = {quoted(unit)}"]
+    names = [quoted(name) for name in (entry.column, *entry.otherwise)]
+    column = replace(entry, unit=unit).as_column()
+    parts = [f"column = {names[0] if len(names) == 1 else '[' + ', '.join(names) + ']'}", column.unit_field]
     if entry.sign != 1:
         parts.append(f"sign = {entry.sign}")
     if entry.ends:

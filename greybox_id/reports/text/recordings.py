@@ -88,6 +88,11 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         table.add_row(*_row(entry), style=None if entry.decided else "yellow")
     screen.print(Text(proposal.file, style="bold"))
     screen.print(table)
+    if proposal.rig:
+        screen.print(
+            f"slip angle, load and side force are those of a tyre on a rig: greybox fit --model tyre {proposal.file}"
+        )
+        return
     if proposal.time is None and not proposal.rate:
         screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
     if proposal.others:
@@ -98,6 +103,9 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         screen.print(
             "no column looks like a drive (throttle, motor_current, drive_force or ax_cmd), which single_track needs"
         )
+    if proposal.left_assumed:
+        turning = ", ".join(proposal.left_assumed)
+        screen.print(f"nothing in the file tells which way is left: check one turn that you know ({turning})")
     for finding in proposal.findings:
         stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
         screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
@@ -120,6 +128,7 @@ def proposal_as_dict(proposal: Proposal, out: str | None) -> dict[str, Any]:
         "runs": proposal.run or None,
         "signals": [_as_dict(entry) for entry in proposal.entries],
         "others": list(proposal.others),
+        "left_assumed": list(proposal.left_assumed),
         "findings": [{"kind": f.kind, "channel": f.where.channel, "sentence": f.sentence} for f in proposal.findings],
     }
 

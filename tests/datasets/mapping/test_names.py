@@ -39,6 +39,8 @@ from greybox_id.datasets.mapping.names import guess
         ("WheelSpeed_FL", "wheel_speed_fl", ""),
         ("heading_deg", "yaw", "deg"),
         ("trajectory", "run", ""),
+        ("acc x (IMU)", "a_x", ""),
+        ("servo_position", "steer", ""),
         ("rpm_fl", "wheel_speed_fl", ""),
         ("wheel_rr_kmh", "wheel_speed_rr", "km/h"),
     ],

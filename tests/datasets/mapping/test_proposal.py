@@ -4,9 +4,12 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
+from greybox_id.datasets.joining import join_files
 from greybox_id.datasets.mapping import as_toml, propose
 from greybox_id.datasets.read import read
+from greybox_id.datasets.repair import map_text
 from greybox_id.datasets.shipped import shipped
 
 TRUE = read(shipped("racer_train"), "roboracer")
@@ -379,3 +382,66 @@ def test_thousandths_of_gravity_and_of_degrees_are_units(tmp_path):
     proposal, _, si = drive(tmp_path, **columns)
     found = read(tmp_path / "lap.csv", proposal.mapping())
     assert all(np.allclose(found[name], si[name]) for name in ("v_x", "a_x", "yaw_rate"))
+
+
+def test_an_imu_that_is_turned_is_told_though_no_unit_of_the_speed_is(tmp_path):
+    columns = {"v": ("v_x", 1.0), "yaw_rate": ("yaw_rate", 1.0), "ax": ("a_y", 1.0), "ay": ("a_x", -1.0)}
+    proposal, _, _ = drive(tmp_path, **columns)
+    assert any("IMU is turned by 90°" in finding.sentence for finding in proposal.findings)
+
+
+@pytest.mark.parametrize("known", [(), ("x", "y"), ("latitude", "longitude")])
+def test_which_way_is_left_rests_on_positions(tmp_path, known):
+    columns = {name: (signal, 1.0) for name, signal in zip(known, ("x", "y"), strict=False)}
+    turning = {"v_x": ("v_x", 1.0), "yaw_rate": ("yaw_rate", 1.0), "a_y": ("a_y", 1.0), "a_x": ("a_x", 1.0)}
+    if known[:1] == ("latitude",):
+        columns = {"latitude": ("y", 1 / 111_320), "longitude": ("x", 1 / 111_320)}
+    proposal, _, _ = drive(tmp_path, **turning, **columns)
+    assert proposal.left_assumed == (() if known else ("yaw_rate", "a_y"))
+
+
+def test_files_of_two_clocks_in_units_of_their_own_are_mapped_and_joined(tmp_path):
+    """What both carry, in other units, compares the clocks: 0.8 s apart, the one 0.3 % fast and in microseconds."""
+    _, _, si = drive(tmp_path, t0=("v_x", 1.0))
+    time, rng = np.arange(len(si["v_x"])) / 50, np.random.default_rng(3)
+    turn = np.interp(time, time, si["yaw_rate"])
+    table = {"uptime": time, "speed_kmh": 3.6 * si["v_x"], "steer_rad": si["steer"], "yaw_rate": turn}
+    pd.DataFrame(table).to_csv(tmp_path / "can.csv", index=False)
+    gyro = np.degrees(turn + 0.002 * rng.standard_normal(len(time)))
+    table = {"timestamp_us": np.round(1e6 * (1.003 * time + 0.8)), "gyro_z_dps": gyro, "acc_y_g": si["a_y"] / 9.80665}
+    pd.DataFrame(table).to_csv(tmp_path / "imu.csv", index=False)
+    files = [tmp_path / "can.csv", tmp_path / "imu.csv"]
+    proposal = propose(files)
+    mapping = parse_column_map(as_toml(proposal, "two"), "two.toml")
+    assert not proposal.open
+    assert mapping.time.other_units == ("us",)
+    assert not any("clock" in finding.sentence or "late" in finding.sentence for finding in proposal.findings)
+    joined, (offset,) = join_files(files, mapping)
+    assert offset.alignment.rate == pytest.approx(0.003, abs=3e-4)
+    assert offset.seconds == pytest.approx(0.8, abs=0.01)
+    rows = np.interp(joined.time, time, si["a_y"])
+    assert np.std(joined["a_y"] - rows) < 0.05 * np.std(rows)
+    again = parse_column_map(map_text(mapping), "two.toml")
+    assert (again.time, again.signals) == (mapping.time, mapping.signals)
+
+
+def test_units_are_as_many_as_names():
+    text = '[time]\ncolumn=["t","u"]\nunit=["s","ms","us"]\n[signals.v_x]\ncolumn="v"\nunit="m/s"'
+    with pytest.raises(BadInput, match="as many as column has names"):
+        parse_column_map(text, "own.toml")
+
+
+def test_a_tyre_on_a_rig_is_no_vehicle(tmp_path):
+    time = np.arange(300) / 100
+    table = {"ET": time, "SA": 12 * np.sin(time), "FZ": -700.0, "FY": 900 * np.sin(time), "FX": 1.0, "V": 40.0}
+    pd.DataFrame(table).to_csv(tmp_path / "rig.csv", index=False)
+    proposal = propose(tmp_path / "rig.csv")
+    assert proposal.rig
+    assert not proposal.entries
+
+
+def test_a_servos_setting_is_asked_about(tmp_path):
+    """It need not be an angle, nor rest at zero."""
+    columns = {"v_x": ("v_x", 1.0), "servo_position": ("steer", 1.2), "yaw_rate": ("yaw_rate", 1.0), "ay": ("a_y", 1.0)}
+    _, entries, _ = drive(tmp_path, **columns)
+    assert not entries["steer"].decided
