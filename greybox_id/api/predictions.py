@@ -451,7 +451,7 @@ def validation(fit: Fit, recordings: Mapping[str, Recording]) -> Validation:
     """
     model = fit.model
     must_be_recorded(model, list(recordings.values()))
-    result = {name: distrust(used_signals(fit.model), recording) for name, recording in recordings.items()}
+    result = {name: distrust(used_signals(fit.model), recording, faults=True) for name, recording in recordings.items()}
     data = [data_record(recording, HELD_OUT) for recording in recordings.values()]
     value = judgement(fit, recordings, result, data)
     units = {name: model.unit(name) for name in model.outputs}

@@ -267,8 +267,8 @@ def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
 def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
     """What the checks hold against the data of a fit, by role."""
     used = used_signals(fit.model)
-    result = {"train": [item for recording in recordings for item in distrust(used, recording)]}
-    return result if validate is None else result | {"validate": distrust(used, validate)}
+    result = {"train": [item for recording in recordings for item in distrust(used, recording, faults=True)]}
+    return result if validate is None else result | {"validate": distrust(used, validate, faults=True)}
 
 
 def _records(recordings: Sequence[Recording], validate: Recording | None) -> tuple[DataRecord, ...]:

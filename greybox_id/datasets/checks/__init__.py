@@ -11,6 +11,7 @@ from ...base.signals import SD
 from ..recording import Recording
 from .consistency import check_consistency, check_duplicates, check_rest
 from .delays import check_delays
+from .drive import check_asleep, check_drive
 from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
@@ -48,19 +49,24 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
     recording = replace(recording, signals=measured)
     findings = [*check_reading(recording), *check_time(recording)]
-    for finding in check_placeholders(recording):
-        values = recording[finding.where.channel].copy()
-        values[list(finding.where.rows)] = np.nan
-        recording, findings = recording.with_signals(**{finding.where.channel: values}), [*findings, finding]
-    told = {finding.where.channel for finding in findings if finding.kind == "placeholder"}
+    told: set[str] = set()
+    for finding in (*check_placeholders(recording), *check_asleep(recording)):
+        names = finding.where.channel.split(", ")
+        blanked = {name: recording[name].copy() for name in names}
+        for values in blanked.values():
+            values[list(finding.where.rows)] = np.nan
+        recording, findings, told = recording.with_signals(**blanked), [*findings, finding], told | {*names}
     findings += [item for item in check_values(recording) if item.kind != "missing" or item.where.channel not in told]
     if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
+        findings += check_drive(recording)
         faults = check_mapping(recording)
         result = pairs(recording)
         findings += [*faults, *check_duplicates(recording), *check_rest(recording)]
         against = check_consistency(recording, result, wheelbase)
         findings += [*_left(recording, faults, against, wheelbase), *check_delays(recording, result)]
         findings = with_sizes(recording, findings)
+    if any(item.kind == "short" for item in findings):  # which says why nothing could be checked
+        findings = [item for item in findings if item.kind != "unchecked"]
     gravest = list(Severity)[::-1]
     return sorted(findings, key=lambda finding: gravest.index(finding.severity))
 
@@ -68,9 +74,14 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
 def _left(
     recording: Recording, faults: list[Finding], findings: list[Finding], wheelbase: float | None
 ) -> list[Finding]:
-    """Findings that are left with the map's fault undone, where that is the sign of v_x, which others take as given."""
-    repair = next((fault.repair for fault in faults if fault.repair.get("v_x", ("", 1.0, 0.0))[1] < 0), None)
-    if not repair or not findings:
+    """Findings that are left with the map's fault undone: what it explains is said once, where the fault is named."""
+    fault = next((item for item in faults if item.kind == "mapping" and item.severity is Severity.DISTRUST), None)
+    if fault is None or not findings:
+        return findings
+    repair = {name: change for name, change in fault.repair.items() if name != "time"}
+    if not repair and "the wrong sign" in fault.sentence:  # others are as likely: any of them makes the signs agree
+        repair = {name: (name, -1.0, 0.0) for name in fault.where.channel.split(", ")}
+    if not repair:
         return findings
     undone = recording.with_signals(
         **{name: factor * recording[source] for name, (source, factor, _) in repair.items()}

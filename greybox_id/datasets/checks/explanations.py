@@ -43,8 +43,9 @@ TURN_RATE, ACCELERATION, ANGLE, SCALE, STEERING = 0.04, 0.8, 0.08, 0.12, 0.01
 """Least offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), turn of an IMU in rad
 (5 degrees), relative error of a scale and offset of steer in rad that are told; drives on usual roads with usual
 sensors have less."""
-ROLLS = 0.2
-"""Share by which a_y may read more than the motion says: a body that rolls reads gravity, 11 degrees per g at most."""
+LESS, ROLLS = 0.05, 0.2
+"""Shares by which a_y may read less and more than the motion says: a usual sensor's scale is known to 3 %, and a body
+that rolls reads gravity, 11 degrees per g at most."""
 HELD_TOGETHER = 0.5
 """Share of v_x steer that yaw_rate has to explain before halves are compared."""
 HALF_LEFT = 0.5
@@ -75,7 +76,7 @@ class Explanation:
     Attributes
     ----------
     sentence : what it is, and what to do.
-    channel : signal concerned.
+    channel : signal concerned, or signals: "a_x, a_y".
     value, error, unit : its size.
     gain : how much of the conflict it explains, in squared standard errors.
     witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
@@ -240,7 +241,7 @@ def _sideways(r: Recording) -> list[Explanation]:
     relative = abs(np.log(max(scale, 1e-9)))
     turns, brakes = np.nanstd(smoothed[0]), np.nanstd(smoothed[2])
     gentle = SCALE * turns < ANGLE * brakes  # an IMU that is hardly turned does as much
-    far = (SCALE if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
+    far = (LESS if scale < 1 else ROLLS) < relative < 0.5 and abs(scale - 1.0) > SURE * both.errors[gain]
     if far and not gentle and not result and not _vanishes_slowly(r, scale):
         result.append(_scaled(r, scale, float(both.errors[gain]), strength(gain)))
     return result
@@ -279,7 +280,7 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
         Explanation(
             f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x reads {percent(abs(np.sin(angle)))} "
             f"of v_x · yaw_rate, and a_y as much of dv_x/dt. Turn a_x and a_y back, or fit with imu_mount_yaw.",
-            "a_x", degrees, float(np.degrees(ahead.errors[1])), "deg",
+            "a_x, a_y", degrees, float(np.degrees(ahead.errors[1])), "deg",
             float((ahead.values[1] / ahead.errors[1]) ** 2),
         )
     ]  # fmt: skip
@@ -297,17 +298,33 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
         witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
     for name, left, right in witnesses:
         result = _regression(left, [right])
-        least = 0.5 * max(SCALE, abs(np.log(scale)))  # what explains less of it is not its cause
+        least = 0.5 * abs(np.log(scale))  # what explains less of it is not its cause
         if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > least:
             blamed = {name: float(result.values[0])}
+    surely = bool(witnesses) and (blamed != {"a_y": scale} or abs(np.log(scale)) > SCALE)
+    if not witnesses and _ahead_as_well(r, scale):
+        blamed, surely = {"v_x": 1.0 / scale}, True
     (name, by), *_ = blamed.items()
     others = [item for item in ("a_y", "yaw_rate", "v_x") if item != name]
-    doubt = "" if witnesses else f" (or {listed(others)} as much too {'large' if scale < 1 else 'small'})"
+    banked = ", or the road is banked in its turns" if scale < 1 else ""
+    doubt = "" if surely else f" (or {listed(others)} as much too {'large' if scale < 1 else 'small'}{banked})"
     return Explanation(
         f"{name} is {number(by, 3)} times what the motion says{doubt}: a_y against v_x · yaw_rate has gain "
         f"{number(scale, 3)}. Check its scale in the column map.",
-        name, by, error, "1", strength, bool(witnesses),
+        name, by, error, "1", strength, surely,
     )  # fmt: skip
+
+
+def _ahead_as_well(r: Recording, scale: float) -> bool:
+    """Whether a_x against dv_x/dt has the gain that a_y has: what both share is v_x."""
+    if not r.has("a_x"):
+        return False
+    left, right = (smooth(r, item, SMOOTHING) for item in (r["a_x"], rate(r, r["v_x"])))
+    ahead = _regression(left, [right, np.ones(len(left))])
+    if ahead is None or ahead.explained < FITS or not ahead.values[0] > 0:
+        return False
+    alike = abs(np.log(ahead.values[0] / scale)) < 0.5 * abs(np.log(scale))
+    return bool(alike and SURE * ahead.errors[0] < abs(ahead.values[0] - 1.0))
 
 
 def _steered(r: Recording) -> list[Explanation]:

@@ -168,7 +168,7 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     if others:
         sentence += f" As likely: {listed(others, 3)}."
     error = 1 / np.sqrt(max(old.independent - 3, 1.0))
-    channel = first.fault.channels[0] if first.fault.channels else "time"
+    channel = ", ".join(first.fault.channels) or "time"
     return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair)
 
 

@@ -12,22 +12,14 @@ import numpy as np
 
 from ...base.errors import BadInput
 from ...base.numbers import listed, number, quantity
-from ...base.shorthands import Array
 from ...base.signals import unit_of
-from ...base.statistics import white_noise_sd
+from ...datasets.checks.drive import FEWEST_ROWS, MOVES, SHORTEST, moves
 from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
 from ..fit import CLEARLY, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
 
 TRAINED = "train"
-FEWEST_ROWS = 80
-"""Intervals rest on the scatter between eight blocks at least (`fitting/uncertainty/sandwich.py`), each of ten rows."""
-SHORTEST = 2.0
-"""s: the longest horizon that errors are told for (`metrics.HORIZONS`). Of a shorter recording none is."""
-MOVES = 1.5
-"""Readings that scatter by less than this times their own fast noise are of nothing that moves: of white noise alone
-the ratio is one."""
 UNEXPLAINED = 0.5
 """Share of an output's variance beyond its noise that may be left unexplained in half of the outputs."""
 OF_FORM, DOUBTFUL, FOREIGN_FORM = 0.1, 0.13, 0.2
@@ -63,17 +55,11 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
         for name in model.outputs
     }
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
-    if outputs and not any(_moves(parts) for parts in outputs.values()):
+    if outputs and not any(moves(parts) for parts in outputs.values()):
         raise BadInput(
             f"{names}: nothing moves: {listed(list(outputs))} scatter as their noise does, which says nothing "
             f"about {model.name}. Record a drive that excites them."
         )
-
-
-def _moves(parts: Sequence[Array]) -> bool:
-    """Whether readings, (n,) each unbroken part, scatter by more than their own fast noise."""
-    spread = float(np.nanstd(np.concatenate(parts)))
-    return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
 
 
 def misfit(fit: Fit) -> Iterator[Reason]:

@@ -107,13 +107,21 @@ def times_as_large(scores: Scores, other: Scores) -> float:
     return float(np.exp(np.mean(np.log(np.clip(each, 1e-6, 1e6))))) if each else np.nan
 
 
-def distrust(fit_inputs: Iterable[str], recording: Recording) -> list[Finding]:
-    """What the checks hold against a recording as regards some signals."""
+def distrust(fit_inputs: Iterable[str], recording: Recording, *, faults: bool = False) -> list[Finding]:
+    """What the checks hold against a recording as regards some signals.
+
+    Parameters
+    ----------
+    fit_inputs : the signals.
+    recording : what is checked.
+    faults : with faults of some size that nothing else witnesses: a fit of such data is used with care.
+    """
     used = set(fit_inputs)
     return [
         item
         for item in check(recording)
-        if item.severity is Severity.DISTRUST and (item.where.channel == "time" or used & set(_channels(item)))
+        if (item.severity is Severity.DISTRUST or (faults and item.kind == "explained"))
+        and (item.where.channel == "time" or used & set(_channels(item)))
     ]
 
 
@@ -206,7 +214,7 @@ def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Re
         where = "" if role == TRAINED else f" (held out{'' if role == HELD_OUT else f', {role}'})"
         for item in finding:
             holes = item.kind == "missing" and (item.value or 0.0) <= HOLES * _rows(fit, role)
-            whole = item.where.run is None and not holes and role == TRAINED
+            whole = item.where.run is None and not holes and role == TRAINED and item.severity is Severity.DISTRUST
             yield Reason(NOT_USABLE if whole else WITH_CARE, f"Data check{where}: {item.sentence}")
 
 

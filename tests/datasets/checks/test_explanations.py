@@ -105,3 +105,19 @@ def test_who_drives_ahead_is_never_said_to_reverse():
     r = moved(drive(1), "yaw_rate", scale=-1.0)
     r = Recording("drive", r.time, {n: r[n] for n in ("v_x", "steer", "yaw_rate")})
     assert "v_x has the wrong sign" not in check(r)[0].sentence
+
+
+def test_a_speed_that_is_too_large_is_told_by_both_accelerometers():
+    r = drive(2)
+    first = check(moved(r, "v_x", scale=1.08))[0]
+    assert first.severity is Severity.DISTRUST
+    assert first.where.channel == "v_x"
+    assert first.value == pytest.approx(1.08, abs=0.03)
+
+
+def test_a_contradiction_that_a_wrong_sign_explains_is_said_once():
+    r = drive(1)
+    turn = Recording("drive", r.time, {n: -r[n] if n == "yaw_rate" else r[n] for n in ("v_x", "steer", "yaw_rate")})
+    (one,) = (own for own in check(turn) if own.severity is Severity.DISTRUST)
+    assert "steer has the wrong sign" in one.sentence
+    assert "yaw_rate has the wrong sign" in one.sentence

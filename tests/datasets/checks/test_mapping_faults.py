@@ -13,6 +13,7 @@ from greybox_id.datasets.checks import Severity, check, distrusted
 from greybox_id.datasets.checks.mapping_faults import _faults, check_mapping
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
+from greybox_id.fitting.scores.verdict import distrust
 
 RADII = {"fl": 0.300, "fr": 0.301, "rl": 0.299, "rr": 0.302}
 
@@ -176,6 +177,21 @@ def at_places(recording):
     north, east = np.degrees(recording["y"] / 6.371e6), np.degrees(recording["x"] / 6.371e6)
     given = only(recording, "v_x", "yaw", "a_y")
     return given.with_signals(latitude=north, longitude=east)
+
+
+@pytest.mark.parametrize(
+    "spoil",
+    [
+        lambda r: r.with_signals(a_x=r["a_y"], a_y=-r["a_x"]),
+        lambda r: r.with_signals(a_x=np.cos(0.4) * r["a_x"] + np.sin(0.4) * r["a_y"],
+                                 a_y=np.cos(0.4) * r["a_y"] - np.sin(0.4) * r["a_x"]),
+        lambda r: r.with_signals(a_y=-r["a_y"], yaw_rate=-r["yaw_rate"]),
+    ],
+    ids=["turned by 90 degrees", "turned by 23 degrees", "upside down"],
+)  # fmt: skip
+def test_a_fit_is_told_of_a_fault_by_whichever_of_its_channels_it_uses(spoil):
+    wrong = spoil(only(clean(2), "v_x", "steer", "yaw_rate", "a_x", "a_y"))
+    assert distrust(["v_x", "steer", "a_y"], wrong)
 
 
 def test_places_on_earth_check_yaw_and_lateral_acceleration_where_no_yaw_rate_is_recorded():

@@ -13,7 +13,7 @@ from greybox_id.fitting.requested_model import must_be_recorded
 from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_errors, score_beside_hold
 from greybox_id.fitting.scores.misfit import foreign_form, misfit
-from greybox_id.fitting.scores.verdict import judged
+from greybox_id.fitting.scores.verdict import distrust, judged
 from greybox_id.fitting.verb import carried, fit
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import vehicle
@@ -81,6 +81,16 @@ def test_what_the_checks_distrust_makes_a_fit_not_usable():
     found = fit(model(), [wrong], validate=lap(3), how=QUICK)
     assert found.verdict.usability == NOT_USABLE
     assert found.verdict.reasons[0].startswith("Data check: a_y is")
+
+
+def test_a_fault_of_some_size_that_nothing_else_witnesses_leaves_care():
+    wrong = driven("lateral", runs=1, seconds=40.0, noise=0.3)
+    wrong = wrong.with_signals(a_y=0.85 * wrong["a_y"])
+    (finding,) = distrust(("v_x", "a_y"), wrong, faults=True)
+    assert not distrust(("v_x", "a_y"), wrong)
+    found = fit(model(), [wrong], validate=lap(3), how=QUICK)
+    assert found.verdict.usability != USABLE
+    assert f"Data check: {finding.sentence}" in found.verdict.reasons
 
 
 def test_parameters_that_do_not_carry_over_are_said(good):

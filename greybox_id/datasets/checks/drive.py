@@ -1,0 +1,203 @@
+"""Does a recording hold a drive: enough rows that follow each other, in which something moves, by its own steering."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...base.numbers import exact, number, quantity
+from ...base.shorthands import Array
+from ...base.signals import SD
+from ...base.statistics import white_noise_sd
+from ..recording import Recording
+from .finding import Finding, FoundAt, Severity, file_row, listed
+from .pairs import smooth
+from .relations import SMOOTHING, thinned
+
+FEWEST_ROWS, SHORTEST = 80, 2.0
+"""Rows, and s: intervals of a fit rest on the scatter between eight blocks of ten rows (`fitting/uncertainty/
+sandwich.py`), and its errors are told for up to two seconds ahead."""
+MOVES = 1.5
+"""Readings that scatter by less than this times their own fast noise are of nothing that moves: of white noise alone
+the ratio is one."""
+UNORDERED, TOGETHER, SLOWEST = 0.85, 0.7, 0.15
+"""Steps over those of white noise from which no row knows of the one before, correlation that noise of two sensors has
+not, and the time in s up to which a vehicle's rows know of each other: steps of what swings at 1 Hz are 0.6 then."""
+CANNOT_JUMP = ("v_x", "v_y", "yaw_rate")
+"""What has inertia; accelerations and commands may jump."""
+ASLEEP, TIMES, JUMP, RANGE = 5, 3.0, 4.0, 0.2
+"""Fewest rows of a sensor that is off, times how long readings are held otherwise; the jump at its end, over the
+largest of 200 usual steps, and over the channel's range: a wheel that begins to turn is seen at 1 or 2 % of it."""
+COMMON, LAGS, LONG_ENOUGH = 0.5, 2.0, 30.0
+"""Correlation of yaw_rate with v_x · steer that vehicles have at some delay of up to so many s, even on ice (0.7), and
+the s of driving from which two drives have less by chance."""
+PUSHED = 0.5
+"""m/s^2, the scatter of v_x · yaw_rate from which it is steering that turns a vehicle, not wind or camber."""
+
+
+def check_drive(r: Recording) -> list[Finding]:
+    """Findings about a recording that is too short, whose rows are out of order, or in which nothing moves."""
+    measured = [name for name in ("v_x", "v_y", "yaw_rate", "a_x", "a_y") if r.has(name)]
+    if not measured:
+        return []
+    if len(r) < FEWEST_ROWS or r.duration < SHORTEST:
+        sentence = (
+            f"{len(r)} rows, {number(r.duration, 2)} s, are too short to be checked, or fitted alone: that needs "
+            f"{FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
+        )
+        return [Finding("short", Severity.WARNING, FoundAt("time"), sentence, r.duration, None, "s")]
+    if together := _unordered(r):
+        sentence = (
+            f"{listed(together)} scatter from each row to the next as much as over the whole drive: the rows are out "
+            "of order. Sort them by their time, or export the file again."
+        )
+        return [Finding("unordered", Severity.DISTRUST, FoundAt(", ".join(together)), sentence)]
+    turning = [name for name in ("v_y", "yaw_rate", "a_y") if name in measured]
+    still = [name for name in measured if not moves([r[name][start:stop] for start, stop in r.runs])]
+    if len(still) == len(measured) or (turning and set(turning) <= set(still)):
+        what = "moves" if len(still) == len(measured) else "turns"
+        names = still if what == "moves" else turning
+        sentence = (
+            f"nothing {what}: {listed(names)} {'scatters as its' if len(names) == 1 else 'scatter as their'} noise "
+            f"does. No model of {'this' if what == 'moves' else 'lateral'} motion can be fitted to it."
+        )
+        return [Finding("still", Severity.WARNING, FoundAt(", ".join(names)), sentence)]
+    return _nothing_in_common(r)
+
+
+def moves(parts: Sequence[Array]) -> bool:
+    """Whether readings, (n,) each unbroken part, scatter by more than their own fast noise."""
+    whole = np.concatenate([part[np.isfinite(part)] for part in parts])
+    spread = float(np.std(whole)) if len(whole) else 0.0
+    return spread > 0 and not spread < MOVES * white_noise_sd(parts, held=True)
+
+
+def _unordered(r: Recording) -> list[str]:
+    """Channels of which no row knows of the one before, though they say the same in each row."""
+    turns = {name: r[name] for name in ("yaw_rate", "a_y", "v_y") if r.has(name)}
+    if r.has("v_x", "yaw_rate"):
+        turns["yaw_rate"] = r["v_x"] * r["yaw_rate"]
+    white = [name for name, values in turns.items() if _steps(r, values) > UNORDERED]
+    if r.sample_time > SLOWEST or len(white) < 2:
+        return []
+    table = np.array([turns[name] for name in white])
+    table = table[:, np.all(np.isfinite(table), axis=0)]
+    if table.shape[1] < FEWEST_ROWS or not np.all(np.std(table, axis=1) > 0):
+        return []
+    agree = np.abs(np.corrcoef(table)) - np.eye(len(white))
+    together = [name for name, most in zip(white, np.max(agree, axis=1), strict=True) if most > TOGETHER]
+    return together + (["v_x"] if together and r.has("v_x") and _steps(r, r["v_x"]) > UNORDERED else [])
+
+
+def _steps(r: Recording, values: Array) -> float:
+    """Steps from row to row over those of white noise that scatters as much (von Neumann's ratio, its root)."""
+    steps = np.concatenate([np.diff(values[start:stop]) for start, stop in r.runs])
+    steps, good = steps[np.isfinite(steps)], values[np.isfinite(values)]
+    spread = float(np.std(good)) if len(good) else 0.0
+    return float(np.sqrt(np.mean(steps**2) / 2.0)) / spread if len(steps) and spread > 0 else 0.0
+
+
+def _nothing_in_common(r: Recording) -> list[Finding]:
+    """Steering that is of another drive."""
+    if not r.has("v_x", "yaw_rate", "steer"):
+        return []
+    short = thinned(r)
+    if not len(short) or not short.sample_time > 0:
+        return []
+    start, stop = max(short.runs, key=lambda run: run[1] - run[0])
+    if (stop - start) * short.sample_time < LONG_ENOUGH:
+        return []
+    sides = (short["yaw_rate"], short["v_x"] * short["steer"], short["v_x"] * short["yaw_rate"])
+    turn, steered, pushed = (smooth(short, side, SMOOTHING)[start:stop] for side in sides)
+    seen = np.isfinite(turn) & np.isfinite(steered)
+    if np.mean(seen) < 0.5 or not np.std(pushed[seen]) > PUSHED or not np.std(steered[seen]) > 0:
+        return []
+    most = _largest_correlation(np.where(seen, turn, 0.0), np.where(seen, steered, 0.0), LAGS, short.sample_time)
+    if most > COMMON:
+        return []
+    a_y = smooth(short, short["a_y"], SMOOTHING)[start:stop] if short.has("a_y") else pushed
+    both = seen & np.isfinite(a_y)
+    agreed = np.count_nonzero(both) > FEWEST_ROWS and abs(np.corrcoef(a_y[both], pushed[both])[0, 1]) > TOGETHER
+    blamed = "steer" if short.has("a_y") and agreed else "steer or yaw_rate"
+    sentence = (
+        f"yaw_rate and v_x · steer have nothing in common (correlation {number(most, 2)} at most, at delays of up to "
+        f"{LAGS:g} s): {blamed} is of another drive, or its column holds something else."
+    )
+    return [Finding("unrelated", Severity.DISTRUST, FoundAt("steer, yaw_rate"), sentence, most)]
+
+
+def _largest_correlation(u: Array, v: Array, longest: float, dt: float) -> float:
+    """Largest size of the correlation of two series over delays of up to so many s."""
+    u, v = u - u.mean(), v - v.mean()
+    size, reach = 1 << (2 * len(u)).bit_length(), min(int(longest / dt), len(u) // 4)
+    products = np.fft.irfft(np.fft.rfft(u, size) * np.conj(np.fft.rfft(v, size)), size)
+    scale = float(np.sqrt(np.sum(u**2) * np.sum(v**2)))
+    return float(np.max(np.abs(np.concatenate([products[-reach:], products[: reach + 1]])))) / max(scale, 1e-300)
+
+
+def check_asleep(r: Recording) -> list[Finding]:
+    """Rows in which a logger or a sensor was off: it reads nothing, and then jumps to what has inertia."""
+    off: dict[tuple[int, int], list[str]] = {}
+    for name in CANNOT_JUMP:
+        for stretch in _stretches(r, name) if r.has(name) else []:
+            off.setdefault(stretch, []).append(name)
+    findings = []
+    for (a, b), jumped in sorted(off.items()):
+        same = [name for name, values in r.signals.items() if not name.startswith(SD) and np.ptp(values[a:b]) == 0.0]
+        others = [name for name in r.signals if not name.startswith(SD) and name not in same]
+        if others and not all(r[name][a] == 0.0 for name in jumped):
+            continue  # one channel that keeps its last reading is stuck, which `check_frozen` looks for
+        where = f"row {file_row(r, a).split()[1].rstrip(',')} to {file_row(r, b - 1)}"
+        reads = "exactly 0" if all(r[name][a] == 0.0 for name in same) else "the same in every row"
+        out = "Leave these rows out"
+        if a == 0 and b < len(r):
+            out += f" (--between {exact(float(r.time[b]), 6)}:)"
+        elif b == len(r) and a > 0:
+            out += f" (--between :{exact(float(r.time[a - 1]), 6)})"
+        sentence = (
+            f"{listed(same)} {'are' if len(same) > 1 else 'is'} {reads} from t = {number(float(r.time[a]), 4)} to "
+            f"{number(float(r.time[b - 1]), 4)} s ({where}), where {jumped[0]} jumps by "
+            f"{quantity(_jump(r, jumped[0], a, b), r.unit(jumped[0]), 2)}: the logger or a sensor was off. {out}."
+        )
+        seconds = (b - a) * r.sample_time
+        place = FoundAt(", ".join(same), rows=tuple(range(a, b)))
+        findings.append(Finding("asleep", Severity.DISTRUST, place, sentence, seconds, None, "s"))
+    return findings
+
+
+def _jump(r: Recording, name: str, a: int, b: int) -> float:
+    """The larger of the steps at the ends of some rows, within runs."""
+    begins = {start for start, _ in r.runs}
+    ends = [k for k in (a, b) if 0 < k < len(r) and k not in begins]
+    return max((abs(float(r[name][k] - r[name][k - 1])) for k in ends), default=0.0)
+
+
+def _stretches(r: Recording, name: str) -> list[tuple[int, int]]:
+    """Rows [a, b) in which a channel stays as it is and at whose ends it jumps."""
+    values = r[name]
+    good = values[np.isfinite(values)]
+    if good.size < FEWEST_ROWS:
+        return []
+    same = np.concatenate([[False], np.diff(values) == 0.0])
+    same[[start for start, _ in r.runs]] = False
+    edges = np.flatnonzero(np.diff(same.astype(int), prepend=0, append=0))
+    begins, ends = edges[::2] - 1, edges[1::2]
+    lengths = ends - begins
+    long = [int(k) for k in np.flatnonzero(lengths >= ASLEEP)]
+    inside = np.ones(len(values) - 1, dtype=bool)
+    inside[[start - 1 for start, _ in r.runs[1:]]] = False
+    steps = np.abs(np.diff(values))[inside]
+    steps = steps[np.isfinite(steps) & (steps > 0)]
+    if not long or steps.size < FEWEST_ROWS // 2:
+        return []
+    low, high = np.quantile(good, [0.01, 0.99])
+    least = max(JUMP * float(np.quantile(steps, 0.995)), RANGE * float(max(high - low, abs(high), abs(low))))
+    result = []
+    for k in long:
+        a, b = int(begins[k]), int(ends[k])
+        others = np.delete(lengths, k)
+        usual = float(np.quantile(others, 0.9)) if len(others) > 5 else 1.0
+        if b - a >= TIMES * usual and _jump(r, name, a, b) > least:
+            result.append((a, b))
+    return result
