@@ -426,6 +426,10 @@ class FitResult(Fit):
         return pd.Series(result, name=title, dtype=float)
 
 
+FOLDERS_ABOVE = 3
+"""Folders from the fit's own upwards from which its command may have named its files: outputs lie in one below."""
+
+
 def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Hand it over.") -> Path:
     """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder.
 
@@ -437,7 +441,8 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
     """
     if not record.path:
         raise BadInput(f"The recording {record.name} was made in memory, and no file holds it. {otherwise}")
-    around = [] if fit_file is None else [fit_file.parent / record.path, fit_file.parent / Path(record.path).name]
+    above = [] if fit_file is None else fit_file.resolve().parents[:FOLDERS_ABOVE]
+    around = [folder / name for folder in above for name in (record.path, Path(record.path).name)]
     for place in (Path(record.path), *around):
         if place.is_file():
             return place

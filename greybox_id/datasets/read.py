@@ -12,19 +12,21 @@ import numpy as np
 from ..base.errors import BadInput, near
 from ..base.numbers import counted
 from ..base.shorthands import Array
-from ..base.signals import SD, unit_of
+from ..base.signals import COMMANDS, SD, unit_of
 from .alignment import ClockAlignment
-from .clocks import Joined, Readings, on_one_clock
+from .clocks import Joined, Readings, held, linear, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, TIME, Contents, Group, RawTable, bare_name, contents, hash_of, one_column
 from .instants import Instants, evened, instants, origin_of
-from .recording import Recording, Source, split_runs
+from .recording import Recording, Resampled, Source, split_runs
 
 __all__ = ["SUFFIXES", "read"]
 
 LARGEST = 1e30
 """Numbers beyond this are no measurement: they become NaN, since products and squares of them would overflow."""
 RUN, START = "run", "start"
+FEWEST_CELLS = 20
+"""Readings of a column from which its own rate is told."""
 
 
 def read(path: str | Path, columns: str | Path | ColumnMap = "canonical") -> Recording:
@@ -235,13 +237,41 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
     if not mapping.rate:  # else rows are the clock
         joined, rows = _once(joined)
+    joined, spread = (joined, range(len(joined.time))) if mapping.poses else _between_cells(joined, mapping.hold)
+    rows = [rows[row] for row in spread]
     labels = [labels[row] for row in rows] if labels else []
     first = table.first_row if len(rows) == len(table) else 0
     even = evened(joined.time, joined.signals, mapping.hold) if not (mapping.poses or mapping.rate) else None
     if even is not None:
-        joined = Joined(even.time, even.signals, even.resampled, (*joined.notes, even.note))
+        joined = Joined(even.time, even.signals, {**joined.resampled, **even.resampled}, (*joined.notes, even.note))
         labels = [labels[row] for row in even.rows] if labels else []
     return joined, labels, first if even is None else 0
+
+
+def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
+    """Columns that are blank in most rows, as those of slower sensors are, on the clock of all rows; and rows kept.
+
+    They are laid between their own readings; where time steps back they are left as they are.
+    """
+    time, signals, resampled = joined.time, dict(joined.signals), dict(joined.resampled)
+    if len(time) < 2 or not np.all(np.diff(time) > 0):
+        return joined, range(len(time))
+    for name, values in joined.signals.items():
+        known = np.flatnonzero(np.isfinite(values))
+        if name in (RUN, START) or len(known) < FEWEST_CELLS or np.median(np.diff(known)) < 2:
+            continue
+        is_held = name in COMMANDS and hold == "zero"
+        signals[name], cost = (held if is_held else linear)(time, values, time, name)
+        rate = 1 / float(np.median(np.diff(time[known])))
+        resampled[name] = Resampled("held" if is_held else "linear", "its own cells", rate, *cost)
+    spread = [name for name in resampled if name not in joined.resampled]
+    if not spread:
+        return joined, range(len(time))
+    within = np.flatnonzero(np.all([np.isfinite(signals[name]) for name in spread], axis=0))
+    rows = range(int(within[0]), int(within[-1]) + 1) if within.size else range(len(time))
+    kept = {name: values[rows.start : rows.stop] for name, values in signals.items()}
+    note = f"blank in most rows, and laid between their own cells: {', '.join(spread)}."
+    return Joined(time[rows.start : rows.stop], kept, resampled, (*joined.notes, note)), rows
 
 
 def _once(joined: Joined) -> tuple[Joined, Sequence[int]]:

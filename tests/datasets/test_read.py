@@ -297,3 +297,21 @@ def test_repeated_rows_are_left_out_of_a_clock_that_also_lost_some(write):
 def test_rows_of_one_packet_are_no_repetitions(write):
     packets = "".join(f"{0.04 * (k // 2):.2f},5.0,0.{k // 3}\n" for k in range(40))
     assert len(read(write("t,v,r\n" + packets), parse_column_map(OWN, "own.toml"))) == 40
+
+
+def test_columns_of_slower_sensors_are_laid_between_their_own_cells(write):
+    """Blank in most rows: measured ones lie on lines, commands are held; what is missing in one piece stays so."""
+    time = np.arange(400) / 100
+    v = np.where(np.arange(400) % 5 == 2, 10 + time, np.nan)
+    steer = np.where(np.arange(400) % 10 == 0, time, np.nan)
+    gyro = np.where((time > 1) & (time < 2), np.nan, 0.1)
+    file = write(pd.DataFrame({"time": time, "v_x": v, "steer": steer, "yaw_rate": gyro}).to_csv(index=False))
+    found = read(file)
+    rows = np.interp(found.time, time, np.arange(400)).round().astype(int)
+    assert (rows[0], len(rows)) == (2, 396)
+    np.testing.assert_allclose(found["v_x"], 10 + time[rows])
+    np.testing.assert_allclose(found["steer"], time[rows // 10 * 10])
+    assert np.array_equal(np.isnan(found["yaw_rate"]), np.isnan(gyro[rows]))
+    assert (found.resampled["v_x"].method, found.resampled["steer"].method) == ("linear", "held")
+    assert found.resampled["v_x"].rate == pytest.approx(20)
+    assert "yaw_rate" not in found.resampled

@@ -12,6 +12,7 @@ from driven import written
 from made_gaps import clear
 
 import greybox_id as gb
+from greybox_id.api.fit_result import found_again
 from greybox_id.api.fitting import load as load_again
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.report import report
@@ -49,6 +50,12 @@ def test_of_a_part_of_a_recording_the_part_is_found_again(tmp_path):
     (again,) = load_again(path).seen("train")
     assert len(again) == len(lap)
     np.testing.assert_array_equal(again.time, lap.time)
+
+
+def test_a_fit_in_a_folder_of_its_own_finds_its_recording_beside_that(fitted, tmp_path):
+    record = replace(load_again(fitted).data[0], path="lap_beside.csv")
+    (tmp_path / "lap_beside.csv").touch()
+    assert found_again(record, tmp_path / "out" / "fit.json") == (tmp_path / "lap_beside.csv").resolve()
 
 
 def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):

@@ -359,6 +359,8 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     if not names:
         raise BadInput(f"{where}: row {layout.header + 1} is empty; it must hold the column names.")
     few_enough(len(names), where)
+    if len(names) > 1 and all(_is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
+        raise BadInput(f"{where}: row {layout.header + 1} holds values where names should stand. Write them above.")
     parts = _LINE_END.split(data, maxsplit=layout.first)
     body = _without_sums(parts[layout.first], layout.separator) if len(parts) > layout.first else b""
     body = _COMMENT_LINE.sub(b"", body) if any(mark.encode() in body for mark in COMMENT[::2]) else body

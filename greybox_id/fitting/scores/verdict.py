@@ -213,6 +213,8 @@ def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Re
     for role, finding in findings.items():
         where = "" if role == TRAINED else f" (held out{'' if role == HELD_OUT else f', {role}'})"
         for item in finding:
+            if item.kind == "explained" and any(effect in item.sentence for effect in fit.model.effects):
+                continue  # the fit has the effect that the check proposes
             holes = item.kind == "missing" and (item.value or 0.0) <= HOLES * _rows(fit, role)
             whole = item.where.run is None and not holes and role == TRAINED and item.severity is Severity.DISTRUST
             yield Reason(NOT_USABLE if whole else WITH_CARE, f"Data check{where}: {item.sentence}")

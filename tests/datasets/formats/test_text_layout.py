@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map, parse_column_map
 from greybox_id.datasets.formats import contents
 from greybox_id.datasets.formats.text import layout_of
@@ -247,3 +248,10 @@ def test_a_file_without_time_is_read_at_its_rate(tmp_path):
     file.write_text("v_x,steer\n" + "1,0\n" * 10)
     mapping = parse_column_map('rate = 20\n[signals]\nv_x={unit="m/s"}', "m.toml")
     np.testing.assert_allclose(read(file, mapping).time, np.arange(10) / 20)
+
+
+def test_a_table_without_names_is_a_sentence(tmp_path):
+    file = tmp_path / "lap.csv"
+    file.write_text("\n".join(map(",".join, TEXT)))
+    with pytest.raises(BadInput, match="row 1 holds values where names should stand"):
+        contents(file, column_map("canonical"))

@@ -167,8 +167,10 @@ def town(tmp_path, unit="deg/s", factor=180 / np.pi):
 
 def test_no_wheelbase_is_45_m_long(tmp_path):
     """Below the pace that tells a car from a model of one, the length alone still tells a hand wheel."""
-    (steer,) = [entry for entry in town(tmp_path).open if entry.signal == "steer"]
+    proposal = town(tmp_path)
+    (steer,) = [entry for entry in proposal.open if entry.signal == "steer"]
     assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
+    assert not any("a length of" in reason for entry in proposal.entries for reason in entry.reasons)
     assert steer.divide_by == pytest.approx(16, rel=0.02)  # 2.8 m is near the usual length of a car
 
 

@@ -15,6 +15,7 @@ from greybox_id.fitting.scores.metrics import Divergence, Error, prediction_erro
 from greybox_id.fitting.scores.misfit import foreign_form, misfit
 from greybox_id.fitting.scores.verdict import distrust, judged
 from greybox_id.fitting.verb import carried, fit
+from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import vehicle
 
@@ -91,6 +92,14 @@ def test_a_fault_of_some_size_that_nothing_else_witnesses_leaves_care():
     found = fit(model(), [wrong], validate=lap(3), how=QUICK)
     assert found.verdict.usability != USABLE
     assert f"Data check: {finding.sentence}" in found.verdict.reasons
+
+
+def test_a_fault_whose_effect_is_fitted_is_not_held_against_the_fit():
+    banked, new = (lap(seed).with_signals(a_y=lap(seed)["a_y"] + 1.2) for seed in (0, 3))
+    plain = fit(model(), [banked], validate=new, how=QUICK)
+    assert any("the road is banked" in reason for reason in plain.verdict.reasons)
+    found = fit(model() + EFFECTS["road_bank"].free(0.1), [banked], validate=new, how=QUICK)
+    assert not any("the road is banked" in reason for reason in found.verdict.reasons)
 
 
 def test_parameters_that_do_not_carry_over_are_said(good):
