@@ -14,49 +14,15 @@ from ...base.units import known_unit
 from ..instants import count_unit, is_instants
 from . import Contents, Group, RawTable
 
-NAMES = frozenset(
-    [
-        "name",
-        "signal",
-        "channel",
-        "topic",
-        "key",
-        "variable",
-        "parameter",
-        "metric",
-        "id",
-        "series",
-        "tag",
-        "measurement",
-        "quantity",
-        "sensor",
-        "field",
-        "item",
-        "kanal",
-        "messgröße",
-        "groesse",
-        "größe",
-    ]
-)
+NAMES = frozenset([
+    "name", "signal", "channel", "topic", "key", "variable", "parameter", "metric", "id", "series", "tag",
+    "measurement", "quantity", "sensor", "field", "item", "kanal", "messgröße", "groesse", "größe",
+])  # fmt: skip
 VALUES = frozenset(["value", "val", "values", "reading", "data", "wert", "messwert", "physical"])
-TIMES = frozenset(
-    [
-        "time",
-        "timestamp",
-        "t",
-        "stamp",
-        "ts",
-        "datetime",
-        "date",
-        "elapsed",
-        "timecode",
-        "zeit",
-        "zeitstempel",
-        "seconds",
-        "secs",
-        "millis",
-    ]
-)
+TIMES = frozenset([
+    "time", "timestamp", "t", "stamp", "ts", "datetime", "date", "elapsed", "timecode", "zeit", "zeitstempel",
+    "seconds", "secs", "millis",
+])  # fmt: skip
 UNITS = frozenset(["unit", "units", "einheit", "uom"])
 COLUMNS_OF_READINGS = 8
 """A table with more columns is none of readings."""
