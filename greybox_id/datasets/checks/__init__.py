@@ -74,12 +74,15 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
 def _left(
     recording: Recording, faults: list[Finding], findings: list[Finding], wheelbase: float | None
 ) -> list[Finding]:
-    """Findings that are left with the map's fault undone: what it explains is said once, where the fault is named."""
+    """Findings that are left with the map's fault undone, where others take for granted what it doubts.
+
+    That is the sign of v_x, or a sign of several that are as likely: what names another one beside it would contradict.
+    """
     fault = next((item for item in faults if item.kind == "mapping" and item.severity is Severity.DISTRUST), None)
     if fault is None or not findings:
         return findings
-    repair = {name: change for name, change in fault.repair.items() if name != "time"}
-    if not repair and "the wrong sign" in fault.sentence:  # others are as likely: any of them makes the signs agree
+    repair = fault.repair if fault.repair.get("v_x", ("", 1.0, 0.0))[1] < 0 else {}
+    if not fault.repair and "the wrong sign" in fault.sentence:  # any of them makes the signs agree
         repair = {name: (name, -1.0, 0.0) for name in fault.where.channel.split(", ")}
     if not repair:
         return findings
