@@ -152,9 +152,9 @@ def check_asleep(r: Recording) -> list[Finding]:
         reads = "exactly 0" if all(r[name][a] == 0.0 for name in same) else "the same in every row"
         out = "Leave these rows out"
         if a == 0 and b < len(r):
-            out += f" (--between {exact(float(r.time[b]), 6)}:)"
+            out += f": keep what is from {exact(float(r.time[b]), 6)} s on"
         elif b == len(r) and a > 0:
-            out += f" (--between :{exact(float(r.time[a - 1]), 6)})"
+            out += f": keep what is up to {exact(float(r.time[a - 1]), 6)} s"
         sentence = (
             f"{listed(same)} {'are' if len(same) > 1 else 'is'} {reads} from t = {number(float(r.time[a]), 4)} to "
             f"{number(float(r.time[b - 1]), 4)} s ({where}), where {jumped[0]} jumps by "

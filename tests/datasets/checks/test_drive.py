@@ -43,7 +43,7 @@ def test_rows_of_a_logger_that_was_off_are_named(kind, a, b):
     assert one.where.rows == tuple(range(len(r))[a:b])
     assert all(name in one.sentence for name in r.signals)
     assert distrust(["yaw_rate"], off(r, r.signals, a, b))
-    keep = f"--between {r.time[b]:.6g}:" if a == 0 else f"--between :{r.time[a - 1]:.6g}" if b is None else "out."
+    keep = f"from {r.time[b]:.6g} s on" if a == 0 else f"up to {r.time[a - 1]:.6g} s" if b is None else "out."
     assert keep in one.sentence
 
 
