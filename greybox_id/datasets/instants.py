@@ -274,11 +274,12 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
         return None
     steps = np.diff(time)
     ahead = steps[steps >= 0]
+    if not ahead.size:
+        return None
     step, recurring = float(np.median((time[WINDOW:] - time[:-WINDOW]) / WINDOW)), float(np.quantile(ahead, 0.99))
-    coarse = step <= 0 and bool(ahead.size)
-    if coarse:
+    if coarse := step <= 0:
         step, recurring = _of_coarse(time)
-    if step <= 0 or not ahead.size:
+    if step <= 0:
         return None
     gap = max(GAP * step, 3 * recurring)
     inside = (steps >= -ROUNDING * step) & (steps < gap)
