@@ -33,7 +33,6 @@ from .evidence import by_chance, p_value, probability
 from .examining import Examined, examine
 from .gap import Budget, CauseClass, Gap, Ranked
 from .judging import (
-    BY_CHANCE,
     alike_of,
     by_no_name,
     gain_of,
@@ -102,7 +101,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     detected = bool(it.best.candidates) or bool(scattered) or unknown > CAL.present
     ways = witnesses(it, it.best) if it.best.candidates else []
     ways = ways[: 1 if held_out else None]  # what an effect closes of those tells more than free runs of these
-    reasons, leave = (unsure(it, ways, level) for level in (BY_CHANCE, CAL.present))
+    reasons, leave = (unsure(it, ways, level) for level in (CAL.by_chance, CAL.present))
     doubtful, best = set(reasons) - set(leave), only(it, set(it.best.names) - set(leave)) if leave else it.best
     shared, telling = None, None
     stated = it.rough and not it.bench.learnt  # tolerances are: innovations alone are not to be trusted

@@ -24,9 +24,6 @@ from .gap import Budget
 from .selection import refitted
 from .unknown import unknown_probability, without_a_name
 
-BY_CHANCE = 0.05
-"""How often chance alone may bring any of the effects that were offered as far from none as causes are."""
-
 
 def something_unnamed(examined: Examined) -> float:
     """The probability that something outside the named effects is at work; it silences no name.

@@ -257,7 +257,7 @@ def test_of_sizes_that_may_be_none_the_least_sure_leaves_first():
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
 
-    def left(m, V, count=40, gain=0.0, level=judging.BY_CHANCE):
+    def left(m, V, count=40, gain=0.0, level=CAL.by_chance):
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
         ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
         return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best), ways, level)

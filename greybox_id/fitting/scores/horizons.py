@@ -10,7 +10,6 @@ import numpy as np
 from ...base.shorthands import Array
 from ...base.signals import unit_of
 from ...datasets.recording import Recording
-from ...engine.kernel import PAYS
 from ...engine.motion.simulator import Predictor, Simulator
 from ...engine.simulation import Diagnosed, Prediction
 from ...models.memory_model import MemoryModel
@@ -78,8 +77,6 @@ def mean_squares(model: Diagnosed, recordings: Sequence[Recording], simulator: S
         result[None] = [predictions(model, recording, "closed_loop") for recording in recordings]
     else:
         simulator = Simulator(model) if simulator is None else simulator.of(model)
-        if sum(len(recording) for recording in recordings) * OVERLAPPING * len(HORIZONS) > PAYS:
-            simulator.kernel.prepare()  # an observer's steps, one by one, would not ask for that
         predictors = [Predictor(simulator, recording, model.values) for recording in recordings]
         for horizon in HORIZONS:
             result[horizon] = [

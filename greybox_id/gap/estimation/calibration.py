@@ -128,6 +128,9 @@ class Calibration:
     wander_nearby: tuple[float, ...] = _known((0.5, 0.7, 1.0, 1.4, 2.0), "times such a size: up to where the next is")
     wander_soon: tuple[float, ...] = _known((0.4, 0.65, 1.0, 1.6, 2.5), "times such a time: the same")
     present: float = _known(0.5, "probability from which on an effect is said to be there", DEFINED)
+    by_chance: float = _known(
+        0.05, "how often chance may bring any of all effects as far from none as a cause is", DEFINED
+    )
     least_share: float = _known(0.02, "of the excess held out that a cause closes at least", DEFINED)
     least_gap: float = _known(0.01, "excess over the floor, as a share of noise, that shares are of at least", DEFINED)
     no_gap: float = _known(1e-3, "mean excess, in squared noise sds, that is not shared out between regimes", DEFINED)
