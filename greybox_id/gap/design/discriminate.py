@@ -133,21 +133,21 @@ def discriminating(
         return _nothing("discriminate", model, design_task, why, impossible)
     chosen = known[:MOST_RIVALS]
     rivals = _Rivals(gap, [_rival(gap, model, effects, name, chosen) for name in chosen], design_task)
-    found, separation = rivals.told_apart(say)
+    found_plan, separation = rivals.told_apart(say)
     impossible += [
         f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from {item.pair[1]} "
         f"({item.nats:.1f} nats, and {ENOUGH:g} are needed)."
         for item in separation
         if item.nats < HOPELESS
     ]
-    said = [f"To tell {chosen[0]} from {', '.join(chosen[1:])}."]
+    sentences = [f"To tell {chosen[0]} from {', '.join(chosen[1:])}."]
     worst = min(item.nats for item in separation)
     if HOPELESS <= worst < ENOUGH:
-        said.append(
+        sentences.append(
             f"One drive distinguishes them by {worst:.1f} nats, but {ENOUGH:g} are needed: drive it several times, "
             "or use a larger arena."
         )
-    return rivals.design("discriminate", chosen, found, separation, impossible, said)
+    return rivals.design("discriminate", chosen, found_plan, separation, impossible, sentences)
 
 
 def _alone(gap: Gap) -> str:
@@ -187,17 +187,17 @@ def detecting(
     chosen = target[:MOST_RIVALS]
     shown = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
     rivals = _Rivals(gap, [_without(shown[0]), *shown], design_task, detect=True)
-    found, separation = rivals.told_apart(say)
+    found_plan, separation = rivals.told_apart(say)
     impossible = [
         f"No manoeuvre that was found in {design_task.arena.words} shows {item.pair[0]} at its usual size "
         f"({item.nats:.1f} nats)."
         for item in separation
         if item.nats < HOPELESS
     ]
-    said = [f"To show {', '.join(chosen)} at usual sizes."]
+    sentences = [f"To show {', '.join(chosen)} at usual sizes."]
     if len(target) > len(chosen):
-        said.append(f"Left out: {', '.join(target[len(chosen) :])}; name them as parameters.")
-    return rivals.design("detect", chosen, found, separation, impossible, said)
+        sentences.append(f"Left out: {', '.join(target[len(chosen) :])}; name them as parameters.")
+    return rivals.design("detect", chosen, found_plan, separation, impossible, sentences)
 
 
 class _Rivals:
@@ -239,25 +239,25 @@ class _Rivals:
 
         Whichever of the two is true, the one that shows less.
         """
-        found = self.search.best(say)
-        each = [self._lost(found.plan, k, self.ways) for k in range(AVERAGED)]
+        found_plan = self.search.best(say)
+        each = [self._lost(found_plan.plan, k, self.ways) for k in range(AVERAGED)]
         separation = []
         for a, b in self.pairs:
             ways = [[self.task.repeat * lost[way] for lost in each] for way in ((a, b), (b, a)) if way in each[0]]
             nats = min(ways, key=np.mean)
             pair = (self.rivals[a].name, self.rivals[b].name)
             separation.append(Separation(pair, float(np.mean(nats)), float(np.quantile(nats, 0.1))))
-        return found, tuple(separation)
+        return found_plan, tuple(separation)
 
     def design(
-        self, goal: str, names: Sequence[str], found: FoundPlan, separation: tuple[Separation, ...],
-        impossible: Sequence[str], said: Sequence[str],
+        self, goal: str, names: Sequence[str], found_plan: FoundPlan, separation: tuple[Separation, ...],
+        impossible: Sequence[str], sentences: Sequence[str],
     ) -> Design:  # fmt: skip
         """The design of a plan."""
         after = min(item.nats for item in separation)
         return self.search.design(
-            goal, found, criterion={"name": "t", "parameters": list(names), "before": 0.0, "after": after},
-            drive=self.drive, impossible=tuple(impossible), separation=separation, said=tuple(said),
+            goal, found_plan, criterion={"name": "t", "parameters": list(names), "before": 0.0, "after": after},
+            drive=self.drive, impossible=tuple(impossible), separation=separation, said=tuple(sentences),
         )  # fmt: skip
 
     def worth(self, plans: Sequence[PlannedMotion], rough: bool) -> list[float]:

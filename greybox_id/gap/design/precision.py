@@ -58,13 +58,13 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
 
     search = PlanSearch(design_task, [model], [samples], worth)
     information = Information(fit, known, target)
-    found = search.best(say)
-    after = known.precision + design_task.repeat * information.of([found.plan], samples[0])[0]
+    found_plan = search.best(say)
+    after = known.precision + design_task.repeat * information.of([found_plan.plan], samples[0])[0]
     value = {"before": criterion(known.precision, known, target, kind), "after": criterion(after, known, target, kind)}
     every = predicted_sd(known, after)
     predicted = {name: every[name] for name in target}
     return search.design(
-        "precision", found, criterion={"name": kind, "parameters": list(target), **value},
+        "precision", found_plan, criterion={"name": kind, "parameters": list(target), **value},
         drive=str(fit.how.get("inputs", {}).get("drive", model.aliases.get("drive", ("drive",))[0])),
         predicted_sd=predicted, impossible=_hardly(model, predicted), said=_exact(model),
     )  # fmt: skip

@@ -158,7 +158,7 @@ class PlanSearch:
             "and fit again."
         )
 
-    def design(self, goal: str, found: FoundPlan, **more: Any) -> Design:
+    def design(self, goal: str, found_plan: FoundPlan, **more: Any) -> Design:
         """A found plan with its corridor and the limits it uses up.
 
         Parameters
@@ -166,18 +166,18 @@ class PlanSearch:
         goal, more : as `Design` holds them.
         """
         course, samples = self.courses[0], self.samples[0]
-        motion = course.driven(found.plan, samples, follow=self.task.follow)
+        motion = course.driven(found_plan.plan, samples, follow=self.task.follow)
         good = motion[np.all(np.isfinite(motion), axis=(1, 2))]
         return Design(
-            goal, course.model.name, self.arena, self.limits, phases=found.phases, plan=found.plan,
-            corridor=np.quantile(good, [0.025, 0.975], axis=0), placement=found.placement, driver=course.driver,
-            active_limits=self._used_up(found, good), kept=self._holding(found, samples)[0], repeat=self.task.repeat,
-            **more,
+            goal, course.model.name, self.arena, self.limits, phases=found_plan.phases, plan=found_plan.plan,
+            corridor=np.quantile(good, [0.025, 0.975], axis=0), placement=found_plan.placement, driver=course.driver,
+            active_limits=self._used_up(found_plan, good), kept=self._holding(found_plan, samples)[0],
+            repeat=self.task.repeat, **more,
         )  # fmt: skip
 
-    def _used_up(self, found: FoundPlan, motion: Array) -> tuple[str, ...]:
+    def _used_up(self, found_plan: FoundPlan, motion: Array) -> tuple[str, ...]:
         """Limits of which a plan leaves less than a twentieth, to the worst of the draws."""
-        limits, plan, tight = self.limits, found.plan, strain(motion, self.limits)
+        limits, plan, tight = self.limits, found_plan.plan, strain(motion, self.limits)
         step = plan.time[1] - plan.time[0]
         change = np.diff(plan.of("v_x")) / step
         shares = {
@@ -188,8 +188,8 @@ class PlanSearch:
             "steer_rate": np.max(np.abs(np.diff(plan.steer))) / step / limits.steer_rate,
             "drive_max": np.max(change) / (0.9 * limits.drive_max),
             "brake_max": -np.min(change) / (0.9 * limits.brake_max),
-            "arena": 1.0 + (found.placement.outside + limits.margin) / (0.5 * self.arena.breadth),
-            "duration": found.duration / self.task.duration,
+            "arena": 1.0 + (found_plan.placement.outside + limits.margin) / (0.5 * self.arena.breadth),
+            "duration": found_plan.duration / self.task.duration,
         }
         return tuple(name for name, share in shares.items() if share >= 0.95)
 
