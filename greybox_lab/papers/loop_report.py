@@ -121,9 +121,8 @@ def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
         "crashes_last": crashes, "laps_last": laps,
         "crash_rate_interval": list(wilson(crashes, laps + crashes)) if laps + crashes else [None, None],
     }  # fmt: skip
-    return {
-        "arm": name, "cases": len(done), **{key: _median(_measured(done, what)) for key, what in medians.items()}, **crash
-    }  # fmt: skip
+    known = {key: _median(_measured(done, what)) for key, what in medians.items()}
+    return {"arm": name, "cases": len(done), **known, **crash}
 
 
 def _bar(bar: str, sense: str, limit: float, measured: float | None, of: int) -> dict[str, Any]:
@@ -147,8 +146,8 @@ def _of(name: str, cases: Sequence[Case]) -> list[Case]:
 
 
 def _measured(cases: Sequence[Case], what: Callable[[Case], float]) -> Array:
-    values = np.array([what(item) for item in cases], dtype=float)
-    return values[np.isfinite(values)]
+    values = [what(item) for item in cases]
+    return np.array([value for value in values if np.isfinite(value)])
 
 
 def _median(values: Array) -> float | None:
