@@ -33,7 +33,7 @@ from .demo import CAP, Underway, Watched
 from .protocol import ARMS
 from .safety import Cap
 from .scene import DrivenRows, Scene, driven, effect_words
-from .state import Outcome
+from .state import LoopOutcome
 from .store import DONE, FAILED
 from .swap import Seat, must_drive_as_well
 from .triggers import LEAST, InnovationBand, gap_told, path_error_beyond, rows_due
@@ -84,7 +84,7 @@ class AgentOptions:
 def agent(
     address: str, token: bytes, out: str | Path, options: AgentOptions | None = None, *,
     say: Say = lambda sentence: None,
-) -> Outcome:  # fmt: skip
+) -> LoopOutcome:  # fmt: skip
     """Drive a car in simulation that has what its file does not state, with the help of a server.
 
     Parameters
@@ -112,7 +112,7 @@ class _Agent(Underway):
         self.buffer.forget(self.state["part"])
         self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
-    def _run(self) -> Outcome:
+    def _run(self) -> LoopOutcome:
         self.client.get("/healthz")
         good = self.base(BASE).policy
         base, file = (self.folder / "base.json").read_bytes(), self.folder / "policy.json"
@@ -127,7 +127,7 @@ class _Agent(Underway):
         finally:
             seat.close()
         body = self.body(drives=self.state["drives"], trainings=self.state["trainings"])
-        return Outcome(body, agent_lines(body))
+        return LoopOutcome(body, agent_lines(body))
 
     def _hello(self, sha: str, body: bytes) -> None:
         """Tell the server who drives, and by which policy."""

@@ -49,7 +49,7 @@ from .demo_report import demo_lines, demo_report
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
 from .scene import DrivenRows, Hands, Scene, driven
-from .state import Outcome, begun, keep
+from .state import LoopOutcome, begun, keep
 from .swap import Seat, must_drive_as_well, read_learned
 
 CAP = 0.6
@@ -81,7 +81,7 @@ QUICK, FULL = DemoSize(150_000, 4_500, 1_500, 150_000, 3_000), DemoSize(1_000_00
 def demo(
     out: str | Path, *, quick: bool = False, case: int = 0, arm: str = "named", seed: int = 0, cycles: int = 3,
     say: Say = lambda sentence: None,
-) -> Outcome:  # fmt: skip
+) -> LoopOutcome:  # fmt: skip
     """Drive, name, learn anew and swap, some cycles long, and say what came of it.
 
     Parameters
@@ -125,13 +125,13 @@ class Underway(ABC):
         self.log = Log(self.folder / "log.jsonl")
         write_atomically(self.folder / "vehicle.toml", scene.text, continued=True)
 
-    def run(self) -> Outcome:
+    def run(self) -> LoopOutcome:
         """All that is not done yet."""
         with held(self.folder):
             return self._run()
 
     @abstractmethod
-    def _run(self) -> Outcome:
+    def _run(self) -> LoopOutcome:
         """The same, where nobody else is at work."""
 
     def body(self, **more: Any) -> dict[str, Any]:
@@ -175,7 +175,7 @@ class _Running(Underway):
         requested = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles}
         super().__init__(folder / "demo.json", "demo", requested, {"cycles": [], "arms": {}, "cap": CAP}, scene, say)
 
-    def _run(self) -> Outcome:
+    def _run(self) -> LoopOutcome:
         base = self.base(self.size.base)
         while len(self.state["cycles"]) < self.cycles:
             self._cycle(base)
@@ -187,7 +187,7 @@ class _Running(Underway):
         value = self.body(cycles=self.state["cycles"], arms=arms)
         write_atomically(self.folder / "index.html", page(demo_report(value)), continued=True)
         cycles = [{name: item for name, item in one.items() if name != "trace"} for one in value["cycles"]]
-        return Outcome({**value, "cycles": cycles}, demo_lines(value))
+        return LoopOutcome({**value, "cycles": cycles}, demo_lines(value))
 
     def _cycle(self, base: Learned) -> None:
         """DrivenRows rows, name, learn, probe and swap."""

@@ -16,7 +16,7 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True)
-class Outcome:
+class LoopOutcome:
     """What came of a run, as plain data (docs/json.md) and in lines."""
 
     body: Mapping[str, Any]
