@@ -66,7 +66,10 @@ def ipopt(
     Solution and Ipopt's verdict.
     """
     clock = time.process_time()
-    program = Condensed(problem, x)
+    scale = _units(problem, x)
+    Z, gamma, none = cs.MX.sym("Z", len(x)), cs.MX.sym("gamma"), cs.MX.sym("none", 0)
+    objective, equations = _computed(problem, scale)
+    f, (g, H) = objective(cs.DM(scale) * Z), equations(cs.DM(scale) * Z)
     options: dict[str, Any] = {
         "print_time": False,
         "ipopt.print_level": 0,
@@ -78,7 +81,9 @@ def ipopt(
         "ipopt.fixed_variable_treatment": "make_parameter",
         "error_on_fail": False,
         "show_eval_warnings": False,  # a trial point beyond all bounds is Ipopt's affair; it shortens the step
-        **program.derivatives,
+        "grad_f": cs.Function("grad_f", [Z, none], [f, g]),
+        "hess_lag": cs.Function("hess_lag", [Z, none, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
+        "no_nlp_grad": True,  # what is evaluated by a callback has no further derivative
     }
     if warm:
         options |= {
@@ -88,9 +93,8 @@ def ipopt(
             **{f"ipopt.warm_start_{kind}_push": 1e-9 for kind in ("bound", "slack_bound", "mult_bound")},
             **{f"ipopt.warm_start_{kind}_frac": 1e-9 for kind in ("bound", "slack_bound")},
         }
-    solver = cs.nlpsol("ipopt", "ipopt", program.nlp, options)
+    solver = cs.nlpsol("ipopt", "ipopt", {"x": Z, "f": f}, options)
     limited = np.clip(x, -UNLIMITED, UNLIMITED)
-    scale = program.scale
     start, low, high = (value / scale for value in (limited, *_bounds(problem, limited)))
     if np.any(np.isnan([start, low, high])):
         where = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
@@ -101,7 +105,7 @@ def ipopt(
     unknowns[np.isinf(x)] = x[np.isinf(x)]
     same: LeastSquares = problem
     matched = same.simulated_nodes(unknowns)
-    objective = same.objective(unknowns, matched)
+    least = same.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
     status = {
         "Solve_Succeeded": Status.CONVERGED,
@@ -110,7 +114,7 @@ def ipopt(
         "User_Requested_Stop": Status.INTERRUPTED,
     }.get(stats["return_status"], Status.STALLED)
     solution = Solution(
-        unknowns, matched, status, int(stats["iter_count"]), objective, np.nan, tuple(trajectory.get("obj", ()))
+        unknowns, matched, status, int(stats["iter_count"]), least, np.nan, tuple(trajectory.get("obj", ()))
     )
     return solution, IpoptVerdict(
         words=stats["return_status"].replace("_", " "),
@@ -119,36 +123,6 @@ def ipopt(
         violation=float(trajectory.get("inf_pr", [np.nan])[-1]),
         cpu_seconds=time.process_time() - clock,
     )
-
-
-class Condensed:
-    """The problem as a program over its unknowns.
-
-    Unknowns are in units of their own curvature at x: Ipopt's tolerance is one for all of them, and curvatures of a
-    network's weights and of a vehicle's numbers span ten orders of magnitude. Units are powers of two, so that changing
-    them loses no digit: what was computed at x need not be computed again.
-
-    Attributes
-    ----------
-    scale : (unknowns,) what one unit of an unknown of the program is.
-    """
-
-    def __init__(self, problem: LeastSquares, x: Array) -> None:
-        size = problem.layout.size
-        curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
-        known = problem.free & np.isfinite(curvature) & (curvature > 0)
-        self.scale = np.where(known, np.exp2(-np.round(np.log2(np.where(known, curvature, 1.0)) / 2.0)), 1.0)
-        Z = cs.MX.sym("Z", size)
-        X = cs.DM(self.scale) * Z
-        empty, gamma = cs.MX.sym("none", 0), cs.MX.sym("gamma")
-        self._callbacks = _computed(problem, self.scale)
-        objective, equations = self._callbacks
-        (g, H), self.nlp = equations(X), {"x": Z, "f": objective(X)}
-        self.derivatives = {
-            "grad_f": cs.Function("grad_f", [Z, empty], [self.nlp["f"], g]),
-            "hess_lag": cs.Function("hess_lag", [Z, empty, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
-            "no_nlp_grad": True,  # what is evaluated by a callback has no further derivative
-        }
 
 
 class Computed(cs.Callback):  # type: ignore[misc]
@@ -199,6 +173,18 @@ class Computed(cs.Callback):  # type: ignore[misc]
             if result is not None and len(result):
                 np.frombuffer(result)[:] = known
         return 0
+
+
+def _units(problem: LeastSquares, x: Array) -> Array:
+    """(unknowns,) units of their own curvature at x, in which Ipopt has the unknowns.
+
+    Its tolerance is one for all of them, and curvatures of a network's weights and of a vehicle's numbers span ten
+    orders of magnitude. Units are powers of two, so that changing them loses no digit: what was computed at x need not
+    be computed again.
+    """
+    curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
+    known = problem.free & np.isfinite(curvature) & (curvature > 0)
+    return np.where(known, np.exp2(-np.round(np.log2(np.where(known, curvature, 1.0)) / 2.0)), 1.0)
 
 
 def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
