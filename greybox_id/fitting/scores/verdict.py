@@ -9,11 +9,12 @@ errors on the data that parameters were chosen on are no proof.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ...base.numbers import listed, number
+from ...base.numbers import listed, number, quantity
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
@@ -92,6 +93,18 @@ def judged(
     if roles == [TRAINED]:
         reasons.append(Reason(WITH_CARE, "Not validated: no recording was held out; validate it on another one."))
     return weighed(reasons, comparison)
+
+
+def conditional(fit: Fit, verdict: Verdict) -> Verdict:
+    """The verdict with what its intervals rest on: stated values that the recordings do not determine."""
+    sentences = []
+    for name, scaled in fit.how.get("scaling", {}).items():
+        stated = quantity(float(fit.model[name].array), fit.model[name].unit, 4)
+        sentences.append(
+            f"{listed(scaled)} {'scales' if len(scaled) == 1 else 'scale'} with {name}, which the recordings do not "
+            f"determine: intervals hold for {name} = {stated}, as stated."
+        )
+    return replace(verdict, reasons=tuple(dict.fromkeys([*verdict.reasons, *sentences])))
 
 
 def times_as_large(scores: Scores, other: Scores) -> float:
