@@ -35,6 +35,8 @@ FOREIGN = 1.5
 """Held-out errors so many times those on the training data say that the fit does not carry over."""
 UNEXPLAINED = 0.5
 """Share of an output's variance that may be left unexplained before it has to be known."""
+DOUBTS = ("explained", "unrelated")
+"""Findings that are told of a fit's data though nothing else witnesses them."""
 HOLES = 0.05
 """Share of rows that may be missing in a channel before its recording counts as broken."""
 MANY = 100
@@ -133,7 +135,7 @@ def distrust(fit_inputs: Iterable[str], recording: Recording, *, faults: bool = 
     return [
         item
         for item in check(recording)
-        if (item.severity is Severity.DISTRUST or (faults and item.kind == "explained"))
+        if (item.severity is Severity.DISTRUST or (faults and item.kind in DOUBTS))
         and (item.where.channel == "time" or used & set(_channels(item)))
     ]
 

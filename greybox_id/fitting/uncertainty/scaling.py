@@ -45,7 +45,7 @@ def scaling(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -> 
     model, longest = fit.model, max(recordings, key=len)
     short = longest if len(longest) <= MOST_ROWS else longest.rows(0, MOST_ROWS)
     problem = MotionProblem(simulator, [short], noise=np.ones(len(model.outputs)), horizon=AHEAD, starts="measured")
-    scalars = [p for p in model.parameters if p.shape == () and float(p.array) != 0.0]
+    scalars = [p for p in model.parameters if p.shape == () and float(p.array) != 0.0 and np.isfinite(p.array)]
     free, prior = [p.name for p in scalars if not p.fixed], fit.from_prior
     stated = [p.name for p in scalars if p.name in prior or (p.fixed and p.name not in model.effects)]
     roughness = {name: abs(float(fit.sd[name] / model[name].array)) for name in stated}
