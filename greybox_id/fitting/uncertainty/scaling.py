@@ -12,6 +12,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
@@ -44,12 +45,16 @@ def scaling(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -> 
     """
     model, longest = fit.model, max(recordings, key=len)
     short = longest if len(longest) <= MOST_ROWS else longest.rows(0, MOST_ROWS)
-    problem = MotionProblem(simulator, [short], noise=np.ones(len(model.outputs)), horizon=AHEAD, starts="measured")
+    try:
+        problem = MotionProblem(simulator, [short], noise=np.ones(len(model.outputs)), horizon=AHEAD, starts="measured")
+    except BadInput:  # the vehicle stands in all of these rows
+        return {}
     scalars = [p for p in model.parameters if p.shape == () and float(p.array) != 0.0 and np.isfinite(p.array)]
     free, prior = [p.name for p in scalars if not p.fixed], fit.from_prior
     stated = [p.name for p in scalars if p.name in prior or (p.fixed and p.name not in model.effects)]
     roughness = {name: abs(float(fit.sd[name] / model[name].array)) for name in stated}
-    follows, result = {name: _follows(problem, model, name) for name in {*stated, *free}}, {}
+    follows = {name: _follows(problem, model, name) for name in {*stated, *free}}
+    result: dict[str, list[str]] = {}
     for name in stated:
         others, moved = [other for other in free if other != name], follows[name]
         table = np.column_stack([np.zeros(len(moved)), *(follows[other] for other in others)])
