@@ -15,7 +15,7 @@ from greybox_id.models.motion_model import MotionModel
 
 from ..racing.stage import PLANE
 from .injection import fingerprint
-from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, Layers, SquaredError, Variant, drawn, unpacked
+from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, SquaredError, Variant, drawn
 from .open_loop import OpenLoop
 from .windows import HELD_OUT, StepWindows, data_hash, resampled, windows
 
@@ -92,10 +92,10 @@ def train_actuator_net(
                 f"{len(result)} windows in {result.blocks.max() + 1} blocks of time are too few to train on some and "
                 "hold others out. Record longer, without gaps."
             )
-        held = SquaredError(sizes, x[outside], y[outside])
-        done = _descended(SquaredError(sizes, x[inside], y[inside]), held, drawn(sizes, rng), steps, seed + k, say)
-        weights, biases = unpacked(done.x, sizes)
-        trained.append((Layers(tuple(weights), tuple(biases)), done, int(np.sum(inside)), int(np.sum(outside))))
+        net = drawn(sizes, rng)
+        held = SquaredError(net, x[outside], y[outside])
+        done = _descended(SquaredError(net, x[inside], y[inside]), held, net.vector, steps, seed + k, say)
+        trained.append((net.at(done.x), done, int(np.sum(inside)), int(np.sum(outside))))
         errors.append(held.errors(done.x) * scaling.out_scales)
         if done.status == "interrupted":
             raise KeyboardInterrupt
@@ -112,7 +112,7 @@ def train_actuator_net(
     }  # fmt: skip
     return ActuatorNet(
         variant=variant, inputs=value.inputs, outputs=value.outputs, history=value.history, sample_time=step,
-        members=tuple(layers for layers, *_ in trained), means=scaling.means, scales=scaling.scales,
+        members=tuple(net for net, *_ in trained), means=scaling.means, scales=scaling.scales,
         out_means=scaling.out_means, out_scales=scaling.out_scales,
         sigma=np.maximum(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)), 1e-9), channel=channel,
         model="" if model is None else fingerprint(model), data=data_hash(even, value.inputs, channel), trained=about,
