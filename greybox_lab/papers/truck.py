@@ -24,7 +24,7 @@ from greybox_id.base.shorthands import Array
 from greybox_id.base.version import __version__
 from greybox_id.fitting.how import Say, quiet
 
-from .bench import KeptBench
+from .bench import KeptBench, must_be_folder
 from .truck_authors import AUTHORS, PRIORS, authors_errors, authors_particles
 from .truck_comparisons import (
     beside_bicycle,
@@ -104,8 +104,7 @@ def truck_tables(
     KeyboardInterrupt : Ctrl-C; trainings before it are kept.
     """
     how, store, clock = options or TruckOptions(), kept or KeptBench("truck"), time.process_time()
-    if not data.is_dir():
-        raise BadInput(f"{data} is no folder; name that of train.parquet and val.parquet with ‹data›.")
+    must_be_folder(data, "train.parquet and val.parquet")
     for split in SPLITS[:2]:
         if not (data / f"{split}.parquet").is_file():
             raise BadInput(
