@@ -154,6 +154,8 @@ class Sets:
         if np.any(there[value] < self.low[value] - size) or np.any(there[value] > self.high[value] + size):
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
+        if not fit <= self.left:  # columns of what spins: rounding is left of them
+            return NEVER, NEVER
         return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
 
     def beyond(self, on: Mask) -> Mask:

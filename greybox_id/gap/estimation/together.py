@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.shorthands import Array, Mask
+from ...engine.solvers.gauss_newton import least_within
 from .bench import Bench
 from .calibration import CAL
 from .constancy import steadily
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
-from .problem import RIDGE, JointProblem, JointState, Linear
+from .problem import JointProblem, JointState, Linear
 from .sparse import Quadratic, Sets
 
 
@@ -123,6 +124,7 @@ class JointSearch:
             (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
             if other in cause.forms[0].candidate.never_beside
         ]  # fmt: skip
+        self._switched_at = np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)
         self.odds = np.full(len(names), CAL.against)
         for k, cause in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
@@ -400,23 +402,18 @@ class JointSearch:
         x, _ = squares.best(variance)
         off = np.abs(x - value.mean)[value.main]
         if there is None:
-            there = (off > np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)) & (
-                variance > 4 * problem.zone**2
-            )
+            there = (off > self._switched_at) & (variance > 4 * problem.zone**2)
         on = there & ~problem.smooth
-        switched = on & ~state.on
-        linear = ~value.moved & ~np.isin(value.cause, np.flatnonzero(switched))
         prec = squares.precision(variance)
-        profile = _Profile(value.A[:, linear], prec[linear], (value.mean - value.at)[linear])
+        first = _FirstOrder(value, prec, self._switched_at[value.cause], np.flatnonzero(on & ~state.on))
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
-        here = self._objective(back, profile, whitener, prec, value, back.m)
+        here = self._objective(back, first, whitener, prec, value)
         share = 1.0
         for _ in range(6):
             new = problem.moved(state, x, share, on)
-            there_now = self._objective(new, profile, whitener, prec, value, new.m)
-            if there_now < here + 1e-6:
+            if self._objective(new, first, whitener, prec, value) < here + 1e-6:
                 break
             share *= 0.4
         else:
@@ -429,17 +426,16 @@ class JointSearch:
         return new, far
 
     def _objective(
-        self, state: JointState, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
+        self, state: JointState, first: _FirstOrder, whitener: Whitener, prec: Array, linear: Linear
     ) -> float:
         problem = self.problem
         (e,) = problem.residuals([problem.vector(state)])
         if not np.all(np.isfinite(e)):
             return np.inf
-        r = whitener.white(e[:, :, None]).ravel()
-        squares = profile.left(r)
+        squares = first.left(whitener.white(e[:, :, None]).ravel())
         theta = (state.theta - problem.theta_mean) / problem.theta_sd
         goes = problem.smooth | state.on
-        mains = np.sqrt(prec[linear.main]) * np.where(goes, m - problem.mean, 0.0)
+        mains = np.sqrt(prec[linear.main]) * np.where(goes, state.m - problem.mean, 0.0)
         extra = 0.0
         for k in np.flatnonzero(state.on & ~problem.smooth):
             for axis, at in zip(
@@ -451,20 +447,29 @@ class JointSearch:
         return total if np.isfinite(total) else np.inf
 
 
-class _Profile:
-    """Sums of squares with first-order coordinates at their best."""
+class _FirstOrder:
+    """Coordinates that simulations do not have, at their best wherever a step leads.
 
-    def __init__(self, A: Array, prec: Array, off: Array) -> None:
-        self.A, self.prec, self.off = A, prec, off
-        H = A.T @ A + np.diag(prec)
-        self.scale = 1 / np.sqrt(np.diag(H))
-        self.factor = np.linalg.cholesky(H * np.outer(self.scale, self.scale) + RIDGE * np.eye(len(H))) if len(H) else H
+    Causes among them go no further than they would without being simulated: columns that were taken elsewhere would
+    make up for whatever a simulation does.
+
+    Parameters
+    ----------
+    linear, prec : the problem, and beliefs.
+    switched_at : (K,) how far a cause is off where simulations have it.
+    switched : causes that simulations have from this step on.
+    """
+
+    def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Array) -> None:
+        here = ~linear.moved & ~np.isin(linear.cause, switched)
+        reach = np.where(linear.cause >= 0, switched_at, np.inf)[here]
+        self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
+        self._low = np.maximum((linear.low - linear.at)[here], -reach - self._off)
+        self._high = np.minimum((linear.high - linear.at)[here], reach - self._off)
+        self._H = self._A.T @ self._A + np.diag(self._prec)
 
     def left(self, r: Array) -> float:
         """What is left of residuals, with the charge."""
-        total = float(r @ r)
-        if not len(self.prec):
-            return total
-        r0 = r + self.A @ self.off  # at the means
-        y = np.linalg.solve(self.factor, self.scale * (self.A.T @ r0))
-        return float(r0 @ r0) - float(y @ y)
+        g = self._A.T @ r + self._prec * self._off
+        step = least_within(self._H, g, self._low, self._high, np.ones(len(g), dtype=bool))
+        return float(r @ r + self._off @ (self._prec * self._off) + 2 * g @ step + step @ self._H @ step)
