@@ -9,6 +9,7 @@ George & McCulloch, J. Am. Stat. Assoc. 88, 1993, for the spike and slab.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -113,6 +114,13 @@ class Sets:
         self.slab = np.maximum(usual**2, 9 * self.spike)
         self.odds, self.never = odds, tuple(never)
         self._known = dict[bytes, tuple[float, float]]()
+
+    def reaching(self, low: Array, high: Array) -> Sets:
+        """The same scores where magnitudes may be as large as that, (causes,)."""
+        other = copy(self)
+        other.low, other.high, other._known = self.low.copy(), self.high.copy(), {}
+        other.low[self.main], other.high[self.main] = low, high
+        return other
 
     @staticmethod
     def _at_means(squares: Quadratic) -> float:
