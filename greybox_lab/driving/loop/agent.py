@@ -13,7 +13,6 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -50,39 +49,9 @@ POLL, PATIENCE = 0.5, 60.0
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True)
-class AgentOptions:
-    """What an agent does.
-
-    Attributes
-    ----------
-    case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
-    session : name at the server.
-    arm : what the server makes of rows, one of `protocol.ARMS`.
-    trainings : policies that are asked for before it ends.
-    steps, seconds : of a training: periods driven, and the budget of the server's processor.
-
-    Raises
-    ------
-    BadInput : a number makes no sense.
-    """
-
-    case: int = 0
-    seed: int = 0
-    session: str = "car"
-    arm: str = "named"
-    trainings: int = 2
-    steps: int = BASE
-    seconds: float = 120.0
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.trainings <= 20:
-            raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
-        must_be_one_of(ARMS, self.arm, "There is no arm")
-
-
 def agent(
-    address: str, token: bytes, out: str | Path, options: AgentOptions | None = None, *,
+    address: str, token: bytes, out: str | Path, *, case: int = 0, seed: int = 0, session: str = "car",
+    arm: str = "named", trainings: int = 2, steps: int = BASE, seconds: float = 120.0,
     say: Say = lambda sentence: None,
 ) -> LoopOutcome:  # fmt: skip
     """Drive a car in simulation that has what its file does not state, with the help of a server.
@@ -91,23 +60,32 @@ def agent(
     ----------
     address, token : of the server, see `client.Client`.
     out : folder; one in which the same was begun is carried on with.
-    options : what is done.
+    case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
+    session : name at the server.
+    arm : what the server makes of rows, one of `protocol.ARMS`.
+    trainings : policies that are asked for before it ends.
+    steps, seconds : of a training: periods driven, and the budget of the server's processor.
     say : told what is going on.
 
     Raises
     ------
-    BadInput : the server does not answer or declines, or the folder holds something else.
+    BadInput : the server does not answer or declines, the folder holds something else, or a number makes no sense.
     """
-    return _Agent(Client(address, token), Path(out), options or AgentOptions(), say).run()
+    if not 1 <= trainings <= 20:
+        raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {trainings!r}.")
+    must_be_one_of(ARMS, arm, "There is no arm")
+    requested = {"case": case, "seed": seed, "session": session, "arm": arm, "trainings": trainings, "steps": steps,
+             "seconds": seconds}  # fmt: skip
+    return _Agent(Client(address, token), Path(out), requested, say).run()
 
 
 class _Agent(Underway):
-    def __init__(self, client: Client, folder: Path, options: AgentOptions, say: Say) -> None:
-        self.client, self.options = client, options
+    def __init__(self, client: Client, folder: Path, requested: Mapping[str, Any], say: Say) -> None:
+        self.client, self.requested = client, requested
         fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0,
                  "part": 0}  # fmt: skip
-        scene = Scene(options.case)
-        super().__init__(folder / "agent.json", "agent", vars(options), fresh | {"twin": None}, scene, say)
+        scene = Scene(requested["case"])
+        super().__init__(folder / "agent.json", "agent", requested, fresh | {"twin": None}, scene, say)
         self.buffer = RowBuffer(self.folder / "rows")
         self.buffer.forget(self.state["part"])
         self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
@@ -119,7 +97,7 @@ class _Agent(Underway):
         seat = Seat(file.read_bytes() if file.is_file() else base, self.folder)
         self._hello(seat.now.sha, file.read_bytes() if file.is_file() else base)
         try:
-            while len(self.state["trainings"]) < self.options.trainings:
+            while len(self.state["trainings"]) < self.requested["trainings"]:
                 reason = self.state["due"] or self._drive(seat, good)
                 if reason:
                     self._train(seat, reason)
@@ -132,7 +110,7 @@ class _Agent(Underway):
     def _hello(self, sha: str, body: bytes) -> None:
         """Tell the server who drives, and by which policy."""
         self._asked(lambda: self.client.post("/v1/policies", body))
-        hello = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
+        hello = {"session": self.requested["session"], "vehicle": self.scene.text, "policy": sha}
         self._asked(lambda: self.client.post("/v1/hello", hello))
 
     def _asked(self, ask: Callable[[], Answer]) -> Answer:
@@ -148,7 +126,7 @@ class _Agent(Underway):
 
     @property
     def _path(self) -> str:
-        return f"/v1/sessions/{self.options.session}"
+        return f"/v1/sessions/{self.requested['session']}"
 
     def _event(self, kind: str, **more: Any) -> None:
         """An event: written down, and shown at the server."""
@@ -189,7 +167,7 @@ class _Agent(Underway):
         expected = self._expected(seat.now.policy, driven_at)
         self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
         hands = Watched(units, seat, good, cap, self.units, expected["worst"], self.log)
-        drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
+        drive = driven(self.scene, hands, ROWS, 1000 * self.requested["seed"] + 100 * k)
         self.count(drive, cap, drive=k)
         recordings = drive.recordings
         for recording in recordings:
@@ -217,18 +195,18 @@ class _Agent(Underway):
         reason = rows_due(new, first=not self.state["learned_at"])
         if not reason and recordings and new >= LEAST:
             reason = path_error_beyond(drive.path_error, expected["path_error_rms"]) or self._evidence(recordings)
-        self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
+        self.state["due"] = reason if len(self.state["trainings"]) < self.requested["trainings"] else ""
         self.keep()
         return reason
 
     def _train(self, seat: Seat, reason: str) -> None:
         """Ask for a policy, try it, and let it drive."""
-        options, k = self.options, len(self.state["trainings"]) + 1
+        requested, k = self.requested, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
         self._event("trigger", training=k, reason=reason)
         self._asked(self._send)
-        request = {"arm": options.arm, "seconds": options.seconds, "steps": options.steps, "seed": options.seed + k,
-                  "cap": self.state["cap"]}  # fmt: skip
+        request = {name: requested[name] for name in ("arm", "seconds", "steps")}
+        request |= {"seed": requested["seed"] + k, "cap": self.state["cap"]}
         job = self._asked(lambda: self.client.post(f"{self._path}/train", request))
         place = f"/v1/jobs/{job['id']}"
         while job["status"] not in (DONE, FAILED):

@@ -12,7 +12,7 @@ from serving import START, serving
 
 from greybox_lab.driving.loop import agent as room
 from greybox_lab.driving.loop import demo
-from greybox_lab.driving.loop.agent import AgentOptions, agent
+from greybox_lab.driving.loop.agent import agent
 from greybox_lab.driving.loop.client import Unanswered
 from greybox_lab.driving.loop.protocol import digest_of
 from greybox_lab.driving.loop.scene import Scene
@@ -66,7 +66,7 @@ def _small(monkeypatch):
 
 def driven_with(canned, folder, monkeypatch, **options):
     monkeypatch.setattr(room, "Client", lambda *_: canned)
-    return agent("http://nobody", TOKEN, folder, AgentOptions(trainings=1, **options))
+    return agent("http://nobody", TOKEN, folder, trainings=1, **options)
 
 
 @pytest.mark.slow
