@@ -9,10 +9,11 @@ processor and libraries.
 
 from __future__ import annotations
 
-import argparse
 import json
 import time
 from pathlib import Path
+
+from running import options
 
 from greybox_lab.driving import racing
 from greybox_lab.driving.learn_policy import learn_policy
@@ -27,21 +28,11 @@ def _said(sentence: str) -> None:
     print(sentence, flush=True)
 
 
-def _silent(sentence: str) -> None:
-    pass
-
-
 def main() -> None:
     """Learn one, drive laps, write it."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--vehicle", default="roboracer")
-    arguments.add_argument("--seed", type=int, default=0)
-    arguments.add_argument("--steps", type=int, default=3_000_000)
-    arguments.add_argument("--out", type=Path)
-    arguments.add_argument("--json", action="store_true")
-    given = arguments.parse_args()
+    given = options(__doc__, vehicle="roboracer", seed=0, steps=3_000_000, out={"type": Path})
     clock = time.process_time()
-    last, how = given.steps // 3, {"seed": given.seed, "say": _silent if given.json else _said}
+    last, how = given.steps // 3, {"seed": given.seed, "say": (lambda sentence: None) if given.json else _said}
     learned = learn_policy(given.vehicle, given.steps - last, **how)
     steps = learned.policy.about["steps"]
     learned = learn_policy(given.vehicle, last, start=learned, follow=FOLLOW, **how)

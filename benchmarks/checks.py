@@ -9,14 +9,14 @@ sentence says what it is. Thresholds were chosen on the seeds "choice"; what is 
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from collections import defaultdict
+from collections.abc import Iterator
 from typing import Any
 
 from checks_recordings import FAULTS, PLANTED, clean, possible, twelve, with_heading
+from running import options, tell
 
 from greybox_id.datasets.checks import Finding, Severity, check
 from greybox_id.datasets.recording import Recording
@@ -29,14 +29,13 @@ EVERY = 20
 """One clean recording in so many is spoilt by every fault that it can have."""
 
 
-def main() -> int:
+def main() -> None:
     """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--clean", type=int, default=300, help="recordings with nothing wrong")
-    arguments.add_argument("--seeds", default="results", help="choice, results, or a first seed")
-    arguments.add_argument("--only", choices=("clean", "power", "bar", "planted"), help="one part of it")
-    given = arguments.parse_args()
+    given = options(
+        __doc__, clean={"type": int, "default": 300, "help": "recordings with nothing wrong"},
+        seeds={"default": "results", "help": "choice, results, or a first seed"},
+        only={"choices": ("clean", "power", "bar", "planted"), "help": "one part of it"},
+    )  # fmt: skip
     first = SEEDS[given.seeds] if given.seeds in SEEDS else int(given.seeds)
     found: dict[str, Any] = {}
     if given.only in (None, "clean"):
@@ -47,11 +46,7 @@ def main() -> int:
         found |= bar()
     if given.only in (None, "planted"):
         found |= {"planted": [planted(kind, first + k) for k, kind in enumerate(KINDS)]}
-    if given.json:
-        sys.stdout.write(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    else:
-        show(found)
-    return 0
+    tell(found if given.json else dict(shown(found)), given.json)
 
 
 def accusations(recording: Recording) -> list[Finding]:
@@ -74,7 +69,7 @@ def false_alarms(count: int, first: int) -> dict[str, Any]:
         found = accusations(recording)
         seconds += time.process_time() - began
         alarms += [{"recording": recording.name, "sentences": [f.sentence for f in found]}] if found else []
-        tell(f"{seed - first + 1} of {count} clean recordings, {len(alarms)} distrusted")
+        progress(f"{seed - first + 1} of {count} clean recordings, {len(alarms)} distrusted")
     return {"clean": count, "distrusted": alarms, "seconds": seconds}
 
 
@@ -89,11 +84,11 @@ def power(count: int, first: int) -> dict[str, Any]:
                 new = _new(fault.apply(recording), known)
                 named = any(fault.named(own.sentence) for own in new)
                 cases[name] = [a + b for a, b in zip(cases[name], (bool(new), named, 1), strict=True)]
-        tell(f"{seed - first + 1} of {count} clean recordings spoilt")
+        progress(f"{seed - first + 1} of {count} clean recordings spoilt")
     return {"power": dict(cases)}
 
 
-def tell(words: str) -> None:
+def progress(words: str) -> None:
     """How far it is, where somebody looks."""
     if sys.stderr.isatty():
         sys.stderr.write(words + "\n")
@@ -111,7 +106,7 @@ def bar() -> dict[str, Any]:
                 named = any(fault.named(f.sentence) for f in new)
                 cases.append({"recording": recording.name, "fault": name, "found": bool(new), "named": named,
                               "sentence": new[0].sentence if new else ""})  # fmt: skip
-        tell(f"{recording.name} spoilt by {len(FAULTS)} faults")
+        progress(f"{recording.name} spoilt by {len(FAULTS)} faults")
     return {"before": before, "cases": cases}
 
 
@@ -132,32 +127,25 @@ def planted(kind: str, seed: int) -> dict[str, Any]:
             "right_first": right, "missed": missed, "other_first": other, "without": len(known)}  # fmt: skip
 
 
-def show(found: dict[str, Any]) -> None:
-    """One table."""
-    say = sys.stdout.write
+def shown(found: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """For people."""
     if "clean" in found:
-        say(f"clean recordings distrusted: {len(found['distrusted'])} of {found['clean']}; ")
-        say(f"{1000 * found['seconds'] / found['clean']:.0f} ms of the processor each\n")
-        for own in found["distrusted"]:
-            say(f"    {own['recording']}: {' | '.join(own['sentences'])}\n")
-    for own in found.get("planted", []):
-        say(f"{own['recording']}: {own['found']} of {own['faults']} faults found, {own['right_first']} with the right ")
-        say(f"cause first; missed: {', '.join(own['missed']) or 'none'}\n")
-        say("".join(f"    {name}: {sentence}\n" for name, sentence in own["other_first"].items()))
+        yield "clean recordings distrusted", f"{len(found['distrusted'])} of {found['clean']}"
+        yield "ms of the processor each", 1000 * found["seconds"] / found["clean"]
+        yield "distrusted", found["distrusted"]
+    yield "planted", found.get("planted", [])
+    yield "without a fault", [own for own in found.get("before", []) if own["sentences"]]
     cases = found.get("cases", [])
-    for own in found.get("before", []):
-        if own["sentences"]:
-            say(f"{own['recording']} without a fault: {' | '.join(own['sentences'])}\n")
-    if not cases and "power" not in found:
-        return
-    say(f"\n{'fault':<46} {'12 recordings: found, named':>28} {'clean ones':>18}   missed in\n")
-    for name in FAULTS:
-        here = [own for own in cases if own["fault"] == name]
-        hit, named, of = found.get("power", {}).get(name, (0, 0, 0))
-        missed = ", ".join(own["recording"] for own in here if not own["found"])
-        say(f"{name:<46} {_counts(here):>28} {f'{hit}, {named} of {of}':>18}   {missed}\n")
-    if cases:
-        say(f"{'all':<46} {_counts(cases):>28}\n")
+    if cases or "power" in found:
+        yield "faults", [_row(name, [own for own in cases if own["fault"] == name], found) for name in FAULTS]
+    yield "all faults in twelve recordings", _counts(cases)
+
+
+def _row(name: str, here: list[dict[str, Any]], found: dict[str, Any]) -> dict[str, Any]:
+    hit, named, of = found.get("power", {}).get(name, (0, 0, 0))
+    missed = [own["recording"] for own in here if not own["found"]]
+    return {"fault": name, "12 recordings: found, named": _counts(here), "clean ones": f"{hit}, {named} of {of}",
+            "missed in": missed}  # fmt: skip
 
 
 def _counts(cases: list[dict[str, Any]]) -> str:
@@ -165,4 +153,4 @@ def _counts(cases: list[dict[str, Any]]) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

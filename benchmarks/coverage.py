@@ -9,14 +9,13 @@ free parameters from wrong starts.
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from running import options, tell
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "support"))
 from reference_manoeuvres import manoeuvre
@@ -33,20 +32,10 @@ WRONG = 1.15
 """Factor on the true parameters from which fits start."""
 
 
-def main() -> int:
+def main() -> None:
     """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--recordings", type=int, default=300)
-    arguments.add_argument("--seconds", type=float, default=20.0)
-    given = arguments.parse_args()
-    rows = [row for rho in (0.0, 0.8) for row in covered(given.recordings, given.seconds, rho)]
-    if given.json:
-        sys.stdout.write(json.dumps({"rows": rows}, indent=1) + "\n")
-    else:
-        for row in rows:
-            sys.stdout.write(f"rho {row['rho']}  {row['parameter']:4s} {row['covered']:.3f} of {row['recordings']}\n")
-    return 0
+    given = options(__doc__, recordings=300, seconds=20.0)
+    tell({"rows": [row for rho in (0.0, 0.8) for row in covered(given.recordings, given.seconds, rho)]}, given.json)
 
 
 def covered(recordings: int, seconds: float, rho: float) -> list[dict[str, Any]]:
@@ -83,4 +72,4 @@ def _coloured(random: np.random.Generator, rows: int, rho: float) -> np.ndarray:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -10,10 +10,7 @@ speed     Samples per second of processor time of filters with four states, besi
 
 from __future__ import annotations
 
-import argparse
-import json
 import math
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -22,8 +19,7 @@ from typing import Any
 
 import numpy as np
 from filterpy.kalman import ExtendedKalmanFilter, MerweScaledSigmaPoints, UnscentedKalmanFilter
-from rich.console import Console
-from rich.table import Table
+from running import options, tell
 from threadpoolctl import threadpool_limits
 
 from greybox_id.base.errors import GreyboxError
@@ -52,31 +48,21 @@ FILTERPY_ROWS = 2_000
 PARTS = ("sideslip", "speed")
 
 
-def main() -> int:
-    """Run the benchmark; 2 on bad input."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--data", type=Path, help="folder of the recordings; the part sideslip needs it")
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--parts", nargs="+", choices=PARTS, default=list(PARTS))
-    given = arguments.parse_args()
+def main() -> None:
+    """Run the benchmark."""
+    given = options(
+        __doc__, data={"type": Path, "help": "folder of the recordings; the part sideslip needs it"},
+        parts={"nargs": "+", "choices": PARTS, "default": list(PARTS)},
+    )  # fmt: skip
     found: dict[str, list[dict[str, Any]]] = {}
-    try:
-        with threadpool_limits(1):
-            if "sideslip" in given.parts:
-                if given.data is None:
-                    raise GreyboxError("The part sideslip needs --data DIR; or name others with --parts.")
-                found["sideslip"] = [row for name, part in segments(given.data) for row in sideslip_rows(name, part)]
-            if "speed" in given.parts:
-                found["speed"] = speed_rows()
-    except GreyboxError as error:
-        sys.stderr.write(f"estimators: {error}\n")
-        return 2
-    if given.json:
-        sys.stdout.write(json.dumps(found, indent=1) + "\n")
-    else:
-        for title, rows in found.items():
-            show(title, rows)
-    return 0
+    with threadpool_limits(1):
+        if "sideslip" in given.parts:
+            if given.data is None:
+                raise SystemExit("The part sideslip needs --data DIR; or name others with --parts.")
+            found["sideslip"] = [row for name, part in segments(given.data) for row in sideslip_rows(name, part)]
+        if "speed" in given.parts:
+            found["speed"] = speed_rows()
+    tell(found, given.json)
 
 
 def segments(data: Path) -> Iterator[tuple[str, Recording]]:
@@ -229,27 +215,5 @@ def _filterpy_speed(kind: str, signals: dict[str, Array]) -> float:
     return FILTERPY_ROWS / (time.process_time() - clock)
 
 
-def show(title: str, rows: list[dict[str, Any]]) -> None:
-    """A table."""
-    table = Table(title=title, box=None, padding=(0, 2, 0, 0), pad_edge=False, title_justify="left")
-    names = list(dict.fromkeys(name for own in rows for name in own))
-    for name in names:
-        table.add_column(name.replace("_", " "), header_style="dim")
-    for own in rows:
-        table.add_row(*(_text(own.get(name)) for name in names))
-    console = Console(highlight=False)
-    console.width = max(console.width, 180)
-    console.print(table)
-    console.print()
-
-
-def _text(value: Any) -> str:
-    if isinstance(value, dict):
-        return " ".join(f"{name} {number:g}" for name, number in value.items())
-    if isinstance(value, float):
-        return f"{value:,.0f}" if abs(value) >= 1e4 else f"{value:.3g}"
-    return "" if value is None else str(value)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

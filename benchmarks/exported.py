@@ -8,8 +8,6 @@ machine loops over them by itself, without Python in between.
 
 from __future__ import annotations
 
-import argparse
-import json
 import re
 import subprocess
 import tempfile
@@ -18,6 +16,7 @@ from pathlib import Path
 
 import casadi as cs
 import numpy as np
+from running import options, tell
 
 from greybox_id.export.memory_equations import equations_of
 from greybox_id.export.subject import Subject
@@ -136,25 +135,16 @@ def network(compiler: str) -> dict[str, dict[str, float]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--compiler", default="gcc")
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    given = options(__doc__, compiler="gcc")
     model = build("single_track")
     free = tuple(parameter.name for parameter in model.parameters if not parameter.fixed)
     found = {
-        "single_track, free parameters": motion(asked.compiler, free),
-        "single_track, all parameters": motion(asked.compiler, None),
-        "MS-NN-full": network(asked.compiler),
+        "single_track, free parameters": motion(given.compiler, free),
+        "single_track, all parameters": motion(given.compiler, None),
+        "MS-NN-full": network(given.compiler),
     }
-    if asked.json:
-        print(json.dumps(found, indent=1))
-        return
-    print(f"{'ns':>48} {'C':>8} {'CasADi':>8} {'ratio':>6}")
-    for name, rows in found.items():
-        for what, row in rows.items():
-            beside = f" {row['casadi']:8.0f} {row['ratio']:6.1f}" if "ratio" in row else ""
-            print(f"{f'{name}: {what}':>48} {row['c']:8.0f}{beside}")
+    rows = [{"what": f"{name}: {what}", **row} for name, steps in found.items() for what, row in steps.items()]
+    tell(found if given.json else {"ns": rows}, given.json)
 
 
 if __name__ == "__main__":

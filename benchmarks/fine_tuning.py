@@ -7,10 +7,10 @@ A policy that crashes on them is tuned in their own model, then both drive laps 
 
 from __future__ import annotations
 
-import argparse
 import time
 
 import pandas as pd
+from running import options
 
 from greybox_lab.driving.racing.laps import drive
 from greybox_lab.driving.racing.learner import FINE_TUNING, Settings, learn, shipped_learned
@@ -39,11 +39,7 @@ def of(vehicle: dict[str, float], lanes: int, usage: float | tuple[float, float]
 
 def main() -> None:
     """Tune with each of the settings, drive laps, print a table."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--steps", type=int, default=300_000)
-    arguments.add_argument("--laps", type=int, default=20)
-    arguments.add_argument("--seed", type=int, default=7)
-    given = arguments.parse_args()
+    given = options(__doc__, steps=300_000, laps=20, seed=7)
     base = shipped_learned()
     for vehicle in VEHICLES:
         print(", ".join(f"{name} {value}" for name, value in vehicle.items()))

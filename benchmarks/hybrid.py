@@ -9,15 +9,12 @@ below, a stiffness is not told. Rows "all" pool the manoeuvres. Takes two to thr
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
+from running import options, tell
 
 from greybox_id.datasets.recording import join
 from greybox_id.fitting.fit import Fit
@@ -33,24 +30,19 @@ BARS = {"force": 4.0, "stiffness": 5.0}
 """Percent; the stretch is half of it and 2."""
 
 
-def main() -> int:
+def main() -> None:
     """Train, apply, score."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--members", type=int, default=3, help="trainings that make an ensemble (3)")
-    arguments.add_argument("--seed", type=int, default=0, help="of noise and of the first training (0)")
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    given = arguments.parse_args()
+    given = options(
+        __doc__, members={"type": int, "default": 3, "help": "trainings that make an ensemble (3)"},
+        seed={"type": int, "default": 0, "help": "of noise and of the first training (0)"},
+    )  # fmt: skip
     tests, rows = make(given.seed, "held out"), []
     for name in ("hybrid_stiffness", "hybrid_force"):
         members = [trained(name, given.seed + k, given.seed) for k in range(given.members)]
         rows += scored(name, members[:1], tests)
         if len(members) > 1:
             rows += scored(f"{name}, {len(members)} members", members, tests)
-    if given.json:
-        sys.stdout.write(json.dumps({"bars_percent": BARS, "rows": rows}, indent=1) + "\n")
-    else:
-        Console(width=150).print(as_table(rows))
-    return 0
+    tell({"bars_percent": BARS, "rows": rows}, given.json)
 
 
 def trained(name: str, seed: int, data_seed: int) -> Fit:
@@ -97,16 +89,5 @@ def rms(values: NDArray[np.float64]) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def as_table(rows: Sequence[Row]) -> Table:
-    table = Table(box=None, padding=(0, 2, 0, 0))
-    names = list(dict.fromkeys(name for each in rows for name in each))
-    for name in names:
-        table.add_column(name, header_style="dim", justify="left" if name in ("method", "manoeuvre") else "right")
-    for each in rows:
-        cells = [each.get(name, "") for name in names]
-        table.add_row(*(cell if isinstance(cell, str) else f"{cell:.2f}" for cell in cells))
-    return table
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

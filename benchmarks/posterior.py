@@ -11,14 +11,13 @@ Source: Talts et al., Validating Bayesian inference algorithms with simulation-b
 
 from __future__ import annotations
 
-import argparse
-import json
 import sys
 import time
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from running import options, tell
 from scipy.stats import chi2, kstest
 from threadpoolctl import threadpool_limits
 
@@ -121,28 +120,12 @@ def _driven(model: Any, rng: np.random.Generator, number: int) -> Recording:
     return own.with_signals(**read)
 
 
-def main() -> int:
-    """Run; 2 on bad input."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--part", choices=["sbc"], default="sbc")
-    arguments.add_argument("--sets", type=int, default=200)
-    arguments.add_argument("--seed", type=int, default=0)
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    given = arguments.parse_args()
-    try:
-        with threadpool_limits(1):
-            found = calibration(given.sets, given.seed, lambda line: sys.stderr.write(f"{line}\n"))
-    except (GreyboxError, OSError) as error:
-        sys.stderr.write(f"posterior: {error}\n")
-        return 2
-    if given.json:
-        sys.stdout.write(json.dumps(found, indent=1) + "\n")
-        return 0
-    for row in found.pop("rows", []):
-        print(row)
-    print(json.dumps(found, indent=1))
-    return 0
+def main() -> None:
+    """Run the benchmark."""
+    given = options(__doc__, part={"choices": ["sbc"], "default": "sbc"}, sets=200, seed=0)
+    with threadpool_limits(1):
+        tell(calibration(given.sets, given.seed, lambda line: sys.stderr.write(f"{line}\n")), given.json)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

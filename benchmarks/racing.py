@@ -7,11 +7,10 @@ Then the same with learning, end to end, in 64 lanes.
 
 from __future__ import annotations
 
-import argparse
-import json
 import time
 
 import numpy as np
+from running import options, tell
 
 from greybox_lab.driving.racing.learner import learn
 from greybox_lab.driving.racing.world import OWN, World
@@ -32,16 +31,11 @@ def driven(own: World) -> np.ndarray:
 
 def main() -> None:
     """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--lanes", type=int, default=256)
-    arguments.add_argument("--periods", type=int, default=1500)
-    arguments.add_argument("--learned", type=int, default=500_000)
-    arguments.add_argument("--json", action="store_true")
-    given = arguments.parse_args()
+    given = options(__doc__, lanes=256, periods=1500, learned=500_000)
     found = {}
     kinds = {"none": {}, "hand": {"randomise": "hand"}, "lidar": {"observation": "lidar", "noise": True}}
-    for name, options in kinds.items():
-        own = world(given.lanes, action="speed", **options)
+    for name, rules in kinds.items():
+        own = world(given.lanes, action="speed", **rules)
         own.step(driven(own))
         periods = given.periods // 10 if name == "lidar" else given.periods
         clock, ended = time.process_time(), 0
@@ -56,12 +50,7 @@ def main() -> None:
     clock = time.process_time()
     steps = learn(own, given.learned).policy.about["steps"]
     found["learning"] = {"steps_per_cpu_second": steps / (time.process_time() - clock)}
-    if given.json:
-        print(json.dumps(found))
-        return
-    for name, told in found.items():
-        crashes = f", {told['crashes']} crashes" if "crashes" in told else ""
-        print(f"{name:8} {told['steps_per_cpu_second']:9.0f} steps/CPU s{crashes}")
+    tell(found, given.json)
 
 
 if __name__ == "__main__":

@@ -35,7 +35,6 @@ that it starts.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import resource
@@ -51,8 +50,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from multi_body import MultiBody, parameters
-from rich.console import Console
-from rich.table import Table
+from running import options, tell
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.read import read
@@ -132,27 +130,24 @@ YIELDS = 0.2
 """Relative sd of the stated stiffness of their tyres, whose joints and springs yield as well."""
 TRUE = ("motor_gain", "steering_rate_limit")
 TOP_SPEED, SECONDS, RATE = 26.0, (80.0, 50.0), 50.0
-CHECKED = 0.5
-"""Horizon that is told, s."""
+SHOWN = ("case", "error", "first", "applied", "closed", "free_run", "errors", "cpu_s", "memory_gb")
+"""What people are shown of a row."""
 
 
-def main() -> int:
+def main() -> None:
     """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--data", type=Path, default=Path(os.environ.get("GREYBOX_DATA", ".")))
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--cases", nargs="+", choices=CASES, default=list(CASES))
-    arguments.add_argument("--seed", type=int, default=0, help="of CommonRoad's drives")
-    given = arguments.parse_args()
+    given = options(
+        __doc__, data={"type": Path, "default": Path(os.environ.get("GREYBOX_DATA", "."))}, seed=0,
+        cases={"nargs": "+", "choices": CASES, "default": list(CASES)},
+    )  # fmt: skip
     rows: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
         for row in measured(given.data, given.cases, given.seed, Path(folder)):
             rows.append(row)
             if not given.json:
-                show(row)
+                tell({name: value for name, value in row.items() if name in SHOWN}, False)
     if given.json:
-        sys.stdout.write(json.dumps({"rows": rows}, indent=1) + "\n")
-    return 0
+        tell({"rows": rows}, True)
 
 
 def measured(data: Path, cases: list[str], seed: int, place: Path) -> Iterator[dict[str, Any]]:
@@ -311,26 +306,5 @@ def commonroad(number: int, seed: int, place: Path) -> dict[str, Any]:
     return row | {"true": list(TRUE), "both": set(TRUE) <= set(row.get("applied", {}))}
 
 
-def show(row: dict[str, Any]) -> None:
-    """Print a row for people."""
-    table = Table(title=row["case"], box=None, show_header=False, padding=(0, 2, 0, 0))
-    if "error" in row:
-        table.add_row("error", row["error"])
-    else:
-        applied = ", ".join(f"{name} {own['magnitude']:.3g}" for name, own in row["applied"].items()) or "nothing"
-        table.add_row("first", str(row["first"]))
-        table.add_row("applied", applied)
-        if row["closed"] is not None:
-            table.add_row("closed, held out", f"{100 * row['closed']:.0f} %")
-        for when, errors in row.get("free_run", {}).items():
-            table.add_row(f"10 s {when}", ", ".join(f"{name} {own:.4f}" for name, own in errors.items()))
-        for own in row["errors"]:
-            if own.get("horizon") in (CHECKED, None):
-                what = f"{own['channel']}, {own['horizon']} s" if own.get("horizon") else f"{own['channel']}, free run"
-                table.add_row(what, f"{own['before']:.4g} → {own['after']:.4g}")
-    table.add_row("cost", f"{row.get('cpu_s', 0.0):.0f} CPU s, {row.get('memory_gb', 0.0):.1f} GB")
-    Console().print(table)
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -8,7 +8,6 @@ the table then shows the last one beside. A report, not a test: nothing fails he
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -22,8 +21,7 @@ from typing import Any
 
 import numpy as np
 from engine import NOISE, condensed, ipopt_alone, problem, scipy_compiled, simulator
-from rich.console import Console
-from rich.table import Table
+from running import options, tell
 from threadpoolctl import threadpool_limits
 
 import greybox_id as gb
@@ -35,13 +33,9 @@ UNIT = 400
 """Size of the matrices whose product, done ten times, is the unit of what has no rival to be compared with."""
 
 
-def main() -> int:
+def main() -> None:
     """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--repeats", type=int, default=3)
-    arguments.add_argument("--history", type=Path, help="file to which a line is added")
-    given = arguments.parse_args()
+    given = options(__doc__, repeats=3, history={"type": Path, "help": "file to which a line is added"})
     with threadpool_limits(1):
         rows = [measured(*row, given.repeats) for row in compared()]
     before = last(given.history)
@@ -49,23 +43,9 @@ def main() -> int:
     if given.history:
         with given.history.open("a", encoding="utf-8") as opened:
             opened.write(json.dumps(body) + "\n")
-    if given.json:
-        sys.stdout.write(json.dumps(body, indent=1) + "\n")
-        return 0
-    table = Table(title="Speed, medians of ratios within one run", box=None)
-    for head in ("what", "over", "[s]", "ratio", "last time"):
-        table.add_column(head, justify="left" if head in ("what", "over") else "right")
-    for row in rows:
-        was = before.get(row["what"])
-        table.add_row(
-            row["what"],
-            row["over"],
-            f"{row['seconds']:.4g}",
-            f"{row['ratio']:.3g}",
-            "" if was is None else f"{was:.3g}",
-        )
-    Console().print(table)
-    return 0
+    if not given.json:
+        body["rows"] = [row | {"last time": before.get(row["what"])} for row in rows]
+    tell(body, given.json)
 
 
 def last(history: Path | None) -> dict[str, float]:
@@ -165,4 +145,4 @@ def process(arguments: list[str]) -> float:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

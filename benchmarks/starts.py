@@ -8,13 +8,11 @@ of the given standard deviation. A start counts as successful when it ends withi
 
 from __future__ import annotations
 
-import argparse
-import json
-import sys
 from typing import Any
 
 import numpy as np
 from engine import DT, FREE, NOISE, problem, simulator
+from running import options, tell
 from threadpoolctl import threadpool_limits
 
 from greybox_id.base.shorthands import Array
@@ -33,21 +31,11 @@ CHAINS: dict[str, tuple[int | None, ...]] = {
 SAME = 1e-6
 
 
-def main() -> int:
+def main() -> None:
     """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    arguments.add_argument("--starts", type=int, default=60)
-    arguments.add_argument("--sd", type=float, default=0.7, help="of the factors' logarithm")
-    given = arguments.parse_args()
+    given = options(__doc__, starts=60, sd={"type": float, "default": 0.7, "help": "of the factors' logarithm"})
     with threadpool_limits(1):
-        rows = compare(given.starts, given.sd)
-    if given.json:
-        sys.stdout.write(json.dumps({"rows": rows}, indent=1) + "\n")
-    else:
-        for row in rows:
-            sys.stdout.write(f"{row['found']:3d} of {row['starts']}, {row['steps']:.0f} steps (median)  {row['way']}\n")
-    return 0
+        tell({"rows": compare(given.starts, given.sd)}, given.json)
 
 
 def compare(starts: int, sd: float) -> list[dict[str, Any]]:
@@ -96,4 +84,4 @@ def _led(problems: list[MotionProblem], p: Array) -> tuple[float, int]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

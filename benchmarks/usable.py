@@ -17,7 +17,6 @@ is stated of them are parameters, tolerances and noise, as in a workshop's vehic
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import tempfile
@@ -27,6 +26,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from running import options
 
 import greybox_id as gb
 from greybox_id.base.errors import BadInput
@@ -237,25 +237,21 @@ def show(rows: list[dict[str, Any]]) -> None:
                 say(f"    {reason}" if part in ("poor", "good", "wide") else "")
 
 
-def main() -> int:
-    """Run the benchmark."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS))
-    arguments.add_argument("--seed", type=int, default=0)
-    arguments.add_argument("--json", action="store_true", help="one JSON object a line for each fit")
-    arguments.add_argument("--cases", type=int, nargs=2, metavar=("FIRST", "END"), help="of each part, these alone")
-    given = arguments.parse_args()
+def main() -> None:
+    """Run the benchmark; as JSON one object a line for each fit."""
+    given = options(
+        __doc__, part={"nargs": "+", "choices": PARTS, "default": list(PARTS)}, seed=0,
+        cases={"type": int, "nargs": 2, "metavar": ("FIRST", "END"), "help": "of each part, these alone"},
+    )  # fmt: skip
     rows = []
     for part in given.part:
         for k in range(*(given.cases or (0, COUNTS[part]))):
             rows.append({"part": part, "k": k} | fitted(PARTS[part](given.seed, k)))
             if given.json:
-                sys.stdout.write(json.dumps(rows[-1], default=float) + "\n")
-                sys.stdout.flush()
+                print(json.dumps(rows[-1], default=float), flush=True)
     if not given.json:
         show(rows)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

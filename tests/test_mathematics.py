@@ -11,7 +11,6 @@ from greybox_id.engine.least_squares import prior_rows
 from greybox_id.engine.motion.shooting import MotionProblem
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.engine.solvers.gauss_newton import gauss_newton
-from greybox_id.engine.solvers.motion_program import at_nodes
 from greybox_id.filters.kernel import SigmaPoints
 from greybox_id.fitting.uncertainty.profile import profile
 from greybox_id.fitting.uncertainty.sandwich import correlation_time, uncertainty
@@ -63,18 +62,18 @@ def test_a_first_order_process_has_its_correlation_time():
     assert np.isclose(correlation_time(lfilter([1.0], [1.0, -0.8], white, axis=0)), 9.0, rtol=0.05)
 
 
-def test_condensed_equations_are_those_of_the_lifted_program():
+def test_condensed_equations_are_those_of_residuals_along_whole_runs():
     car = build("lateral", vehicle=vehicle("roboracer")) + EFFECTS["steering_delay"].starting_at(0.03)
     lap = read(shipped("racer_train"), "roboracer")
     problem = MotionProblem(Simulator(car), [lap.rows(0, 400)], noise=np.ones(len(car.outputs)))
     x, free = problem.start, problem.free
     nodes = problem.simulated_nodes(x)
     condensed = problem.normal_equations(x, nodes)
-    lifted = at_nodes(problem, x, nodes.starts[~nodes.cut.first])
-    by_x, by_nodes = lifted.gaps_by[:, : len(x)], lifted.gaps_by[:, len(x) :]
-    N = np.vstack([np.eye(len(x)), -np.linalg.solve(by_nodes, by_x)])[:, free]
-    assert np.allclose(N.T @ lifted.H @ N, condensed.H[np.ix_(free, free)], rtol=1e-9)
-    assert np.allclose(N.T @ lifted.gradient, condensed.g[free], rtol=1e-7, atol=1e-8)
+    H = (problem.R.T @ problem.R).toarray()
+    for index, (_, J) in zip(problem.layout.index, problem.residuals(x, nodes), strict=True):
+        flat = J.reshape(-1, J.shape[-1])
+        H[np.ix_(index, index)] += flat.T @ flat
+    assert np.allclose(H[np.ix_(free, free)], condensed.H[np.ix_(free, free)], rtol=1e-9)
 
     for k in np.flatnonzero(free):
         step = 1e-5 * max(abs(x[k]), 1e-3) * np.eye(len(x))[k]

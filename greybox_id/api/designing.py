@@ -23,7 +23,8 @@ from ..gap.design.arena import arena as arena_of
 from ..gap.design.discriminate import ambiguous, detecting, discriminating
 from ..gap.design.limits import must_agree, read_limits, stated, usual_limits
 from ..gap.design.plan import KIND, Design
-from ..gap.design.precision import CRITERIA, LONGEST, MOST_ROWS, SHORTEST, DesignTask, must_move, precise
+from ..gap.design.precision import CRITERIA, must_move, precise
+from ..gap.design.task import LONGEST, MOST_ROWS, SHORTEST, DesignTask
 from ..gap.gap import Gap
 from ..models.effects import EFFECTS, vocabulary
 from ..models.motion_model import MotionModel

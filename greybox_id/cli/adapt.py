@@ -4,52 +4,30 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import click
-
 from .defaults import command_line
-from .options import calibrate_option, columns_option, json_option, own_option, read_part
+from .options import ABOVE_ZERO, CALIBRATE, COLUMNS, FILE, JSON_AND_OWN, argument, command, option, read_part
 from .output import console, print_json, progress, show
 
 
-@click.command(name="adapt")
-@click.argument("fit_file", metavar="FIT", type=click.Path())
-@click.argument("file", metavar="RECORDING", type=click.Path())
-@columns_option
-@click.option(
-    "--seconds",
-    type=click.FloatRange(min=0, min_open=True),
-    default=20.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="Seconds of motion to adapt to; the rest is scored.",
-)
-@click.option(
-    "--free",
-    default="auto",
-    show_default=True,
-    metavar="WORDS",
-    help="Parameters that may change: auto, all or their names; of models with memory also F, few, paper, physical.",
-)
-@click.option(
-    "--validate",
-    metavar="RECORDING",
-    type=click.Path(),
-    help=("A recording to score on, in place of the remaining seconds."),
-)
-@calibrate_option
-@click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name, adapted.")
-@own_option
-@json_option
+@command("adapt")
 def adapt(
-    fit_file: str,
-    file: str,
-    columns: str,
-    seconds: float,
-    free: str,
-    validate: str | None,
-    calibrate: str | None,
-    out: str | None,
-    as_json: bool,
+    fit_file: str = argument("FIT", type=FILE),
+    file: str = argument("RECORDING", type=FILE),
+    columns: str = COLUMNS,
+    seconds: float = option(
+        "Seconds of motion to adapt to; the rest is scored.", "SECONDS", type=ABOVE_ZERO, default=20.0
+    ),
+    free: str = option(
+        "Parameters that may change: auto, all or their names; of models with memory also F, few, paper, physical.",
+        "WORDS",
+        default="auto",
+    ),
+    validate: str | None = option(
+        "A recording to score on, in place of the remaining seconds.", "RECORDING", type=FILE
+    ),
+    calibrate: str | None = CALIBRATE,
+    out: str | None = option("Folder for fit.json; default: the model's name, adapted.", "FOLDER"),
+    as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Adapt FIT to the first seconds of RECORDING, of a car that may have changed.
 

@@ -22,12 +22,10 @@ from ..datasets.joining import join_files
 from ..datasets.repair import map_text, mended
 from ..reports.text.recordings import as_dict, header, proposal_as_dict, show_findings, show_proposal
 from .commands import CommandGroup, Guarded
-from .options import columns_option, json_option, part_asked, read_part
+from .options import ABOVE_ZERO, COLUMNS, FILE, JSON, argument, command, option, part_asked, read_part
 from .output import console, print_json, progress, working
 
-wheelbase_option = click.option(
-    "--wheelbase", type=click.FloatRange(min=0, min_open=True), help="In m; makes the check of the steering more exact."
-)
+WHEELBASE: Any = option("In m; makes the check of the steering more exact.", type=ABOVE_ZERO)
 
 
 class RepairTarget(Guarded):
@@ -52,19 +50,17 @@ def data() -> None:
     """
 
 
-@data.command("check")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
-@columns_option
-@wheelbase_option
-@click.option(
-    "--repair",
-    type=RepairTarget(),
-    metavar="MAP.toml",
-    help="Write the column map with the repairs that the check proposes; it may be the file of --columns.",
-)
-@json_option
+@command("check", of=data)
 def check_command(
-    files: Sequence[str], columns: str, wheelbase: float | None, repair: str | None, as_json: bool
+    files: Sequence[str] = argument("FILE...", type=FILE, required=True),
+    columns: str = COLUMNS,
+    wheelbase: float | None = WHEELBASE,
+    repair: str | None = option(
+        "Write the column map with the repairs that the check proposes; it may be the file of --columns.",
+        "MAP.toml",
+        type=RepairTarget(),
+    ),
+    as_json: bool = JSON,
 ) -> None:
     """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted.
 
@@ -122,14 +118,13 @@ def _kept_beside(columns: str, repair: str) -> Path | None:
     return next(name for name in names if not name.exists())
 
 
-@data.command("map")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
-@click.option("--out", metavar="MAP.toml", help="Write the proposal as a column map to be edited.")
-@click.option("--rate", type=click.FloatRange(min=0, min_open=True), help="Rows per second, for a FILE without time.")
-@wheelbase_option
-@json_option
+@command("map", of=data)
 def map_command(
-    files: Sequence[str], out: str | None, rate: float | None, wheelbase: float | None, as_json: bool
+    files: Sequence[str] = argument("FILE...", type=FILE, required=True),
+    out: str | None = option("Write the proposal as a column map to be edited.", "MAP.toml"),
+    rate: float | None = option("Rows per second, for a FILE without time.", type=ABOVE_ZERO),
+    wheelbase: float | None = WHEELBASE,
+    as_json: bool = JSON,
 ) -> None:
     """Propose a column map for FILE from names, units and cross-checks, and say what is not sure.
 
@@ -152,13 +147,14 @@ def map_command(
         show_proposal(proposal, out, console())
 
 
-@data.command("convert")
-@click.argument("file", metavar="FILE", type=click.Path())
-@columns_option
-@click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
-@click.option("--rate", type=click.FloatRange(0.1, 1e5), help="Resample evenly to this many rows per second.")
-@json_option
-def convert_command(file: str, columns: str, out: str, rate: float | None, as_json: bool) -> None:
+@command("convert", of=data)
+def convert_command(
+    file: str = argument("FILE", type=FILE),
+    columns: str = COLUMNS,
+    out: str = option(f"What to write: {', '.join(WRITTEN)}.", "FILE", required=True),
+    rate: float | None = option("Resample evenly to this many rows per second.", type=click.FloatRange(0.1, 1e5)),
+    as_json: bool = JSON,
+) -> None:
     """Write FILE again in SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
 
     \b
@@ -181,12 +177,13 @@ def convert_command(file: str, columns: str, out: str, rate: float | None, as_js
         screen.print(f"         no canonical names, map them under [extra]: {named}")
 
 
-@data.command("join")
-@click.argument("files", nargs=-1, required=True, metavar="FILE...", type=click.Path())
-@columns_option
-@click.option("--out", required=True, metavar="FILE", help=f"What to write: {', '.join(WRITTEN)}.")
-@json_option
-def join_command(files: Sequence[str], columns: str, out: str, as_json: bool) -> None:
+@command("join", of=data)
+def join_command(
+    files: Sequence[str] = argument("FILE...", type=FILE, required=True),
+    columns: str = COLUMNS,
+    out: str = option(f"What to write: {', '.join(WRITTEN)}.", "FILE", required=True),
+    as_json: bool = JSON,
+) -> None:
     """Join FILEs of one drive, one topic or sensor each with a clock of its own, as one recording.
 
     Where two files carry the same signal, the offset between their clocks is estimated from it; others are taken at

@@ -10,7 +10,7 @@ import click
 from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, made, make, public
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
-from .options import json_option, names
+from .options import FROM_ZERO, JSON, argument, command, names, option
 from .output import console, print_json, progress, working
 
 
@@ -25,9 +25,10 @@ def datasets() -> None:
     """  # fmt: skip
 
 
-@datasets.command("list")
-@json_option
-def list_command(as_json: bool) -> None:
+@command("list", of=datasets)
+def list_command(
+    as_json: bool = JSON,
+) -> None:
     """List what can be fetched and made, with source and licence.
 
     \b
@@ -49,11 +50,12 @@ def list_command(as_json: bool) -> None:
         out.print()
 
 
-@datasets.command("fetch")
-@click.argument("name", metavar="NAME", shell_complete=names(PUBLIC))
-@click.option("--out", metavar="FOLDER", help="Folder to write; default: the cache ($GREYBOX_CACHE).")
-@json_option
-def fetch_command(name: str, out: str | None, as_json: bool) -> None:
+@command("fetch", of=datasets)
+def fetch_command(
+    name: str = argument("NAME", shell_complete=names(PUBLIC)),
+    out: str | None = option("Folder to write; default: the cache ($GREYBOX_CACHE).", "FOLDER"),
+    as_json: bool = JSON,
+) -> None:
     """Fetch NAME from its authors: resumed where it broke off, checked by SHA-256.
 
     \b
@@ -75,12 +77,13 @@ def fetch_command(name: str, out: str | None, as_json: bool) -> None:
         screen.print(f"next: greybox data map {paths[0]} proposes a column map; greybox bench reads them as they are")
 
 
-@datasets.command("make")
-@click.argument("name", metavar="NAME", shell_complete=names(made))
-@click.option("--out", default=".", show_default=True, metavar="FOLDER", help="Where to.")
-@click.option("--seed", type=click.IntRange(min=0), help="Seed of the random numbers.")
-@json_option
-def make_command(name: str, out: str, seed: int | None, as_json: bool) -> None:
+@command("make", of=datasets)
+def make_command(
+    name: str = argument("NAME", shell_complete=names(made)),
+    out: str = option("Where to.", "FOLDER", default="."),
+    seed: int | None = option("Seed of the random numbers.", type=FROM_ZERO),
+    as_json: bool = JSON,
+) -> None:
     """Make the synthetic recordings NAME; the same seed makes the same.
 
     \b

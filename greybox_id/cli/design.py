@@ -4,55 +4,45 @@ from __future__ import annotations
 
 from typing import Literal
 
-import click
-
-from ..api.designing import GOALS, as_dict, targets
+from ..api.designing import as_dict, targets
 from ..api.designing import design as designed
-from .options import json_option, own_option
+from .options import FILE, FROM_ZERO, JSON_AND_OWN, argument, command, option
 from .output import console, print_json, progress, show
 
 
-@click.command(name="design")
-@click.argument("source", metavar="FIT|GAP", type=click.Path())
-@click.option("--goal", type=click.Choice(GOALS), help="Default: precision for a FIT, discriminate for a GAP.")
-@click.option("--arena", required=True, metavar="ARENA", help="straight:120x8, disc:30 (m), or OUTLINE.csv with x, y.")
-@click.option(
-    "--parameters",
-    default="",
-    metavar="NAMES",
-    help=("Parameters to estimate precisely, such as I_z,B_f; default: all free ones."),
-)
-@click.option(
-    "--criterion", type=click.Choice(["d", "a", "e", "c"]), default="d", show_default=True,
-    help="Makes small: the covariance's determinant (d), the mean variance (a), the variance of the worst"
-    " combination (e), or that of the first of NAMES (c).",
-)  # fmt: skip
-@click.option("--duration", type=float, default=20.0, show_default=True, metavar="SECONDS", help="At most.")
-@click.option("--rate", type=float, default=50.0, show_default=True, metavar="HZ", help="Rows of the plan per second.")
-@click.option("--limits", metavar="FILE", type=click.Path(), help="TOML file: steer_max, speed_max, sideslip_max ...")
-@click.option("--vehicle", metavar="NAME|FILE", help="Vehicle whose steer_max is the limit, unless LIMITS states one.")
-@click.option("--speed-max", type=float, metavar="M/S", help="Highest speed that is allowed.")
-@click.option("--grip", type=float, metavar="SHARE", help="Largest share of an axle's friction to use; default: 0.85.")
-@click.option("--repeat", type=int, default=1, show_default=True, help="How often the manoeuvre will be driven.")
-@click.option(
-    "--driver/--open-loop", default=True, show_default=True,
-    help="A driver corrects speed and path, or the planned commands are given unchanged.",
-)  # fmt: skip
-@click.option(
-    "--effort", type=float, default=1.0, show_default=True, help=("Time to spend on the search: 2 is twice the usual.")
-)
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
-@click.option(
-    "--out", default="design", show_default=True, metavar="FOLDER", help="Folder for plan.csv, plan.svg, design.json."
-)
-@own_option
-@json_option
+@command("design")
 def design(
-    *, source: str, goal: Literal["precision", "discriminate", "detect"] | None, arena: str, parameters: str,
-    criterion: str, duration: float, rate: float, limits: str | None, vehicle: str | None,
-    speed_max: float | None, grip: float | None, repeat: int, driver: bool,
-    effort: float, seed: int, out: str, as_json: bool,
-) -> None:  # fmt: skip
+    source: str = argument("FIT|GAP", type=FILE),
+    goal: Literal["precision", "discriminate", "detect"] | None = option(
+        "Default: precision for a FIT, discriminate for a GAP."
+    ),
+    arena: str = option("straight:120x8, disc:30 (m), or OUTLINE.csv with x, y.", "ARENA", required=True),
+    parameters: str = option(
+        "Parameters to estimate precisely, such as I_z,B_f; default: all free ones.", "NAMES", default=""
+    ),
+    criterion: Literal["d", "a", "e", "c"] = option(
+        "Makes small: the covariance's determinant (d), the mean variance (a), the variance of the worst"
+        " combination (e), or that of the first of NAMES (c).",
+        default="d",
+    ),
+    duration: float = option("At most.", "SECONDS", default=20.0),
+    rate: float = option("Rows of the plan per second.", "HZ", default=50.0),
+    limits: str | None = option("TOML file: steer_max, speed_max, sideslip_max ...", "FILE", type=FILE),
+    vehicle: str | None = option("Vehicle whose steer_max is the limit, unless LIMITS states one.", "NAME|FILE"),
+    speed_max: float | None = option("Highest speed that is allowed.", "M/S"),
+    grip: float | None = option("Largest share of an axle's friction to use; default: 0.85.", "SHARE"),
+    repeat: int = option("How often the manoeuvre will be driven.", default=1),
+    driver: bool = option(
+        "A driver corrects speed and path, or the planned commands are given unchanged.",
+        name="--driver/--open-loop",
+        default=True,
+        show_default=True,
+    ),
+    effort: float = option("Time to spend on the search: 2 is twice the usual.", default=1.0),
+    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    out: str = option("Folder for plan.csv, plan.svg, design.json.", "FOLDER", default="design"),
+    as_json: bool = JSON_AND_OWN,
+) -> None:
     """Design the manoeuvre that tells most: about parameters of FIT, or about which explanation of GAP is true.
 
     \b

@@ -11,35 +11,35 @@ from ..api.exporting import export as export_model
 from ..base.errors import BadInput
 from ..export.verb import ALONE, TARGETS, exporter_of_file
 from .defaults import command_line
-from .options import fit_of, json_option, names, own_option, parameter_values, requested, simulated_model_options
+from .options import (
+    FILE,
+    JSON_AND_OWN,
+    SIMULATED_MODEL,
+    argument,
+    command,
+    fit_of,
+    names,
+    option,
+    parameter_values,
+    requested,
+)
 from .output import console, end_by, print_json, working
 from .terminal import tell
 
 
-@click.command(name="export")
-@click.argument("fit_file", required=False, metavar="[FIT]", type=click.Path())
-@simulated_model_options
-@click.option(
-    "--target", required=True, metavar="TARGET", shell_complete=names(TARGETS), help=f"One of {', '.join(TARGETS)}."
-)
-@click.option("--out", required=True, metavar="FOLDER", help="Folder to write; an earlier export there is replaced.")
-@click.option(
-    "--parameters",
-    default="free",
-    show_default=True,
-    metavar="free|all|NAME,...",
-    help="What can be changed afterwards; everything else becomes a constant, which makes the code faster.",
-)
-@click.option("--name", "called", metavar="NAME", help="Name of files and functions; default: that of FOLDER.")
-@own_option
-@json_option
+@command("export", more=SIMULATED_MODEL)
 def export(
-    fit_file: str | None,
-    target: str,
-    out: str,
-    parameters: str,
-    called: str | None,
-    as_json: bool,
+    *,
+    fit_file: str | None = argument("[FIT]", type=FILE, required=False),
+    target: str = option(f"One of {', '.join(TARGETS)}.", "TARGET", required=True, shell_complete=names(TARGETS)),
+    out: str = option("Folder to write; an earlier export there is replaced.", "FOLDER", required=True),
+    parameters: str = option(
+        "What can be changed afterwards; everything else becomes a constant, which makes the code faster.",
+        "free|all|NAME,...",
+        default="free",
+    ),
+    called: str | None = option("Name of files and functions; default: that of FOLDER.", "NAME", name="--name"),
+    as_json: bool = JSON_AND_OWN,
     effects: tuple[str, ...],
     fix: tuple[str, ...],
     **options: Any,

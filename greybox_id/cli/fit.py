@@ -5,123 +5,77 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from .defaults import command_line
-from .options import calibrate_option, columns_option, jobs_option, json_option, model_options, read_part, requested
+from .options import (
+    ABOVE_ZERO,
+    CALIBRATE,
+    COLUMNS,
+    FILE,
+    FROM_ZERO,
+    JOBS,
+    JSON,
+    MODEL,
+    argument,
+    command,
+    option,
+    read_part,
+    requested,
+)
 from .output import console, end_by, print_json, progress, show
 
 TYRE = "tyre"
 """What stands for a model here, though a rig has no vehicle."""
 if TYPE_CHECKING:
-    from ..engine.motion.shooting import Starts
-    from ..fitting.how import Solver
-    from ..fitting.pretraining import Span
+    pass
 
 
-@click.command(name="fit")
-@click.argument("files", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
-@model_options
-@columns_option
-@click.option(
-    "--validate",
-    "validation",
-    metavar="RECORDING",
-    type=click.Path(),
-    help="A recording to score on; it affects the fit with --early-stopping only.",
-)
-@calibrate_option
-@click.option("--out", default=None, metavar="FOLDER", help="Folder for fit.json; default: the model's name.")
-@click.option(
-    "--horizon",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="SECONDS",
-    help="Length of each prediction; default: whole runs.",
-)
-@click.option(
-    "--start-from",
-    type=click.Choice(["free", "measured"]),
-    default="free",
-    show_default=True,
-    help="Whether starts of predictions may deviate from their readings.",
-)
-@click.option(
-    "--robust",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="K",
-    help="Residuals beyond K standard deviations count linearly.",
-)
-@click.option("--noise", multiple=True, metavar="NAME=SD", help="Standard deviation of an output's readings.")
-@click.option(
-    "--early-stopping", is_flag=True, help="Stop where the validation recording is fitted best (as published)."
-)
-@click.option(
-    "--strength",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Factor on the priors of the weights; chosen by cross-validation unless given.",
-)
-@click.option(
-    "--solver",
-    type=click.Choice(["auto", "gauss-newton", "ipopt"]),
-    default="auto",
-    show_default=True,
-    help="auto: Gauss-Newton finds the optimum, Ipopt confirms it.",
-)
-@click.option(
-    "--pretrain",
-    metavar="FILE",
-    help="mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first; hybrid_stiffness, "
-    "hybrid_force: a fit of the same model, whose training is continued.",
-)
-@click.option(
-    "--pretrain-points",
-    type=int,
-    default=20_000,
-    show_default=True,
-    help=("Number of points at which the network learns from the fit of --pretrain."),
-)
-@click.option(
-    "--pretrain-range",
-    type=click.Choice(["data", "box"]),
-    default="data",
-    show_default=True,
-    help="Pretrain at rows of the recordings, or in a box 1.3 times as wide.",
-)
-@click.option(
-    "--pretrain-beyond",
-    type=float,
-    default=1.0,
-    show_default=True,
-    help="Also pretrain on the known vehicle at speeds up to this many times the fastest recorded.",
-)
-@click.option("--starts", type=click.IntRange(1, 1000), default=1, show_default=True, help="Starting points tried.")
-@jobs_option
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
-@json_option
+@command("fit", more=MODEL)
 def fit(
-    *,
-    files: Sequence[str],
-    columns: str,
-    validation: str | None,
-    calibrate: str | None,
-    out: str | None,
-    horizon: float | None,
-    start_from: Starts,
-    robust: float | None,
-    noise: Sequence[str],
-    early_stopping: bool,
-    strength: float | None,
-    solver: Solver,
-    pretrain: str | None,
-    pretrain_points: int,
-    pretrain_range: Span,
-    pretrain_beyond: float,
-    starts: int,
-    jobs: int,
-    seed: int,
-    as_json: bool,
+    files: Sequence[str] = argument("RECORDING...", type=FILE, required=True),
+    columns: str = COLUMNS,
+    validation: str | None = option(
+        "A recording to score on; it affects the fit with --early-stopping only.",
+        "RECORDING",
+        name="--validate",
+        type=FILE,
+    ),
+    calibrate: str | None = CALIBRATE,
+    out: str | None = option("Folder for fit.json; default: the model's name.", "FOLDER"),
+    horizon: float | None = option("Length of each prediction; default: whole runs.", "SECONDS", type=ABOVE_ZERO),
+    start_from: Literal["free", "measured"] = option(
+        "Whether starts of predictions may deviate from their readings.", default="free"
+    ),
+    robust: float | None = option("Residuals beyond K standard deviations count linearly.", "K", type=ABOVE_ZERO),
+    noise: Sequence[str] = option("Standard deviation of an output's readings.", "NAME=SD"),
+    early_stopping: bool = option("Stop where the validation recording is fitted best (as published)."),
+    strength: float | None = option(
+        "Factor on the priors of the weights; chosen by cross-validation unless given.", type=ABOVE_ZERO
+    ),
+    solver: Literal["auto", "gauss-newton", "ipopt"] = option(
+        "auto: Gauss-Newton finds the optimum, Ipopt confirms it.", default="auto"
+    ),
+    pretrain: str | None = option(
+        "mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first; hybrid_stiffness, "
+        "hybrid_force: a fit of the same model, whose training is continued.",
+        "FILE",
+    ),
+    pretrain_points: int = option(
+        "Number of points at which the network learns from the fit of --pretrain.", default=20_000
+    ),
+    pretrain_range: Literal["data", "box"] = option(
+        "Pretrain at rows of the recordings, or in a box 1.3 times as wide.", default="data"
+    ),
+    pretrain_beyond: float = option(
+        "Also pretrain on the known vehicle at speeds up to this many times the fastest recorded.", default=1.0
+    ),
+    starts: int = option("Starting points tried.", type=click.IntRange(1, 1000), default=1),
+    jobs: int = JOBS,
+    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    as_json: bool = JSON,
     **options: Any,
 ) -> None:
     """Fit a model to one or more RECORDINGs.

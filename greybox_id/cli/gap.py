@@ -33,7 +33,20 @@ from ..reports.gap.words import before_words, budget, magnitude_words, unchanged
 from ..reports.text.gap import parts, probability
 from ..reports.text.screen import led, plain_table
 from .defaults import command_line
-from .options import VEHICLES, columns_option, fit_of, json_option, named_model, names, own_option, read_part
+from .options import (
+    COLUMNS,
+    FILE,
+    FROM_ZERO,
+    JSON_AND_OWN,
+    VEHICLES,
+    argument,
+    command,
+    fit_of,
+    named_model,
+    names,
+    option,
+    read_part,
+)
 from .output import console, print_json, progress
 from .terminal import clean_json, tell
 
@@ -208,77 +221,43 @@ class _Since(click.Command):
         return super().parse_args(ctx, spread)
 
 
-@click.command(name="gap", cls=_Since)
-@click.argument("recordings", nargs=-1, metavar="RECORDING...", type=click.Path())
-@click.option(
-    "--vehicle",
-    metavar="VEHICLE",
-    shell_complete=VEHICLES,
-    help="Vehicle: a shipped name or a file.",
-)
-@click.option(
-    "--fit",
-    "fit_file",
-    metavar="FIT",
-    type=click.Path(),
-    help="A fit in place of a vehicle file; --vehicle beside it states noise and tolerances.",
-)
-@click.option(
-    "--model",
-    metavar="NAME",
-    shell_complete=names(MODELS),
-    callback=named_model,
-    help="Model to simulate with --vehicle; default: that of its file, else single_track. FILE.py is executed.",
-)
-@columns_option
-@click.option(
-    "--held-out",
-    multiple=True,
-    metavar="RECORDING",
-    type=click.Path(),
-    help="A held-out recording, on which the closed gap is measured; repeatable.",
-)
-@click.option(
-    "--since",
-    multiple=True,
-    metavar="RECORDING...",
-    type=click.Path(),
-    help="Recordings from before a change: report what differs by more than these differ among themselves.",
-)
-@click.option(
-    "--sensitivity",
-    is_flag=True,
-    help="With --since and no RECORDING: the smallest changes that one more such recording would show.",
-)
-@click.option("--out", metavar="FOLDER", help="Folder for gap.json, gap.png, gap.pdf and closed.toml.")
-@click.option("--report", metavar="FILE", help="Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.")
-@click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the effects that close the gap.")
-@click.option(
-    "--arena",
-    metavar="ARENA",
-    help=("Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30."),
-)
-@click.option("--check", is_flag=True, help="Exit with 1 where a gap is detected.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
-@own_option
-@json_option
+@command("gap", cls=_Since)
 def gap(
-    *,
-    recordings: Sequence[str],
-    vehicle: str | None,
-    fit_file: str | None,
-    model: str | None,
-    columns: str,
-    held_out: Sequence[str],
-    since: Sequence[str],
-    sensitivity: bool,
-    out: str | None,
-    report: str | None,
-    apply: str | None,
-    arena: str | None,
-    check: bool,
-    seed: int,
-    as_json: bool,
+    recordings: Sequence[str] = argument("RECORDING...", type=FILE),
+    vehicle: str | None = option("Vehicle: a shipped name or a file.", "VEHICLE", shell_complete=VEHICLES),
+    fit_file: str | None = option(
+        "A fit in place of a vehicle file; --vehicle beside it states noise and tolerances.",
+        "FIT",
+        name="--fit",
+        type=FILE,
+    ),
+    model: str | None = option(
+        "Model to simulate with --vehicle; default: that of its file, else single_track. FILE.py is executed.",
+        "NAME",
+        shell_complete=names(MODELS),
+        callback=named_model,
+    ),
+    columns: str = COLUMNS,
+    held_out: Sequence[str] = option(
+        "A held-out recording, on which the closed gap is measured; repeatable.", "RECORDING", type=FILE
+    ),
+    since: Sequence[str] = option(
+        "Recordings from before a change: report what differs by more than these differ among themselves.",
+        "RECORDING...",
+        type=FILE,
+    ),
+    sensitivity: bool = option(
+        "With --since and no RECORDING: the smallest changes that one more such recording would show."
+    ),
+    out: str | None = option("Folder for gap.json, gap.png, gap.pdf and closed.toml.", "FOLDER"),
+    report: str | None = option("Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.", "FILE"),
+    apply: str | None = option("Vehicle file (.toml or .json) with the effects that close the gap.", "FILE"),
+    arena: str | None = option(
+        "Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30.", "ARENA"
+    ),
+    check: bool = option("Exit with 1 where a gap is detected."),
+    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Say where the simulation of each RECORDING deviates from the vehicle, why, and how much of that closes.
 

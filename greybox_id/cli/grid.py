@@ -4,48 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import click
-
 from ..models import MODEL_NAMES
-from .options import columns_option, jobs_option, json_option, names, read_part
+from .options import ABOVE_ZERO, COLUMNS, FILE, JOBS, JSON, argument, command, names, option, read_part
 from .output import console, print_json, progress, show
 
 
-@click.command(name="grid")
-@click.argument("name", metavar="MODEL", shell_complete=names(MODEL_NAMES))
-@click.argument("file", metavar="RECORDING", type=click.Path())
-@click.option(
-    "--set",
-    "settings",
-    multiple=True,
-    metavar="NAME=VALUES",
-    help="A setting and its values: n_delta=5,6,7, n_x=1:4 (both included), or one value for all.",
-)
-@columns_option
-@click.option(
-    "--validate",
-    metavar="RECORDING",
-    type=click.Path(),
-    help="Recording on which structures are scored; AIC, as published, is computed on it.",
-)
-@click.option(
-    "--strength",
-    type=click.FloatRange(min=0, min_open=True),
-    help="Factor on the priors; default: cross-validated once, on the structure of the defaults.",
-)
-@jobs_option
-@click.option("--out", default="grid.parquet", show_default=True, metavar="FILE", help="A .parquet file; continued.")
-@json_option
+@command("grid")
 def grid(
-    name: str,
-    file: str,
-    settings: Sequence[str],
-    columns: str,
-    validate: str | None,
-    strength: float | None,
-    jobs: int,
-    out: str,
-    as_json: bool,
+    name: str = argument("MODEL", shell_complete=names(MODEL_NAMES)),
+    file: str = argument("RECORDING", type=FILE),
+    settings: Sequence[str] = option(
+        "A setting and its values: n_delta=5,6,7, n_x=1:4 (both included), or one value for all.",
+        "NAME=VALUES",
+        name="--set",
+    ),
+    columns: str = COLUMNS,
+    validate: str | None = option(
+        "Recording on which structures are scored; AIC, as published, is computed on it.", "RECORDING", type=FILE
+    ),
+    strength: float | None = option(
+        "Factor on the priors; default: cross-validated once, on the structure of the defaults.", type=ABOVE_ZERO
+    ),
+    jobs: int = JOBS,
+    out: str = option("A .parquet file; continued.", "FILE", default="grid.parquet"),
+    as_json: bool = JSON,
 ) -> None:
     """Fit every structure of MODEL that the settings span, and choose one.
 

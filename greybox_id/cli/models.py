@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 from rich.table import Table
 
@@ -21,17 +20,18 @@ from ..models.parameter import Parameter
 from ..models.registry import MODELS, build
 from ..models.vehicle import ChosenModel, Stated, Vehicle, vehicle_text
 from ..reports.text.screen import plain, plain_table
-from .options import VEHICLES, json_option, named_effect, named_model, names, settings_of
+from .options import JSON, VEHICLES, argument, command, named_effect, named_model, names, option, settings_of
 from .output import console, print_json
 
 
-@click.command(name="models")
-@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(MODELS), callback=named_model)
-@click.option("--vehicle", metavar="VEHICLE", shell_complete=VEHICLES, help="Show a model with a vehicle's numbers.")
-@click.option("--set", "settings", multiple=True, metavar="NAME=VALUE", help="A hyperparameter, such as tyre=brush.")
-@click.option("--out", metavar="FILE", help="Write these numbers as a vehicle file (.toml), to be edited.")
-@json_option
-def models(name: str | None, vehicle: str | None, settings: Sequence[str], out: str | None, as_json: bool) -> None:
+@command("models")
+def models(
+    name: str | None = argument("[NAME]", required=False, shell_complete=names(MODELS), callback=named_model),
+    vehicle: str | None = option("Show a model with a vehicle's numbers.", "VEHICLE", shell_complete=VEHICLES),
+    settings: Sequence[str] = option("A hyperparameter, such as tyre=brush.", "NAME=VALUE", name="--set"),
+    out: str | None = option("Write these numbers as a vehicle file (.toml), to be edited.", "FILE"),
+    as_json: bool = JSON,
+) -> None:
     """List the models there are; with NAME, what that one is made of and which effects can be added to it.
 
     \b
@@ -68,10 +68,11 @@ def models(name: str | None, vehicle: str | None, settings: Sequence[str], out: 
     console().print("\nparameters, bounds and effects of one: greybox models NAME; all effects: greybox effects")
 
 
-@click.command(name="effects")
-@click.argument("name", required=False, metavar="[NAME]", shell_complete=names(EFFECTS), callback=named_effect)
-@json_option
-def effects(name: str | None, as_json: bool) -> None:
+@command("effects")
+def effects(
+    name: str | None = argument("[NAME]", required=False, shell_complete=names(EFFECTS), callback=named_effect),
+    as_json: bool = JSON,
+) -> None:
     """List the effects that models may lack; with NAME, what its magnitude means and which models it applies to.
 
     \b

@@ -8,10 +8,14 @@ from __future__ import annotations
 import json
 import re
 import sys
+from collections import abc
 from collections.abc import Callable, Collection, Sequence
+from dataclasses import dataclass, replace
 from glob import escape
+from inspect import signature
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from types import NoneType, UnionType
+from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin
 
 import click
 from click.shell_completion import CompletionItem, get_completion_class
@@ -85,6 +89,98 @@ def _maps() -> tuple[str, ...]:
     return shipped_maps()
 
 
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+FILE = click.Path()
+ABOVE_ZERO, FROM_ZERO = click.FloatRange(min=0, min_open=True), click.IntRange(min=0)
+
+
+@dataclass(frozen=True)
+class Declared:
+    """How a parameter of a command's function is said on the command line; it stands in the place of its default.
+
+    Attributes
+    ----------
+    made : name of the parameter and its type -> click's decorator.
+    is_option : or an argument.
+    before, after : options that go with it, whose values are no parameters.
+    """
+
+    made: Callable[[str, Any], Decorator]
+    is_option: bool = True
+    before: tuple[Decorator, ...] = ()
+    after: tuple[Decorator, ...] = ()
+
+
+def option(help: str, metavar: str | None = None, *, name: str = "", default: Any = None, **more: Any) -> Any:
+    """An option, called as its parameter unless `name` says otherwise; `more` is what click's own takes.
+
+    The parameter's type says whether it is a switch, can be repeated, is a number, or which words there are.
+    """
+
+    def made(parameter: str, kind: Any) -> Decorator:
+        said = {"show_default": default not in (None, ""), **_of_type(kind, {"multiple": True}), **more}
+        if said.get("is_flag") and "show_default" not in more:
+            said["show_default"] = False
+        said |= {} if default is None else {"default": default}
+        return click.option(
+            name or f"--{parameter.replace('_', '-')}", parameter, help=help or None, metavar=metavar, **said
+        )
+
+    return Declared(made)
+
+
+def argument(metavar: str, **more: Any) -> Any:
+    """An argument, of which there are several if its parameter is a sequence; `more` is what click's own takes."""
+    return Declared(
+        lambda name, kind: click.argument(name, metavar=metavar, **_of_type(kind, {"nargs": -1}) | more), False
+    )
+
+
+def command(
+    name: str, *, of: click.Group | None = None, cls: type[click.Command] | None = None, more: Sequence[Decorator] = ()
+) -> Callable[[Callable[..., None]], click.Command]:
+    """A command of a function whose parameters are declared by their defaults.
+
+    Parameters
+    ----------
+    name : what it is called.
+    of : the group that it belongs to.
+    cls : click's kind of command.
+    more : options besides, which stand behind the arguments and go to the function's `**options`.
+    """
+
+    def decorated(function: Callable[..., None]) -> click.Command:
+        options, arguments = list[Decorator](), list[Decorator]()
+        for key, parameter in signature(function, eval_str=True).parameters.items():
+            declared = parameter.default
+            if isinstance(declared, Declared):
+                made = declared.made(key, parameter.annotation)
+                (options if declared.is_option else arguments).extend((*declared.before, made, *declared.after))
+        whole: Callable[..., Any] = function
+        for decorator in reversed((*arguments, *more, *options)):
+            whole = decorator(whole)
+        made = click.command(name, cls=cls)(whole)
+        if of is not None:
+            of.add_command(made)
+        return made
+
+    return decorated
+
+
+def _of_type(kind: Any, several: dict[str, Any]) -> dict[str, Any]:
+    """What a parameter's type says of an option or argument."""
+    (kind,) = (
+        [item for item in get_args(kind) if item is not NoneType] if get_origin(kind) in (Union, UnionType) else [kind]
+    )
+    if kind is bool:
+        return {"is_flag": True}
+    if get_origin(kind) is abc.Sequence:
+        return several
+    if get_origin(kind) is Literal:
+        return {"type": click.Choice(get_args(kind))}
+    return {"type": kind} if kind in (int, float) else {}
+
+
 MOVED = "Name the file's new place with RECORDING."
 """What to do where a recording of a fit is not found, in commands that take it as an argument."""
 VEHICLES = names(_vehicles, files=".toml")
@@ -107,31 +203,28 @@ def _span(ctx: click.Context, option: click.Parameter, value: str | None) -> Non
         raise click.BadParameter(str(error)) from error
 
 
-calibrate_option = click.option(
-    "--calibrate", metavar="timing[=SECONDS]",
-    help="Models with memory: estimate each new run's delay from its first seconds (5) and score the rest.",
+CALIBRATE: Any = option(
+    "Models with memory: estimate each new run's delay from its first seconds (5) and score the rest.",
+    "timing[=SECONDS]",
+)
+_COLUMNS = option(
+    "Column map: name of a shipped one, or a .toml file.", "MAP", default="canonical",
+    shell_complete=names(_maps, files=".toml"),
 )  # fmt: skip
-
-
-def columns_option(command: Callable[..., Any]) -> Callable[..., Any]:
-    """How recordings are read: --columns, and --between and --where, which `read_part` obeys."""
-    for option in (
-        click.option(
-            "--where", metavar="CONDITION", callback=_kept, expose_value=False,
-            help='Only rows at which this holds, such as "v_x > 5 and abs(steer) < 0.1".',
-        ),
+COLUMNS: Any = replace(
+    _COLUMNS,
+    after=(
         click.option(
             "--between", metavar="START:STOP", callback=_span, expose_value=False,
             help="Only rows from START to STOP, in s; one of them may be omitted.",
         ),
         click.option(
-            "--columns", default="canonical", show_default=True, metavar="MAP",
-            shell_complete=names(_maps, files=".toml"),
-            help="Column map: name of a shipped one, or a .toml file.",
+            "--where", metavar="CONDITION", callback=_kept, expose_value=False,
+            help='Only rows at which this holds, such as "v_x > 5 and abs(steer) < 0.1".',
         ),
-    ):  # fmt: skip
-        command = option(command)
-    return command
+    ),
+)  # fmt: skip
+"""How recordings are read: --columns, and --between and --where, which `read_part` obeys."""
 
 
 def read_part(file: str | Path, columns: str | Path | ColumnMap = "canonical") -> Recording:
@@ -151,9 +244,8 @@ def part_asked(recording: Recording) -> Recording:
 
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
-jobs_option = click.option(
-    "--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time (on Linux)."
-)
+JSON: Any = Declared(lambda name, annotation: json_option)
+JOBS: Any = option("Processes at a time (on Linux).", type=click.IntRange(min=1), default=1)
 
 WORD = re.compile(r"[A-Za-z_][\w-]*")
 """A setting that is a name, such as that of a tyre."""
@@ -223,13 +315,15 @@ def _known(ctx: click.Context, param: click.Parameter, values: Sequence[str]) ->
         own(value)
 
 
-own_option = click.option(
-    "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
-    help="Your own model or effect: one that the fit was made with, or one to try; the file is run.",
+JSON_AND_OWN: Any = replace(
+    JSON,
+    before=(
+        click.option(
+            "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
+            help="Your own model or effect: one that the fit was made with, or one to try; the file is run.",
+        ),
+    ),
 )  # fmt: skip
-
-
-Command = TypeVar("Command", bound=Callable[..., Any])
 
 
 def _effects() -> Collection[str]:
@@ -269,14 +363,10 @@ _ESTIMATED = (
 )
 
 
-def model_options(command: Command) -> Command:
-    """What a model to be fitted is made of."""
-    return _with((*_MODEL, _EFFECTS, _FIX, *_ESTIMATED), command)
-
-
-def simulated_model_options(command: Command) -> Command:
-    """What a model to be simulated is made of."""
-    return _with((*_MODEL, _EFFECTS, _FIX), command)
+SIMULATED_MODEL = (*_MODEL, _EFFECTS, _FIX)
+"""What a model to be simulated is made of."""
+MODEL = (*SIMULATED_MODEL, *_ESTIMATED)
+"""What a model to be fitted is made of."""
 
 
 def parameter_values(
@@ -306,12 +396,6 @@ def requested(
 
     chosen = given.choices(**parameter_values(**of_parameters))
     return given.requested(name, vehicle, settings_of(settings), effects, chosen)
-
-
-def _with(options: Sequence[Callable[[Command], Command]], command: Command) -> Command:
-    for option in reversed(options):
-        command = option(command)
-    return command
 
 
 def fit_of(file: str | Path) -> FitResult:

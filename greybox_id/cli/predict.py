@@ -11,53 +11,39 @@ import click
 from ..api.predictions import SIMULATIONS, Predicted, predicted, prediction_target, simulated
 from ..base.units import pairs
 from .options import (
-    calibrate_option,
-    columns_option,
+    ABOVE_ZERO,
+    CALIBRATE,
+    COLUMNS,
+    FILE,
+    JSON_AND_OWN,
+    SIMULATED_MODEL,
+    argument,
+    command,
     fit_of,
-    json_option,
-    own_option,
+    option,
     parameter_values,
     read_part,
     requested,
-    simulated_model_options,
 )
 from .output import console, print_json, working
 from .terminal import tell
 
 
-@click.command(name="predict")
-@click.argument("fit_file", metavar="FIT", type=click.Path())
-@click.argument("file", metavar="RECORDING", type=click.Path())
-@columns_option
-@click.option(
-    "--horizon",
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="SECONDS",
-    help="Equations of motion: predict each row from the readings this much earlier; default: a free run of each run.",
-)
-@click.option(
-    "--posterior",
-    metavar="FILE",
-    type=click.Path(),
-    help="Draws of greybox sample: predict their mean and a 95 % band.",
-)
-@calibrate_option
-@click.option("--open-loop", is_flag=True, help="Models with memory: predict one sample ahead from measured inputs.")
-@click.option(
-    "--out", default="prediction.csv", show_default=True, metavar="FILE", help="A .csv, .parquet, .mf4 or .mcap file."
-)
-@own_option
-@json_option
+@command("predict")
 def predict(
-    fit_file: str,
-    file: str,
-    columns: str,
-    horizon: float | None,
-    posterior: str | None,
-    calibrate: str | None,
-    open_loop: bool,
-    out: str,
-    as_json: bool,
+    fit_file: str = argument("FIT", type=FILE),
+    file: str = argument("RECORDING", type=FILE),
+    columns: str = COLUMNS,
+    horizon: float | None = option(
+        "Equations of motion: predict each row from the readings this much earlier; default: a free run of each run.",
+        "SECONDS",
+        type=ABOVE_ZERO,
+    ),
+    posterior: str | None = option("Draws of greybox sample: predict their mean and a 95 % band.", "FILE", type=FILE),
+    calibrate: str | None = CALIBRATE,
+    open_loop: bool = option("Models with memory: predict one sample ahead from measured inputs."),
+    out: str = option("A .csv, .parquet, .mf4 or .mcap file.", "FILE", default="prediction.csv"),
+    as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Predict RECORDING with FIT: so many seconds ahead, or freely from the start of each run.
 
@@ -74,27 +60,16 @@ def predict(
     _tell(result, target, as_json)
 
 
-@click.command(name="simulate")
-@click.argument("paths", nargs=-1, required=True, metavar="[FIT] RECORDING", type=click.Path())
-@simulated_model_options
-@columns_option
-@click.option(
-    "--start-state",
-    multiple=True,
-    metavar="NAME=VALUE",
-    help="A state at the start of every run; others start from the first row's readings.",
-)
-@click.option(
-    "--out", default="simulation.csv", show_default=True, metavar="FILE", help="A .csv, .parquet, .mf4 or .mcap file."
-)
-@own_option
-@json_option
+@command("simulate", more=SIMULATED_MODEL)
 def simulate(
-    paths: Sequence[str],
-    columns: str,
-    start_state: Sequence[str],
-    out: str,
-    as_json: bool,
+    *,
+    paths: Sequence[str] = argument("[FIT] RECORDING", type=FILE, required=True),
+    columns: str = COLUMNS,
+    start_state: Sequence[str] = option(
+        "A state at the start of every run; others start from the first row's readings.", "NAME=VALUE"
+    ),
+    out: str = option("A .csv, .parquet, .mf4 or .mcap file.", "FILE", default="simulation.csv"),
+    as_json: bool = JSON_AND_OWN,
     fix: Sequence[str],
     **options: Any,
 ) -> None:

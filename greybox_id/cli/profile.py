@@ -8,37 +8,23 @@ import click
 
 from ..api.profiles import profiles, profiles_target
 from ..fitting.holding import profiled
-from .options import MOVED, fit_of, jobs_option, json_option, own_option
+from .options import FILE, JOBS, JSON_AND_OWN, MOVED, argument, command, fit_of, option
 from .output import console, print_json, progress, show
 
 
-@click.command(name="profile")
-@click.argument("fit_file", metavar="FIT", type=click.Path())
-@click.argument("files", nargs=-1, metavar="[RECORDING...]", type=click.Path())
-@click.option("--parameter", "names", multiple=True, metavar="NAME", help="A free parameter; repeatable.")
-@click.option("--all", "everything", is_flag=True, help="Every free parameter.")
-@click.option(
-    "--confidence",
-    type=click.FloatRange(0, 1, min_open=True, max_open=True),
-    default=0.95,
-    show_default=True,
-    help="Of the intervals.",
-)
-@click.option("--columns", metavar="MAP", help="Column map; default: the one that the fit names.")
-@jobs_option
-@click.option("--out", metavar="FILE", help="Write the curves there: a .csv or .parquet file.")
-@own_option
-@json_option
+@command("profile")
 def profile(
-    fit_file: str,
-    files: Sequence[str],
-    names: Sequence[str],
-    everything: bool,
-    confidence: float,
-    columns: str | None,
-    jobs: int,
-    out: str | None,
-    as_json: bool,
+    fit_file: str = argument("FIT", type=FILE),
+    files: Sequence[str] = argument("[RECORDING...]", type=FILE),
+    names: Sequence[str] = option("A free parameter; repeatable.", "NAME", name="--parameter"),
+    everything: bool = option("Every free parameter.", name="--all"),
+    confidence: float = option(
+        "Of the intervals.", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95
+    ),
+    columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
+    jobs: int = JOBS,
+    out: str | None = option("Write the curves there: a .csv or .parquet file.", "FILE"),
+    as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Profile parameters of FIT: the interval in which the fit stays good, all other parameters re-optimised.
 

@@ -4,38 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
-import click
-
-from .options import json_option, own_option
+from .options import FILE, JSON_AND_OWN, argument, command, option
 from .output import console, print_json, working
 
 
-@click.command(name="report")
-@click.argument("files", nargs=-1, required=True, metavar="FIT|GAP|TRACK...", type=click.Path())
-@click.option(
-    "--train", multiple=True, metavar="FILE", help="New path of a training recording that was moved; repeatable."
-)
-@click.option("--validate", metavar="FILE", help="New path of the validation recording if it was moved.")
-@click.option("--columns", metavar="MAP", help="Column map; default: the one that the fit names.")
-@click.option(
-    "--format", "kind", type=click.Choice(["pdf", "html"]), help="Default: from the suffix of --out, else pdf."
-)
-@click.option("--out", metavar="FILE", help="File to write; default: beside the first file.")
-@click.option("--posterior", metavar="FILE", help="Draws of greybox sample for one FIT: adds bands and a corner plot.")
-@click.option("--figures", metavar="FOLDER", help="Also write the figures there, as SVG.")
-@own_option
-@json_option
+@command("report")
 def report(
-    files: Sequence[str],
-    train: Sequence[str],
-    validate: str | None,
-    columns: str | None,
-    kind: str | None,
-    out: str | None,
-    posterior: str | None,
-    figures: str | None,
-    as_json: bool,
+    files: Sequence[str] = argument("FIT|GAP|TRACK...", type=FILE, required=True),
+    train: Sequence[str] = option("New path of a training recording that was moved; repeatable.", "FILE"),
+    validate: str | None = option("New path of the validation recording if it was moved.", "FILE"),
+    columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
+    kind: Literal["pdf", "html"] | None = option("Default: from the suffix of --out, else pdf.", name="--format"),
+    out: str | None = option("File to write; default: beside the first file.", "FILE"),
+    posterior: str | None = option("Draws of greybox sample for one FIT: adds bands and a corner plot.", "FILE"),
+    figures: str | None = option("Also write the figures there, as SVG.", "FOLDER"),
+    as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Write a report of a FIT made by greybox fit, of a GAP (gap.json) left by greybox gap --out, of a TRACK left by
     greybox track beside its table, or of several FITs side by side.

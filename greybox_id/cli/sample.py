@@ -4,58 +4,31 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from typing import Any
+from typing import Literal
 
-import click
-
-from .options import json_option, own_option
+from .options import FILE, FROM_ZERO, JSON_AND_OWN, argument, command, option
 from .output import console, print_json, progress, show
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of other commands; what there is was kept."""
 
 
-@click.command(name="sample")
-@click.argument("fit_file", metavar="FIT", type=click.Path())
-@click.argument("files", nargs=-1, metavar="[RECORDING...]", type=click.Path())
-@click.option(
-    "--method",
-    type=click.Choice(["laplace", "mcmc", "abc-smc"]),
-    default="mcmc",
-    show_default=True,
-    help=(
-        "Draw from the fit's covariance (laplace), from likelihood and priors (mcmc), or by distances alone (abc-smc)."
-    ),
-)
-@click.option("--draws", type=int, default=2000, show_default=True, help="Number of draws; of particles for abc-smc.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Of everything random.")
-@click.option(
-    "--distance",
-    type=click.Choice(["pooled", "trajectories"]),
-    default="pooled",
-    show_default=True,
-    help="abc-smc: distance over all rows, or the mean of the trajectories' distances.",
-)
-@click.option("--columns", metavar="MAP", help="Column map; default: the one that the fit names.")
-@click.option(
-    "--out",
-    default="posterior.parquet",
-    show_default=True,
-    metavar="FILE",
-    help="A .parquet file; an interrupted run continues from it.",
-)
-@own_option
-@json_option
+@command("sample")
 def sample(
-    fit_file: str,
-    files: Sequence[str],
-    method: Any,
-    draws: int,
-    seed: int,
-    distance: Any,
-    columns: str | None,
-    out: str,
-    as_json: bool,
+    fit_file: str = argument("FIT", type=FILE),
+    files: Sequence[str] = argument("[RECORDING...]", type=FILE),
+    method: Literal["laplace", "mcmc", "abc-smc"] = option(
+        "Draw from the fit's covariance (laplace), from likelihood and priors (mcmc), or by distances alone (abc-smc).",
+        default="mcmc",
+    ),
+    draws: int = option("Number of draws; of particles for abc-smc.", default=2000),
+    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    distance: Literal["pooled", "trajectories"] = option(
+        "abc-smc: distance over all rows, or the mean of the trajectories' distances.", default="pooled"
+    ),
+    columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
+    out: str = option("A .parquet file; an interrupted run continues from it.", "FILE", default="posterior.parquet"),
+    as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Draw from the posterior of FIT's free parameters.
 

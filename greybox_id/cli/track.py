@@ -16,7 +16,19 @@ from ..api.tracking import track as track_recording
 from ..base.errors import BadInput
 from ..base.units import number, pairs
 from .defaults import command_line
-from .options import columns_option, fit_of, json_option, model_options, own_option, read_part, requested
+from .options import (
+    ABOVE_ZERO,
+    COLUMNS,
+    FILE,
+    JSON_AND_OWN,
+    MODEL,
+    argument,
+    command,
+    fit_of,
+    option,
+    read_part,
+    requested,
+)
 from .output import console, end_by, print_json, progress, show
 from .terminal import tell
 
@@ -26,76 +38,38 @@ if TYPE_CHECKING:
 FROM_STDIN = "-"
 
 
-@click.command(name="track")
-@click.argument("file", metavar="RECORDING", required=False, type=click.Path())
-@model_options
-@click.option("--fit", "fit_file", metavar="FIT", type=click.Path(), help="A fit, in place of --model and --vehicle.")
-@columns_option
-@click.option(
-    "--parameters",
-    multiple=True,
-    metavar="NAMES",
-    help=("What to track as a random walk: C_alpha_f,C_alpha_r or F_yf,F_yr."),
-)
-@click.option(
-    "--disturbances",
-    multiple=True,
-    metavar="NAMES",
-    help=("Disturbances to track, which return to zero: road_bank,S_h_f."),
-)
-@click.option(
-    "--readings",
-    default="v_x,yaw_rate,a_y",
-    show_default=True,
-    metavar="NAMES",
-    help=("Outputs that the filter reads."),
-)
-@click.option("--coloured", default="", metavar="NAMES", help="Readings whose error varies slowly, such as a_y.")
-@click.option("--filter", "kind", type=click.Choice(["ekf", "ukf"]), default="ekf", show_default=True)
-@click.option("--smooth", is_flag=True, help="Smooth: use later readings, too.")
-@click.option("--noise", multiple=True, metavar="NAME=SIZE", help="Size of a noise, such as walk_v_y=0.05.")
-@click.option(
-    "--tune",
-    default="60s",
-    show_default=True,
-    metavar="SECONDS",
-    help="First seconds of the recording, on which noise that is not stated is tuned; 0 leaves it as guessed.",
-)
-@click.option(
-    "--calibrate",
-    default="0s",
-    show_default=True,
-    metavar="SECONDS",
-    help="First seconds of the recording, on which the model's free parameters are tuned with the noise.",
-)
-@click.option(
-    "--gate",
-    default=5.0,
-    show_default=True,
-    type=click.FloatRange(min=0, min_open=True),
-    metavar="SDS",
-    help="Readings further than this from the prediction count as noisier.",
-)
-@click.option(
-    "--out",
-    default="estimates.parquet",
-    show_default=True,
-    metavar="FILE",
-    help="A .csv, .parquet, .mf4 or .mcap file.",
-)
-@click.option("--figures", metavar="FOLDER", help="Write pictures there, as SVG.")
-@click.option("--apply", metavar="FILE", help="Vehicle file (.toml or .json) with the tuned numbers.")
-@click.option(
-    "--follow", "live", is_flag=True, help="Read CSV lines from standard input and write estimates line by line."
-)
-@own_option
-@json_option
+@command("track", more=MODEL)
 def track(
-    *, file: str | None, fit_file: str | None, columns: str, parameters: Sequence[str], disturbances: Sequence[str],
-    readings: str, coloured: str, kind: Literal["ekf", "ukf"], smooth: bool, noise: Sequence[str], tune: str,
-    calibrate: str, gate: float, out: str, figures: str | None, apply: str | None, live: bool, as_json: bool,
+    file: str | None = argument("RECORDING", type=FILE, required=False),
+    fit_file: str | None = option("A fit, in place of --model and --vehicle.", "FIT", name="--fit", type=FILE),
+    columns: str = COLUMNS,
+    parameters: Sequence[str] = option("What to track as a random walk: C_alpha_f,C_alpha_r or F_yf,F_yr.", "NAMES"),
+    disturbances: Sequence[str] = option("Disturbances to track, which return to zero: road_bank,S_h_f.", "NAMES"),
+    readings: str = option("Outputs that the filter reads.", "NAMES", default="v_x,yaw_rate,a_y"),
+    coloured: str = option("Readings whose error varies slowly, such as a_y.", "NAMES", default=""),
+    kind: Literal["ekf", "ukf"] = option("", name="--filter", default="ekf"),
+    smooth: bool = option("Smooth: use later readings, too."),
+    noise: Sequence[str] = option("Size of a noise, such as walk_v_y=0.05.", "NAME=SIZE"),
+    tune: str = option(
+        "First seconds of the recording, on which noise that is not stated is tuned; 0 leaves it as guessed.",
+        "SECONDS",
+        default="60s",
+    ),
+    calibrate: str = option(
+        "First seconds of the recording, on which the model's free parameters are tuned with the noise.",
+        "SECONDS",
+        default="0s",
+    ),
+    gate: float = option(
+        "Readings further than this from the prediction count as noisier.", "SDS", type=ABOVE_ZERO, default=5.0
+    ),
+    out: str = option("A .csv, .parquet, .mf4 or .mcap file.", "FILE", default="estimates.parquet"),
+    figures: str | None = option("Write pictures there, as SVG.", "FOLDER"),
+    apply: str | None = option("Vehicle file (.toml or .json) with the tuned numbers.", "FILE"),
+    live: bool = option("Read CSV lines from standard input and write estimates line by line.", name="--follow"),
+    as_json: bool = JSON_AND_OWN,
     **options: Any,
-) -> None:  # fmt: skip
+) -> None:
     """Estimate sideslip, cornering stiffness and tyre forces along RECORDING.
 
     \b

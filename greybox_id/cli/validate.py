@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import click
-
 from ..api.fitting import load
 from ..api.predictions import validation
 from ..base.numbers import counted
-from .options import columns_option, json_option, own_option, read_part
+from .options import COLUMNS, FILE, JSON_AND_OWN, argument, command, read_part
 from .output import end_by, print_json, show, working
 
 
-@click.command(name="validate")
-@click.argument("fit_file", metavar="FIT", type=click.Path())
-@click.argument("files", nargs=-1, required=True, metavar="RECORDING...", type=click.Path())
-@columns_option
-@own_option
-@json_option
-def validate(fit_file: str, files: Sequence[str], columns: str, as_json: bool) -> None:
+@command("validate")
+def validate(
+    fit_file: str = argument("FIT", type=FILE),
+    files: Sequence[str] = argument("RECORDING...", type=FILE, required=True),
+    columns: str = COLUMNS,
+    as_json: bool = JSON_AND_OWN,
+) -> None:
     """Score FIT on each RECORDING: over horizons and in free run, or under every protocol of models with memory.
 
     Equations of motion are set beside what holding the last reading would do, and beside the model as it was before it

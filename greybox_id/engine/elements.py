@@ -10,7 +10,6 @@ import numpy as np
 
 from ..base.errors import BadModel
 from ..base.shorthands import Array, Index
-from ..models.model import Symbol
 from .trace import Trace, namespace
 from .virtual import SampledFunction
 
@@ -53,13 +52,6 @@ class Actuation:
         """Parameters that act through an actuator."""
         return np.unique(np.concatenate([np.empty(0, dtype=np.intp), *[step.touched for step in self._steps]]))
 
-    def expression(self, recorded: Symbol, p: Symbol) -> Symbol:
-        """What the equations see, (inputs, n), as an expression of what was recorded and of the parameters."""
-        rows = [recorded[k, :] for k in range(recorded.shape[0])]
-        for step in self._steps:
-            rows[step.column] = step.expression(rows[step.column], p)
-        return cs.vertcat(*rows)
-
 
 class _Step:
     """One actuator and its sensitivities, run along a command in CasADi's virtual machine."""
@@ -70,7 +62,6 @@ class _Step:
         self.column = model.inputs.index(actuator.signal)
         state, command, p = cs.SX.sym("state"), cs.SX.sym("command"), cs.SX.sym("p", model.size)
         both = cs.vertcat(*actuator.step(state, command, namespace(model, p), model.sample_time))
-        self._plain = cs.Function("actuator", [state, command, p], [both[0], both[1]])
         touched = set(np.flatnonzero(cs.which_depends(both, p, 1, False)).tolist())
         for earlier in range(number):
             if model.actuators[earlier].signal == actuator.signal:
@@ -90,11 +81,6 @@ class _Step:
             [cs.vertcat(both[0], by_p[0, :].T), cs.vertcat(both[1], by_p[1, :].T)],
         )
         self._along: dict[int, cs.Function] = {}
-
-    def expression(self, command: Symbol, p: Symbol) -> Symbol:
-        """What the equations see of a run's command, (1, n)."""
-        samples = command.shape[1]
-        return self._plain.mapaccum("actuators", samples)(command[0], command, cs.repmat(p, 1, samples))[1]
 
     def __call__(self, command: Array, command_by_p: Array, p: Array) -> tuple[Array, Array]:
         start = np.concatenate([command[:1], command_by_p[0, self.touched]])
@@ -131,13 +117,6 @@ class Sensing:
             sensor(y, by_p, p)
         return y, by_p
 
-    def expression(self, y: Symbol, p: Symbol) -> Symbol:
-        """What is recorded, (outputs, rows), as an expression of a run's predictions and of the parameters."""
-        rows = [y[k, :] for k in range(y.shape[0])]
-        for sensor in self._sensors:
-            rows[sensor.column] = sensor.expression(rows[sensor.column], p)
-        return cs.vertcat(*rows)
-
 
 class _Weights:
     def __init__(self, trace: Trace, number: int) -> None:
@@ -150,14 +129,6 @@ class _Weights:
         slopes = cs.densify(cs.jacobian(weights, p)[:, self.touched.tolist()])
         self._weights = SampledFunction(cs.Function("weights", [p], [weights]))
         self._slopes = SampledFunction(cs.Function("slopes", [p], [cs.vec(slopes.T)]))
-
-    def expression(self, y: Symbol, p: Symbol) -> Symbol:
-        """This sensor's reading of an output, (1, rows)."""
-        weights = self._weights.function(p)
-        length = y.shape[1]
-        held = [min(lag, length) for lag in range(weights.shape[0])]
-        late = [cs.horzcat(cs.repmat(y[0], 1, lag), y[: length - lag]) for lag in held]
-        return sum(weights[lag] * shifted for lag, shifted in enumerate(late))
 
     def __call__(self, y: Array, by_p: Array | None, p: Array) -> None:
         """Replace this sensor's column of y, and of its derivative, in place."""

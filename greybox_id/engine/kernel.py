@@ -473,9 +473,10 @@ class _Functions:
 
 @lru_cache
 def _writers() -> str:
-    """The modules that write the C source, as text."""
+    """The modules that write the C source, as text, and the C that is in it."""
     folder = Path(__file__).parent
-    return "\0".join((folder / f"{name}.py").read_text("utf-8") for name in ("kernel", "graph", "vectors"))
+    files = [*(folder / f"{name}.py" for name in ("kernel", "graph", "vectors")), *sorted(folder.glob("*.c"))]
+    return "\0".join(file.read_text("utf-8") for file in files)
 
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:

@@ -127,10 +127,6 @@ class Problem:
         """One vector of model parameters for new runs: run-scoped ones at the mean over runs."""
         return np.asarray(np.mean([x[index] for index in self.layout.index], axis=0))
 
-    def measured_nodes(self) -> Nodes:
-        """Nodes at the measurements, the fixed-node start."""
-        return [run.measured for run in self.runs] if self.closed_loop else []
-
     def simulated_nodes(self, x: Array) -> Nodes:
         """Nodes that match exactly: a simulation of every run."""
         if not self.closed_loop:

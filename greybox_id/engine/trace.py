@@ -26,7 +26,6 @@ from typing import TYPE_CHECKING, Any
 
 import casadi as cs
 import numpy as np
-from numpy.typing import NDArray
 
 from ..base.errors import BadModel, GreyboxError, near_or_all
 from ..base.shorthands import Index
@@ -325,21 +324,6 @@ class Trace:
         h = cs.vertcat(*[cs.dot(self.W[t, :].T, Z[int(s), :].T) for t, s in enumerate(self.tap_signal)])
         return U, head(h, U[:, -1], self.p)
 
-    @cached_property
-    def touched_by_p(self) -> NDArray[np.bool_]:
-        """(outputs, parameters) which parameters each output depends on through the equations."""
-        return _pattern(cs.jacobian_sparsity(self.step[1], self.p))
-
-    @cached_property
-    def touched_by_nodes(self) -> NDArray[np.bool_]:
-        """(outputs, memory, outputs) which outputs in the window each output depends on, oldest first."""
-        U, y = self.step
-        by_u = _pattern(cs.jacobian_sparsity(y, cs.vec(U))).reshape(len(self.model.outputs), self.memory, -1)
-        named, outputs = self._feedback()
-        fed_by_y = _pattern(cs.jacobian_sparsity(cs.vertcat(*named.values()), outputs))
-        places = [self.model.inputs.index(name) for name in self.fed_back]
-        return np.asarray(by_u[:, :, places].astype(int) @ fed_by_y.astype(int) > 0)
-
     def _feedback(self) -> tuple[dict[str, Symbol], Symbol]:
         y = cs.SX.sym("y", len(self.model.outputs))
         if self.model.feedback is None:
@@ -400,12 +384,6 @@ def tidy(index: Index) -> Columns:
     if len(index) and np.array_equal(index, np.arange(index[0], index[0] + len(index))):
         return slice(int(index[0]), int(index[0]) + len(index))
     return index
-
-
-def _pattern(sparsity: cs.Sparsity) -> NDArray[np.bool_]:
-    dense = np.zeros(sparsity.shape, dtype=bool)
-    dense[tuple(np.array(sparsity.get_triplet(), dtype=np.intp))] = True
-    return dense
 
 
 def _padded(weights: Sequence[Symbol], length: int) -> Symbol:

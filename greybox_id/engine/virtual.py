@@ -70,33 +70,41 @@ class VirtualMachine:
         return z_end, Z_end, y_all, Y_all
 
 
-class _Rows:
-    """A CasADi function evaluated for many rows: (rows, size) arrays in, (rows, columns, size) arrays out.
+def on_arrays(function: cs.Function) -> Callable[..., list[Array]]:
+    """A function of dense matrices on numpy's arrays in place, without copies to CasADi's and back.
 
-    The results come as CasADi stores them, column by column: transposed.
+    CasADi stores column by column what numpy stores row by row: arguments and results are transposed.
     """
+    memory, evaluate = function.buffer()
+    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
+
+    def called(*arguments: Array) -> list[Array]:
+        results = [np.empty(shape) for shape in shapes]
+        held = [np.ascontiguousarray(argument, dtype=float) for argument in arguments]
+        for place, arrays in ((memory.set_arg, held), (memory.set_res, results)):
+            for k, array in enumerate(arrays):
+                if array.size:
+                    place(k, array.data)
+        evaluate()
+        return results
+
+    return called
+
+
+class _Rows:
+    """A function evaluated for many rows: (rows, size) arrays in, (rows, columns, size) arrays out, transposed."""
 
     def __init__(self, function: cs.Function) -> None:
         self.function = function
         self.sizes = [(function.size2_out(k), function.size1_out(k)) for k in range(function.n_out())]
-        self._mapped: dict[int, tuple[cs.Function, Any, Callable[[], None]]] = {}
+        self._mapped: dict[int, Callable[..., list[Array]]] = {}
 
     def __call__(self, *arguments: Array) -> list[Array]:
         rows = len(arguments[0])
         if rows not in self._mapped:
-            mapped = self.function.map(rows)
-            self._mapped[rows] = (mapped, *mapped.buffer())
-        _, memory, run = self._mapped[rows]
-        results = [np.empty((rows, *size)) for size in self.sizes]
-        held = [np.ascontiguousarray(a) for a in arguments]
-        for k, array in enumerate(held):
-            if array.size:
-                memory.set_arg(k, array.data)
-        for k, array in enumerate(results):
-            if array.size:
-                memory.set_res(k, array.data)
-        run()
-        return results
+            self._mapped[rows] = on_arrays(self.function.map(rows))
+        results = self._mapped[rows](*arguments)
+        return [result.reshape(rows, *size) for result, size in zip(results, self.sizes, strict=True)]
 
 
 def _chained(by_z: Array, by_p: Array, Z: Array, columns: NDArray[np.intp]) -> Array:
@@ -249,20 +257,8 @@ class _Operations:
 
 
 def call(function: cs.Function, *arguments: Array) -> Array:
-    """A CasADi function of dense arguments on numpy's own memory: its first result, flat, column by column.
-
-    An argument of k columns is handed over as a (k, rows) array: CasADi stores column by column what numpy stores
-    row by row.
-    """
-    result = np.empty(function.numel_out(0))
-    memory, run = function.buffer()
-    held = [np.ascontiguousarray(a, dtype=float) for a in arguments]
-    for k, array in enumerate(held):
-        if array.size:
-            memory.set_arg(k, array.data)
-    memory.set_res(0, result.data)
-    run()
-    return result
+    """The first result of a function, as of `on_arrays`, flat."""
+    return on_arrays(function)(*arguments)[0].ravel()
 
 
 def _padded(rows: Array) -> Array:

@@ -28,7 +28,7 @@ import numpy as np
 from ..base.shorthands import Array
 from ..engine.compiler import library
 from ..engine.graph import Result, straight_line
-from ..engine.vectors import PRELUDE, product, table
+from ..engine.vectors import c_of, product, table
 from .state_space import StateSpace
 
 NARROW = "#define NARROW"
@@ -60,7 +60,7 @@ def written(
     return "\n".join(
         [
             *([NARROW] if narrow else []),
-            PRELUDE,
+            c_of("vectors"),
             *[f"#define {name} {size}" for name, size in constants.items()],
             *[
                 straight_line(function.name(), function, [Result(name) for name in item[: function.n_out()]])

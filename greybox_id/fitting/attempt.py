@@ -371,7 +371,7 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
     certifying = CERTIFYING_CLOSED_LOOP if slow else CERTIFYING_ITERATIONS
     carrying = CORNER_ITERATIONS if corner <= NEAR else CONTINUING_ITERATIONS if slow and not converged else certifying
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
-    solution, verdict = ipopt(problem, result.x, warm=True, max_iterations=carrying, lifted=False)
+    solution, verdict = ipopt(problem, result.x, warm=True, max_iterations=carrying)
     gained = (result.objective - solution.objective) / max(result.objective, 1e-300)
     same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(result.objective, 1e-300))
     optimum = solution.status is Status.CONVERGED

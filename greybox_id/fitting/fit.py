@@ -6,7 +6,7 @@ Saved as JSON; `saved_fit.py` reads it back.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, Literal, get_args
@@ -218,7 +218,12 @@ class Fit:
         """The model's combinations of parameters, with what is known of them together."""
         if self.covariance is None:
             return []
-        return [combined(each, self.model, self.covariance, self.dof) for each in self.model.combinations]
+        known = [combined(each, self.model, self.covariance, self.dof) for each in self.model.combinations]
+        return [replace(each, about="; ".join([each.about, *self._scaled(each.name)])) for each in known]
+
+    def _scaled(self, name: str) -> list[str]:
+        """That a number scales with a stated one, if it does."""
+        return [f"scales with {stated}, as stated" for stated, of in self.how.get("scaling", {}).items() if name in of]
 
     def notes(self) -> dict[str, str]:
         """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""
@@ -239,6 +244,8 @@ class Fit:
                     result[parameter.name] = "not determined by this recording"
                 elif low >= 0 and parameter.name not in self.model.effects and sd > UNTOLD * value:
                     result[parameter.name] = f"not determined by this recording (sd {100 * float(sd) / value:.0f} %)"
+                if known := [note for note in (result.get(parameter.name), *self._scaled(parameter.name)) if note]:
+                    result[parameter.name] = "; ".join(known)
         return result
 
     @property

@@ -28,7 +28,7 @@ from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
 from .scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
 from .scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words, must_have_timing
-from .scores.verdict import HELD_OUT, TRAINED, WORSE, distrust, judged, times_as_large, used_signals
+from .scores.verdict import HELD_OUT, TRAINED, WORSE, conditional, distrust, judged, times_as_large, used_signals
 from .training import TrainedBefore
 
 
@@ -103,7 +103,7 @@ def judgement(
         against += refuted(fit.model, fit, recordings[TRAINED])
     if against:
         verdict = judged(fit, value, held=held, unfitted=before, findings=findings, data=data, more=against)
-    return Judgement(value, held, verdict)
+    return Judgement(value, held, conditional(fit, verdict))
 
 
 __all__ = ["FitOptions", "FitTask", "Say", "Solver", "estimated", "fit"]
@@ -190,7 +190,7 @@ def fit(
         metrics = {role: as_dict(scores) for role, scores in judged.scores.items()}
         requested = reason(result, held) if held else None
         verdict = with_reason(with_reason(judged.verdict, requested), _without_last(result, task, judged.scores))
-        result = replace(result, metrics=metrics, verdict=verdict)
+        result = replace(result, metrics=metrics, verdict=conditional(result, verdict))
         seconds = calibrated_seconds(how.calibrate)
         return result if seconds is None or validate is None else _calibrated(result, validate, seconds)
 

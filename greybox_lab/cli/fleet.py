@@ -171,7 +171,7 @@ class _Dashboard:
     """Plain lines now and then; what is done again and why, the dashboard's address, what is waited for: each once."""
 
     def __init__(self) -> None:
-        self._last, self._told, self._seen, self._lacked, self._again = 0.0, "", False, False, False
+        self._last, self._told, self._once = 0.0, "", set[str]()
         self._progress: FleetProgress | None = None
 
     def plain(self, progress: FleetProgress) -> None:
@@ -183,15 +183,10 @@ class _Dashboard:
             tell(self._told)
 
     def address(self, progress: FleetProgress) -> None:
-        if progress.anew and not self._again:
-            self._again = True
-            tell(progress.anew)
-        if progress.dashboard and not self._seen:
-            self._seen = True
-            tell(f"dashboard {progress.dashboard}")
-        if progress.lacks and not self._lacked:
-            self._lacked = True
-            tell(progress.lacks)
+        for words in (progress.anew, f"dashboard {progress.dashboard}" if progress.dashboard else "", progress.lacks):
+            if words and words not in self._once:
+                self._once.add(words)
+                tell(words)
 
     def end(self) -> None:
         if self._progress is not None and self._progress.line() != self._told:

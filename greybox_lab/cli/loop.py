@@ -86,12 +86,14 @@ def agent_command(
     \b
     greybox loop agent http://127.0.0.1:8787 --token-file token.txt --out car
     """  # fmt: skip
-    from ..driving.loop.agent import AgentOptions, agent
+    from ..driving.loop.agent import agent
     from ..driving.loop.protocol import read_token
 
-    options = AgentOptions(case, seed, session, arm, trainings, steps)
     with progress() as say:
-        result = agent(server, read_token(token_file), out, options, say=say)
+        result = agent(
+            server, read_token(token_file), out, case=case, seed=seed, session=session, arm=arm, trainings=trainings,
+            steps=steps, say=say,
+        )  # fmt: skip
     tell_result(result, as_json)
 
 

@@ -191,11 +191,6 @@ def _all(
 
 def _discovered(p: Sequence[float]) -> list[bool]:
     """Which of several hypotheses are rejected at the false discovery rate."""
-    if not p:
-        return []
-    order = np.argsort(p)
-    passed = np.flatnonzero(np.sort(p) <= RATE * np.arange(1, len(p) + 1) / len(p))
-    result = np.zeros(len(p), dtype=bool)
-    if len(passed):
-        result[order[: passed[-1] + 1]] = True
-    return [bool(is_one) for is_one in result]
+    from scipy.stats import false_discovery_control
+
+    return [bool(adjusted <= RATE) for adjusted in false_discovery_control(p)] if p else []

@@ -226,7 +226,6 @@ class _Given:
 
     information: Array
     vector: Array
-    of_vehicle: Array
     given: Array
     vehicle: Array
     mean: Array
@@ -251,7 +250,7 @@ def _given(seen: Informed, at: Array) -> _Given:
     mean_covariance = _symmetric(la.inv(total / np.outer(unit, unit))) / np.outer(unit, unit)
     mean = mean_covariance @ weighed
     vehicle = (given @ (vector_of + mean / spread)[:, :, None])[:, :, 0]
-    return _Given(information, vector, of_vehicle, given, vehicle, mean, mean_covariance)
+    return _Given(information, vector, given, vehicle, mean, mean_covariance)
 
 
 def _covariance(given_at: _Given, spread: Array) -> Array:

@@ -167,8 +167,7 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
     ------
     BadInput : it is not there, or is none of these.
     """
-    if not data.is_dir():
-        raise BadInput(f"{data} is no folder; name the one that holds {name}.csv (‹data›).")
+    must_be_folder(data, f"{name}.csv")
     path = next((item for item in (data / f"{name}.csv.gz", data / f"{name}.csv") if item.is_file()), None)
     if path is None:
         raise BadInput(
@@ -185,6 +184,12 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
     if len(values) < LEAST_ROWS or not np.isfinite(values.to_numpy()).all():
         raise BadInput(f"{path} needs {LEAST_ROWS} rows or more, all of them numbers; it has {len(values)}.")
     return values
+
+
+def must_be_folder(data: Path, files: str) -> None:
+    """Raise `BadInput` where the folder of recordings is none."""
+    if not data.is_dir():
+        raise BadInput(f"{data} is no folder; name the one that holds {files} (‹data›).")
 
 
 def hashes(data: Path | None) -> dict[str, str]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 from scipy.stats import binomtest
 
+from greybox_id.base.shorthands import Array
 from greybox_id.reports.text.screen import plain_table
 
 from ..exam.measures import wilson
@@ -22,7 +24,6 @@ EXCESS = 0.1
 """Share of the base's path error by which the oracle's has to be less for what is removed to mean something."""
 
 Case = Mapping[str, Any]
-Number = float | None
 
 
 def reported(cases: Sequence[Case]) -> dict[str, Any]:
@@ -45,90 +46,98 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
     outside = [item for item in cases if item["outside"]]
     crashes, laps = _crashes("named", known)
     true_crashes, true_laps = _crashes(ORACLE, known)
-    beside = _measured(outside, _wrong)
-    points_outside = _measured(outside, lambda item: _less(saved(item, "named_residual"), saved(item, "actuator_net")))
-    errs = _measured(known, lambda item: _over(_error(item, "named"), _error(item, "actuator_net")))
-    few = _measured(known, _with_few_rows)
-    rate, true_rate = _share(crashes, laps), _share(true_crashes, true_laps)
-    allowed = None if rate is None or true_rate is None else max(0.05, true_rate + 0.03)
+    rate = crashes / (crashes + laps) if crashes + laps else None
+    allowed = 0.05 if rate is None or not true_crashes + true_laps else max(
+        0.05, true_crashes / (true_crashes + true_laps) + 0.03)  # fmt: skip
+    right = _measured(outside, _rightly_named)
+
+    def lap_time(when: str) -> Callable[[Case], float]:
+        """Of named over the base, which drives at the first cap."""
+        return lambda item: _over(_driving(item, "named", "lap_time", when), _driving(item, BASE, "lap_time", "first"))
+
     return [
         *_nearer(known, "first"),
         *_nearer(known, "last"),
-        _bar("named, last cap: crashes per lap begun", "at most", allowed or 0.05, rate, laps + crashes),
-        _bar("named: lap time over that of base at the same cap", "at most", 1.0, *_driven(known, "lap_time", "first")),
-        _bar("named: lap time at the last cap over that of base at the first cap", "at most", 0.95,
-             *_driven(known, "lap_time", "last")),
-        _bar("outside the vocabulary: share of cases without a wrong name", "at least", 0.9, _share_of(beside),
-             len(beside)),
-        _bar((
-            "outside the vocabulary: median difference in the share of path error removed, named_residual minus "
-            "actuator_net"
-        ), "at least", -0.05,
-             _median(points_outside), len(points_outside)),
-        _bar("yaw rate error at 0.5 s and 90 % of the grip: model of named over actuator_net, median", "at most", 0.5,
-             _median(errs), len(errs)),
-        _bar("model from 2000 rows: share of the vehicle file's error that named removes, median", "at least", 0.8,
-             _median(few), len(few)),
+        _bar("named, last cap: crashes per lap begun", "at most", allowed, rate, laps + crashes),
+        _of_median("named: lap time over that of base at the same cap", "at most", 1.0, known, lap_time("first")),
+        _of_median("named: lap time at the last cap over that of base at the first cap", "at most", 0.95, known,
+                   lap_time("last")),
+        _bar("outside the vocabulary: share of cases without a wrong name", "at least", 0.9,
+             float(np.mean(right)) if len(right) else None, len(right)),
+        _of_median("outside the vocabulary: median difference in the share of path error removed, named_residual minus "
+                   "actuator_net", "at least", -0.05, outside,
+                   lambda item: saved(item, "named_residual") - saved(item, "actuator_net")),
+        _of_median("yaw rate error at 0.5 s and 90 % of the grip: model of named over actuator_net, median", "at most",
+                   0.5, known, lambda item: _over(_error(item, "named"), _error(item, "actuator_net"))),
+        _of_median("model from 2000 rows: share of the vehicle file's error that named removes, median", "at least",
+                   0.8, known, _with_few_rows),
     ]  # fmt: skip
 
 
 def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
     """How near to the path is driven, at the first cap or the last."""
-    removes = _measured(cases, lambda item: removed(item, "named", when))
-    points = _measured(cases, lambda item: _less(removed(item, "named", when), removed(item, "actuator_net", when)))
-    closer = _measured(cases, lambda item: _less(saved(item, "named", when), saved(item, "actuator_net", when)))
-    higher = sum(one > 0 for one in closer)  # also where the truth helps too little for a share of it
-    sign = float(binomtest(higher, len(closer), alternative="greater").pvalue) if closer else None
-    over = _measured(cases, lambda item: _less(1.0, saved(item, "named", when)))
+    closer = _measured(cases, lambda item: saved(item, "named", when) - saved(item, "actuator_net", when))
+    higher = int(np.sum(closer > 0))  # also where the truth helps too little for a share of it
+    sign = float(binomtest(higher, len(closer), alternative="greater").pvalue) if len(closer) else None
     return [
-        _bar(f"{when} cap, named: share of the excess path error removed, median", "at least", 0.8, _median(removes),
-             len(removes)),
-        _bar(f"{when} cap: median difference in the share of excess path error removed, named minus actuator_net",
-             "at least", 0.25, _median(points), len(points)),
+        _of_median(f"{when} cap, named: share of the excess path error removed, median", "at least", 0.8, cases,
+                   lambda item: removed(item, "named", when)),
+        _of_median(f"{when} cap: median difference in the share of excess path error removed, named minus actuator_net",
+                   "at least", 0.25, cases,
+                   lambda item: removed(item, "named", when) - removed(item, "actuator_net", when)),
         _bar(f"{when} cap: p of a sign test: named is closer to the path than actuator_net", "below", 0.01, sign,
              len(closer)),
-        _bar(f"{when} cap: path error of named over that of base, median", "at most", 0.6, _median(over), len(over)),
+        _of_median(f"{when} cap: path error of named over that of base, median", "at most", 0.6, cases,
+                   lambda item: 1.0 - saved(item, "named", when)),
     ]  # fmt: skip
 
 
-def removed(case: Case, arm: str, when: str = "first") -> Number:
-    """(E_base - E_arm) / (E_base - E_oracle) of path errors at the first or last cap; None where truth helps little."""
+def removed(case: Case, arm: str, when: str = "first") -> float:
+    """(E_base - E_arm) / (E_base - E_oracle) of path errors at the first or last cap; NaN where truth helps little."""
     base, value, true = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm, ORACLE))
-    if base is None or value is None or true is None or base - true < EXCESS * base:
-        return None
-    return (base - value) / (base - true)
+    return (base - value) / (base - true) if base - true >= EXCESS * base else np.nan
 
 
-def saved(case: Case, arm: str, when: str = "first") -> Number:
+def saved(case: Case, arm: str, when: str = "first") -> float:
     """(E_base - E_arm) / E_base of the path error at the first or last cap."""
     base, value = (_driving(case, name, "path_error_rms", when) for name in (BASE, arm))
-    return None if base is None or value is None else (base - value) / base
+    return (base - value) / base
 
 
 def _row(name: str, cases: Sequence[Case]) -> dict[str, Any]:
     done = _of(name, cases)
     crashes, laps = _crashes(name, done)
-    low, high = wilson(crashes, laps + crashes) if laps + crashes else (None, None)
-    medians: dict[str, Number] = {
-        "removed": _median(_measured(done, lambda item: removed(item, name))),
-        "removed_last": _median(_measured(done, lambda item: removed(item, name, "last"))),
-        "saved": _median(_measured(done, lambda item: saved(item, name))),
-        "model_error": _median(_measured(done, lambda item: _error(item, name))),
-        "cpu_seconds": _median(_measured(done, lambda item: float(sum(item["arms"][name]["cpu_seconds"].values())))),
+    medians: dict[str, Callable[[Case], float]] = {
+        "removed": lambda item: removed(item, name),
+        "removed_last": lambda item: removed(item, name, "last"),
+        "saved": lambda item: saved(item, name),
+        "model_error": lambda item: _error(item, name),
+        "cpu_seconds": lambda item: sum(item["arms"][name]["cpu_seconds"].values()),
     }
     for when in ("first", "last"):
         for what in ("path_error_rms", "path_error_p95", "lap_time", "steering_rate_rms"):
-            one = [item["arms"][name][when][what] for item in done]
-            medians[f"{what}_{when}"] = _median([value for value in one if value is not None and np.isfinite(value)])
-    crash = {"crashes_last": crashes, "laps_last": laps, "crash_rate_interval": [low, high]}
-    return {"arm": name, "cases": len(done), **medians, **crash}
+            medians[f"{what}_{when}"] = partial(_driving, arm=name, what=what, when=when)
+    crash = {
+        "crashes_last": crashes, "laps_last": laps,
+        "crash_rate_interval": list(wilson(crashes, laps + crashes)) if laps + crashes else [None, None],
+    }  # fmt: skip
+    known = {key: _median(_measured(done, what)) for key, what in medians.items()}
+    return {"arm": name, "cases": len(done), **known, **crash}
 
 
-def _bar(bar: str, sense: str, limit: float, measured: Number, of: int) -> dict[str, Any]:
+def _bar(bar: str, sense: str, limit: float, measured: float | None, of: int) -> dict[str, Any]:
     met = None
     if measured is not None:
         met = {"at least": measured >= limit, "at most": measured <= limit, "below": measured < limit}[sense]
     return {"bar": bar, "wanted": f"{sense} {limit:g}", "measured": measured, "of": of, "met": met}
+
+
+def _of_median(
+    bar: str, sense: str, limit: float, cases: Sequence[Case], what: Callable[[Case], float]
+) -> dict[str, Any]:
+    """A bar for the median of those cases in which it was measured."""
+    values = _measured(cases, what)
+    return _bar(bar, sense, limit, _median(values), len(values))
 
 
 def _of(name: str, cases: Sequence[Case]) -> list[Case]:
@@ -136,41 +145,21 @@ def _of(name: str, cases: Sequence[Case]) -> list[Case]:
     return [item for item in cases if "first" in item["arms"].get(name, {})]
 
 
-def _measured(cases: Sequence[Case], what: Callable[[Case], Number]) -> list[float]:
-    return [value for value in map(what, cases) if value is not None and np.isfinite(value)]
+def _measured(cases: Sequence[Case], what: Callable[[Case], float]) -> Array:
+    values = [what(item) for item in cases]
+    return np.array([value for value in values if np.isfinite(value)])
 
 
-def _median(values: Sequence[float]) -> Number:
-    return float(np.median(values)) if values else None
+def _median(values: Array) -> float | None:
+    return float(np.median(values)) if len(values) else None
 
 
-def _less(one: Number, other: Number) -> Number:
-    return None if one is None or other is None else one - other
+def _over(one: float, other: float) -> float:
+    return one / other if other else np.nan
 
 
-def _over(one: Number, other: Number) -> Number:
-    return None if one is None or not other else one / other
-
-
-def _share(hits: int, others: int) -> Number:
-    return hits / (hits + others) if hits + others else None
-
-
-def _share_of(hits: Sequence[float]) -> Number:
-    return float(np.mean(hits)) if hits else None
-
-
-def _driving(case: Case, arm: str, what: str, when: str) -> Number:
-    value = case["arms"].get(arm, {}).get(when, {}).get(what)
-    return None if value is None else float(value)
-
-
-def _driven(cases: Sequence[Case], what: str, when: str) -> tuple[Number, int]:
-    """Median of named over the base, which drives at the first cap; on how many cases."""
-    result = _measured(
-        cases, lambda item: _over(_driving(item, "named", what, when), _driving(item, BASE, what, "first"))
-    )
-    return _median(result), len(result)
+def _driving(case: Case, arm: str, what: str, when: str) -> float:
+    return _known(case["arms"].get(arm, {}).get(when, {}).get(what))
 
 
 def _crashes(name: str, cases: Sequence[Case]) -> tuple[int, int]:
@@ -179,25 +168,26 @@ def _crashes(name: str, cases: Sequence[Case]) -> tuple[int, int]:
     return sum(end["crashes"] for end in ends), sum(end["laps"] for end in ends)
 
 
-def _error(case: Case, arm: str, errors: Mapping[str, Any] | None = None) -> Number:
+def _error(case: Case, arm: str, errors: Mapping[str, Any] | None = None) -> float:
     """Yaw rate error at 0.5 s and 90 % of the grip, rad/s."""
     result = errors or case["arms"].get(arm, {}).get("errors", {})
-    value = result.get("90%", {}).get("0.5", {}).get("yaw_rate")
-    return None if value is None else float(value)
+    return _known(result.get("90%", {}).get("0.5", {}).get("yaw_rate"))
 
 
-def _wrong(case: Case) -> Number:
+def _known(value: float | None) -> float:
+    return np.nan if value is None else float(value)
+
+
+def _rightly_named(case: Case) -> float:
     """1 where named applied no name that is not there, else 0."""
     value = case["arms"].get("named", {})
-    return None if "applied" not in value else float(not set(value["applied"]) - set(case["withheld"]))
+    return float(not set(value["applied"]) - set(case["withheld"])) if "applied" in value else np.nan
 
 
-def _with_few_rows(case: Case) -> Number:
+def _with_few_rows(case: Case) -> float:
     """Share of the vehicle file's error that named removes with 2000 rows."""
     few = case["arms"].get("named", {}).get("curve", {}).get("2000")
-    base = _error(case, BASE)
-    number = None if few is None else _error(case, "named", few)
-    return None if base is None or number is None or base == 0 else 1.0 - number / base
+    return 1.0 - _over(_error(case, "named", few), _error(case, BASE)) if few else np.nan
 
 
 def tables(result: Mapping[str, Any]) -> list[Any]:

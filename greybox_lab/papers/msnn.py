@@ -24,7 +24,6 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from greybox_id.base.errors import BadInput
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
@@ -46,6 +45,8 @@ from greybox_id.models.memory_model import MemoryModel
 from greybox_id.models.model import Model, must_be
 from greybox_id.models.registry import candidates, prepared
 from greybox_id.reports.comparison import paired
+
+from .bench import must_be_folder
 
 Row = dict[str, Any]
 
@@ -195,8 +196,7 @@ def measure(
     ------
     BadInput : a recording is not there or cannot be used.
     """
-    if not data.is_dir():
-        raise BadInput(f"{data} is no folder; name the one that holds train.csv and valid.csv (‹data›).")
+    must_be_folder(data, "train.csv and valid.csv")
     train, valid = read(data / "train.csv", "roboracer"), read(data / "valid.csv", "roboracer")
     for recording in (train, valid):
         recording.must_run()

@@ -16,7 +16,7 @@ shows its profiles without their numbers (Fig. 5); these reach from 1.4 to about
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -24,7 +24,6 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from greybox_id.base.errors import BadInput
 from greybox_id.base.files import at_once, write_atomically
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
@@ -88,15 +87,6 @@ class Manoeuvre:
     frequency: float
     duration: float = 10.0
     part: Part = "train"
-
-    def __post_init__(self) -> None:
-        if self.kind not in ("step", "sine"):
-            raise BadInput(f'A manoeuvre is a "step" or a "sine", not a "{self.kind}".')
-        if not (self.speed > 0.0 and self.frequency > 0.0 and self.duration > 3.0 * _STRAIGHT):
-            raise BadInput(
-                f"A manoeuvre needs a speed and a frequency above zero and more than {3.0 * _STRAIGHT:g} s; "
-                f"{self.speed:g} m/s, {self.frequency:g} Hz and {self.duration:g} s were given."
-            )
 
     @property
     def name(self) -> str:
@@ -253,40 +243,16 @@ def make(seed: int = 0, part: Part | None = None, noise: float = 1.0) -> tuple[T
     """
     chosen = [k for k, manoeuvre in enumerate(MANOEUVRES) if part in (None, manoeuvre.part)]
     seeds = [int(np.random.SeedSequence((seed, k)).generate_state(1)[0]) for k in chosen]
-    return drive([MANOEUVRES[k] for k in chosen], seeds, noise=noise)
+    return drive([MANOEUVRES[k] for k in chosen], seeds, noise)
 
 
-def drive(
-    manoeuvres: Sequence[Manoeuvre],
-    seeds: Sequence[int],
-    *,
-    noise: float = 1.0,
-    effects: Mapping[str, float] = EFFECTS,
-    forms: str | Forms = FORMS,
-    tyres: Mapping[str, float] = MappingProxyType({}),
-    rate: float = RATE,
-    colour: float = 0.0,
-) -> tuple[Test, ...]:
-    """Drive manoeuvres.
-
-    Parameters
-    ----------
-    manoeuvres : what to steer, and how fast to drive.
-    seeds : of the noise of each.
-    noise : sd of the sensors over that of the vehicle file.
-    effects, forms : of the virtual vehicle; {"tyre_relaxation": 0.3} for example makes tyres lag behind.
-    tyres : numbers of the car that are others than the SimRod's, such as {"B_f": 7.0}.
-    rate : rows a second.
-    colour : share of the noise's variance that is correlated over 0.08 s.
-    """
+def drive(manoeuvres: Sequence[Manoeuvre], seeds: Sequence[int], noise: float = 1.0) -> tuple[Test, ...]:
+    """Drive manoeuvres with seeds of their noise, whose sd is so many times that of the vehicle file."""
     car, result = simrod(), []
-    car = replace(car, parameters={**car.parameters, **tyres})
     for manoeuvre, seed in zip(manoeuvres, seeds, strict=True):
-        steer = steering(manoeuvre, rate)
+        steer = steering(manoeuvre, RATE)
         speed = np.full(len(steer), manoeuvre.speed)
-        recording, truth = steered(
-            car, manoeuvre.name, steer, speed, rate, effects, forms, seed, noise=noise, colour=colour
-        )
+        recording, truth = steered(car, manoeuvre.name, steer, speed, RATE, EFFECTS, FORMS, seed, noise=noise)
         result.append(Test(manoeuvre, recording, tyre_truth(truth, recording.time)))
     return tuple(result)
 

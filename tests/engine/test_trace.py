@@ -43,13 +43,3 @@ def test_windows_of_different_lengths_end_at_the_same_present():
 def test_only_what_feeds_back_is_fed_back():
     assert Trace(tiny("msnn_lat")).fed_back == ()
     assert set(Trace(tiny("msnn_full")).fed_back) == {"a_x", "a_y"}
-
-
-def test_the_pattern_of_the_nodes_is_that_of_the_papers_loop():
-    trace = Trace(tiny("msnn_full"))
-    yaw, a_x = 0, 1
-    touched = trace.touched_by_nodes
-    assert np.array_equal(touched[yaw, :, a_x], np.ones(5, bool))
-    assert not np.any(touched[yaw, :, yaw])
-    assert np.array_equal(touched[a_x, :, yaw], [False, True, True, True, True])
-    assert not np.any(touched[a_x, :, a_x])

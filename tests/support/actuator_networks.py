@@ -3,7 +3,7 @@
 import numpy as np
 
 from greybox_lab.driving.learned.injection import fingerprint
-from greybox_lab.driving.learned.net import DRIVE, VARIANTS, ActuatorNet, Layers, drawn, unpacked
+from greybox_lab.driving.learned.net import DRIVE, VARIANTS, ActuatorNet, drawn
 
 
 def network(variant, model=None, members=1, size=1.0, sigma=1.0, seed=0):
@@ -11,9 +11,7 @@ def network(variant, model=None, members=1, size=1.0, sigma=1.0, seed=0):
     own = VARIANTS[variant]
     ins, outs = len(own.inputs), len(own.outputs)
     sizes = (own.history * ins, 8, outs)
-    layers = [
-        Layers(*map(tuple, unpacked(drawn(sizes, np.random.default_rng(seed + k)), sizes))) for k in range(members)
-    ]
+    layers = [drawn(sizes, np.random.default_rng(seed + k)) for k in range(members)]
     return ActuatorNet(
         variant, own.inputs, own.outputs, own.history, 0.02, tuple(layers), np.zeros(ins), np.ones(ins), np.zeros(outs),
         np.full(outs, size), np.full(outs, sigma), "motor_current" if DRIVE in own.inputs else "",

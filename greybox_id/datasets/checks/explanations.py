@@ -24,7 +24,7 @@ from ..repair import in_words
 from .delays import estimate_lag
 from .finding import Finding, FoundAt, Severity, listed
 from .frozen import check_frozen
-from .pairs import course_and_speed, grounds, rate, smooth
+from .pairs import SHARPEST, acceleration_ahead, acceleration_aside, course_and_speed, grounds, rate, smooth
 from .relations import thinned
 
 SMOOTHING = 0.5
@@ -43,9 +43,9 @@ TURN_RATE, ACCELERATION, ANGLE, SCALE, STEERING = 0.04, 0.8, 0.08, 0.12, 0.01
 """Least offsets of yaw_rate in rad/s and of an acceleration in m/s^2 (a bank of 5 degrees), turn of an IMU in rad
 (5 degrees), relative error of a scale and offset of steer in rad that are told; drives on usual roads with usual
 sensors have less."""
-LESS, ROLLS = 0.05, 0.2
-"""Shares by which a_y may read less and more than the motion says: a usual sensor's scale is known to 3 %, and a body
-that rolls reads gravity, 11 degrees per g at most."""
+LESS, ROLLS, SPEED = 0.05, 0.2, 0.03
+"""Shares by which a_y may read less and more than the motion says, and v_x be off: a usual sensor's scale is known to
+3 %, and a body that rolls reads gravity, 11 degrees per g at most."""
 HELD_TOGETHER = 0.5
 """Share of v_x steer that yaw_rate has to explain before halves are compared."""
 HALF_LEFT = 0.5
@@ -140,6 +140,8 @@ def check_explanations(recording: Recording) -> list[Finding]:
     if len(short) < 10 * BLOCKS or not short.has("v_x"):
         return result
     explained = _sideways(short)
+    if speed := _speed(short):  # which says of what is off as well
+        explained = [*speed, *(item for item in explained if item.unit != "1")]
     offset = next((item.value for item in explained if item.channel == "yaw_rate" and item.unit == "rad/s"), 0.0)
     explained += _steered(short.with_signals(yaw_rate=short["yaw_rate"] - offset)) if "yaw_rate" in short else []
     explained = sorted(explained + _clocks(recording), key=lambda item: -item.gain)
@@ -291,8 +293,7 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
     blamed = {"a_y": scale}
     witnesses = []
     for place in grounds(r):
-        turn, speed = course_and_speed(r, place)
-        witnesses += [("yaw_rate", place.turning(r), turn), ("v_x", smooth(r, np.abs(r["v_x"]), place.seconds), speed)]
+        witnesses.append(("yaw_rate", place.turning(r), course_and_speed(r, place)[0]))
     if r.has("yaw"):
         right = smooth(r, rate(r, r["yaw"], True), SMOOTHING)
         witnesses.append(("yaw_rate", smooth(r, r["yaw_rate"], SMOOTHING), right))
@@ -302,8 +303,6 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
         if result is not None and result.explained > FITS and abs(np.log(abs(result.values[0]))) > least:
             blamed = {name: float(result.values[0])}
     surely = bool(witnesses) and (blamed != {"a_y": scale} or abs(np.log(scale)) > SCALE)
-    if not witnesses and _ahead_as_well(r, scale):
-        blamed, surely = {"v_x": 1.0 / scale}, True
     (name, by), *_ = blamed.items()
     others = [item for item in ("a_y", "yaw_rate", "v_x") if item != name]
     banked = ", or the road is banked in its turns" if scale < 1 else ""
@@ -315,16 +314,49 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
     )  # fmt: skip
 
 
-def _ahead_as_well(r: Recording, scale: float) -> bool:
-    """Whether a_x against dv_x/dt has the gain that a_y has: what both share is v_x."""
-    if not r.has("a_x"):
-        return False
-    left, right = (smooth(r, item, SMOOTHING) for item in (r["a_x"], rate(r, r["v_x"])))
-    ahead = _regression(left, [right, np.ones(len(left))])
-    if ahead is None or ahead.explained < FITS or not ahead.values[0] > 0:
-        return False
-    alike = abs(np.log(ahead.values[0] / scale)) < 0.5 * abs(np.log(scale))
-    return bool(alike and SURE * ahead.errors[0] < abs(ahead.values[0] - 1.0))
+def _speed(r: Recording) -> list[Explanation]:
+    """A v_x of another scale: positions tell it, or else both accelerometers, which read as much too much or little.
+
+    A body that rolls and pitches adds gravity to both, and never takes any away.
+    """
+    for place in grounds(r):
+        turned = 0.5 * place.seconds * np.abs(smooth(r, r["yaw_rate"], place.seconds)) if r.has("yaw_rate") else 0.0
+        pace = np.where(turned < SHARPEST / 2, smooth(r, np.abs(r["v_x"]), place.seconds), np.nan)
+        over_ground = _regression(pace, [course_and_speed(r, place)[1] / np.sinc(turned / np.pi)])  # arcs, not chords
+        if over_ground is not None:
+            other = f"the speed over ground ({place.words})"
+            scale, error = float(over_ground.values[0]), float(over_ground.errors[0])
+            return [_of_speed(scale, error, other, True)] if _is_off(scale, error) else []
+    if not r.has("a_x", "a_y", "yaw_rate"):
+        return []
+    seconds = SMOOTHING if r.has("v_y") else SLOW  # by which the rate of v_y is averaged out
+    gains = []
+    for name, values, over in (
+        ("a_x", acceleration_ahead(r)[1], SMOOTHING),
+        ("a_y", acceleration_aside(r)[1], seconds),
+    ):
+        one = _regression(smooth(r, r[name], over), [smooth(r, values, over), np.ones(len(r))])
+        if one is None or one.explained < FITS or not _is_off(float(one.values[0]), float(one.errors[0])):
+            return []
+        gains.append(one)
+    ahead, aside = (float(one.values[0]) for one in gains)
+    if abs(np.log(aside / ahead)) > 0.5 * abs(np.log(ahead)):
+        return []
+    scale, error = 1.0 / float(np.sqrt(ahead * aside)), float(max(one.errors[0] for one in gains))
+    rolls = ", or the body rolls and pitches as much" if scale < 1.0 else ""
+    return [_of_speed(scale, error, f"what both accelerometers say{rolls}", scale > 1.0)]
+
+
+def _is_off(scale: float, error: float) -> bool:
+    """Whether a scale is not one, beyond what sensors are known to and beyond chance."""
+    return bool(scale > 0.0 and abs(np.log(scale)) > SPEED and abs(scale - 1.0) > SURE * error)
+
+
+def _of_speed(scale: float, error: float, other: str, witnessed: bool) -> Explanation:
+    return Explanation(
+        f"v_x is {number(scale, 3)} times {other}. Check its scale in the column map.",
+        "v_x", scale, error, "1", ((scale - 1.0) / error) ** 2, witnessed,
+    )  # fmt: skip
 
 
 def _steered(r: Recording) -> list[Explanation]:
@@ -411,8 +443,8 @@ def _shifted(r: Recording, rows: slice) -> list[Explanation]:
 
     def late(left: Array, right: Array) -> tuple[float, float, float] | None:
         lag = estimate_lag(left, right, dt, 0.05, 1.0)
-        told = lag is not None and lag.error * dt < 0.05 and lag.gain > 0
-        return (lag.samples * dt, lag.error * dt, lag.gain) if lag is not None and told else None
+        sure = lag is not None and lag.error * dt < 0.05 and lag.gain > 0
+        return (lag.samples * dt, lag.error * dt, lag.gain) if lag is not None and sure else None
 
     after = late(turn, (r["v_x"] * r["steer"])[rows])
     if after is None:

@@ -23,6 +23,7 @@ from ...base.shorthands import Array
 from ...models.hybrid_model import FeedForwardNetwork, HybridModel, RecurrentNetwork
 from ...models.model import Symbol
 from ...models.parameter import placed
+from ..virtual import on_arrays
 from .cell import Network, parameters
 
 Weights = Mapping[str, Array]
@@ -235,31 +236,14 @@ class _Called:
         seed = cs.MX.sym("seed", *value.shape)
         slopes = function.reverse(1).call([*known, function(*known), seed], True, False)
         target = [cs.densify(slope) for k, slope in enumerate(slopes) if k != 1]
-        self._forward = _on_arrays(function)
-        self._backward = _on_arrays(cs.Function("slopes", [seed, *known], target))
+        self._forward = on_arrays(function)
+        self._backward = on_arrays(cs.Function("slopes", [seed, *known], target))
 
     def __call__(self, *known: Array) -> Array:
-        return self._forward(known)[0]
+        return self._forward(*known)[0]
 
     def back(self, slope: Array, *known: Array) -> list[Array]:
-        return self._backward((slope, *known))
-
-
-def _on_arrays(function: cs.Function) -> Callable[[tuple[Array, ...]], list[Array]]:
-    """A function on numpy's arrays in place, without copies to CasADi's and back."""
-    buffer, evaluate = function.buffer()
-    shapes = [function.size_out(k)[::-1] for k in range(function.n_out())]
-
-    def called(known: tuple[Array, ...]) -> list[Array]:
-        result = [np.empty(shape) for shape in shapes]
-        for k, item in enumerate(known):
-            buffer.set_arg(k, np.ascontiguousarray(item).data)
-        for k, item in enumerate(result):
-            buffer.set_res(k, item.data)
-        evaluate()
-        return result
-
-    return called
+        return self._backward(slope, *known)
 
 
 def _summed(slopes: list[list[Array]]) -> tuple[Array, Array, list[Array]]:

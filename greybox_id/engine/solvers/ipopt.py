@@ -1,12 +1,13 @@
-"""Ipopt on the same problem, lifted over time: it certifies what Gauss-Newton found, or carries on from it.
+"""Ipopt on the same problem: it certifies what Gauss-Newton found, or carries on from it.
 
-The programs are in `programs.py` and `motion_program.py`. Their objective is the least-squares objective, bounds are
-bounds, and the Hessian is Gauss-Newton's.
+The objective is the least-squares objective, with states and predictions eliminated by simulation; bounds are bounds,
+and the Hessian is Gauss-Newton's.
 """
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,9 +19,9 @@ from ..least_squares import LeastSquares
 from ..motion.shooting import MotionProblem
 from ..shooting import Problem
 from .gauss_newton import Solution, Status
-from .motion_program import MotionProgram
-from .programs import UNLIMITED, Condensed, Lifted, bounds_of
 
+UNLIMITED = 1e10
+"""Ipopt takes no infinite values: an effect that stands at its infinite null (no limit at all) is pinned here."""
 SAME = 2e-5
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""
 NEAR = 5e-3
@@ -38,7 +39,7 @@ class IpoptVerdict:
     words : Ipopt's return status.
     iterations : its iterations.
     gradient : infinity norm of the dual infeasibility at the end.
-    violation : largest gap of the constraints at the end, in the outputs' units.
+    violation : largest gap of constraints at the end; there are none but bounds.
     cpu_seconds : s.
     """
 
@@ -50,36 +51,39 @@ class IpoptVerdict:
 
 
 def ipopt(
-    problem: Problem | MotionProblem, x: Array, *, max_iterations: int = 200, warm: bool = False, lifted: bool = True
+    problem: Problem | MotionProblem, x: Array, *, max_iterations: int = 200, warm: bool = False
 ) -> tuple[Solution, IpoptVerdict]:
-    """Minimise a lifted least-squares problem with Ipopt.
+    """Minimise a least-squares problem with Ipopt.
 
     Parameters
     ----------
     problem : the problem.
-    x : (unknowns,) starting parameters; nodes start at a simulation where `warm`, else at the measurements.
+    x : (unknowns,) starting parameters.
     warm : x is believed to be the optimum: keep it where it is, close to bounds if it must be.
-    lifted : closed loop, keep the nodes as unknowns; False eliminates them by simulation, which has the same optima
-        and, with hundreds of weights, factorises twenty times faster.
 
     Returns
     -------
     Solution and Ipopt's verdict.
     """
     clock = time.process_time()
-    program = _program(problem, x, lifted)
+    scale = _units(problem, x)
+    Z, gamma, none = cs.MX.sym("Z", len(x)), cs.MX.sym("gamma"), cs.MX.sym("none", 0)
+    objective, equations = _computed(problem, scale)
+    f, (g, H) = objective(cs.DM(scale) * Z), equations(cs.DM(scale) * Z)
     options: dict[str, Any] = {
         "print_time": False,
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.tol": (NEAR if isinstance(program, Condensed) else 1e-4) if warm else 1e-6,
+        "ipopt.tol": (NEAR if isinstance(problem, Problem) else 1e-4) if warm else 1e-6,
         "ipopt.linear_solver": "mumps",
         "ipopt.mu_strategy": "adaptive",
         "ipopt.fixed_variable_treatment": "make_parameter",
         "error_on_fail": False,
         "show_eval_warnings": False,  # a trial point beyond all bounds is Ipopt's affair; it shortens the step
-        **program.derivatives,
+        "grad_f": cs.Function("grad_f", [Z, none], [f, g]),
+        "hess_lag": cs.Function("hess_lag", [Z, none, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
+        "no_nlp_grad": True,  # what is evaluated by a callback has no further derivative
     }
     if warm:
         options |= {
@@ -89,21 +93,19 @@ def ipopt(
             **{f"ipopt.warm_start_{kind}_push": 1e-9 for kind in ("bound", "slack_bound", "mult_bound")},
             **{f"ipopt.warm_start_{kind}_frac": 1e-9 for kind in ("bound", "slack_bound")},
         }
-    solver = cs.nlpsol("ipopt", "ipopt", program.nlp, options)
+    solver = cs.nlpsol("ipopt", "ipopt", {"x": Z, "f": f}, options)
     limited = np.clip(x, -UNLIMITED, UNLIMITED)
-    scale = np.ones(program.size) if isinstance(program, Lifted) else program.scale
-    low, high = (bound / scale for bound in bounds_of(problem, limited, program.size))
-    start = program.start(limited, warm)
+    start, low, high = (value / scale for value in (limited, *_bounds(problem, limited)))
     if np.any(np.isnan([start, low, high])):
         where = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
         return where, IpoptVerdict("Invalid number at the start", 0, np.nan, np.nan, time.process_time() - clock)
     result = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
-    unknowns = np.clip((np.asarray(result["x"].full()).ravel() * scale)[: len(x)], *problem.bounds)
+    unknowns = np.clip(np.asarray(result["x"].full()).ravel() * scale, *problem.bounds)
     unknowns[np.isinf(x)] = x[np.isinf(x)]
     same: LeastSquares = problem
     matched = same.simulated_nodes(unknowns)
-    objective = same.objective(unknowns, matched)
+    least = same.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
     status = {
         "Solve_Succeeded": Status.CONVERGED,
@@ -112,7 +114,7 @@ def ipopt(
         "User_Requested_Stop": Status.INTERRUPTED,
     }.get(stats["return_status"], Status.STALLED)
     solution = Solution(
-        unknowns, matched, status, int(stats["iter_count"]), objective, np.nan, tuple(trajectory.get("obj", ()))
+        unknowns, matched, status, int(stats["iter_count"]), least, np.nan, tuple(trajectory.get("obj", ()))
     )
     return solution, IpoptVerdict(
         words=stats["return_status"].replace("_", " "),
@@ -123,7 +125,90 @@ def ipopt(
     )
 
 
-def _program(problem: Problem | MotionProblem, x: Array, lifted: bool) -> Condensed | Lifted | MotionProgram:
-    if isinstance(problem, MotionProblem):
-        return MotionProgram(problem, x)
-    return Lifted(problem) if problem.closed_loop and lifted else Condensed(problem, x)
+class Computed(cs.Callback):  # type: ignore[misc]
+    """Numpy's values of one vector as results of a CasADi function, computed once at each point.
+
+    Parameters
+    ----------
+    name : of the function.
+    size : of the vector.
+    patterns : sparsities of the results.
+    values : vector -> the nonzeros of each result, column by column.
+    """
+
+    def __init__(
+        self, name: str, size: int, patterns: Sequence[cs.Sparsity], values: Callable[[Array], Sequence[Array]]
+    ) -> None:
+        cs.Callback.__init__(self)
+        self._size, self._patterns, self._values = size, list(patterns), values
+        self._last: tuple[Array, Sequence[Array]] | None = None
+        self.construct(name, {})
+
+    def get_n_in(self) -> int:
+        """The vector."""
+        return 1
+
+    def get_n_out(self) -> int:
+        """How many results there are."""
+        return len(self._patterns)
+
+    def get_sparsity_in(self, _: int) -> cs.Sparsity:
+        """The vector's."""
+        return cs.Sparsity.dense(self._size, 1)
+
+    def get_sparsity_out(self, k: int) -> cs.Sparsity:
+        """A result's."""
+        return self._patterns[k]
+
+    def has_eval_buffer(self) -> bool:
+        """Results are written into CasADi's own memory: a dense `cs.DM` of 544 columns takes 40 ms to make."""
+        return True
+
+    def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview | None]) -> int:
+        """Write the results that are asked for; 0, as CasADi says done."""
+        x = np.frombuffer(arguments[0])
+        if self._last is None or not np.array_equal(self._last[0], x):
+            self._last = (x.copy(), self._values(x.copy()))
+        for result, known in zip(results, self._last[1], strict=True):
+            if result is not None and len(result):
+                np.frombuffer(result)[:] = known
+        return 0
+
+
+def _units(problem: LeastSquares, x: Array) -> Array:
+    """(unknowns,) units of their own curvature at x, in which Ipopt has the unknowns.
+
+    Its tolerance is one for all of them, and curvatures of a network's weights and of a vehicle's numbers span ten
+    orders of magnitude. Units are powers of two, so that changing them loses no digit: what was computed at x need not
+    be computed again.
+    """
+    curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
+    known = problem.free & np.isfinite(curvature) & (curvature > 0)
+    return np.where(known, np.exp2(-np.round(np.log2(np.where(known, curvature, 1.0)) / 2.0)), 1.0)
+
+
+def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
+    """The objective by unknowns; its gradient and Gauss-Newton Hessian by unknowns in units of `scale`.
+
+    Far off they are not finite, and Ipopt takes a shorter step.
+    """
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def objective(x: Array) -> list[Array]:
+        return [np.array([problem.objective(x, problem.simulated_nodes(x))])]
+
+    @np.errstate(over="ignore", invalid="ignore")
+    def equations(x: Array) -> list[Array]:
+        known = problem.normal_equations(x, problem.simulated_nodes(x))
+        return [scale * known.g, (np.outer(scale, scale) * known.H).ravel(order="F")]
+
+    size = len(scale)
+    one, column, square = (cs.Sparsity.dense(*shape) for shape in ((1, 1), (size, 1), (size, size)))
+    return Computed("objective", size, [one], objective), Computed("equations", size, [column, square], equations)
+
+
+def _bounds(problem: LeastSquares, x: Array) -> tuple[Array, Array]:
+    """Bounds of all unknowns; those that are held, or that mean no limit at all, are pinned where they stand."""
+    held = ~problem.free | (np.abs(x) >= UNLIMITED)
+    low, high = (np.where(held, x, bound) for bound in problem.bounds)
+    return low, high

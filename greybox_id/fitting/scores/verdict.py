@@ -9,11 +9,12 @@ errors on the data that parameters were chosen on are no proof.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from ...base.numbers import listed, number
+from ...base.numbers import listed, number, quantity
 from ...datasets.checks import check
 from ...datasets.checks.finding import Finding, Severity
 from ...datasets.recording import Recording
@@ -34,6 +35,8 @@ FOREIGN = 1.5
 """Held-out errors so many times those on the training data say that the fit does not carry over."""
 UNEXPLAINED = 0.5
 """Share of an output's variance that may be left unexplained before it has to be known."""
+DOUBTS = ("explained", "unrelated")
+"""Findings that are told of a fit's data though nothing else witnesses them."""
 HOLES = 0.05
 """Share of rows that may be missing in a channel before its recording counts as broken."""
 MANY = 100
@@ -94,6 +97,18 @@ def judged(
     return weighed(reasons, comparison)
 
 
+def conditional(fit: Fit, verdict: Verdict) -> Verdict:
+    """The verdict with what its intervals rest on: stated values that the recordings do not determine."""
+    sentences = []
+    for name, scaled in fit.how.get("scaling", {}).items():
+        stated = quantity(float(fit.model[name].array), fit.model[name].unit, 4)
+        sentences.append(
+            f"{listed(scaled)} {'scales' if len(scaled) == 1 else 'scale'} with {name}, which the recordings do not "
+            f"determine: intervals hold for {name} = {stated}, as stated."
+        )
+    return replace(verdict, reasons=tuple(dict.fromkeys([*verdict.reasons, *sentences])))
+
+
 def times_as_large(scores: Scores, other: Scores) -> float:
     """Errors over those of another model of the same rows: geometric mean over outputs and judged horizons."""
     judged = [name for name in scores if name != ahead(0.1)] or list(scores)
@@ -120,7 +135,7 @@ def distrust(fit_inputs: Iterable[str], recording: Recording, *, faults: bool = 
     return [
         item
         for item in check(recording)
-        if (item.severity is Severity.DISTRUST or (faults and item.kind == "explained"))
+        if (item.severity is Severity.DISTRUST or (faults and item.kind in DOUBTS))
         and (item.where.channel == "time" or used & set(_channels(item)))
     ]
 

@@ -42,6 +42,10 @@ class Placement:
         return self.x + c * x - s * y, self.y + s * x + c * y
 
 
+NOWHERE = Placement(0.0, 0.0, 0.0, np.inf)
+"""That of what fits nowhere."""
+
+
 @dataclass(frozen=True)
 class Arena:
     """A free area.

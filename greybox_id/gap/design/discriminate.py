@@ -7,15 +7,15 @@ would give. A plan is worth what its worst pair is (T-optimality: Atkinson & Fed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, permutations
 from math import inf, isfinite
 
 import numpy as np
 
 from ...base.errors import BadInput, near_or_all
-from ...base.shorthands import Array
+from ...base.shorthands import Array, Say
 from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
 from ...engine.motion.simulator import Simulator
@@ -25,13 +25,12 @@ from ...models.vehicle import StatedModelError
 from ..advice import same_readings
 from ..estimation.model_error import Amplitudes, believed
 from ..gap import Gap
-from .course import PlanCourse, PlannedMotion
-from .driver import driver_of, vehicle_of
-from .information import ROUGH_RATE
+from .course import PlannedMotion
+from .information import FARTHEST, ROUGH_RATE
 from .plan import Design, Separation
-from .precision import DesignTask, cautious, finished, must_fit, no_room, nowhere
-from .scatter import Rough, Whitening, by_interval
+from .scatter import ExpectedErrors, Rough
 from .search import FoundPlan, PlanSearch
+from .task import DesignTask
 
 ENOUGH = 12.0
 """Nats by which explanations are to come apart: a posterior probability of 6e-6 of the wrong one, tempering apart."""
@@ -47,7 +46,7 @@ LATE = 0.5
 STEPS, SETTLED = 16, 0.1
 """Steps (Gauss-Newton, damped where one leads too far) in which explanations adapt, at most, and nats below which
 another one is not worth it; one step while searching."""
-FARTHEST, NORMAL_95 = 2.5, 1.96
+NORMAL_95 = 1.96
 LIKELY = 0.05
 """Explanations that are less probable are no rivals."""
 
@@ -60,13 +59,11 @@ class Rival:
     ----------
     name : its effect.
     model : with the effect free and all tolerances that are stated.
-    p : (parameters,) of it.
     sd : of the effect's magnitude, as far as the diagnosis knows it.
     """
 
     name: str
     model: MotionModel
-    p: Array
     sd: float = 0.0
 
 
@@ -106,7 +103,7 @@ def parted(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[tuple[str, str]
 
 
 def discriminating(
-    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], design_task: DesignTask, say: Callable[[str], None]
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], design_task: DesignTask, say: Say
 ) -> Design:
     """The manoeuvre that tells the explanations of a gap apart.
 
@@ -122,43 +119,35 @@ def discriminating(
     """
     names = ambiguous(gap)
     if not names:
-        return _nothing("discriminate", model, design_task, (f"There is nothing to distinguish: {_alone(gap)}.",), ())
+        return _nothing("discriminate", model, design_task, f"There is nothing to distinguish: {_alone(gap)}.")
     rest, alike = parted(names)
-    impossible = tuple(
+    impossible = [
         f"{one} and {other} read the same whatever is driven: no manoeuvre distinguishes them; measure the mounting."
         for one, other in alike
-    )
+    ]
     known = tuple(name for name in rest if name in effects and effects[name].concerns(model))
-    unheld = [name for name in rest if name not in known]
-    if unheld:
-        impossible = (*impossible, f"{', '.join(unheld)}: it has no equations here and is left out.")
+    if unheld := [name for name in rest if name not in known]:
+        impossible.append(f"{', '.join(unheld)}: it has no equations here and is left out.")
     if len(known) < 2:
         why = "No manoeuvre distinguishes them." if alike else "There is nothing to distinguish."
-        return _nothing("discriminate", model, design_task, (why,), impossible)
-    rivals = [_rival(gap, model, effects, name, known[:MOST_RIVALS]) for name in known[:MOST_RIVALS]]
-    must_fit(design_task)
-    bench = _Bench(gap, rivals, design_task)
-    result = bench.search(bench.worth, say, CLEARLY)
-    separation = bench.separations(result.plan)
+        return _nothing("discriminate", model, design_task, why, impossible)
+    chosen = known[:MOST_RIVALS]
+    rivals = _Rivals(gap, [_rival(gap, model, effects, name, chosen) for name in chosen], design_task)
+    found_plan, separation = rivals.told_apart(say)
+    impossible += [
+        f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from {item.pair[1]} "
+        f"({item.nats:.1f} nats, and {ENOUGH:g} are needed)."
+        for item in separation
+        if item.nats < HOPELESS
+    ]
+    sentences = [f"To tell {chosen[0]} from {', '.join(chosen[1:])}."]
     worst = min(item.nats for item in separation)
-    stated = [f"To tell {rivals[0].name} from {', '.join(rival.name for rival in rivals[1:])}."]
-    for item in separation:
-        if item.nats < HOPELESS:
-            impossible = (
-                *impossible,
-                f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from "
-                f"{item.pair[1]} ({item.nats:.1f} nats, and {ENOUGH:g} are needed).",
-            )
     if HOPELESS <= worst < ENOUGH:
-        stated.append(
+        sentences.append(
             f"One drive distinguishes them by {worst:.1f} nats, but {ENOUGH:g} are needed: drive it several times, "
             "or use a larger arena."
         )
-    return finished(
-        "discriminate", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],
-        criterion={"name": "t", "parameters": [rival.name for rival in rivals], "before": 0.0, "after": worst},
-        drive=bench.drive, impossible=impossible, separation=separation, said=tuple(stated),
-    )  # fmt: skip
+    return rivals.design("discriminate", chosen, found_plan, separation, impossible, sentences)
 
 
 def _alone(gap: Gap) -> str:
@@ -174,9 +163,8 @@ def _alone(gap: Gap) -> str:
 
 
 def detecting(
-    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], design_task: DesignTask,
-    say: Callable[[str], None],
-) -> Design:  # fmt: skip
+    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str], design_task: DesignTask, say: Say
+) -> Design:
     """The manoeuvre that shows effects that recordings could not: each at its usual size against nothing.
 
     Parameters
@@ -194,47 +182,45 @@ def detecting(
     target = tuple(dict.fromkeys(names or unseen))
     target = tuple(name for name in target if name in effects and effects[name].concerns(model))
     if not target:
-        stated = ("There is nothing to detect: at their usual sizes, all effects would have shown.",)
-        return _nothing("detect", model, design_task, stated, ())
+        why = "There is nothing to detect: at their usual sizes, all effects would have shown."
+        return _nothing("detect", model, design_task, why)
     chosen = target[:MOST_RIVALS]
-    rivals = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
-    must_fit(design_task)
-    bench = _Bench(gap, [_without(rivals[0]), *rivals], design_task)
-    result = bench.search(bench.shown, say, ENOUGH)
-    separation = bench.seen(result.plan)
-    impossible = tuple(
+    shown = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
+    rivals = _Rivals(gap, [_without(shown[0]), *shown], design_task, detect=True)
+    found_plan, separation = rivals.told_apart(say)
+    impossible = [
         f"No manoeuvre that was found in {design_task.arena.words} shows {item.pair[0]} at its usual size "
         f"({item.nats:.1f} nats)."
         for item in separation
         if item.nats < HOPELESS
-    )
-    shown: tuple[str, ...] = (f"To show {', '.join(chosen)} at usual sizes.",)
+    ]
+    sentences = [f"To show {', '.join(chosen)} at usual sizes."]
     if len(target) > len(chosen):
-        shown = (*shown, f"Left out: {', '.join(target[len(chosen) :])}; name them as parameters.")
-    return finished(
-        "detect", bench.courses[0], result, bench.searching, bench.asked, bench.samples[0],
-        criterion={"name": "t", "parameters": list(chosen), "before": 0.0, "after": min(o.nats for o in separation)},
-        drive=bench.drive, impossible=impossible, separation=separation, said=shown,
-    )  # fmt: skip
+        sentences.append(f"Left out: {', '.join(target[len(chosen) :])}; name them as parameters.")
+    return rivals.design("detect", chosen, found_plan, separation, impossible, sentences)
 
 
-class _Bench:
-    """Rivals beside each other: their courses, their readings, how far they come apart."""
+class _Rivals:
+    """Explanations beside each other: their readings, how far a plan takes them apart.
 
-    def __init__(self, gap: Gap, rivals: Sequence[Rival], design_task: DesignTask) -> None:
-        first = rivals[0].model
+    Parameters
+    ----------
+    gap : the diagnosis.
+    rivals : that are told apart.
+    design_task : arena, limits and the like.
+    detect : whether each is to be told from the first one, nothing, and no more; else every pair.
+    """
+
+    def __init__(self, gap: Gap, rivals: Sequence[Rival], design_task: DesignTask, *, detect: bool = False) -> None:
+        first, every = rivals[0].model, range(len(rivals))
+        self.rivals, self.task, self.detect = rivals, design_task, detect
+        self.pairs = [(k, 0) for k in every[1:]] if detect else list(combinations(every, 2))
+        self.ways = self.pairs if detect else list(permutations(every, 2))
         self.samples = [_drawn(rival, DRAWS, design_task.seed) for rival in rivals]
-        slower, self.vehicle = cautious(design_task.limits, vehicle_of(first), first, self.samples[0])
-        design_task = replace(design_task, limits=slower)
-        self.rivals, self.asked = rivals, design_task
         self.drive = _drive_of(first)
-        self.driver = driver_of(first, design_task.limits)
-        self.courses = [
-            PlanCourse(rival.model, self.driver, design_task.rate, design_task.limits.speed_min) for rival in rivals
-        ]
         self.read, amplitudes = _amplitudes(gap, first)
-        self.whitening = [Whitening(rival.model, amplitudes) for rival in rivals]
-        names = [other.name for other in rivals]
+        self.errors = [ExpectedErrors(rival.model, amplitudes) for rival in rivals]
+        names = [rival.name for rival in rivals]
         self.held = [Rough(rival.model, names) for rival in rivals]  # a row that is read sooner has no derivative
         self.simulators = [Simulator(item.model) for item in self.held]
         for simulator in self.simulators:
@@ -242,64 +228,64 @@ class _Bench:
         each = [[p.name for p in rival.model.parameters for _ in range(p.size)] for rival in rivals]
         common = [n for n in each[0] if n not in names and all(n in other for other in each)]
         self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
-        self.searching: PlanSearch
-
-    def search(
-        self, of_one: Callable[[PlannedMotion, bool], float], say: Callable[[str], None], enough: float
-    ) -> FoundPlan:
-        """The best plan, or one that is worth enough; all rivals keep to the limits."""
-
-        def worth(plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
-            return [of_one(plan, rough) for plan in plans]
-
-        one = self.asked
-        self.searching = PlanSearch(
-            self.courses[0], self.vehicle, one.limits, one.arena, one.duration, self.samples[0], worth,
-            one.seed, follow=one.follow, rivals=list(zip(self.courses[1:], self.samples[1:], strict=True)),
-            enough=enough, effort=one.effort / max(1, len(self.rivals) * (len(self.rivals) - 1) // 2),
+        count = len(rivals)
+        self.search = PlanSearch(
+            design_task, [rival.model for rival in rivals], self.samples, self.worth,
+            enough=ENOUGH if detect else CLEARLY, pairs=max(1, count * (count - 1) // 2),
         )  # fmt: skip
-        result, nearest = self.searching.best(say)
-        if result is None:
-            raise no_room(nearest, one, self.searching)
+
+    def told_apart(self, say: Say) -> tuple[FoundPlan, tuple[Separation, ...]]:
+        """The best plan, or one that is worth enough; and of every pair, the mean over draws and the 10 % quantile.
+
+        Whichever of the two is true, the one that shows less.
+        """
+        found_plan = self.search.best(say)
+        each = [self._lost(found_plan.plan, k, self.ways) for k in range(AVERAGED)]
+        separation = []
+        for a, b in self.pairs:
+            ways = [[self.task.repeat * lost[way] for lost in each] for way in ((a, b), (b, a)) if way in each[0]]
+            nats = min(ways, key=np.mean)
+            pair = (self.rivals[a].name, self.rivals[b].name)
+            separation.append(Separation(pair, float(np.mean(nats)), float(np.quantile(nats, 0.1))))
+        return found_plan, tuple(separation)
+
+    def design(
+        self, goal: str, names: Sequence[str], found_plan: FoundPlan, separation: tuple[Separation, ...],
+        impossible: Sequence[str], sentences: Sequence[str],
+    ) -> Design:  # fmt: skip
+        """The design of a plan."""
+        after = min(item.nats for item in separation)
+        return self.search.design(
+            goal, found_plan, criterion={"name": "t", "parameters": list(names), "before": 0.0, "after": after},
+            drive=self.drive, impossible=tuple(impossible), separation=separation, said=tuple(sentences),
+        )  # fmt: skip
+
+    def worth(self, plans: Sequence[PlannedMotion], rough: bool) -> list[float]:
+        """Nats by which the worst pair comes apart, a little for the others; mean over what is to be detected.
+
+        More than is needed does not count.
+        """
+        result = []
+        for plan in plans:
+            lost = self._lost(plan, 0, self.pairs if rough else self.ways, rough=rough)
+            nats = np.array([min(lost[pair], lost.get(pair[::-1], inf)) for pair in self.pairs])
+            if self.detect:
+                result.append(float(np.mean(np.minimum(nats, ENOUGH))))
+            else:  # a little of the others, so that a search does not stand still
+                nats = np.minimum(nats, CLEARLY)
+                result.append(float(np.min(nats) + 0.05 * np.mean(nats)))
         return result
 
-    def worth(self, plan: PlannedMotion, rough: bool) -> float:
-        """Nats by which the worst pair comes apart, a little for the others."""
-        every, known = range(len(self.rivals)), dict[tuple[int, int], float]()
-        for i in every:
-            others = [j for j in every if (j > i if rough else j != i)]
-            for j, nats in zip(others, self._apart(plan, i, others, self.rivals[i].p, rough=rough), strict=True):
-                pair = (min(i, j), max(i, j))
-                known[pair] = min(nats, known.get(pair, inf))
-        return _soft(list(known.values()))
-
-    def shown(self, plan: PlannedMotion, rough: bool) -> float:
-        """Nats by which effects show against the first rival, nothing; more than is needed of one does not count."""
-        known = [self._apart(plan, j, [0], self.rivals[j].p, rough=rough)[0] for j in range(1, len(self.rivals))]
-        return float(np.mean(np.minimum(known, ENOUGH)))
-
-    def separations(self, plan: PlannedMotion) -> tuple[Separation, ...]:
-        """Of every pair, the mean over draws and the 10 % quantile; whichever is true, the one that shows less."""
-        every, known = range(len(self.rivals)), dict[tuple[int, int], list[float]]()
-        for i in every:
-            others = [j for j in every if j != i]
-            nats = np.array([self._apart(plan, i, others, p) for p in self.samples[i][:AVERAGED]])
-            known |= {(i, j): (self.asked.repeat * item).tolist() for j, item in zip(others, nats.T, strict=True)}
-        return tuple(
-            _separation((self.rivals[i].name, self.rivals[j].name), min(known[i, j], known[j, i], key=np.mean))
-            for i, j in combinations(every, 2)
-        )
-
-    def seen(self, plan: PlannedMotion) -> tuple[Separation, ...]:
-        """Of every effect against nothing."""
-        return tuple(
-            _separation(
-                (rival.name, "nothing"),
-                [self.asked.repeat * self._apart(plan, j, [0], p)[0] for p in self.samples[j][:AVERAGED]],
-            )
-            for j, rival in enumerate(self.rivals)
-            if j > 0
-        )
+    def _lost(
+        self, plan: PlannedMotion, draw: int, ways: Sequence[tuple[int, int]], *, rough: bool = False
+    ) -> dict[tuple[int, int], float]:
+        """(true, wrong) -> nats that the wrong one loses where the true one has the values of one of its draws."""
+        result = dict[tuple[int, int], float]()
+        for true in dict.fromkeys(true for true, _ in ways):
+            wrong = [other for one, other in ways if one == true]
+            nats = self._apart(plan, true, wrong, self.samples[true][draw], rough=rough)
+            result |= {(true, other): value for other, value in zip(wrong, nats, strict=True)}
+        return result
 
     def _apart(
         self, plan: PlannedMotion, true: int, wrong: Sequence[int], p: Array, *, rough: bool = False
@@ -310,16 +296,16 @@ class _Bench:
         ----------
         rough : whether some of the rows may stand for all, delays that are no rivals be left out, and one step do.
         """
-        every, steps = (max(1, round(self.asked.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
+        every, steps = (max(1, round(self.task.rate / ROUGH_RATE)), 1) if rough else (1, STEPS)
         p = self.held[true].of(p) if rough else p
         recording = self._readings(plan, true, p, every)
         if recording is None:
             return [0.0] * len(wrong)
-        drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].p[self.shared[true]])
+        drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].model.values[self.shared[true]])
         value = self._cost(recording, true, p, steps, every) if drawn else 0.0
         result = []
         for other in wrong:
-            wide = self.rivals[other].p.copy()
+            wide = np.array(self.rivals[other].model.values)
             wide[self.shared[other]] = p[self.shared[true]]
             result.append(max(self._cost(recording, other, wide, steps, every) - value, 0.0))
         return result
@@ -328,13 +314,14 @@ class _Bench:
         """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
         ones = np.ones(len(self.rivals[rival].model.outputs))
         problem = MotionProblem(self.simulators[rival], [recording], noise=ones, starts="free", about=p)
-        white = self.whitening[rival].of(recording, p, every)
+        white = self.errors[rival].whitener(recording, p, every)
         low, high = problem.bounds
         x = at = problem.unknowns(p)
         best, known, damping = inf, inf, 0.0
         H, g, scale, moving = np.zeros((0, 0)), np.zeros(0), np.zeros(0), np.zeros(0, dtype=np.intp)
         for _ in range(steps + 1):
-            ((rows, own_e, own_J),) = by_interval(problem, x)
+            nodes = problem.simulated_nodes(x)
+            (rows,), ((own_e, own_J),) = problem.rows_of_intervals(nodes), problem.residuals(x, nodes)
             value = inf
             if np.all(np.isfinite(own_e)) and np.all(np.isfinite(own_J)):
                 there = np.flatnonzero(problem.free & np.any(own_J != 0, axis=(0, 1)))
@@ -388,16 +375,6 @@ class _Bench:
         return Recording("plan", time, {**signals, **filled})
 
 
-def _separation(pair: tuple[str, str], known: Sequence[float]) -> Separation:
-    return Separation(pair, float(np.mean(known)), float(np.quantile(known, 0.1)))
-
-
-def _soft(known: Sequence[float]) -> float:
-    """The least, and a little of the others, so that a search does not stand still; none beyond `CLEARLY`."""
-    values = np.minimum(known, CLEARLY)
-    return float(np.min(values) + 0.05 * np.mean(values))
-
-
 def _rival(
     gap: Gap, model: MotionModel, effects: Mapping[str, Effect], name: str, among: Sequence[str], *,
     typical: bool = False,
@@ -425,21 +402,20 @@ def _rival(
     ]
     model = model.with_parameters(*held)
     sd = 0.0 if typical else spans.get(name, 0.0) / (2.0 * NORMAL_95)
-    return Rival(name, model, model.values, sd if isfinite(sd) else 0.0)
+    return Rival(name, model, sd if isfinite(sd) else 0.0)
 
 
 def _without(rival: Rival) -> Rival:
     """The same without its effect."""
     value = rival.model[rival.name]
     assert value.null is not None
-    model = rival.model.with_parameters(replace(value, value=np.asarray(value.null), fixed=True))
-    return Rival("nothing", model, model.values)
+    return Rival("nothing", rival.model.with_parameters(replace(value, value=np.asarray(value.null), fixed=True)))
 
 
 def _drawn(rival: Rival, count: int, seed: int) -> Array:
     """(count, parameters) of what is stated with a tolerance and of the effect's magnitude, nominal values first."""
     rng = np.random.default_rng((seed, 907))
-    result, start = np.tile(rival.p, (count, 1)), 0
+    result, start = np.tile(rival.model.values, (count, 1)), 0
     for parameter in rival.model.parameters:
         if (
             parameter.shape == ()
@@ -488,11 +464,11 @@ def _drive_of(model: MotionModel) -> str:
 
 
 def _nothing(
-    goal: str, model: MotionModel, design_task: DesignTask, stated: tuple[str, ...], impossible: tuple[str, ...]
+    goal: str, model: MotionModel, design_task: DesignTask, why: str, impossible: Sequence[str] = ()
 ) -> Design:
     """A design without a manoeuvre, and why."""
     criterion = {"name": "t", "parameters": [], "before": 0.0, "after": 0.0}
     return Design(
-        goal, model.name, _drive_of(model), criterion, (), None, np.empty((2, 0, 0)), nowhere(), design_task.arena,
-        design_task.limits, None, impossible=impossible, said=stated,
+        goal, model.name, design_task.arena, design_task.limits, _drive_of(model), criterion,
+        impossible=tuple(impossible), said=(why,),
     )  # fmt: skip

@@ -15,8 +15,10 @@ from ...engine.motion.simulator import Simulator
 from ...fitting.fit import Fit
 from ...models.model import must_be
 from ...models.motion_model import MotionModel
+from ..estimation.axes import scalars
+from ..estimation.model_error import believed
 from .course import PlannedMotion
-from .scatter import ForceScatter, Rough, Scores, by_interval
+from .scatter import ExpectedErrors, Rough, sandwich
 
 RIDGE = 1e-12
 """Information that is always there, in units of what is there: what nothing tells keeps an inverse."""
@@ -55,31 +57,20 @@ def known_by(fit: Fit) -> Known:
     ------
     BadInput : it holds no covariance, or none of its numbers is free.
     """
-    model = fit.model
+    model = must_be(MotionModel, fit.model)
     if fit.covariance is None:
         raise BadInput("The fit has no covariance, from which a manoeuvre is designed. Fit again.")
-    names, places, local, start = list[str](), list[int](), list[bool](), 0
-    for p in model.parameters:
-        if p.shape == () and not p.fixed:
-            names.append(p.name)
-            places.append(start)
-            local.append(p.scope == "run")
-        start += p.size
-    if not names:
+    free = [(k, one) for k, one in scalars(model) if not one.fixed]
+    if not free:
         raise BadInput(f"The fit of {model.name} has no free parameter whose precision a manoeuvre could raise.")
-    chosen, q = np.array(places, dtype=np.intp), len(places)
-    prior = np.zeros(q)
-    for k, name in enumerate(names):
-        value = model[name].prior
-        if value is not None:
-            prior[k] = 1.0 / max(float(np.max(np.asarray(value.sd))), 1e-300) ** 2
-    own_local = np.array(local)
-    C = fit.covariance[np.ix_(chosen, chosen)]
-    there = np.isfinite(np.diag(C)) & (np.diag(C) > 0) & ~own_local
-    precision = np.diag(np.where(own_local, prior, 0.0))
+    places, local = np.array([k for k, _ in free]), np.array([one.scope == "run" for _, one in free])
+    prior = [0.0 if one.prior is None else max(float(np.asarray(one.prior.sd)), 1e-300) ** -2 for _, one in free]
+    C = fit.covariance[np.ix_(places, places)]
+    there = np.isfinite(np.diag(C)) & (np.diag(C) > 0) & ~local
+    precision = np.diag(np.where(local, prior, 0.0))
     if np.any(there):
         precision[np.ix_(there, there)] = _inverse(C[np.ix_(there, there)])
-    return Known(tuple(names), chosen, precision, own_local)
+    return Known(tuple(one.name for _, one in free), places, precision, local)
 
 
 def wanted_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...]:
@@ -128,26 +119,30 @@ class Information:
         self.simulator, self.rough_simulator = Simulator(blank), Simulator(self.rough.model)
         self.simulator.kernel.prepare()
         self.rough_simulator.kernel.prepare()
-        self.scatter = ForceScatter(self.model, self.noise)
+        self.errors = ExpectedErrors(self.model, believed(self.noise, True, False, {}).median)
 
-    def of(self, plan: PlannedMotion, P: Array) -> Array:
-        """(K, q, q) information of a plan on the free numbers, its starts accounted for; zero where it is not finite.
+    def of(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Array]:
+        """(q, q) information of each plan on the free numbers, its starts accounted for; zero where it is not finite.
 
         Parameters
         ----------
-        plan : commands and the motion that is expected.
-        P : (K, parameters) where to linearise.
+        plans, p, rough : as of `scores`.
         """
-        return np.stack([self.told([plan], p)[0].information for p in P])
+        return [sandwich(H, S) for H, S in zip(*self.scores(plans, p, rough=rough), strict=True)]
 
-    def told(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> list[Scores]:
-        """What each plan tells of the free numbers, as the fit counts residuals and as they scatter.
+    def scores(self, plans: Sequence[PlannedMotion], p: Array, *, rough: bool = False) -> tuple[Array, Array]:
+        """What each plan tells of the free numbers.
 
         Parameters
         ----------
         plans : commands and the motion that is expected; several cost little more than one, as lanes of one simulation.
         p : (parameters,) where to linearise.
         rough : whether some of the rows may stand for all, and delays be left out.
+
+        Returns
+        -------
+        H : (plans, q, q) curvature of the squares as the fit counts residuals.
+        S : (plans, q, q) covariance of their gradient as residuals scatter.
         """
         step = plans[0].time[1] - plans[0].time[0]
         every = max(1, round(1.0 / step / ROUGH_RATE)) if rough else 1
@@ -158,11 +153,12 @@ class Information:
             starts=self.how.get("start_from", "free"), about=p,
         )  # fmt: skip
         x = problem.unknowns(p)
-        q = len(self.known.places)
+        nodes, q = problem.simulated_nodes(x), len(self.known.places)
         H, G = np.zeros((len(plans), q, q)), np.zeros((*problem.target.shape, q))
         loose = problem.free.copy()
         loose[np.concatenate(problem.parameters.index)] = False
-        for k, (rows, _, J) in enumerate(by_interval(problem, x)):
+        told = zip(problem.rows_of_intervals(nodes), problem.residuals(x, nodes), strict=True)
+        for k, (rows, (_, J)) in enumerate(told):
             run, value = problem.intervals[k].run, problem.layout.index[k]
             index = problem.parameters.index[run][self.known.places]
             places = np.array([np.flatnonzero(value == place)[0] for place in index])
@@ -175,18 +171,12 @@ class Information:
                 by = by - (flat @ pull).reshape(by.shape)
             H[run] += by.reshape(-1, q).T @ by.reshape(-1, q)
             G[rows] += by * problem.weight[rows][:, :, None]
-        edges = np.cumsum([0, *(len(recording) for recording in recordings)])
-        good = np.array([
-            bool(np.all(np.isfinite(item)) and np.all(np.isfinite(G[a:b])))
-            for item, a, b in zip(H, edges[:-1], edges[1:], strict=True)
-        ])  # fmt: skip
-        H[~good] = 0.0
-        G[np.repeat(~good, np.diff(edges))] = 0.0
-        begun = [
-            np.array([interval.start for interval in problem.intervals if interval.run == k]) for k in range(len(plans))
-        ]
-        scatter = self.scatter.of(recordings, p, G, begun, every)
-        return [Scores(item, item + more) for item, more in zip(H, scatter, strict=True)]
+        each = np.repeat(np.arange(len(plans)), [len(recording) for recording in recordings])
+        lost = ~np.all(np.isfinite(H), axis=(1, 2))
+        lost[each[~np.all(np.isfinite(G), axis=(1, 2))]] = True
+        H[lost], G[lost[each]] = 0.0, 0.0
+        begun = [np.array([one.start for one in problem.intervals if one.run == k]) for k in range(len(plans))]
+        return H, H + self.errors.scatter(recordings, p, G, begun)
 
     def recording(self, plan: PlannedMotion, every: int = 1) -> Recording:
         """The recording that a plan is expected to give, without noise; one row of so many."""

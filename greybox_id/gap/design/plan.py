@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ import pandas as pd
 
 from ...base.json_data import Kind
 from ...base.shorthands import Array
-from .arena import Arena, Placement
+from .arena import NOWHERE, Arena, Placement
 from .course import AT, PlannedMotion
 from .driver import PlanDriver
 from .limits import DriveLimits
@@ -49,12 +49,13 @@ class Design:
     ----------
     goal : "precision", "discriminate" or "detect".
     model : name of the model it was designed with.
+    arena, limits : where, and within what it is driven.
     drive : signal of the drive command.
     criterion : its name, and values before and after in nats.
     phases : what it is chained of; empty where nothing is left to tell, or nothing tells it.
     plan : commands and expected motion, from the start as origin; None where there are no phases.
     corridor : (2, n, told) 2.5 % and 97.5 % of the motions that are expected.
-    placement, arena, limits, driver : where and how it is driven.
+    placement, driver : how it lies in the arena, and who drives it.
     predicted_sd : name -> standard deviation before and after.
     separation : of pairs of explanations.
     active_limits : limits that the manoeuvre uses up.
@@ -66,15 +67,15 @@ class Design:
 
     goal: str
     model: str
-    drive: str
-    criterion: Mapping[str, Any]
-    phases: tuple[Phase, ...]
-    plan: PlannedMotion | None
-    corridor: Array
-    placement: Placement
     arena: Arena
     limits: DriveLimits
-    driver: PlanDriver | None
+    drive: str
+    criterion: Mapping[str, Any]
+    phases: tuple[Phase, ...] = ()
+    plan: PlannedMotion | None = None
+    corridor: Array = field(default_factory=lambda: np.empty((2, 0, 0)))
+    placement: Placement = NOWHERE
+    driver: PlanDriver | None = None
     predicted_sd: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     separation: tuple[Separation, ...] = ()
     active_limits: tuple[str, ...] = ()
@@ -137,8 +138,6 @@ class Design:
 
     def as_dict(self) -> dict[str, Any]:
         """All of it as plain data."""
-        from dataclasses import asdict
-
         result: dict[str, Any] = {
             "goal": self.goal,
             "model": {"name": self.model},

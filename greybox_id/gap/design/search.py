@@ -8,14 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ...base.shorthands import Array
-from .arena import Arena, Placement
+from ...base.errors import BadInput
+from ...base.shorthands import Array, Say
+from ...models.motion_model import MotionModel
+from .arena import NOWHERE, Placement
 from .course import AT, PlanCourse, PlannedMotion, strain
-from .limits import DriveLimits
-from .primitives import SHAPES, Handling, Phase, asked
+from .driver import driver_of, vehicle_of
+from .plan import Design
+from .primitives import SHAPES, Phase, asked
+from .task import NEEDED, DesignTask
 
 Worth = Callable[[Sequence[PlannedMotion], bool], list[float]]
 """(plans, whether roughly is enough) -> what each is worth, in nats: more is better."""
@@ -45,8 +50,6 @@ the same posterior differ by more."""
 MOST_PHASES = 4
 AT_ONCE = 8
 """Plans that are simulated at once: the lanes of the kernel."""
-NEEDED = 0.95
-"""Share of the draws of what is uncertain that must keep to the limits."""
 GENTLER = 20
 """Steps in which a plan is made gentler for the draws' sake: an eighth of its steering is left in the end."""
 PENALTY = 30.0
@@ -86,40 +89,42 @@ class PlanSearch:
 
     Parameters
     ----------
-    course : simulates plans.
-    vehicle, limits, arena : what they must keep to.
-    duration : s, at most.
-    samples : (K, parameters) draws of what is uncertain, the nominal values first.
+    task : arena, limits and the like.
+    models : of the vehicle, any of which may be true; the plan is made with the first one.
+    samples : of each, (K, parameters) draws of what is uncertain, the nominal values first.
     worth : what a plan is worth.
-    follow : whether a driver follows the path.
-    rivals : courses and draws of other models that may be true, which must keep to the limits as well.
     enough : worth beyond which no better plan is looked for.
-    effort : what is tried, over what is usually tried.
+    pairs : that worth is asked of, each of which takes its time.
+
+    Raises
+    ------
+    BadInput : the model cannot say what a manoeuvre leads to, or nothing fits into the arena.
     """
 
     def __init__(
-        self, course: PlanCourse, vehicle: Handling, limits: DriveLimits, arena: Arena, duration: float, samples: Array,
-        worth: Worth, seed: int, *, follow: bool = True, rivals: Sequence[tuple[PlanCourse, Array]] = (),
-        enough: float = np.inf, effort: float = 1.0,
+        self, task: DesignTask, models: Sequence[MotionModel], samples: Sequence[Array], worth: Worth, *,
+        enough: float = np.inf, pairs: int = 1,
     ) -> None:  # fmt: skip
-        self.course, self.vehicle, self.limits, self.arena = course, vehicle, limits, arena
-        self.duration, self.samples, self.worth, self.follow = duration, samples, worth, follow
-        self.rivals, self.enough, self.effort = rivals, enough, effort
-        self.rng = np.random.default_rng((seed, 6143))
-        self.speeds = (1.15 * limits.speed_min, limits.speed_max)
-        self.pace = float(np.sqrt(vehicle.length / 2.76))
+        self.samples, self.worth, self.enough, self.effort = samples, worth, enough, task.effort / pairs
+        self.task, self.vehicle = task.cautious(vehicle_of(models[0]), models[0], samples[0])
+        self.task.must_fit()
+        self.limits, self.arena = self.task.limits, self.task.arena
+        driver = driver_of(models[0], self.limits)
+        self.courses = [PlanCourse(model, driver, task.rate, self.limits.speed_min) for model in models]
+        self.rng = np.random.default_rng((task.seed, 6143))
+        self.speeds = (1.15 * self.limits.speed_min, self.limits.speed_max)
+        self.pace = float(np.sqrt(self.vehicle.length / 2.76))
 
-    def best(self, say: Callable[[str], None] = lambda line: None) -> tuple[FoundPlan | None, FoundPlan]:
-        """The best plan that keeps to all limits, None where there is none; and the one that breaks them least."""
+    def best(self, say: Say) -> FoundPlan:
+        """The best plan that keeps to all limits. Raises `BadInput` where none does."""
         drawn = self._random()
         inside = [item for item in drawn if item.broken <= 0]
         say(f"{len(drawn)} manoeuvres tried, {len(inside)} within the limits")
         if not inside:
             gentlest = min(drawn, key=lambda item: item.broken)
-            refined = self._refined([gentlest])
-            if not refined:
-                return None, gentlest
-            inside = refined
+            inside = self._refined([gentlest])
+            if not inside:
+                raise self._no_room(gentlest)
         scored = sorted(self._scored(inside, rough=True), key=lambda item: -item.worth)
         tried = sorted([*self._refined(_unlike(scored)[:REFINED]), *scored[:SURE]], key=lambda item: -item.worth)
         kept, most = list[FoundPlan](), -np.inf
@@ -131,14 +136,67 @@ class PlanSearch:
                 kept.append(made)
                 most = max(most, self._scored([made], rough=True)[0].worth)
         if not kept:
-            return None, tried[0]
-        best = max(self._scored(kept), key=lambda item: item.worth)
-        return best, best
+            raise self._no_room(tried[0])
+        return max(self._scored(kept), key=lambda item: item.worth)
+
+    def _no_room(self, nearest: FoundPlan) -> BadInput:
+        """The sentence on why no manoeuvre keeps to the limits."""
+        out = nearest.placement.outside + self.limits.margin
+        if out > 0 and np.isfinite(out):
+            wide = self.arena.breadth + 2.0 * out
+            return BadInput(
+                f"‹arena› {self.arena.words} is too small: the best manoeuvre leaves it by {out:.1f} m. Use an arena "
+                f"{wide:.0f} m wide, or a lower ‹speed_max›."
+            )
+        tight = strain(nearest.plan.motion, self.limits)
+        worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))
+        kept = self._holding(nearest, self.samples[0])[0]
+        return BadInput(
+            f"The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} "
+            f"% of the plausible parameter values, and the best that was found does so for {100 * kept:.0f} %; for the "
+            f"other values, {worst} exceeds its limit. Raise that limit (‹limits›), or drive something gentle first "
+            "and fit again."
+        )
+
+    def design(self, goal: str, found_plan: FoundPlan, **more: Any) -> Design:
+        """A found plan with its corridor and the limits it uses up.
+
+        Parameters
+        ----------
+        goal, more : as `Design` holds them.
+        """
+        course, samples = self.courses[0], self.samples[0]
+        motion = course.driven(found_plan.plan, samples, follow=self.task.follow)
+        good = motion[np.all(np.isfinite(motion), axis=(1, 2))]
+        return Design(
+            goal, course.model.name, self.arena, self.limits, phases=found_plan.phases, plan=found_plan.plan,
+            corridor=np.quantile(good, [0.025, 0.975], axis=0), placement=found_plan.placement, driver=course.driver,
+            active_limits=self._used_up(found_plan, good), kept=self._holding(found_plan, samples)[0],
+            repeat=self.task.repeat, **more,
+        )  # fmt: skip
+
+    def _used_up(self, found_plan: FoundPlan, motion: Array) -> tuple[str, ...]:
+        """Limits of which a plan leaves less than a twentieth, to the worst of the draws."""
+        limits, plan, tight = self.limits, found_plan.plan, strain(motion, self.limits)
+        step = plan.time[1] - plan.time[0]
+        change = np.diff(plan.of("v_x")) / step
+        shares = {
+            "grip": np.quantile(tight.grip, 0.95),
+            "sideslip": np.quantile(tight.sideslip, 0.95),
+            "speed_max": np.max(plan.of("v_x")) / limits.speed_max,
+            "steer_max": np.max(np.abs(plan.steer)) / limits.steer_max,
+            "steer_rate": np.max(np.abs(np.diff(plan.steer))) / step / limits.steer_rate,
+            "drive_max": np.max(change) / (0.9 * limits.drive_max),
+            "brake_max": -np.min(change) / (0.9 * limits.brake_max),
+            "arena": 1.0 + (found_plan.placement.outside + limits.margin) / (0.5 * self.arena.breadth),
+            "duration": found_plan.duration / self.task.duration,
+        }
+        return tuple(name for name, share in shares.items() if share >= 0.95)
 
     def sure(self, result: FoundPlan) -> FoundPlan | None:
         """The plan, made gentler until enough of the draws keep to the limits; None where that does not help."""
         for _ in range(GENTLER):
-            kept, guilty = self._holding(result, self.samples, NEEDED)
+            kept, guilty = self._holding(result, self.samples[0], NEEDED)
             if result.broken <= 0 and kept >= NEEDED:
                 return result
             calmer = tuple(
@@ -155,12 +213,10 @@ class PlanSearch:
             result = self._made([(calmer, result.duration)])[0]
         return None
 
-    def kept(self, found_plan: FoundPlan, P: Array) -> float:
-        """Share of the parameters with which a plan keeps to all limits."""
-        return self._holding(found_plan, P)[0]
-
     def _holding(self, found_plan: FoundPlan, P: Array, least: float = 0.0) -> tuple[float, frozenset[int]]:
-        """That share, and the phases in which limits are broken first; all of them where the arena is left.
+        """Share of the draws that keep to all limits, and the phases in which these are broken first.
+
+        All phases are to blame where the arena is left.
 
         Parameters
         ----------
@@ -168,10 +224,10 @@ class PlanSearch:
         """
         shares, guilty, last = [], set[int](), len(found_plan.phases) - 1  # the stop is the last phase's
         each = [found_plan.plan.phase == k for k in np.unique(found_plan.plan.phase)]
-        for course, item in ((self.course, P), *((other, samples[: len(P)]) for other, samples in self.rivals)):
+        for course, item in zip(self.courses, (P, *(other[: len(P)] for other in self.samples[1:])), strict=True):
             held = 0
             for a in range(0, len(item), AT_ONCE):
-                y = course.driven(found_plan.plan, item[a : a + AT_ONCE], follow=self.follow)
+                y = course.driven(found_plan.plan, item[a : a + AT_ONCE], follow=self.task.follow)
                 out = np.array([self._outside(found_plan.placement, motion) for motion in y])
                 broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
                 within = ~np.any(broken, axis=0)
@@ -219,7 +275,7 @@ class PlanSearch:
                     Phase(shape, amplitude, 0.3 / self.pace, slow + (fast - slow) * share * pace, duration)
                     for shape, amplitude, share, duration in chain
                 ),
-                self.duration,
+                self.task.duration,
             )
             for chain in STANDARD
             for pace in PACES
@@ -241,7 +297,7 @@ class PlanSearch:
             lean = float(rng.uniform(-0.6, 0.6)) if rng.random() < 0.6 else 0.0
             amplitude *= 1.0 - 0.7 * abs(lean)
             phases.append(Phase(shape, amplitude, frequency, speed, float(rng.uniform(0.5, 1.5)), lean))
-        return tuple(phases), self.duration * float(rng.choice([1.0, 1.0, rng.uniform(0.4, 1.0)]))
+        return tuple(phases), self.task.duration * float(rng.choice([1.0, 1.0, rng.uniform(0.4, 1.0)]))
 
     def _sketched(self, phases: tuple[Phase, ...], duration: float) -> float:
         """By how much a chain would leave the arena, m, if tyres did not slip."""
@@ -272,17 +328,19 @@ class PlanSearch:
         )
         duration = found_plan.duration
         if too_far and self.rng.random() < 0.5:
-            duration = max(0.75 * duration, 0.25 * self.duration)
+            duration = max(0.75 * duration, 0.25 * self.task.duration)
         return phases, duration
 
     def _made(self, chains: Sequence[tuple[tuple[Phase, ...], float]]) -> list[FoundPlan]:
         """Plans of chains, simulated several at once, and by how much they break limits."""
-        plans = [asked(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
+        plans = [
+            asked(phases, self.vehicle, self.limits, duration, self.courses[0].rate) for phases, duration in chains
+        ]
         order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
         result: dict[int, FoundPlan] = {}
         for first in range(0, len(order), AT_ONCE):
             value = order[first : first + AT_ONCE]
-            for k, plan in zip(value, self.course.references([plans[k] for k in value]), strict=True):
+            for k, plan in zip(value, self.courses[0].references([plans[k] for k in value]), strict=True):
                 phases, duration = chains[k]
                 placement, broken = self._placed(plan)
                 result[k] = FoundPlan(phases, duration, plan, placement, -np.inf, broken)
@@ -292,7 +350,7 @@ class PlanSearch:
         x, y, v = plan.of("x"), plan.of("y"), plan.of("v_x")
         worst = float(strain(plan.motion, self.limits).worst[0]) / SPARE - 1.0
         if not np.all(np.isfinite(plan.motion)):
-            return Placement(0.0, 0.0, 0.0, np.inf), np.inf
+            return NOWHERE, np.inf
         before = v[0] ** 2 / (2.0 * BACKING * self.limits.drive_max)
         after = v[-1] ** 2 / (2.0 * self.limits.brake_max)
         end = plan.of("yaw")[-1]
@@ -330,10 +388,10 @@ class PlanSearch:
 
     def _hardest(self, found_plan: FoundPlan) -> Array:
         """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
-        y = self.course.driven(found_plan.plan, self.samples, follow=self.follow)
+        y = self.courses[0].driven(found_plan.plan, self.samples[0], follow=self.task.follow)
         order = np.argsort(strain(y, self.limits).worst, kind="stable")
         last = int(np.ceil(NEEDED * len(order)))
-        return np.asarray(self.samples[order[max(last - HARDEST, 0) : last]])
+        return np.asarray(self.samples[0][order[max(last - HARDEST, 0) : last]])
 
     def _coded(self, found_plan: FoundPlan) -> Array:
         (slow, fast) = self.speeds
@@ -347,7 +405,7 @@ class PlanSearch:
             )
             for p in found_plan.phases
         ]
-        return np.array([*np.ravel(numbers), 3.0 * found_plan.duration / self.duration])
+        return np.array([*np.ravel(numbers), 3.0 * found_plan.duration / self.task.duration])
 
     def _decoded(self, start: FoundPlan, x: Array) -> tuple[tuple[Phase, ...], float]:
         (slow, fast) = self.speeds
@@ -361,7 +419,7 @@ class PlanSearch:
                     float(np.clip(lean / 2.0, -1.0, 1.0)),
                 )
             )  # fmt: skip
-        return tuple(phases), self.duration * float(np.clip(x[-1] / 3.0, 0.25, 1.0))
+        return tuple(phases), self.task.duration * float(np.clip(x[-1] / 3.0, 0.25, 1.0))
 
 
 def _unlike(scored: Sequence[FoundPlan]) -> list[FoundPlan]:
@@ -403,7 +461,7 @@ class _Refinement:
                 continue
             scored, broken = next(inside), 0.0
             if not np.isfinite(self.worth) or scored.worth > self.worth - 0.5:
-                broken = 1.0 - self.search.kept(scored, self.few)
+                broken = 1.0 - self.search._holding(scored, self.few)[0]
                 if broken <= 0.0 and scored.worth > self.worth:
                     self.best = scored
             result.append(-scored.worth + PENALTY * broken)

@@ -19,64 +19,13 @@ from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import Kind
 from greybox_id.base.shorthands import Array
 
-from ..racing.network import Perceptron, elu
-from ..racing.policy import sizes_of
+from ..racing.network import Perceptron
 
 
-@dataclass(frozen=True)
-class Layers:
-    """One network: layers of ELU, the last one linear.
-
-    Attributes
-    ----------
-    weights : (in, out) of each layer.
-    biases : (out,) of each layer.
-
-    Raises
-    ------
-    ValueError : shapes that do not follow each other, or what is no finite number.
-    """
-
-    weights: tuple[Array, ...]
-    biases: tuple[Array, ...]
-
-    def __post_init__(self) -> None:
-        sizes_of(self.weights, self.biases)
-
-    @property
-    def sizes(self) -> tuple[int, ...]:
-        """Numbers that go in, units of the hidden layers, numbers that come out."""
-        return (len(self.weights[0]), *(len(biase) for biase in self.biases))
-
-    def __call__(self, x: Array) -> Array:
-        """(L, out) of (L, in), each row by itself: to the bit the same alone and among others."""
-        h = x[:, None, :]
-        for W, b in zip(self.weights[:-1], self.biases[:-1], strict=True):
-            h = elu(h @ W + b)
-        result: Array = (h @ self.weights[-1] + self.biases[-1])[:, 0]
-        return result
-
-
-def drawn(sizes: Sequence[int], rng: np.random.Generator) -> Array:
-    """Weights drawn such that what goes through keeps its variance (Glorot & Bengio 2010); biases zero; packed."""
-    shapes = list(zip(sizes[:-1], sizes[1:], strict=True))
-    weights = [rng.normal(0.0, np.sqrt(2.0 / (a + b)), (a, b)) for a, b in shapes]
-    return packed(weights, [np.zeros(b) for _, b in shapes])
-
-
-def packed(weights: Sequence[Array], biases: Sequence[Array]) -> Array:
-    """All numbers in one row: layer by layer, weights before biases."""
-    return np.concatenate([part for W, b in zip(weights, biases, strict=True) for part in (W.ravel(), b)])
-
-
-def unpacked(q: Array, sizes: Sequence[int]) -> tuple[list[Array], list[Array]]:
-    """Weights and biases out of one row."""
-    weights, biases, at = [], [], 0
-    for a, b in zip(sizes[:-1], sizes[1:], strict=True):
-        weights.append(q[at : at + a * b].reshape(a, b))
-        biases.append(q[at + a * b : at + a * b + b])
-        at += a * b + b
-    return weights, biases
+def drawn(sizes: Sequence[int], rng: np.random.Generator) -> Perceptron:
+    """A network whose weights keep the variance of what goes through (Glorot & Bengio 2010); biases are zero."""
+    weights = [rng.normal(0.0, np.sqrt(2.0 / (a + b)), (a, b)) for a, b in pairwise(sizes)]
+    return Perceptron(weights, [np.zeros(b) for b in sizes[1:]], "elu")
 
 
 class SquaredError:
@@ -84,17 +33,16 @@ class SquaredError:
 
     Parameters
     ----------
-    sizes : of the layers.
+    net : of that form.
     x, y : (n, in) and (n, out) rows.
     """
 
-    def __init__(self, sizes: Sequence[int], x: Array, y: Array) -> None:
+    def __init__(self, net: Perceptron, x: Array, y: Array) -> None:
         self._x, self._y = np.ascontiguousarray(x), y
-        start = np.zeros(sum((a + 1) * b for a, b in pairwise(sizes)))
-        self._net = Perceptron(*unpacked(start, sizes), activation="elu")
+        self._net = net.at(net.vector)
 
     def __call__(self, q: Array) -> tuple[float, Array]:
-        """Loss and gradient at packed weights."""
+        """Loss and gradient at a network's numbers, `Perceptron.vector`."""
         *layers, error = self._through(q)
         slope = self._net.backward(layers, error / error.size).copy()
         return 0.5 * float(np.sum(error**2)) / error.size, slope
@@ -172,7 +120,7 @@ class ActuatorNet:
     outputs: tuple[str, ...]
     history: int
     sample_time: float
-    members: tuple[Layers, ...]
+    members: tuple[Perceptron, ...]
     means: Array
     scales: Array
     out_means: Array
@@ -222,7 +170,7 @@ class ActuatorNet:
         (members, L, outputs) in SI units.
         """
         x = ((seen - self.means) / self.scales).reshape(len(seen), -1)
-        stated = np.stack([one(x) for one in self.members]) * self.out_scales + self.out_means
+        stated = np.stack([one.each(x) for one in self.members]) * self.out_scales + self.out_means
         return np.asarray(stated + value if self.residual else stated)
 
     def text(self) -> str:
@@ -266,8 +214,8 @@ def load_actuator_net(path: str | Path) -> ActuatorNet:
 
 def _of(body: dict[str, Any]) -> ActuatorNet:
     members = tuple(
-        Layers(tuple(np.array(item["weights"], dtype=float) for item in one),
-               tuple(np.array(item["biases"], dtype=float) for item in one))
+        Perceptron([np.array(item["weights"], dtype=float) for item in one],
+                   [np.array(item["biases"], dtype=float) for item in one], "elu")
         for one in body["members"]
     )  # fmt: skip
     numbers = {

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -35,22 +35,6 @@ WINDOW = 2.0
 
 
 @dataclass(frozen=True)
-class Adapted:
-    """What came of rows.
-
-    Attributes
-    ----------
-    learned : the policy, and what goes on from it.
-    twin : what it was learned on.
-    seconds : of the processor, by part: diagnosis, learning.
-    """
-
-    learned: Learned
-    twin: Twin
-    seconds: Mapping[str, float] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Foretold:
     """How a policy drives in the twin.
 
@@ -71,7 +55,7 @@ class Foretold:
 def adapted(
     vehicle: Vehicle, recordings: Sequence[Recording], start: Learned, units: World, arm: str, *, steps: int,
     cap: float, seed: int = 0, say: Say = lambda sentence: None, stopped: Callable[[], bool] = lambda: False,
-) -> Adapted:  # fmt: skip
+) -> tuple[Learned, Twin, dict[str, float]]:  # fmt: skip
     """Make a model of what a vehicle drove, and go on learning in it.
 
     Parameters
@@ -85,6 +69,10 @@ def adapted(
     cap : share of the grip that the speed may use.
     seed, say, stopped : see `learner.learn`.
 
+    Returns
+    -------
+    The policy and what goes on from it, what it was learned on, and s of the processor by part: diagnosis, learning.
+
     Raises
     ------
     BadInput : there is no such arm, or rows do not hold what it needs.
@@ -95,7 +83,7 @@ def adapted(
     modelled = time.process_time() - began
     say(f"learning with {', '.join(result.applied) or arm}")
     learned = learned_on(result, vehicle, start, units, steps=steps, cap=cap, seed=seed, say=say, stopped=stopped)
-    return Adapted(learned, result, {"diagnosis": modelled, "learning": time.process_time() - began - modelled})
+    return learned, result, {"diagnosis": modelled, "learning": time.process_time() - began - modelled}
 
 
 def learned_on(

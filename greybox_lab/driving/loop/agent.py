@@ -13,12 +13,10 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
 from greybox_id.base.errors import BadInput, must_be_one_of
-from greybox_id.base.files import held
 from greybox_id.base.json_data import plain
 from greybox_id.base.shorthands import Say
 from greybox_id.datasets.recording import Recording
@@ -34,9 +32,10 @@ from .demo import CAP, Underway, Watched
 from .protocol import ARMS
 from .safety import Cap
 from .scene import DrivenRows, Scene, driven, effect_words
+from .state import LoopOutcome
 from .store import DONE, FAILED
-from .swap import WORSE, NotSwapped, Seat
-from .triggers import LEAST, InnovationBand, RowCounts, gap_told, path_error_beyond
+from .swap import Seat, must_drive_as_well
+from .triggers import LEAST, InnovationBand, gap_told, path_error_beyond, rows_due
 
 ROWS = LEAST
 """Commands of a drive, after which rows are sent and it is asked whether it is time to learn."""
@@ -50,136 +49,68 @@ POLL, PATIENCE = 0.5, 60.0
 Answer = TypeVar("Answer")
 
 
-@dataclass(frozen=True)
-class AgentOptions:
-    """What an agent does.
-
-    Attributes
-    ----------
-    case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
-    session : name at the server.
-    arm : what the server makes of rows, one of `protocol.ARMS`.
-    trainings : policies that are asked for before it ends.
-    steps, seconds : of a training: periods driven, and the budget of the server's processor.
-
-    Raises
-    ------
-    BadInput : a number makes no sense.
-    """
-
-    case: int = 0
-    seed: int = 0
-    session: str = "car"
-    arm: str = "named"
-    trainings: int = 2
-    steps: int = BASE
-    seconds: float = 120.0
-
-    def __post_init__(self) -> None:
-        if not 1 <= self.trainings <= 20:
-            raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {self.trainings!r}.")
-        must_be_one_of(ARMS, self.arm, "There is no arm")
-
-
-@dataclass(frozen=True)
-class AgentOutcome:
-    """What an agent did.
-
-    Attributes
-    ----------
-    scene : options.
-    withheld : effect -> magnitude, that the vehicle has and nobody was told of.
-    drives, trainings : one after the other, see docs/json.md.
-    folder : where everything is.
-    """
-
-    scene: Mapping[str, Any]
-    withheld: Mapping[str, float]
-    drives: tuple[Mapping[str, Any], ...]
-    trainings: tuple[Mapping[str, Any], ...]
-    folder: Path
-
-    def to_json(self) -> dict[str, Any]:
-        """As plain data."""
-        return {
-            "scene": dict(self.scene),
-            "withheld": dict(self.withheld),
-            "drives": [dict(drive) for drive in self.drives],
-            "trainings": [dict(training) for training in self.trainings],
-            "folder": str(self.folder),
-        }
-
-    def summary(self) -> str:
-        """For people."""
-        lines = ["drive  rows  cap   path error  crashes  policy"]
-        for k, drive in enumerate(self.drives, 1):
-            error = f"{1e3 * drive['path_error_rms']:7.1f} mm"
-            lines.append(
-                f"{k:5d}  {drive['rows']:4d}  {drive['cap']:.2f}  {error}  {drive['crashes']:7d}  {drive['policy'][:8]}"
-            )
-        for drive in self.trainings:
-            applied = effect_words(drive["applied"])
-            lines.append(f"learned ({drive['reason']}): applied {applied}; {drive['refused'] or 'swapped'}")
-        return "\n".join([*lines, f"written  {self.folder}"])
-
-
 def agent(
-    address: str, token: bytes, out: str | Path, options: AgentOptions | None = None, *,
+    address: str, token: bytes, out: str | Path, *, case: int = 0, seed: int = 0, session: str = "car",
+    arm: str = "named", trainings: int = 2, steps: int = BASE, seconds: float = 120.0,
     say: Say = lambda sentence: None,
-) -> AgentOutcome:  # fmt: skip
+) -> LoopOutcome:  # fmt: skip
     """Drive a car in simulation that has what its file does not state, with the help of a server.
 
     Parameters
     ----------
     address, token : of the server, see `client.Client`.
     out : folder; one in which the same was begun is carried on with.
-    options : what is done.
+    case, seed : of the vehicle in simulation, see `scene.CASES`, and of everything that is drawn.
+    session : name at the server.
+    arm : what the server makes of rows, one of `protocol.ARMS`.
+    trainings : policies that are asked for before it ends.
+    steps, seconds : of a training: periods driven, and the budget of the server's processor.
     say : told what is going on.
 
     Raises
     ------
-    BadInput : the server does not answer or declines, or the folder holds something else.
+    BadInput : the server does not answer or declines, the folder holds something else, or a number makes no sense.
     """
-    return _Agent(Client(address, token), Path(out), options or AgentOptions(), say).run()
+    if not 1 <= trainings <= 20:
+        raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {trainings!r}.")
+    must_be_one_of(ARMS, arm, "There is no arm")
+    requested = {"case": case, "seed": seed, "session": session, "arm": arm, "trainings": trainings, "steps": steps,
+             "seconds": seconds}  # fmt: skip
+    return _Agent(Client(address, token), Path(out), requested, say).run()
 
 
 class _Agent(Underway):
-    def __init__(self, client: Client, folder: Path, options: AgentOptions, say: Say) -> None:
-        self.client, self.options = client, options
+    def __init__(self, client: Client, folder: Path, requested: Mapping[str, Any], say: Say) -> None:
+        self.client, self.requested = client, requested
         fresh = {"drives": [], "trainings": [], "cap": CAP, "clean": 0, "due": "", "foretold": [], "learned_at": 0,
                  "part": 0}  # fmt: skip
-        scene = Scene(options.case)
-        super().__init__(folder / "agent.json", "agent", vars(options), fresh | {"twin": None}, scene, say)
+        scene = Scene(requested["case"])
+        super().__init__(folder / "agent.json", "agent", requested, fresh | {"twin": None}, scene, say)
         self.buffer = RowBuffer(self.folder / "rows")
         self.buffer.forget(self.state["part"])
         self._known: tuple[Mapping[str, Any] | None, InnovationBand | None] = (None, None)
 
-    def run(self) -> AgentOutcome:
-        """All that is not done yet."""
-        with held(self.folder):
-            return self._run()
-
-    def _run(self) -> AgentOutcome:
+    def _run(self) -> LoopOutcome:
         self.client.get("/healthz")
         good = self.base(BASE).policy
         base, file = (self.folder / "base.json").read_bytes(), self.folder / "policy.json"
         seat = Seat(file.read_bytes() if file.is_file() else base, self.folder)
         self._hello(seat.now.sha, file.read_bytes() if file.is_file() else base)
         try:
-            while len(self.state["trainings"]) < self.options.trainings:
+            while len(self.state["trainings"]) < self.requested["trainings"]:
                 reason = self.state["due"] or self._drive(seat, good)
                 if reason:
                     self._train(seat, reason)
             self._drive(seat, good)
         finally:
             seat.close()
-        done = self.state["drives"], self.state["trainings"]
-        return AgentOutcome(self.state["asked"], self.scene.effects, tuple(done[0]), tuple(done[1]), self.folder)
+        body = self.body(drives=self.state["drives"], trainings=self.state["trainings"])
+        return LoopOutcome(body, agent_lines(body))
 
     def _hello(self, sha: str, body: bytes) -> None:
         """Tell the server who drives, and by which policy."""
         self._asked(lambda: self.client.post("/v1/policies", body))
-        hello = {"session": self.options.session, "vehicle": self.scene.text, "policy": sha}
+        hello = {"session": self.requested["session"], "vehicle": self.scene.text, "policy": sha}
         self._asked(lambda: self.client.post("/v1/hello", hello))
 
     def _asked(self, ask: Callable[[], Answer]) -> Answer:
@@ -195,7 +126,7 @@ class _Agent(Underway):
 
     @property
     def _path(self) -> str:
-        return f"/v1/sessions/{self.options.session}"
+        return f"/v1/sessions/{self.requested['session']}"
 
     def _event(self, kind: str, **more: Any) -> None:
         """An event: written down, and shown at the server."""
@@ -236,7 +167,7 @@ class _Agent(Underway):
         expected = self._expected(seat.now.policy, driven_at)
         self.say(f"drive {k}: {ROWS} rows at {driven_at:.0%} of the grip")
         hands = Watched(units, seat, good, cap, self.units, expected["worst"], self.log)
-        drive = driven(self.scene, hands, ROWS, 1000 * self.options.seed + 100 * k)
+        drive = driven(self.scene, hands, ROWS, 1000 * self.requested["seed"] + 100 * k)
         self.count(drive, cap, drive=k)
         recordings = drive.recordings
         for recording in recordings:
@@ -260,22 +191,22 @@ class _Agent(Underway):
         self.state["drives"].append(summary)
         self.state["cap"], self.state["clean"], self.state["part"] = cap.share, cap.clean, self.buffer.last
         rows = sum(each["rows"] for each in self.state["drives"])
-        counts = RowCounts(last=self.state["learned_at"])
-        reason = counts.due(rows)
-        if not reason and recordings and counts.allowed(rows):
+        new = rows - self.state["learned_at"]
+        reason = rows_due(new, first=not self.state["learned_at"])
+        if not reason and recordings and new >= LEAST:
             reason = path_error_beyond(drive.path_error, expected["path_error_rms"]) or self._evidence(recordings)
-        self.state["due"] = reason if len(self.state["trainings"]) < self.options.trainings else ""
+        self.state["due"] = reason if len(self.state["trainings"]) < self.requested["trainings"] else ""
         self.keep()
         return reason
 
     def _train(self, seat: Seat, reason: str) -> None:
         """Ask for a policy, try it, and let it drive."""
-        options, k = self.options, len(self.state["trainings"]) + 1
+        requested, k = self.requested, len(self.state["trainings"]) + 1
         self.say(f"training {k}: {reason}")
         self._event("trigger", training=k, reason=reason)
         self._asked(self._send)
-        request = {"arm": options.arm, "seconds": options.seconds, "steps": options.steps, "seed": options.seed + k,
-                  "cap": self.state["cap"]}  # fmt: skip
+        request = {name: requested[name] for name in ("arm", "seconds", "steps")}
+        request |= {"seed": requested["seed"] + k, "cap": self.state["cap"]}
         job = self._asked(lambda: self.client.post(f"{self._path}/train", request))
         place = f"/v1/jobs/{job['id']}"
         while job["status"] not in (DONE, FAILED):
@@ -285,7 +216,9 @@ class _Agent(Underway):
         if job["status"] == DONE:
             sha = str(result["policy"])
             body = self._asked(lambda: self.client.policy(sha))
-            refused = self._swapped(seat, body, sha, result)
+            refused = seat.refusal(body, sha, lambda new, present: must_drive_as_well(  # the server has driven both
+                result["crashes"], result["path_error"], result["path_error_before"]
+            ))  # fmt: skip
             if not refused:
                 self._hello(sha, body)
                 self.state["foretold"] = result["foretold"]
@@ -302,26 +235,6 @@ class _Agent(Underway):
         self.state["learned_at"] = sum(one["rows"] for one in self.state["drives"])
         self.state["due"] = ""
         self.keep()
-
-    def _swapped(self, seat: Seat, body: bytes, sha: str, result: Mapping[str, Any]) -> str:
-        """Try a policy, and swap; why it is not swapped, or ""."""
-
-        def in_the_twin(new: Policy, present: Policy) -> None:
-            del new, present  # the server has driven both
-            if result["crashes"]:
-                raise NotSwapped(f"In the twin {result['crashes']} vehicles crash.")
-            before, after = result["path_error_before"], result["path_error"]
-            if before is not None and after is not None and after > WORSE * before:
-                raise NotSwapped(
-                    f"In the twin, the path error is {after:.3f} m with the new policy, "
-                    f"{before:.3f} m with the present one."
-                )
-
-        try:
-            seat.swap(body, sha, in_the_twin)
-        except NotSwapped as error:
-            return str(error)
-        return ""
 
     def _expected(self, policy: Policy, cap: float) -> Mapping[str, float]:
         """Path errors that are foretold at a cap: in the last twin, or at the nearest cap above that was driven there.
@@ -357,3 +270,18 @@ class _Agent(Underway):
                 self.log.write("no band", reason=str(error))
                 self._known = (made, None)
         return self._known[1]
+
+
+def agent_lines(body: Mapping[str, Any]) -> list[str]:
+    """What came of it, for a terminal."""
+    lines = ["drive  rows  cap   path error  crashes  policy"]
+    for k, drive in enumerate(body["drives"], 1):
+        error = f"{1e3 * drive['path_error_rms']:7.1f} mm"
+        lines.append(
+            f"{k:5d}  {drive['rows']:4d}  {drive['cap']:.2f}  {error}  {drive['crashes']:7d}  {drive['policy'][:8]}"
+        )
+    for each in body["trainings"]:
+        lines.append(
+            f"learned ({each['reason']}): applied {effect_words(each['applied'])}; {each['refused'] or 'swapped'}"
+        )
+    return [*lines, f"written  {body['folder']}"]

@@ -12,6 +12,7 @@ DIR/index.html
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -36,7 +37,6 @@ from ..racing.learner import Learned
 from ..racing.policy import Policy
 from ..racing.world import Observations, World
 from .adapting import (
-    TWIN_LANES,
     adapted,
     foretold,
     last_rows,
@@ -45,12 +45,12 @@ from .adapting import (
     world_of,
 )
 from .arms import Twin, oracle, twin
-from .demo_report import demo_report, lap_words
+from .demo_report import demo_lines, demo_report
 from .protocol import ARMS, digest_of
 from .safety import LATE, Cap, Envelope, Log, limits_of
-from .scene import DrivenRows, Hands, Scene, driven, effect_words
-from .state import begun, keep
-from .swap import WORSE, NotSwapped, Seat, read_learned
+from .scene import DrivenRows, Hands, Scene, driven
+from .state import LoopOutcome, begun, keep
+from .swap import Seat, must_drive_as_well, read_learned
 
 CAP = 0.6
 """Share of the grip at which data are driven first: the moderate speed that was published."""
@@ -78,63 +78,10 @@ class DemoSize:
 QUICK, FULL = DemoSize(150_000, 4_500, 1_500, 150_000, 3_000), DemoSize(1_000_000, 5_000, 5_000, 300_000, 14_000)
 
 
-@dataclass(frozen=True)
-class Demo:
-    """What came of the loop.
-
-    Attributes
-    ----------
-    scene : what is asked for: case, seed, quick, arm.
-    withheld : effect -> magnitude, that the vehicle has and nobody was told of.
-    cycles : see docs/loop.md.
-    arms : name -> how the vehicle is driven at the end, at the first and at the last cap.
-    folder : where everything is.
-    """
-
-    scene: Mapping[str, Any]
-    withheld: Mapping[str, float]
-    cycles: tuple[Mapping[str, Any], ...]
-    arms: Mapping[str, Mapping[str, Any]]
-    folder: Path
-
-    def to_json(self) -> dict[str, Any]:
-        """As plain data."""
-        return {
-            "scene": dict(self.scene),
-            "withheld": dict(self.withheld),
-            "cycles": [{name: value for name, value in one.items() if name != "trace"} for one in self.cycles],
-            "arms": {name: dict(arm) for name, arm in self.arms.items()},
-            "folder": str(self.folder),
-        }
-
-    def summary(self) -> str:
-        """For people."""
-        lines = [
-            f"withheld   {effect_words(self.withheld)}",
-            "",
-            "cycle  rows  cap   path error  lap time  crashes  named and applied        swapped",
-        ]
-        for k, cycle in enumerate(self.cycles, 1):
-            swapped = "yes" if cycle["swapped"] else "no"
-            lines.append(
-                f"{k:5d}  {cycle['rows']:4d}  {cycle['cap']:.2f}  {1e3 * cycle['path_error_rms']:7.1f} mm"
-                f"  {lap_words(cycle['lap_time']):>8}  {cycle['crashes']:7d}"
-                f"  {effect_words(cycle['applied']):24s} {swapped}"
-            )
-        lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
-        for name, cycle in self.arms.items():
-            first, last = cycle["first"], cycle["last"]
-            lines.append(
-                f"{name:10s} {1e3 * first['path_error_rms']:23.1f} mm {1e3 * last['path_error_rms']:13.1f} mm"
-                f"  {lap_words(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
-            )
-        return "\n".join([*lines, "", f"written  {self.folder / 'index.html'}"])
-
-
 def demo(
     out: str | Path, *, quick: bool = False, case: int = 0, arm: str = "named", seed: int = 0, cycles: int = 3,
     say: Say = lambda sentence: None,
-) -> Demo:  # fmt: skip
+) -> LoopOutcome:  # fmt: skip
     """Drive, name, learn anew and swap, some cycles long, and say what came of it.
 
     Parameters
@@ -157,7 +104,7 @@ def demo(
     return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, arm, seed, cycles, say).run()
 
 
-class Underway:
+class Underway(ABC):
     """Driving and learning under way in a folder: what is kept there, and who drives that knows the file alone.
 
     Parameters
@@ -177,6 +124,20 @@ class Underway:
         self.state = begun(file, kind, {**requested, "version": __version__}, fresh)
         self.log = Log(self.folder / "log.jsonl")
         write_atomically(self.folder / "vehicle.toml", scene.text, continued=True)
+
+    def run(self) -> LoopOutcome:
+        """All that is not done yet."""
+        with held(self.folder):
+            return self._run()
+
+    @abstractmethod
+    def _run(self) -> LoopOutcome:
+        """The same, where nobody else is at work."""
+
+    def body(self, **more: Any) -> dict[str, Any]:
+        """What came of it, as plain data."""
+        effects = dict(self.scene.effects)
+        return {"scene": self.state["asked"], "withheld": effects, **more, "folder": str(self.folder)}
 
     def keep(self) -> None:
         """Write down how far it is."""
@@ -214,12 +175,7 @@ class _Running(Underway):
         requested = {"case": scene.case, "arm": arm, "seed": seed, "quick": quick, "cycles": cycles}
         super().__init__(folder / "demo.json", "demo", requested, {"cycles": [], "arms": {}, "cap": CAP}, scene, say)
 
-    def run(self) -> Demo:
-        """All that is not done yet."""
-        with held(self.folder):
-            return self._run()
-
-    def _run(self) -> Demo:
+    def _run(self) -> LoopOutcome:
         base = self.base(self.size.base)
         while len(self.state["cycles"]) < self.cycles:
             self._cycle(base)
@@ -228,9 +184,10 @@ class _Running(Underway):
                 self.state["arms"][name] = self._judged(name, made)
                 self.keep()
         arms = {name: item for name, item in self.state["arms"].items() if item is not None}
-        result = Demo(self.state["asked"], self.scene.effects, tuple(self.state["cycles"]), arms, self.folder)
-        write_atomically(self.folder / "index.html", page(demo_report(result)), continued=True)
-        return result
+        value = self.body(cycles=self.state["cycles"], arms=arms)
+        write_atomically(self.folder / "index.html", page(demo_report(value)), continued=True)
+        cycles = [{name: item for name, item in one.items() if name != "trace"} for one in value["cycles"]]
+        return LoopOutcome({**value, "cycles": cycles}, demo_lines(value))
 
     def _cycle(self, base: Learned) -> None:
         """DrivenRows rows, name, learn, probe and swap."""
@@ -251,32 +208,32 @@ class _Running(Underway):
             raise BadInput("The vehicle crashed too early in every attempt to diagnose anything; try another ‹seed›.")
         write_recording(joined(recordings), folder / "rows.csv")
         self.say(f"cycle {k}: identifying a model from the rows, and learning on it")
-        result = adapted(
+        learned, model, seconds = adapted(
             self.vehicle, recordings, present, units, self.arm, steps=self.size.steps, cap=driven_at,
             seed=self.seed + k,
         )  # fmt: skip
-        write_vehicle(result.twin.vehicle, folder / "closed.toml")
-        if isinstance(result.twin.model, InjectedModel):
-            write_atomically(folder / "net.json", result.twin.model.net.text(), continued=True)
-        body = result.learned.text().encode()
+        write_vehicle(model.vehicle, folder / "closed.toml")
+        if isinstance(model.model, InjectedModel):
+            write_atomically(folder / "net.json", model.model.net.text(), continued=True)
+        body = learned.text().encode()
         write_atomically(folder / "policy.json", body.decode(), continued=True)
-        reason = self._swapped(seat, body, result.twin, units, driven_at)
+        reason = seat.refusal(body, digest_of(body), twin_of(model, self.vehicle, units, driven_at))
         self.log.write("swap" if not reason else "no swap", cycle=k, sha256=digest_of(body), reason=reason)
-        now = present if reason else result.learned
+        now = present if reason else learned
         if reason and k == 1:
             write_atomically(self.folder / "policy.json", present.text(), continued=True)
         if not reason:
             cap.next_cycle()
         self.state["cap"] = cap.share
-        twin = self._foretold(result.twin.model, now, cap.share)
+        twin = self._foretold(model.model, now, cap.share)
         self.state["foretold"] = twin
         self.state["cycles"].append(
             {
                 "rows": drive.rows,
                 "cap": driven_at,
-                "detected": result.twin.detected,
-                "named": [dict(cause) for cause in result.twin.named],
-                "applied": dict(result.twin.applied),
+                "detected": model.detected,
+                "named": [dict(cause) for cause in model.named],
+                "applied": dict(model.applied),
                 "path_error_rms": drive.path_error,
                 "path_error_foretold": before["path_error_rms"],
                 "lap_time": drive.lap_time,
@@ -285,21 +242,13 @@ class _Running(Underway):
                 "swapped": not reason,
                 "reason": reason,
                 "seconds": time.monotonic() - began,
-                "cpu_seconds": dict(result.seconds),
+                "cpu_seconds": seconds,
                 "next": {"cap": cap.share, **twin},
                 "trace": trace(drive),
             }
         )
         self.keep()
         seat.close()
-
-    def _swapped(self, seat: Seat, body: bytes, twin: Twin, units: World, cap: float) -> str:
-        """Try a policy in the twin, and swap; why it is not swapped, or ""."""
-        try:
-            seat.swap(body, digest_of(body), twin_of(twin, self.vehicle, units, cap))
-        except NotSwapped as error:
-            return str(error)
-        return ""
 
     def _foretold(self, model: MotionModel, learned: Learned, cap: float, draws: Draws | None = None) -> dict[str, Any]:
         """How the twin is driven, as plain data; before a vehicle is known, `draws` are what it may be."""
@@ -403,14 +352,10 @@ def twin_of(twin: Twin, vehicle: Vehicle, units: World, cap: float) -> Callable[
 
     def tried(new: Policy, present: Policy) -> None:
         after = foretold(twin.model, vehicle, new.act, units, cap)
-        if after.crashes:
-            raise NotSwapped(f"In the twin {after.crashes} of {TWIN_LANES} vehicles crash.")
-        before = foretold(twin.model, vehicle, present.act, units, cap)
-        if not before.crashes and after.path_error > WORSE * before.path_error:
-            raise NotSwapped(
-                f"In the twin, the path error is {after.path_error:.3f} m with the new policy, "
-                f"{before.path_error:.3f} m with the present one."
-            )
+        before = None if after.crashes else foretold(twin.model, vehicle, present.act, units, cap)
+        must_drive_as_well(
+            after.crashes, after.path_error, None if before is None or before.crashes else before.path_error
+        )
 
     return tried
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -14,34 +14,55 @@ from greybox_id.reports.figures.sheet import BLUE, INK, ORANGE, PALE, PURPLE, Sh
 
 from .scene import effect_words
 
-if TYPE_CHECKING:
-    from .demo import Demo
-
 HEIGHT = 150.0
 """Of the figure's axes, points."""
 COLOURS = (PALE, ORANGE, BLUE, PURPLE, INK)
 """Of cycles, in turn."""
 
 
-def demo_report(demo: Demo) -> Document:
-    """The report of a demo."""
+def demo_report(demo: Mapping[str, Any]) -> Document:
+    """The report of a demo, of what came of it with traces."""
     parts = (
         Text(
             "A 1:10 car in simulation has effects that its vehicle file does not state: "
-            f"{effect_words(demo.withheld)}. Neither the diagnosis nor the driver knows them. The simulated car "
+            f"{effect_words(demo['withheld'])}. Neither the diagnosis nor the driver knows them. The simulated car "
             "shares no code with the models of the diagnosis and the driver.",
             small=False,
         ),
-        *titled("Cycles", _cycles(demo.cycles)),
-        *titled("Path error along the track", _path_errors(demo.cycles)),
+        *titled("Cycles", _cycles(demo["cycles"])),
+        *titled("Path error along the track", _path_errors(demo["cycles"])),
         *titled("Arms", Text(
             "How each driver performs at the end. base: before any data. nominal: after as many steps of learning "
-            f"as the loop took, on the vehicle file alone. {demo.scene['arm']}: after the loop. oracle: after "
+            f"as the loop took, on the vehicle file alone. {demo['scene']['arm']}: after the loop. oracle: after "
             "learning with the true effects; absent if no model has them."
-        ), _arms(demo.arms)),
+        ), _arms(demo["arms"])),
     )  # fmt: skip
     about = "Drive, identify, diagnose, learn, swap."
     return Document("The loop", about, "the loop", f"greybox-id {__version__}", parts)
+
+
+def demo_lines(demo: Mapping[str, Any]) -> list[str]:
+    """The same for a terminal."""
+    lines = [
+        f"withheld   {effect_words(demo['withheld'])}",
+        "",
+        "cycle  rows  cap   path error  lap time  crashes  named and applied        swapped",
+    ]
+    for k, cycle in enumerate(demo["cycles"], 1):
+        swapped = "yes" if cycle["swapped"] else "no"
+        lines.append(
+            f"{k:5d}  {cycle['rows']:4d}  {cycle['cap']:.2f}  {1e3 * cycle['path_error_rms']:7.1f} mm"
+            f"  {lap_words(cycle['lap_time']):>8}  {cycle['crashes']:7d}"
+            f"  {effect_words(cycle['applied']):24s} {swapped}"
+        )
+    lines += ["", "arm        path error at the first cap  at the last one  lap time  crashes"]
+    for name, arm in demo["arms"].items():
+        first, last = arm["first"], arm["last"]
+        lines.append(
+            f"{name:10s} {1e3 * first['path_error_rms']:23.1f} mm {1e3 * last['path_error_rms']:13.1f} mm"
+            f"  {lap_words(last['lap_time']):>8}  {first['crashes'] + last['crashes']:7d}"
+        )
+    return [*lines, "", f"written  {demo['folder']}/index.html"]
 
 
 def _cycles(cycles: Sequence[Mapping[str, Any]]) -> Table:

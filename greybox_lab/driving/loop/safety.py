@@ -118,10 +118,6 @@ class Cap:
     most: float = 0.9
     clean: int = 0
 
-    def lap(self) -> None:
-        """A lap without an event."""
-        self.clean += 1
-
     def next_cycle(self) -> bool:
         """Rise with a cycle's end, if it was clean; whether it rose."""
         if self.clean < CLEAN or self.share >= self.most:

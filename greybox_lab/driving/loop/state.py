@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -12,6 +13,22 @@ from greybox_id.base.files import ensure_writable, scratch_name, write_atomicall
 from greybox_id.base.json_data import plain, read_json, without_nan
 
 Found = TypeVar("Found")
+
+
+@dataclass(frozen=True)
+class LoopOutcome:
+    """What came of a run, as plain data (docs/json.md) and in lines."""
+
+    body: Mapping[str, Any]
+    lines: Sequence[str]
+
+    def to_json(self) -> dict[str, Any]:
+        """As plain data."""
+        return dict(self.body)
+
+    def summary(self) -> str:
+        """For people."""
+        return "\n".join(self.lines)
 
 
 def begun(file: Path, kind: str, requested: Mapping[str, Any], fresh: Mapping[str, Any]) -> dict[str, Any]:

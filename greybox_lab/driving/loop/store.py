@@ -23,6 +23,7 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from greybox_id.base.declared import of_plain
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import ensure_writable, replacing, scratch_name, writable, write_atomically
 from greybox_id.base.json_data import finite, read_json
@@ -299,22 +300,14 @@ class ServerStore:
 
 def job_of(table: Mapping[str, Any]) -> Job:
     """A job of the plain data of its file. Raises `BadInput` where that is damaged."""
-    texts = ("id", "session", "arm", "policy", "status", "sentence")
-    integers, numbers = ("steps", "seed", "place"), ("seconds", "cap")
     try:
-        sound = (
-            all(isinstance(table[name], str) for name in texts)
-            and all(isinstance(table[name], int) for name in integers)
-            and all(isinstance(table[name], (int, float)) and math.isfinite(table[name]) for name in numbers)
-            and all(isinstance(sha, str) for sha in table["rows"])
-            and table["status"] in (QUEUED, TRAINING, DONE, FAILED)
-            and isinstance(table["result"], dict)
-        )
-        if sound:
-            return Job(**{**table, "rows": tuple(table["rows"])})
-    except (LookupError, TypeError) as error:
+        job: Job = of_plain(Job, table, "job")
+        sound = math.isfinite(job.seconds + job.cap) and job.status in (QUEUED, TRAINING, DONE, FAILED)
+    except TypeError as error:
         raise BadInput(f"The job is damaged ({error}).") from error
-    raise BadInput("The job is damaged.")
+    if not sound:
+        raise BadInput("The job is damaged.")
+    return job
 
 
 def _options(options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:

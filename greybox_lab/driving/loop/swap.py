@@ -13,20 +13,20 @@ import time
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from greybox_id.base.contained.process import Contained, Failed, Lost
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import replacing
+from greybox_id.base.numbers import counted
 from greybox_id.base.shorthands import Array
 
-from ..learned.net import packed, unpacked
 from ..racing.learner import Learned, load_learned
-from ..racing.policy import Policy, load_policy, sizes_of
+from ..racing.network import Perceptron, unpacked
+from ..racing.policy import Policy, load_policy
 from ..racing.world import AHEAD, LARGEST, OWN, Observations
 from .protocol import digest_of
 from .state import of_bytes
@@ -51,18 +51,26 @@ class NotSwapped(BadInput):
     """A policy that does not take the place of the one in force, and why."""
 
 
-@dataclass(frozen=True)
-class InForce:
-    """A policy that drives.
-
-    Attributes
-    ----------
-    policy : what acts.
-    sha : SHA-256 of its file.
-    """
+class InForce(NamedTuple):
+    """A policy that drives, and the SHA-256 of its file."""
 
     policy: Policy
     sha: str
+
+
+def must_drive_as_well(crashes: int, after: float | None, before: float | None) -> None:
+    """Refuse a policy that crashes in the twin, or has a path error of more than `WORSE` times the present one's, m.
+
+    Raises
+    ------
+    NotSwapped : it does.
+    """
+    if crashes:
+        raise NotSwapped(f"In the twin {counted(crashes, 'vehicle')} crash{'es' if crashes == 1 else ''}.")
+    if before is not None and after is not None and after > WORSE * before:
+        raise NotSwapped(
+            f"In the twin, the path error is {after:.3f} m with the new policy, {before:.3f} m with the present one."
+        )
 
 
 class Seat:
@@ -108,6 +116,14 @@ class Seat:
         """As `offer`, here and now."""
         return self._seated(body, sha, twin, probed)
 
+    def refusal(self, body: bytes, sha: str, twin: Twin | None = None) -> str:
+        """As `swap`; why it does not take over, or ""."""
+        try:
+            self.swap(body, sha, twin)
+        except NotSwapped as error:
+            return str(error)
+        return ""
+
     def _seated(self, body: bytes, sha: str, twin: Twin | None, read: Callable[[bytes, Path], Policy]) -> InForce:
         if digest_of(body) != sha:
             raise NotSwapped("The policy is not the one that was announced: its SHA-256 differs.")
@@ -135,9 +151,7 @@ class Seat:
             ended = f"The policy could not be tested ({error})." if isinstance(error, Lost) else str(error)
             raise NotSwapped(ended) from error
         assert numbers is not None
-        layers = unpacked(numbers, about[0]["sizes"])
-        weights, biases = (tuple(numbers.astype(np.float32) for numbers in part) for part in layers)
-        return Policy(weights, biases, about[0]["about"])
+        return Policy(*unpacked(numbers.astype(np.float32), about[0]["sizes"]), about[0]["about"])
 
     def close(self) -> None:
         """Wait for the loader."""
@@ -157,8 +171,9 @@ class Prober:
     def probed(self, file: str) -> Generator[dict[str, Any], None, Array]:
         """Numbers of the policy of a file, after its sizes and what it is about. Raises `NotSwapped`."""
         policy = probed(Path(file).read_bytes(), self._folder)
-        yield {"sizes": sizes_of(policy.weights, policy.biases), "about": policy.about}
-        return packed(*([one.astype(np.float64) for one in part] for part in (policy.weights, policy.biases)))
+        net = Perceptron(policy.weights, policy.biases)
+        yield {"sizes": net.sizes, "about": policy.about}
+        return np.asarray(net.vector, dtype=np.float64)
 
 
 def probed(body: bytes, folder: Path) -> Policy:

@@ -38,35 +38,9 @@ SHORTEST = 10.0
 """s of predictions that a band is made of at least."""
 
 
-@dataclass
-class RowCounts:
-    """Rows as they come.
-
-    Attributes
-    ----------
-    first, every, least : see `FIRST`.
-    last : rows when it was learned last; 0 before.
-    """
-
-    first: int = FIRST
-    every: int = EVERY
-    least: int = LEAST
-    last: int = 0
-
-    def due(self, rows: int) -> str:
-        """Why it is time after so many rows in all; "" where it is not."""
-        first = self.first if self.last == 0 else self.every
-        if rows - self.last >= first:
-            return f"{rows - self.last} rows since the last time"
-        return ""
-
-    def allowed(self, rows: int) -> bool:
-        """Whether evidence may ask for it: there are enough new rows."""
-        return rows - self.last >= self.least
-
-    def done(self, rows: int) -> None:
-        """It was learned."""
-        self.last = rows
+def rows_due(rows: int, *, first: bool) -> str:
+    """Why it is time after so many rows since it was learned last, or, the first time, in all; "" where it is not."""
+    return f"{rows} rows since the last time" if rows >= (FIRST if first else EVERY) else ""
 
 
 def path_error_beyond(path_error: float, foretold: float) -> str:

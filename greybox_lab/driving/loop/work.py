@@ -50,26 +50,26 @@ def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
     start = read_learned(store.policy_file(job.policy).read_bytes(), store.job_folder(job.id))
     units = world_of(motion_model_of(vehicle), vehicle, 1, job.cap)
     recordings = continued([read(file) for file in store.row_files(job.session, job.rows)])
-    value = adapted(
+    learned, model, _ = adapted(
         vehicle, last_rows(recordings, ROWS), start, units, job.arm, steps=job.steps,
         cap=job.cap, seed=job.seed, say=say, stopped=lambda: time.process_time() - began > LEARNING * job.seconds,
     )  # fmt: skip
     say("driving in the twin")
-    before = foretold(value.twin.model, vehicle, start.policy.act, units, job.cap)
-    after = foretold(value.twin.model, vehicle, value.learned.policy.act, units, job.cap)
+    before = foretold(model.model, vehicle, start.policy.act, units, job.cap)
+    after = foretold(model.model, vehicle, learned.policy.act, units, job.cap)
     by_cap = {job.cap: after}
     for cap in caps_from(job.cap):
         if cap not in by_cap:
             at = world_of(motion_model_of(vehicle), vehicle, 1, cap)
-            by_cap[cap] = foretold(value.twin.model, vehicle, value.learned.policy.act, at, cap)
+            by_cap[cap] = foretold(model.model, vehicle, learned.policy.act, at, cap)
     folder = store.job_folder(job.id)
-    policy = value.learned.text()
+    policy = learned.text()
     write_atomically(folder / "policy.json", policy, continued=True)
     result = {
         "policy": digest_of(policy.encode()),
-        "detected": value.twin.detected,
-        "named": [dict(cause) for cause in value.twin.named],
-        "applied": dict(value.twin.applied),
+        "detected": model.detected,
+        "named": [dict(cause) for cause in model.named],
+        "applied": dict(model.applied),
         "path_error_before": before.path_error,
         "path_error": after.path_error,
         "crashes": after.crashes,
@@ -77,7 +77,7 @@ def done(store: ServerStore, job: Job, say: Callable[[str], None]) -> None:
             {"cap": cap, "path_error_rms": forecast.path_error, "worst": forecast.worst}
             for cap, forecast in by_cap.items()
         ],
-        "vehicle": None if isinstance(value.twin.model, InjectedModel) else vehicle_text(value.twin.vehicle),
+        "vehicle": None if isinstance(model.model, InjectedModel) else vehicle_text(model.vehicle),
         "seconds": time.process_time() - began,
     }
     write_atomically(folder / "result.json", json.dumps(finite(result), allow_nan=False) + "\n", continued=True)

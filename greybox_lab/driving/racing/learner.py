@@ -15,8 +15,8 @@ from threadpoolctl import threadpool_limits
 from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.base.files import write_atomically
 
-from .network import Adam, Floats, Perceptron, drawn
-from .policy import ACTIONS, POLICY, Policy, layers_of, plain_layers, policy_of, sizes_of
+from .network import Adam, Floats, Perceptron, drawn, sizes_of
+from .policy import ACTIONS, POLICY, Policy, layers_of, plain_layers, policy_of
 from .world import World
 
 HIDDEN = (64, 64)

@@ -31,18 +31,31 @@ class Perceptron:
     ----------
     vector : (n,) weights and biases.
     weights, biases : views of it.
+    sizes : numbers that go in, units of the hidden layers, numbers that come out.
+
+    Raises
+    ------
+    ValueError : shapes that do not follow each other, or what is no finite number.
     """
 
     def __init__(
         self, weights: Sequence[Numbers], biases: Sequence[Numbers], activation: Literal["tanh", "elu"] = "tanh"
     ) -> None:
+        self.sizes = sizes_of(weights, biases)
         pieces = [item for layer in zip(weights, biases, strict=True) for item in layer]
         self.vector: Numbers = np.concatenate([np.ravel(piece) for piece in pieces])
         self._tanh = activation == "tanh"
-        self._shapes = [piece.shape for piece in pieces]
-        self.weights, self.biases = self._viewed(self.vector)
+        self.weights, self.biases = unpacked(self.vector, self.sizes)
         self._gradient = np.zeros_like(self.vector)
-        self._by_weights, self._by_biases = self._viewed(self._gradient)
+        self._by_weights, self._by_biases = unpacked(self._gradient, self.sizes)
+
+    def at(self, vector: Numbers) -> Perceptron:
+        """One of the same form with other numbers, (n,)."""
+        return Perceptron(*unpacked(vector, self.sizes), "tanh" if self._tanh else "elu")
+
+    def each(self, x: Numbers) -> Numbers:
+        """(N, out) of (N, in), each row by itself: to the bit the same alone and among others."""
+        return self.forward(x[:, None, :])[-1][:, 0]
 
     def forward(self, x: Numbers) -> list[Numbers]:
         """What the layers give for (N, in): x, then (N, out) of each."""
@@ -65,10 +78,31 @@ class Perceptron:
                 along *= 1.0 - layers[k] * layers[k] if self._tanh else 1.0 + np.minimum(layers[k], 0.0)
         return self._gradient
 
-    def _viewed(self, vector: Numbers) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
-        ends = np.cumsum([int(np.prod(shape)) for shape in self._shapes])
-        pieces = [item.reshape(shape) for item, shape in zip(np.split(vector, ends[:-1]), self._shapes, strict=True)]
-        return tuple(pieces[0::2]), tuple(pieces[1::2])
+
+def sizes_of(weights: Sequence[Numbers], biases: Sequence[Numbers]) -> tuple[int, ...]:
+    """Numbers that go into layers, and that come out of each.
+
+    Raises
+    ------
+    ValueError : shapes do not follow each other, or hold what is no finite number.
+    """
+    if not weights or len(weights) != len(biases):
+        raise ValueError("a layer has weights and biases")
+    sizes = (len(weights[0]), *(len(bias) for bias in biases))
+    for k, (W, b) in enumerate(zip(weights, biases, strict=True)):
+        if W.shape != (sizes[k], sizes[k + 1]) or b.ndim != 1:
+            raise ValueError(f"layer {k + 1} takes {sizes[k]} numbers, its weights are {W.shape}")
+        if not (np.all(np.isfinite(W)) and np.all(np.isfinite(b))):
+            raise ValueError(f"layer {k + 1} holds a value that is not a number")
+    return sizes
+
+
+def unpacked(vector: Numbers, sizes: Sequence[int]) -> tuple[tuple[Numbers, ...], tuple[Numbers, ...]]:
+    """Weights and biases as views of one row: layer by layer, weights before biases."""
+    shapes = [shape for a, b in pairwise(sizes) for shape in ((a, b), (b,))]
+    ends = np.cumsum([int(np.prod(shape)) for shape in shapes])
+    pieces = [item.reshape(shape) for item, shape in zip(np.split(vector, ends[:-1]), shapes, strict=True)]
+    return tuple(pieces[0::2]), tuple(pieces[1::2])
 
 
 def elu(h: Numbers) -> Numbers:

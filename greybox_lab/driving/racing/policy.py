@@ -14,6 +14,7 @@ from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import Kind
 from greybox_id.base.shorthands import Array
 
+from .network import sizes_of
 from .world import Observations
 
 ACTIONS = 2
@@ -82,24 +83,6 @@ def load_policy(path: str | Path) -> Policy:
 def policy_of(body: Mapping[str, Any]) -> Policy:
     """A policy of the plain data of its file. Raises `LookupError`, `TypeError` or `ValueError` where it is none."""
     return Policy(*layers_of(body["layers"]), dict(body["about"]))
-
-
-def sizes_of(weights: Sequence[NDArray[Any]], biases: Sequence[NDArray[Any]]) -> tuple[int, ...]:
-    """Numbers that go into layers, and that come out of each.
-
-    Raises
-    ------
-    ValueError : shapes do not follow each other, or hold what is no finite number.
-    """
-    if not weights or len(weights) != len(biases):
-        raise ValueError("a layer has weights and biases")
-    sizes = (len(weights[0]), *(len(bias) for bias in biases))
-    for k, (W, b) in enumerate(zip(weights, biases, strict=True)):
-        if W.shape != (sizes[k], sizes[k + 1]) or b.ndim != 1:
-            raise ValueError(f"layer {k + 1} takes {sizes[k]} numbers, its weights are {W.shape}")
-        if not (np.all(np.isfinite(W)) and np.all(np.isfinite(b))):
-            raise ValueError(f"layer {k + 1} holds a value that is not a number")
-    return sizes
 
 
 def plain_layers(weights: Sequence[Layer], biases: Sequence[Layer]) -> list[dict[str, Any]]:

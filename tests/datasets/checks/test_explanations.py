@@ -107,12 +107,27 @@ def test_who_drives_ahead_is_never_said_to_reverse():
     assert "v_x has the wrong sign" not in check(r)[0].sentence
 
 
-def test_a_speed_that_is_too_large_is_told_by_both_accelerometers():
+@pytest.mark.parametrize("scale", [0.92, 0.95, 0.96, 1.04, 1.05, 1.08])
+@pytest.mark.parametrize("witness", ["both accelerometers", "positions"])
+def test_a_speed_of_another_scale_is_told_by_what_else_tells_speeds(witness, scale):
     r = drive(2)
-    first = check(moved(r, "v_x", scale=1.08))[0]
-    assert first.severity is Severity.DISTRUST
+    if witness == "positions":
+        yaw = np.cumsum(r["yaw_rate"]) * r.sample_time
+        places = {n: np.cumsum(r["v_x"] * f(yaw)) * r.sample_time for n, f in (("x", np.cos), ("y", np.sin))}
+        r = Recording("drive", r.time, {**{n: r[n] for n in ("v_x", "steer", "yaw_rate")}, **places})
+    first = check(moved(r, "v_x", scale=scale))[0]
     assert first.where.channel == "v_x"
-    assert first.value == pytest.approx(1.08, abs=0.03)
+    assert first.value == pytest.approx(scale, abs=0.01)
+    rolls = witness == "both accelerometers" and scale < 1.0  # as a body does that leans
+    assert first.severity is (Severity.WARNING if rolls else Severity.DISTRUST)
+    assert ("the body rolls and pitches" in first.sentence) is rolls
+
+
+@pytest.mark.parametrize("seed", [20, 21, 22, 23])
+def test_steering_of_another_drive_of_the_same_frequencies_is_told(seed):
+    r = drive(seed)
+    first = check(r.with_signals(steer=drive(seed + 1)["steer"]))[0]
+    assert "is of another drive" in first.sentence
 
 
 def test_a_contradiction_that_a_wrong_sign_explains_is_said_once():

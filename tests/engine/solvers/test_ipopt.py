@@ -1,4 +1,4 @@
-"""Ipopt, condensed and lifted, against Gauss-Newton on the same problems."""
+"""Ipopt against Gauss-Newton on the same problems."""
 
 from dataclasses import replace
 
@@ -45,26 +45,24 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("lifted", [False, True], ids=["condensed", "lifted"])
 @pytest.mark.parametrize("case", CASES)
-def test_its_objective_is_that_of_the_problem(case, lifted):
+def test_its_objective_is_that_of_the_problem(case):
     model, closed = CASES[case]
     problem = problem_of(scattered(model), joined(40, 30), closed_loop=closed)
-    solution, verdict = ipopt(problem, problem.start, warm=True, max_iterations=0, lifted=lifted)
+    solution, verdict = ipopt(problem, problem.start, warm=True, max_iterations=0)
     assert verdict.words == "Maximum Iterations Exceeded"
     assert solution.history[0] == pytest.approx(
         problem.objective(problem.start, problem.simulated_nodes(problem.start))
     )
 
 
-@pytest.mark.parametrize("lifted", [False, True], ids=["condensed", "lifted"])
 @pytest.mark.parametrize("case", ["lat", "lat, symmetric", "loop", "full"])
-def test_it_reaches_the_same_optimum_as_gauss_newton(case, lifted):
+def test_it_reaches_the_same_optimum_as_gauss_newton(case):
     model, closed = CASES[case]
     problem = problem_of(model, looping(drive(100), 0.7, 0.9, noise=0.3), closed_loop=closed)
     mine = settled(problem)
     assert mine.status is Status.CONVERGED
-    theirs, verdict = ipopt(problem, problem.start, lifted=lifted, max_iterations=300)
+    theirs, verdict = ipopt(problem, problem.start, max_iterations=300)
     assert theirs.status is Status.CONVERGED, verdict
     assert theirs.objective == pytest.approx(mine.objective, rel=1e-5)
     same = problem.simulated_nodes(theirs.x) if closed else [run.predict(theirs.x) for run in problem.runs]
@@ -77,7 +75,7 @@ def test_it_confirms_the_optimum_of_gauss_newton(case):
     model, closed = CASES[case]
     problem = problem_of(model, looping(drive(100), 0.7, 0.9, noise=0.3), closed_loop=closed)
     found = settled(problem)
-    solution, verdict = ipopt(problem, found.x, warm=True, lifted=False, max_iterations=50)
+    solution, verdict = ipopt(problem, found.x, warm=True, max_iterations=50)
     assert solution.status is Status.CONVERGED
     assert found.objective - solution.objective < 1e-6 * found.objective
     assert verdict.gradient < 1e-3
@@ -91,12 +89,11 @@ def test_bounds_are_respected():
     assert solution.x[1] <= 0.7
 
 
-@pytest.mark.parametrize("lifted", [False, True], ids=["condensed", "lifted"])
-def test_held_parameters_stay(lifted):
+def test_held_parameters_stay():
     model = scattered(tiny("msnn_full"))
     model = model.with_parameters(replace(model["F"], fixed=True), replace(model["m"], fixed=True))
     problem = problem_of(model, drive(60), closed_loop=True)
-    solution, _ = ipopt(problem, problem.start, max_iterations=5, lifted=lifted)
+    solution, _ = ipopt(problem, problem.start, max_iterations=5)
     assert np.array_equal(solution.x[~problem.free], problem.start[~problem.free])
     assert not np.array_equal(solution.x[problem.free], problem.start[problem.free])
 

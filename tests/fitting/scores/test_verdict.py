@@ -56,7 +56,8 @@ def test_a_good_fit_that_was_validated_is_usable_and_says_why(good):
 def test_without_validation_a_fit_is_to_be_used_with_care():
     found = fit(model(), [lap(0)], how=QUICK)
     assert found.verdict.usability == WITH_CARE
-    assert "no recording was held out" in found.verdict.reasons[-1]
+    assert "no recording was held out" in found.verdict.reasons[0]
+    assert "scale with m" in found.verdict.reasons[1]
 
 
 def test_a_verdict_is_kept_in_the_file(good, tmp_path):

@@ -75,7 +75,7 @@ def test_information_of_a_plan_agrees_with_a_fit_of_what_it_gives(fit, course):
     known = known_by(fit)
     plan = plan_of(course, fit, Phase("sweep", 0.7, 0.5, 14.0, 2.0), Phase("turn", 0.7, 0.0, 14.0, 1.0), duration=15.0)
     information = Information(fit, known)
-    F = information.told([plan], fit.model.values)[0].H
+    (F,), _ = information.scores([plan], fit.model.values)
     rng = np.random.default_rng(2)
     recording = information.recording(plan)
     y = gb.simulate(fit, recording)
@@ -92,27 +92,27 @@ def test_model_error_takes_information_away_and_a_few_rows_stand_for_all(fit, co
     known = known_by(fit)
     information = Information(fit, known)
     plan = plan_of(course, fit, Phase("sine", 0.9, 0.5, 14.0, 1.0), Phase("turn", 0.9, 0.0, 14.0, 1.0))
-    told = information.told([plan], fit.model.values)[0]
-    of_noise, beside = (np.sqrt(np.diag(np.linalg.inv(F))) for F in (told.H, told.information))
+    of_noise, _ = information.scores([plan], fit.model.values)
+    every = (information.of([plan], fit.model.values, rough=rough)[0] for rough in (False, True))
     at = [known.names.index(name) for name in FIVE]
-    assert np.all(beside[at] > of_noise[at])
-    few = information.told([plan], fit.model.values, rough=True)[0].information
-    assert np.sqrt(np.diag(np.linalg.inv(few)))[at] == pytest.approx(beside[at], rel=0.1)
+    alone, beside, few = (np.sqrt(np.diag(np.linalg.inv(F)))[at] for F in (of_noise[0], *every))
+    assert np.all(beside > alone)
+    assert few == pytest.approx(beside, rel=0.1)
 
 
-def test_several_plans_at_once_tell_what_each_of_them_does(fit, course):
+@pytest.mark.parametrize("rough", [False, True])
+def test_several_plans_at_once_tell_what_each_of_them_does(fit, course, rough):
     information = Information(fit, known_by(fit))
     plans = [
         plan_of(course, fit, Phase("sine", 0.9, 0.5, 14.0, 1.0)),
         plan_of(course, fit, Phase("turn", 0.7, 0.0, 12.0, 1.0), duration=7.0),
     ]
-    for rough in (False, True):
-        both = information.told(plans, fit.model.values, rough=rough)
-        for plan, own in zip(plans, both, strict=True):
-            (alone,) = information.told([plan], fit.model.values, rough=rough)
-            scale = np.sqrt(np.outer(np.diag(alone.H), np.diag(alone.H)))
-            assert own.H / scale == pytest.approx(alone.H / scale, abs=1e-3)
-            assert own.S / scale == pytest.approx(alone.S / scale, rel=1e-2, abs=1e-3)
+    H, S = information.scores(plans, fit.model.values, rough=rough)
+    for k, plan in enumerate(plans):
+        alone, scatter = information.scores([plan], fit.model.values, rough=rough)
+        scale = np.sqrt(np.outer(np.diag(alone[0]), np.diag(alone[0])))
+        assert H[k] / scale == pytest.approx(alone[0] / scale, abs=1e-3)
+        assert S[k] / scale == pytest.approx(scatter[0] / scale, rel=1e-2, abs=1e-3)
 
 
 def test_what_a_manoeuvre_adds_little_to_is_said_with_how_little(fit):
@@ -142,7 +142,7 @@ def test_a_fit_that_takes_curves_for_exact_is_told_so(fit, design):
 
 def test_more_information_is_worth_more_by_every_criterion(fit, course):
     known = known_by(fit)
-    F = Information(fit, known).of(plan_of(course, fit, Phase("turn", 0.7, 0.0, 14.0, 1.0)), fit.model.values[None])[0]
+    (F,) = Information(fit, known).of([plan_of(course, fit, Phase("turn", 0.7, 0.0, 14.0, 1.0))], fit.model.values)
     for kind in "daec":
         before, once, twice = (criterion(known.precision + k * F, known, FIVE, kind) for k in (0, 1, 2))
         assert before < once < twice

@@ -13,10 +13,11 @@ from greybox_id.fitting.requested_model import RequestedModel
 from greybox_id.models.registry import with_effects
 from greybox_id.models.vehicle import vehicle
 from greybox_lab.driving.learned.injection import injected
-from greybox_lab.driving.learned.net import VARIANTS, Layers, SquaredError, drawn, elu, load_actuator_net, unpacked
+from greybox_lab.driving.learned.net import VARIANTS, SquaredError, drawn, load_actuator_net
 from greybox_lab.driving.learned.open_loop import OpenLoop, errors_ahead
 from greybox_lab.driving.learned.training import train_actuator_net
 from greybox_lab.driving.learned.windows import resampled, windows
+from greybox_lab.driving.racing.network import elu
 
 pytestmark = pytest.mark.usefixtures("_uncompiled")
 
@@ -34,19 +35,18 @@ def slow(car, lap):
 
 def test_the_gradient_is_the_losss():
     rng = np.random.default_rng(1)
-    sizes = (6, 5, 4, 2)
-    loss = SquaredError(sizes, rng.normal(size=(30, 6)), rng.normal(size=(30, 2)))
-    q = drawn(sizes, rng) + 0.1 * rng.normal(size=len(drawn(sizes, rng)))
+    net = drawn((6, 5, 4, 2), rng)
+    loss = SquaredError(net, rng.normal(size=(30, 6)), rng.normal(size=(30, 2)))
+    q = net.vector + 0.1 * rng.normal(size=len(net.vector))
     slope, h = loss(q)[1], 1e-6
     measured = [(loss(q + h * one)[0] - loss(q - h * one)[0]) / (2 * h) for one in np.eye(len(q))]
     assert np.allclose(slope, measured, atol=1e-8)
     assert loss(q)[0] == pytest.approx(0.5 * np.mean(loss.errors(q) ** 2), rel=1e-12)
-    own = Layers(*map(tuple, unpacked(q, sizes)))
-    x = rng.normal(size=(7, 6))
-    weights, biases = unpacked(q, sizes)
-    h = elu(elu(x @ weights[0] + biases[0]) @ weights[1] + biases[1]) @ weights[2] + biases[2]
-    assert np.allclose(own(x), h, atol=1e-12)
-    assert np.array_equal(own(x)[3], own(x[3:4])[0])
+    own, x = net.at(q), rng.normal(size=(7, 6))
+    W, b = own.weights, own.biases
+    h = elu(elu(x @ W[0] + b[0]) @ W[1] + b[1]) @ W[2] + b[2]
+    assert np.allclose(own.each(x), h, atol=1e-12)
+    assert np.array_equal(own.each(x)[3], own.each(x[3:4])[0])
 
 
 @pytest.mark.parametrize("variant", ["paper", "abstract", "residual"])

@@ -12,7 +12,7 @@ from serving import START, serving
 
 from greybox_lab.driving.loop import agent as room
 from greybox_lab.driving.loop import demo
-from greybox_lab.driving.loop.agent import AgentOptions, agent
+from greybox_lab.driving.loop.agent import agent
 from greybox_lab.driving.loop.client import Unanswered
 from greybox_lab.driving.loop.protocol import digest_of
 from greybox_lab.driving.loop.scene import Scene
@@ -58,16 +58,15 @@ class Canned:
 
 @pytest.fixture
 def _small(monkeypatch):
-    for name, value in (("ROWS", 300), ("BASE", 1), ("POLL", 0.01)):
+    for name, value in (("ROWS", 300), ("BASE", 1), ("POLL", 0.01), ("LEAST", 10**6)):
         monkeypatch.setattr(room, name, value)
     monkeypatch.setattr(demo, "used_to", lambda *_: shipped_learned())
-    monkeypatch.setattr(room.RowCounts, "due", lambda self, rows: "it is time" if rows - self.last >= 600 else "")
-    monkeypatch.setattr(room.RowCounts, "allowed", lambda self, rows: False)
+    monkeypatch.setattr(room, "rows_due", lambda rows, first: "it is time" if rows >= 600 else "")
 
 
 def driven_with(canned, folder, monkeypatch, **options):
     monkeypatch.setattr(room, "Client", lambda *_: canned)
-    return agent("http://nobody", TOKEN, folder, AgentOptions(trainings=1, **options))
+    return agent("http://nobody", TOKEN, folder, trainings=1, **options)
 
 
 @pytest.mark.slow
@@ -87,20 +86,22 @@ def driven_with(canned, folder, monkeypatch, **options):
 def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_because, tmp_path, monkeypatch):
     canned = Canned(result)
     found = driven_with(canned, tmp_path / "car", monkeypatch)
-    (training,) = found.trainings
+    (training,) = found.body["trainings"]
     assert refused_because in training["refused"]
     assert bool(training["refused"]) == bool(refused_because)
-    assert [own["rows"] for own in found.drives] == [300, 300, 300]
+    assert [own["rows"] for own in found.body["drives"]] == [300, 300, 300]
     if not refused_because:
-        last = found.drives[-1]
+        last = found.body["drives"][-1]
         assert last["path_error_foretold"] == pytest.approx({0.48: 0.024, 0.6: 0.03}[round(last["cap"], 2)])
     assert training["reason"] == "it is time"
     assert canned.rows() == [(tmp_path / "car" / "rows" / f"rows_00000{k}.csv").read_bytes() for k in (1, 2, 3)]
     kinds = [json.loads(line)["kind"] for line in (tmp_path / "car" / "log.jsonl").read_text().splitlines()]
     assert kinds.count("swap") == (not refused_because)
-    assert found.withheld == Scene(0).effects
+    assert found.body["withheld"] == Scene(0).effects
     asked = len(canned.asked)
-    assert driven_with(canned, tmp_path / "car", monkeypatch).trainings == found.trainings  # nothing is learned again
+    assert (
+        driven_with(canned, tmp_path / "car", monkeypatch).body["trainings"] == found.body["trainings"]
+    )  # nothing is learned again
     assert not [path for path, _ in canned.asked[asked:] if path.endswith("/train")]
 
 
@@ -108,7 +109,7 @@ def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_
 @pytest.mark.usefixtures("_small")
 def test_rows_wait_while_nobody_answers_and_a_server_that_is_silent_for_a_moment_is_asked_again(tmp_path, monkeypatch):
     canned = Canned({"crashes": 0, "path_error": 0.02, "path_error_before": 0.03}, silent=3)
-    assert len(driven_with(canned, tmp_path / "car", monkeypatch).drives) == 3
+    assert len(driven_with(canned, tmp_path / "car", monkeypatch).body["drives"]) == 3
     first, second, third = ((tmp_path / "car" / "rows" / f"rows_00000{k}.csv").read_bytes() for k in (1, 2, 3))
     # after each of two drives, when it is time to learn, and half a second later
     assert canned.rows() == [first, first, first, first, second, third]

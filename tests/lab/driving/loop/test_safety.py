@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from greybox_lab.driving.loop.safety import Cap, CommandLimits, Envelope, Log
-from greybox_lab.driving.loop.triggers import RowCounts, path_error_beyond
+from greybox_lab.driving.loop.triggers import path_error_beyond, rows_due
 
 PERIOD = 0.02
 
@@ -39,10 +39,9 @@ def test_the_envelope_is_left_beside_the_path_and_by_more_error_than_foretold():
 
 def test_the_cap_rises_slowly_and_falls_fast():
     cap = Cap(0.6)
-    for _ in range(2):
-        cap.lap()
+    cap.clean = 2
     assert not cap.next_cycle()
-    cap.lap()
+    cap.clean = 3
     assert cap.next_cycle()
     assert cap.share == pytest.approx(0.66)
     assert not cap.next_cycle()
@@ -68,13 +67,8 @@ def test_a_line_of_the_log_that_a_kill_cut_short_is_gone(tmp_path):
 
 
 def test_it_is_time_by_counts_as_published_and_by_evidence():
-    counts = RowCounts()
-    assert not counts.due(4_999)
-    assert counts.due(5_000)
-    counts.done(5_000)
-    assert not counts.due(14_999)
-    assert counts.due(15_000)
-    assert not counts.allowed(6_999)
-    assert counts.allowed(7_000)
+    for first, least in ((True, 5_000), (False, 10_000)):
+        assert not rows_due(least - 1, first=first)
+        assert rows_due(least, first=first)
     assert path_error_beyond(0.16, 0.1)
     assert not path_error_beyond(0.14, 0.1)

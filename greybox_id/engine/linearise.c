@@ -1,0 +1,100 @@
+static inline void add(const v *J, ptrdiff_t n, const short *row, const short *column, const ptrdiff_t *moving,
+    v *to, ptrdiff_t columns)
+{
+    for (ptrdiff_t j = 0; j < n; j++)
+        if (moving[column[j]] >= 0) to[row[j] * columns + moving[column[j]]] += J[j];
+}
+
+#define TILE 3
+#define BATCH (1 + 12 / (NY + 1))
+/* adds the products of columns of n rows, tile by tile of nine in registers: the lower triangle, from a row on */
+static void accumulate(const v *rows, ptrdiff_t n, v *H, ptrdiff_t wide, ptrdiff_t from)
+{
+    for (ptrdiff_t i = from; i < wide; i += TILE)
+        for (ptrdiff_t j = 0; j <= i; j += TILE) {
+            v *const top = H + i * wide + j, *const middle = top + wide, *const low = middle + wide;
+            v a = top[0], b = top[1], c = top[2], d = middle[0], e = middle[1], f = middle[2];
+            v g = low[0], h = low[1], k = low[2];
+            for (ptrdiff_t row = 0; row < n; row++) {
+                const v *const left = rows + row * wide + i, *const right = rows + row * wide + j;
+                a = fused(left[0], right[0], a); b = fused(left[0], right[1], b); c = fused(left[0], right[2], c);
+                d = fused(left[1], right[0], d); e = fused(left[1], right[1], e); f = fused(left[1], right[2], f);
+                g = fused(left[2], right[0], g); h = fused(left[2], right[1], h); k = fused(left[2], right[2], k);
+            }
+            top[0] = a; top[1] = b; top[2] = c; middle[0] = d; middle[1] = e; middle[2] = f;
+            low[0] = g; low[1] = h; low[2] = k;
+        }
+}
+
+/* weighted residuals of one reading, and their weights, which are less in the tails of a robust loss */
+static void weigh(const v *y, const v *target, v *w, v *r, double robust)
+{
+    for (int i = 0; i < NY; i++) {
+        r[i] = choose(w[i] > splat(0), (y[i] - target[i]) * w[i], splat(0));
+        if (robust < INFINITY) {
+            const v size = v_fabs(r[i]), tail = choose(size > splat(robust), v_sqrt(splat(robust) / size), splat(1));
+            r[i] = r[i] * tail;
+            w[i] = w[i] * tail;
+        }
+    }
+}
+
+void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_t columns, ptrdiff_t apart,
+    double robust, const ptrdiff_t *moving, const double *z0, const double *s, const double *p,
+    const unsigned char *reads, const double *seed, double *z_out, double *Z_out, double *y_out, double *Y_out,
+    const double *target, const double *weight, const double *given, double *H_out, double *scratch)
+{
+    /* derivatives and, as their last column, residuals: the last row of their product is J'r */
+    const ptrdiff_t wide = (columns + TILE) / TILE * TILE, packed = columns * (columns + 1) / 2;
+    v *J = (v *)(((size_t)scratch + sizeof(v) - 1) / sizeof(v) * sizeof(v)), *H = J + BATCH * NY * wide;
+    if (H_out) memset(J, 0, BATCH * NY * wide * sizeof(v));
+    for (ptrdiff_t first = 0; first < lanes; first += W) {
+        ptrdiff_t row[W], reading = 0, batch = 0;
+        const int real = rows(row, first, lanes);
+        v z[NZ], next[NZ], now[NS + 1], q[NP + 1], w[SLOPE_KEPT + 1], y[NY + 1], t[NY + 1], counts[NY + 1], r[NY + 1];
+        v A[NA + 1], B[NB + 1], C[NC + 1], D[ND + 1], Z[NZ * (NZ + NP)], Y[NY * (NZ + NP) + 1];
+        gather(z, NZ, z0, NZ, row);
+        gather(q, NP, p, NP, row);
+        gather(Z, NZ * columns, seed, NZ * columns, row);
+        slope_fixed(q, w);
+        if (H_out) memset(H, 0, wide * wide * sizeof(v));
+        for (ptrdiff_t k = 0; k < segments; k++) {
+            gather(now, NS, s + k * NS, apart, row);
+            slope(z, now, q, w, next, y, A, B, C, D, reads[k], moving);
+            if (reads[k]) {
+                C_times(C, Z, Y, columns);
+                add(D, ND, D_ROW, D_COLUMN, moving, Y, columns);
+                if (H_out) {
+                    gather(t, NY, target + reading * NY, readings * NY, row);
+                    gather(counts, NY, weight + reading * NY, readings * NY, row);
+                    weigh(y, t, counts, r, robust);
+                    if (given) gather(r, NY, given + reading * NY, readings * NY, row);
+                    for (int i = 0; i < NY; i++) {
+                        v *const to = J + (batch * NY + i) * wide;
+                        for (ptrdiff_t c = 0; c < columns; c++) to[c] = Y[i * columns + c] * counts[i];
+                        to[columns] = r[i];
+                    }
+                    if (++batch == BATCH) {
+                        accumulate(J, batch * NY, H, wide, given ? wide - TILE : 0);
+                        batch = 0;
+                    }
+                } else {
+                    scatter(y, NY, y_out + reading * NY, readings * NY, row, real);
+                    scatter(Y, NY * columns, Y_out + reading * NY * columns, readings * NY * columns, row, real);
+                }
+                reading++;
+            }
+            A_times(A, Z, Z, columns);
+            add(B, NB, B_ROW, B_COLUMN, moving, Z, columns);
+            memcpy(z, next, sizeof z);
+        }
+        scatter(z, NZ, z_out, NZ, row, real);
+        scatter(Z, NZ * columns, Z_out, NZ * columns, row, real);
+        if (H_out) {
+            accumulate(J, batch * NY, H, wide, given ? wide - TILE : 0);
+            for (ptrdiff_t c = 1; c <= columns; c++)
+                memmove(H + c * (c + 1) / 2, H + c * wide, (c + 1) * sizeof(v));
+            scatter(H, packed + columns, H_out, packed + columns, row, real);
+        }
+    }
+}

@@ -1,0 +1,56 @@
+"""Estimates that scale with a stated value: a mass stated 9 % off is in every force, and the fit says so."""
+
+from dataclasses import replace
+
+import pytest
+from driven import driven
+
+from greybox_id.fitting.fit import USABLE
+from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.verb import fit
+from greybox_id.models.parameter import Prior
+from greybox_id.models.registry import build
+from greybox_id.models.vehicle import vehicle
+
+pytestmark = pytest.mark.usefixtures("_uncompiled")
+QUICK = FitOptions(horizon=1.0, start_from="measured")
+OFF = 1.09
+
+
+def model(**tolerances):
+    """The full-size car's with a mass that is stated 9 % too high."""
+    found = build("lateral", None, {}, vehicle("full_size_car"))
+    heavy = found.with_parameters(found["m"].with_value(OFF * found["m"].array))
+    free = ("I_z", "B_f", "D_f", *tolerances)
+    priors = {name: Prior(sd=sd, mean=heavy[name].array) for name, sd in tolerances.items()}
+    return heavy.with_parameters(
+        *(replace(p, fixed=p.name not in free, prior=priors.get(p.name)) for p in heavy.parameters)
+    )
+
+
+@pytest.mark.parametrize("tolerance", [{}, {"m": 5.0}], ids=["a fact", "within a tolerance"])
+def test_what_scales_with_a_stated_mass_is_said_to_and_what_is_per_mass_holds_the_truth(tolerance):
+    laps = [driven("lateral", runs=1, seconds=20.0, seed=seed, noise=0.1) for seed in (0, 3)]
+    found = fit(model(**tolerance), laps[:1], validate=laps[1], how=QUICK)
+    assert found.how["scaling"] == {"m": ["I_z", "C_alpha_f", "C_alpha_r"]}
+    assert found.verdict.usability == USABLE
+    assert found.verdict.reasons[-1].startswith("I_z, C_alpha_f and C_alpha_r scale with m, which the recordings do ")
+    assert found.notes()["I_z"] == "scales with m, as stated"
+    known = {one.name: one for one in found.combined()}
+    assert "scales with m, as stated" in known["C_alpha_f"].about
+    true = {p.name: float(p.array) for p in build("lateral", None, {}, vehicle("full_size_car")).parameters}
+    assert known["I_z / m"].low < true["I_z"] / true["m"] < known["I_z / m"].high
+    assert float(found.model["I_z"].array) == pytest.approx(OFF * true["I_z"], rel=0.03)
+
+
+def test_what_is_in_no_proportion_to_a_stated_value_is_not_said_to_be():
+    found = fit(model(), [driven("lateral", runs=1, seconds=20.0, noise=0.1)], how=QUICK)
+    assert not {"B_f", "D_f"} & {*found.how["scaling"]["m"]}
+    assert not {"l_f", "l_r"} & {*found.how["scaling"]}
+
+
+def test_a_mass_that_lateral_motion_told_scales_with_the_inertia_that_is_stated():
+    known = build("lateral", None, {}, vehicle("full_size_car"))
+    known = known.with_parameters(*(replace(p, fixed=p.name != "m", prior=None) for p in known.parameters))
+    found = fit(known, [driven("lateral", runs=1, seconds=20.0, noise=0.1)], how=QUICK)
+    assert found.how["scaling"] == {"I_z": ["m", "C_alpha_f", "C_alpha_r"]}
