@@ -118,7 +118,7 @@ def test_what_is_not_simulated_makes_up_for_no_more_than_it_may_without_being_si
     search = together(linear_bench(X, [0.0, 0.0], SD), [cause(0), cause(1, gradual=False)])
     problem, there = search.problem, np.array([True, False])
     whitener, variance = search.whitening.usual(None, 1.0), search.variance(there)
-    state, squares = search._linear(problem.begin(), whitener, True, variance)
+    _, squares = search._linear(problem.begin(), whitener, True, variance)
     prec, linear = squares.precision(variance), squares.about
     switched_at = search._switched_at[linear.cause]
     first = _FirstOrder(linear, prec, switched_at, np.zeros(2, dtype=bool))
@@ -154,7 +154,9 @@ def test_what_gained_far_more_than_it_must_is_asked_once_nothing_else_leaves(mon
 def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
     """Where it was looked at, a size is bounded; refits say what it is beyond."""
     X = smooth_columns(2)
-    small = replace(cause(1, gradual=False, low=0.0), forms=(Form(cause(1, low=0.0).forms[0].candidate, (), ((0.1,),)),))
+    small = replace(
+        cause(1, gradual=False, low=0.0), forms=(Form(cause(1, low=0.0).forms[0].candidate, (), ((0.1,),)),)
+    )
     search = together(linear_bench(X, [1.0, 0.9], SD), [cause(0), small])
     first = np.array([True, False])
     stage = search.settled(search.problem.begin(), 1.0, search.variance(first), there=first)
