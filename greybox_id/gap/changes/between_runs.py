@@ -209,6 +209,18 @@ def common(
     return Common(numbers, tuple(varying.tolist()), u[:n], everything[:n, :n], full, deviations, sds, weigher)
 
 
+def change_sds(told: Array, belief: Array) -> Array:
+    """(n,) standard deviation with which recordings tell by how much each number differs from what is believed.
+
+    Parameters
+    ----------
+    told : (n, n) Hessian of what the recordings tell alone.
+    belief : (n, n) covariance of what is believed, also of all others.
+    """
+    precise = told - told @ np.linalg.solve(told + np.linalg.inv(belief), told)
+    return 1.0 / np.sqrt(np.maximum(np.diag(precise), 1e-12))
+
+
 @dataclass(frozen=True)
 class RunExplained:
     """A run under what is believed of it.

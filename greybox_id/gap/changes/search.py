@@ -14,7 +14,7 @@ import numpy as np
 
 from ...base.shorthands import Array
 from ..estimation.calibration import CAL
-from .between_runs import Common, RunExplained, explained
+from .between_runs import Common, RunExplained, change_sds, explained
 from .innovations import FollowedRun
 
 
@@ -114,9 +114,7 @@ def changes(
     result = list[Change]()
     for item, best, shift in refits:
         occam = 0.5 * (_log_det(item.covariance) - _log_det(V) + _log_det(best.H) - _log_det(base.H))
-        L = best.told
-        sure = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
-        sd = float(1 / np.sqrt(max(sure[item.place, item.place], 1e-12)))
+        sd = float(change_sds(best.told, V)[item.place])
         shifts = [shift] * len(judges)
         if not others:
             near = replace(item, starts=(best.x,))

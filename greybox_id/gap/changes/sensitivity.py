@@ -9,7 +9,7 @@ from math import log, sqrt
 import numpy as np
 
 from ..estimation.calibration import CAL
-from .between_runs import Common
+from .between_runs import Common, change_sds
 from .innovations import FollowedRun
 
 
@@ -54,12 +54,12 @@ def visible(
     cost : what a change must gain, in nats.
     """
     each = [known.weigher.told(ride, known.x).H for ride in rides]
-    L, V = np.median(each, axis=0), known.of_a_run
-    precise = L - L @ np.linalg.solve(L + np.linalg.inv(V), L)
+    V = known.of_a_run
+    sds = change_sds(np.median(each, axis=0), V)
     result = []
     for place in known.varying:
         number = known.numbers[place]
-        sd = 1.0 / sqrt(max(float(precise[place, place]), 1e-12))
+        sd = float(sds[place])
         away = sd * sqrt(2.0 * (cost + 0.5 * log(1.0 + (number.change / sd) ** 2)))
         size = away if away < CAL.reach_sd * number.change else float("inf")
         alone = sqrt(max(sd**2 - float(V[place, place]), 0.0))

@@ -134,29 +134,12 @@ class PlanCourse:
         return [whole[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)]
 
 
-@dataclass(frozen=True)
-class Strain:
-    """How close motions come to limits; (K,) of each, over one: beyond the limit.
+def strain(motion: Array, limits: DriveLimits) -> dict[str, Array]:
+    """How close (K, n, told) motions come to limits; (K,) of each, over one beyond it.
 
-    Attributes
-    ----------
-    grip : largest use of an axle's friction over the share that may be used.
-    sideslip : over its limit.
-    speed : over its limit.
+    Largest use of an axle's friction over the share that may be used, sideslip and speed over their limits; infinite
+    where a motion is not finite.
     """
-
-    grip: Array
-    sideslip: Array
-    speed: Array
-
-    @property
-    def worst(self) -> Array:
-        """(K,) the largest of them."""
-        return np.asarray(np.max([self.grip, self.sideslip, self.speed], axis=0))
-
-
-def strain(motion: Array, limits: DriveLimits) -> Strain:
-    """How close (K, n, told) motions come to limits; infinite where a motion is not finite."""
     y = motion if motion.ndim == 3 else motion[None]
     with np.errstate(all="ignore"):
         along, across = (
@@ -167,10 +150,15 @@ def strain(motion: Array, limits: DriveLimits) -> Strain:
         use = np.max(np.hypot(along, np.clip(across, -1.0, 1.0)), axis=0)
         slip = np.abs(np.arctan2(y[..., AT["v_y"]], np.maximum(y[..., AT["v_x"]], 1e-3)))
         backwards = y[..., AT["v_x"]] < 0.3 * limits.speed_min
-        result = [
-            np.max(use, axis=1) / limits.grip,
-            np.max(np.where(backwards, np.inf, slip), axis=1) / limits.sideslip_max,
-            np.max(y[..., AT["v_x"]], axis=1) / (1.03 * limits.speed_max),
-        ]
+        result = {
+            "grip": np.max(use, axis=1) / limits.grip,
+            "sideslip": np.max(np.where(backwards, np.inf, slip), axis=1) / limits.sideslip_max,
+            "speed": np.max(y[..., AT["v_x"]], axis=1) / (1.03 * limits.speed_max),
+        }
     finite = np.all(np.isfinite(y), axis=(1, 2))
-    return Strain(*(np.where(finite & np.isfinite(item), item, np.inf) for item in result))
+    return {name: np.where(finite & np.isfinite(item), item, np.inf) for name, item in result.items()}
+
+
+def worst_strain(motion: Array, limits: DriveLimits) -> Array:
+    """(K,) the largest `strain`."""
+    return np.asarray(np.max(list(strain(motion, limits).values()), axis=0))

@@ -20,55 +20,42 @@ Shape = Callable[[Array, float], Array]
 """(share of the phase's time, cycles in it) -> share of the amplitude."""
 
 
-def _held(s: Array, cycles: float) -> Array:
-    del cycles
-    return np.asarray(np.interp(s, [0.0, 0.12, 0.85, 1.0], [0.0, 1.0, 1.0, 0.0]))
-
-
-def _spiral(s: Array, cycles: float) -> Array:
-    del cycles
-    return np.asarray(np.interp(s, [0.0, 0.9, 1.0], [0.0, 1.0, 0.0]))
-
-
-def _steps(s: Array, cycles: float) -> Array:
-    return np.asarray(np.sign(np.sin(2.0 * np.pi * max(round(cycles), 1) * s)))
+def _through(shares: Sequence[float], values: Sequence[float]) -> Shape:
+    """Straight lines through these points."""
+    return lambda s, cycles: np.asarray(np.interp(s, shares, values))
 
 
 def _sine(s: Array, cycles: float) -> Array:
     return np.asarray(np.sin(2.0 * np.pi * max(round(cycles), 1) * s))
 
 
+def _steps(s: Array, cycles: float) -> Array:
+    return np.sign(_sine(s, cycles))
+
+
 def _sweep(s: Array, cycles: float) -> Array:
     """A frequency that grows fourfold; its mean is that of `cycles`."""
-    return np.asarray(np.sin(2.0 * np.pi * max(round(cycles), 1) * (4.0**s - 1.0) / 3.0))
+    return _sine((4.0**s - 1.0) / 3.0, cycles)
 
 
-def _dwell(s: Array, cycles: float) -> Array:
-    """A sine held at its second peak for as long as a quarter of it, to one side and then to the other."""
-    del cycles
-    one = np.interp(s % 0.5, [0, 0.08, 0.16, 0.24, 0.36, 0.45, 0.5], [0, 1, 0, -1, -1, 0, 0])
-    return np.asarray(np.where(s < 0.5, one, -one))
+_DWELL = _through([0, 0.08, 0.16, 0.24, 0.36, 0.45, 0.5], [0, 1, 0, -1, -1, 0, 0])
+"""A sine held at its second peak for as long as a quarter of it."""
 
 
-def _lane_change(s: Array, cycles: float) -> Array:
-    del cycles
-    return np.asarray(np.where(s < 0.5, np.sin(4.0 * np.pi * s), -np.sin(4.0 * np.pi * s)))
-
-
-def _straight(s: Array, cycles: float) -> Array:
-    del cycles
-    return np.zeros_like(s)
+def _both_sides(one: Shape) -> Shape:
+    """In the first half to one side, in the second to the other."""
+    return lambda s, cycles: np.where(s < 0.5, 1.0, -1.0) * one(s % 0.5, cycles)
 
 
 SHAPES: Mapping[str, Shape] = {
-    "turn": _held,
-    "spiral": _spiral,
+    "turn": _through([0.0, 0.12, 0.85, 1.0], [0.0, 1.0, 1.0, 0.0]),
+    "spiral": _through([0.0, 0.9, 1.0], [0.0, 1.0, 0.0]),
     "steps": _steps,
     "sine": _sine,
     "sweep": _sweep,
-    "sine with dwell": _dwell,
-    "lane change": _lane_change,
-    "straight": _straight,
+    "sine with dwell": _both_sides(_DWELL),
+    "lane change": _both_sides(lambda s, cycles: _sine(s, 2.0)),
+    "straight": _through([0.0, 1.0], [0.0, 0.0]),
 }
 """Name of a primitive -> its steering over time. Any of them may change speed on the way."""
 

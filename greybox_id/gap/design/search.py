@@ -16,7 +16,7 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array, Say
 from ...models.motion_model import MotionModel
 from .arena import NOWHERE, Placement
-from .course import AT, PlanCourse, PlannedMotion, strain
+from .course import AT, PlanCourse, PlannedMotion, strain, worst_strain
 from .driver import driver_of, vehicle_of
 from .plan import Design
 from .primitives import SHAPES, Phase, asked
@@ -149,7 +149,7 @@ class PlanSearch:
                 f"{wide:.0f} m wide, or a lower ‹speed_max›."
             )
         tight = strain(nearest.plan.motion, self.limits)
-        worst = max(("grip", "sideslip", "speed"), key=lambda name: float(getattr(tight, name)[0]))
+        worst = max(tight, key=lambda name: float(tight[name][0]))
         kept = self._holding(nearest, self.samples[0])[0]
         return BadInput(
             f"The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} "
@@ -181,8 +181,8 @@ class PlanSearch:
         step = plan.time[1] - plan.time[0]
         change = np.diff(plan.of("v_x")) / step
         shares = {
-            "grip": np.quantile(tight.grip, 0.95),
-            "sideslip": np.quantile(tight.sideslip, 0.95),
+            "grip": np.quantile(tight["grip"], 0.95),
+            "sideslip": np.quantile(tight["sideslip"], 0.95),
             "speed_max": np.max(plan.of("v_x")) / limits.speed_max,
             "steer_max": np.max(np.abs(plan.steer)) / limits.steer_max,
             "steer_rate": np.max(np.abs(np.diff(plan.steer))) / step / limits.steer_rate,
@@ -229,7 +229,7 @@ class PlanSearch:
             for a in range(0, len(item), AT_ONCE):
                 y = self.course.driven(found_plan.plan, item[a : a + AT_ONCE], follow=self.task.follow)
                 out = np.array([self._outside(found_plan.placement, motion) for motion in y])
-                broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
+                broken = np.array([worst_strain(y[:, rows], self.limits) > 1.0 for rows in each])
                 within = ~np.any(broken, axis=0)
                 held += int(np.sum(within & (out <= 0.0)))
                 first = np.argmax(broken[:, ~within], axis=0)
@@ -313,7 +313,7 @@ class PlanSearch:
 
     def _mended(self, found_plan: FoundPlan) -> tuple[tuple[Phase, ...], float]:
         """Gentler where tyres are asked for too much, slower or shorter where the arena is left."""
-        worst = float(strain(found_plan.plan.motion, self.limits).worst[0])
+        worst = float(worst_strain(found_plan.plan.motion, self.limits)[0])
         gentler = 0.95 * SPARE / worst if np.isfinite(worst) and worst > SPARE else (1.0 if worst <= SPARE else 0.6)
         too_far = found_plan.placement.outside + self.limits.margin > 0
         slower = 0.8 if too_far else 1.0
@@ -346,7 +346,7 @@ class PlanSearch:
 
     def _placed(self, plan: PlannedMotion) -> tuple[Placement, float]:
         x, y, v = plan.of("x"), plan.of("y"), plan.of("v_x")
-        worst = float(strain(plan.motion, self.limits).worst[0]) / SPARE - 1.0
+        worst = float(worst_strain(plan.motion, self.limits)[0]) / SPARE - 1.0
         if not np.all(np.isfinite(plan.motion)):
             return NOWHERE, np.inf
         before = v[0] ** 2 / (2.0 * BACKING * self.limits.drive_max)
@@ -387,7 +387,7 @@ class PlanSearch:
     def _hardest(self, found_plan: FoundPlan) -> Array:
         """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
         y = self.course.driven(found_plan.plan, self.samples[0], follow=self.task.follow)
-        order = np.argsort(strain(y, self.limits).worst, kind="stable")
+        order = np.argsort(worst_strain(y, self.limits), kind="stable")
         last = int(np.ceil(NEEDED * len(order)))
         return np.asarray(self.samples[0][order[max(last - HARDEST, 0) : last]])
 
