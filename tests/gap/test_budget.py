@@ -108,7 +108,7 @@ def test_intervals_hold_the_share_and_an_effect_without_one_has_none():
 
 
 def test_a_set_that_leaves_more_than_without_one_of_its_effects_is_refitted_from_there(monkeypatch):
-    """Refits of free runs that differ by much end elsewhere: a true bias of a sensor once closed -12 % of the excess."""
+    """Refits of free runs that differ by much end elsewhere: a true bias once closed -12 % of the excess."""
 
     def ended(cost, at):
         return Hypothesis((), np.empty(0), np.array([at]), np.empty(0), cost, np.zeros((1, 1)), np.zeros((1, 1, 0)))
