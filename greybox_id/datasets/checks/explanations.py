@@ -334,10 +334,8 @@ def _speed(r: Recording) -> list[Explanation]:
         return []
     seconds = SMOOTHING if r.has("v_y") else SLOW  # by which the rate of v_y is averaged out
     gains = []
-    for name, values, over in (
-        ("a_x", acceleration_ahead(r)[1], SMOOTHING),
-        ("a_y", acceleration_aside(r)[1], seconds),
-    ):
+    sides = ("a_x", acceleration_ahead(r)[1], SMOOTHING), ("a_y", acceleration_aside(r)[1], seconds)
+    for name, values, over in sides:
         one = _regression(smooth(r, r[name], over), [smooth(r, values, over), np.ones(len(r))])
         if one is None or one.explained < FITS or not _is_off(float(one.values[0]), float(one.errors[0])):
             return []
