@@ -14,7 +14,6 @@ FILE, and is not run again.
 
 from __future__ import annotations
 
-import argparse
 import json
 import resource
 import tempfile
@@ -23,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from running import options
 
 import greybox_id as gb
 from greybox_id.api.given import vehicle as known_vehicle
@@ -136,14 +136,11 @@ def examined(family: str, effect: str, number: int, seed: int) -> dict[str, Any]
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--each", type=int, default=2, help="cases of an effect, families in turn")
-    parser.add_argument("--family", action="append")
-    parser.add_argument("--effect", action="append", choices=EFFECTS)
-    parser.add_argument("--out", type=Path, default=Path("beginnings.jsonl"))
-    parser.add_argument("--json", action="store_true")
-    asked = parser.parse_args()
+    asked = options(
+        __doc__, seed=0, each={"type": int, "default": 2, "help": "cases of an effect, families in turn"},
+        family={"action": "append"}, effect={"action": "append", "choices": EFFECTS},
+        out={"type": Path, "default": Path("beginnings.jsonl")},
+    )  # fmt: skip
     families = asked.family or ["tmeasy", "rational"]
     lines = asked.out.read_text().splitlines() if asked.out.exists() else []
     results = {(own["family"], own["effect"], own["number"], own["seed"]): own for own in map(json.loads, lines)}

@@ -14,7 +14,6 @@ this process watches its time. Counted are how commands ended, and every case th
 
 from __future__ import annotations
 
-import argparse
 import gc
 import io
 import json
@@ -36,6 +35,7 @@ from pathlib import Path
 
 from hostile_mutations import mutated
 from hostile_seeds import KINDS, sound_files
+from running import options
 
 SECONDS = 10.0
 """Of the processor's time: the machine may be busy with something else."""
@@ -242,13 +242,10 @@ def run(cases: int, seed: int, jobs: int = 1, first: int = 0) -> list[Verdict]:
 
 def main() -> int:
     """Run the benchmark; exit code 1 if a bar was broken."""
-    arguments = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    arguments.add_argument("--cases", type=int, default=10_000)
-    arguments.add_argument("--first", type=int, default=0, help="number of the first case: --first 8967 --cases 1")
-    arguments.add_argument("--seed", type=int, default=0)
-    arguments.add_argument("--jobs", type=int, default=1)
-    arguments.add_argument("--json", action="store_true", help="one JSON object on standard output")
-    given = arguments.parse_args()
+    given = options(
+        __doc__, cases=10_000, seed=0, jobs=1,
+        first={"type": int, "default": 0, "help": "number of the first case: --first 8967 --cases 1"},
+    )  # fmt: skip
     found = run(given.cases, given.seed, given.jobs, given.first)
     broken = [verdict for verdict in found if verdict.broken]
     if given.json:

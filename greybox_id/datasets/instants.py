@@ -291,8 +291,8 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     parts = [(a, b) for a, b in zip(edges, edges[1:], strict=False) if b - a >= SHORTEST]
     if sum(b - a for a, b in parts) < (1 - BROKEN) * len(time):
         return None
-    told = [np.flatnonzero(steps[a : b - 1] > 0) + 1 if coarse else np.arange(b - a) for a, b in parts]  # new stamps
-    lines = [np.polyfit(rows, time[a:b][rows], 1) for (a, b), rows in zip(parts, told, strict=True)]
+    telling = [np.flatnonzero(steps[a : b - 1] > 0) + 1 if coarse else np.arange(b - a) for a, b in parts]  # new stamps
+    lines = [np.polyfit(rows, time[a:b][rows], 1) for (a, b), rows in zip(parts, telling, strict=True)]
     behind = np.concatenate(
         [time[a:b] - np.polyval(line, np.arange(b - a)) for (a, b), line in zip(parts, lines, strict=True)]
     )

@@ -21,9 +21,10 @@ from .read import Part, as_parts, one_signal, read_together
 from .recording import Recording
 
 LONGEST = 2.0
-"""Clocks that differ by more, s, are not compared: stamps a whole stretch apart are another fault."""
-SHARE = 0.1
-"""Of the time in common, beyond which an offset is not looked for."""
+"""Offsets up to this, s, are looked for first: what repeats, as laps do, is alike elsewhere, too."""
+SHARE, APART = 0.1, 0.5
+"""Of the shorter file, beyond which an offset is not looked for: of stamps, and between the files' beginnings where
+stamps do not match at all, as of clocks that were never set."""
 SURE = 2.0
 """Standard deviations from which on an offset is taken off; a smaller one may be none."""
 
@@ -62,17 +63,15 @@ class Offset:
     def sentence(self) -> str:
         """What was done, for people."""
         if self.alignment is None:
-            shared = (
-                f"their {' and '.join(self.shared)} are not alike enough to show" if self.shared else "no signal in"
-            )
-            why = (
-                f"{shared} an offset from {self.against}"
-                if self.shared
-                else f"it has {shared} common with {self.against}"
-            )
+            why = f"it has no signal in common with {self.against}"
+            if self.shared:
+                why = f"their {' and '.join(self.shared)} are not alike enough to show an offset from {self.against}"
             return f"{self.file}: its time stamps are kept; {why}."
         clock = self.alignment
-        result = f"{with_sd(1e3 * clock.seconds, 1e3 * clock.sd)} ms late against {self.against} by {self.signal}"
+        late = f"{with_sd(1e3 * clock.seconds, 1e3 * clock.sd)} ms"
+        if abs(clock.seconds) > LONGEST:  # of clocks that were never set, by years
+            late = f"{clock.seconds:.4f} ± {number(clock.sd, 2)} s"
+        result = f"{late} late against {self.against} by {self.signal}"
         if clock.rate:
             way = "fast" if clock.rate > 0 else "slow"
             rate = short_with_sd(100 * abs(clock.rate), 100 * clock.rate_sd)
@@ -122,8 +121,10 @@ def _offset(first: Part, other: Part, mapping: ColumnMap) -> Offset:
             continue
         if name in ANGLES_AROUND:
             v, v_other = np.unwrap(v), np.unwrap(v_other)
-        longest = min(LONGEST, SHARE * float(min(np.ptp(t), np.ptp(t_other))))
-        result = aligned(t, v, t_other, v_other, longest)
+        span, apart = float(min(np.ptp(t), np.ptp(t_other))), float(t_other[0] - t[0])
+        result = aligned(t, v, t_other, v_other, min(LONGEST, SHARE * span))
+        if result is None and (far := aligned(t, v, t_other - apart, v_other, APART * span)):
+            result = replace(far, seconds=far.seconds + apart)
         if result is not None and not result.left >= (best.alignment.left if best.alignment else np.inf):
             sure = abs(result.seconds) > SURE * result.sd or result.rate != 0
             best = replace(best, signal=name, alignment=result, taken_off=sure)

@@ -102,7 +102,7 @@ def select(
             together.refitted(stage, np.zeros_like(stage.there), CAL.exchange_steps),
             np.full_like(prices, inf),
         )
-    stage, gains = together.pruned(stage, prices, np.zeros(len(prices)))
+    stage, gains = together.pruned(stage, prices, np.zeros(len(prices)), np.zeros(len(prices)))
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
             for a in nuisances]  # fmt: skip
     search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)
@@ -119,7 +119,7 @@ def select(
             break
         worse = weak[: -(-len(weak) // 2)]  # others may differ between parts because these are there
         unsteady[worse] = seen[worse]
-        later, gained = together.pruned(stage, prices, unsteady)
+        later, gained = together.pruned(stage, prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, later))
         if np.any(later.there) and not again.names:  # simulations with these leave the range of numbers
             break
@@ -132,7 +132,7 @@ def select(
     alike = _exchanged(search, together, stage, best) if best.names else []
     if alike and min(alike, key=by_cost).cost < best.cost - CAL.enough:  # together they may explain more than either
         there = stage.there | np.isin(names, min(alike, key=by_cost).names)
-        stage, gains = together.pruned(together.refitted(stage, there, CAL.exchange_steps), prices, unsteady)
+        stage, gains = together.pruned(together.refitted(stage, there, CAL.exchange_steps), prices, unsteady, gains)
         again = _refitted(search, _placed(search, together, stage))
         if again.cost < best.cost:
             best, alike = again, [best, *alike, *_exchanged(search, together, stage, again)]

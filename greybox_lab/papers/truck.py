@@ -120,14 +120,17 @@ def truck_tables(
         for split in (AS_PUBLISHED, BY_RECORDING):
             for candidate in CANDIDATES if split == AS_PUBLISHED else CANDIDATES[1:5]:
                 say(f"{candidate.name}, {split}")
-                value = GreyBoxRun.of(candidate, data, split == BY_RECORDING, say)
+                value = grey_box(candidate, data, split == BY_RECORDING, say)
                 if value is None:
                     continue
-                rows += value.rows
-                scores[candidate.name, split == BY_RECORDING] = value.runs
-                durations.append(over_durations(candidate.name, split, value.errors))
+                scored_rows, errors, identified_here = value
+                rows += scored_rows
+                scores[candidate.name, split == BY_RECORDING] = {
+                    name: np.sqrt(np.mean(error[0] ** 2, axis=1)) for name, error in errors.items()
+                }
+                durations.append(over_durations(candidate.name, split, errors))
                 if split == AS_PUBLISHED:
-                    known[candidate.name] = value.identified
+                    known[candidate.name] = identified_here
         trainings = _trained(sets, how, say, store)
         if not (how.quick or how.curves_alone):
             rows += _of_authors(data, say, store)
@@ -163,54 +166,40 @@ def truck_tables(
     return result
 
 
-@dataclass(frozen=True)
-class GreyBoxRun:
-    """A grey-box model, fitted to train and scored.
+def grey_box(
+    candidate: TruckCandidate, data: Path, by_recording: bool, say: Say = quiet
+) -> tuple[list[dict[str, Any]], dict[str, Array], dict[str, Any]] | None:
+    """Fit a candidate to train and score it; None, and a sentence, where train or val lacks what it reads.
 
-    Attributes
-    ----------
-    rows : of the tables.
-    errors : split -> (1, trajectories, rows, outputs).
-    identified : parameters and combinations.
+    Returns
+    -------
+    Rows of the tables; split -> (1, trajectories, rows, outputs) errors of free runs; parameters and combinations.
     """
-
-    rows: list[dict[str, Any]]
-    errors: dict[str, Array]
-    identified: dict[str, Any]
-
-    @property
-    def runs(self) -> dict[str, Array]:
-        """Split -> (trajectories, outputs) RMSE of free runs."""
-        return {split: np.sqrt(np.mean(error[0] ** 2, axis=1)) for split, error in self.errors.items()}
-
-    @classmethod
-    def of(cls, candidate: TruckCandidate, data: Path, by_recording: bool, say: Say = quiet) -> GreyBoxRun | None:
-        """Fit and score a candidate; None, and a sentence, where train or val lacks what it reads."""
-        clock = time.process_time()
-        result = splits(data, candidate.prepare, by_recording)
-        for split in tuple(result):
-            lacking = [name for name in candidate.needs if name not in result[split].recording.signals]
-            if lacking:
-                say(f"{candidate.name} is left out: {split} has no {' and no '.join(lacking)}")
-                if split != "test":
-                    return None
-                del result[split]
-        train = result["train"].recording
-        problem, solution = fitted(candidate.model(train), train)
-        seconds = time.process_time() - clock
-        simulator, p = problem.plain.simulator, problem.plain.shared(solution.x)
-        free = sum(parameter.size for parameter in simulator.trace.model.parameters if not parameter.fixed)
-        away = {split: deviations(simulator, item.recording, p) for split, item in result.items()}
-        table = "II" if candidate is CANDIDATES[0] else "grey box"
-        rows = [
-            _row(table, candidate.name, candidate.inputs, split, by_recording,
-                 np.sqrt([np.mean(one**2, axis=0) for one in away[split]]), item.piece_of, free, seconds)
-            for split, item in result.items()
-        ]  # fmt: skip
-        shortest = {split: min(len(one) for one in item) for split, item in away.items()}
-        errors = {split: np.array([[one[: shortest[split]] for one in item]]) for split, item in away.items()}
-        known = {"solver": solution.status.value, "steps": solution.steps, **identified(problem, solution)}
-        return cls(rows, errors, known)
+    clock = time.process_time()
+    result = splits(data, candidate.prepare, by_recording)
+    for split in tuple(result):
+        lacking = [name for name in candidate.needs if name not in result[split].recording.signals]
+        if lacking:
+            say(f"{candidate.name} is left out: {split} has no {' and no '.join(lacking)}")
+            if split != "test":
+                return None
+            del result[split]
+    train = result["train"].recording
+    problem, solution = fitted(candidate.model(train), train)
+    seconds = time.process_time() - clock
+    simulator, p = problem.plain.simulator, problem.plain.shared(solution.x)
+    free = sum(parameter.size for parameter in simulator.trace.model.parameters if not parameter.fixed)
+    away = {split: deviations(simulator, item.recording, p) for split, item in result.items()}
+    table = "II" if candidate is CANDIDATES[0] else "grey box"
+    rows = [
+        _row(table, candidate.name, candidate.inputs, split, by_recording,
+             np.sqrt([np.mean(one**2, axis=0) for one in away[split]]), item.piece_of, free, seconds)
+        for split, item in result.items()
+    ]  # fmt: skip
+    shortest = {split: min(len(one) for one in item) for split, item in away.items()}
+    errors = {split: np.array([[one[: shortest[split]] for one in item]]) for split, item in away.items()}
+    known = {"solver": solution.status.value, "steps": solution.steps, **identified(problem, solution)}
+    return rows, errors, known
 
 
 def _of_authors(data: Path, say: Say, store: KeptBench) -> list[dict[str, Any]]:

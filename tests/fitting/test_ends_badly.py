@@ -75,7 +75,7 @@ def test_a_race_that_begins_at_rest_is_confirmed_without_fallbacks():
 @pytest.fixture(scope="module")
 def poorly_excited():
     """A recording whose noisy readings, predicted a few rows ahead, look like an inertia of next to none."""
-    from fleet_estimates import RATE, class_of, made_vehicle, manoeuvre
+    from fleet import RATE, class_of, made_vehicle, manoeuvre
 
     rng, base = np.random.default_rng(13), class_of(13)
     for v in range(3):  # the second recording of the third vehicle of the benchmark of fleets

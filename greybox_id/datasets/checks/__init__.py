@@ -49,14 +49,14 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
     recording = replace(recording, signals=measured)
     findings = [*check_reading(recording), *check_time(recording)]
-    told: set[str] = set()
+    blank: set[str] = set()
     for finding in (*check_placeholders(recording), *check_asleep(recording)):
         names = finding.where.channel.split(", ")
         blanked = {name: recording[name].copy() for name in names}
         for values in blanked.values():
             values[list(finding.where.rows)] = np.nan
-        recording, findings, told = recording.with_signals(**blanked), [*findings, finding], told | {*names}
-    findings += [item for item in check_values(recording) if item.kind != "missing" or item.where.channel not in told]
+        recording, findings, blank = recording.with_signals(**blanked), [*findings, finding], blank | {*names}
+    findings += [item for item in check_values(recording) if item.kind != "missing" or item.where.channel not in blank]
     if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
         findings += check_drive(recording)
         faults = check_mapping(recording)

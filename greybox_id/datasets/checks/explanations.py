@@ -324,9 +324,9 @@ def _speed(r: Recording) -> list[Explanation]:
         pace = np.where(turned < SHARPEST / 2, smooth(r, np.abs(r["v_x"]), place.seconds), np.nan)
         over_ground = _regression(pace, [course_and_speed(r, place)[1] / np.sinc(turned / np.pi)])  # arcs, not chords
         if over_ground is not None:
-            told = f"the speed over ground ({place.words})"
+            other = f"the speed over ground ({place.words})"
             scale, error = float(over_ground.values[0]), float(over_ground.errors[0])
-            return [_of_speed(scale, error, told, True)] if _is_off(scale, error) else []
+            return [_of_speed(scale, error, other, True)] if _is_off(scale, error) else []
     if not r.has("a_x", "a_y", "yaw_rate"):
         return []
     seconds = SMOOTHING if r.has("v_y") else SLOW  # by which the rate of v_y is averaged out
@@ -352,9 +352,9 @@ def _is_off(scale: float, error: float) -> bool:
     return bool(scale > 0.0 and abs(np.log(scale)) > SPEED and abs(scale - 1.0) > SURE * error)
 
 
-def _of_speed(scale: float, error: float, told: str, witnessed: bool) -> Explanation:
+def _of_speed(scale: float, error: float, other: str, witnessed: bool) -> Explanation:
     return Explanation(
-        f"v_x is {number(scale, 3)} times {told}. Check its scale in the column map.",
+        f"v_x is {number(scale, 3)} times {other}. Check its scale in the column map.",
         "v_x", scale, error, "1", ((scale - 1.0) / error) ** 2, witnessed,
     )  # fmt: skip
 
@@ -443,8 +443,8 @@ def _shifted(r: Recording, rows: slice) -> list[Explanation]:
 
     def late(left: Array, right: Array) -> tuple[float, float, float] | None:
         lag = estimate_lag(left, right, dt, 0.05, 1.0)
-        told = lag is not None and lag.error * dt < 0.05 and lag.gain > 0
-        return (lag.samples * dt, lag.error * dt, lag.gain) if lag is not None and told else None
+        sure = lag is not None and lag.error * dt < 0.05 and lag.gain > 0
+        return (lag.samples * dt, lag.error * dt, lag.gain) if lag is not None and sure else None
 
     after = late(turn, (r["v_x"] * r["steer"])[rows])
     if after is None:

@@ -10,7 +10,7 @@ import hashlib
 import json
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
@@ -92,6 +92,19 @@ class RawTable:
         return [str(value) for value in self.column(name).tolist()]
 
 
+Load = Callable[[Sequence[str]], RawTable]
+
+
+def loader(where: str, names: Collection[str], column: Callable[[str], Any], first_row: int = 1) -> Load:
+    """Reads those of these columns that are asked for, each by its name."""
+
+    def load(target: Sequence[str]) -> RawTable:
+        chosen = tuple(name for name in names if name in target)
+        return RawTable(where, chosen, tuple(pd.Series(column(name)) for name in chosen), first_row)
+
+    return load
+
+
 def unique_names(names: tuple[str, ...], where: str) -> None:
     """Raise `BadInput` where two columns have one name."""
     twice = [name for name, count in Counter(names).items() if count > 1]
@@ -137,7 +150,7 @@ class Group:
 
     name: str
     names: tuple[str, ...]
-    load: Callable[[Sequence[str]], RawTable]
+    load: Load
     prefix: str = ""
     clock: str = ""
     clock_unit: str = ""

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from ...base.units import known_unit
 from ..column_map import ColumnMap
-from . import Contents, Group, RawTable, needed, sound
+from . import Contents, Group, loader, needed, sound
 
 KIND = "AiM"
 CLOCK = "timecodes"
@@ -46,12 +44,11 @@ def _group(names: Sequence[str], tables: dict[str, Any], where: str) -> Group:
     clock = f"{title}/time"
     units = {name: unit for name in names if (unit := _unit(tables[name], name))}
 
-    def load(target: Sequence[str]) -> RawTable:
-        chosen = [name for name in (*names, clock) if name in target]
-        columns = [tables[title].column(CLOCK) if name == clock else tables[name].column(name) for name in chosen]
-        return RawTable(where, tuple(chosen), tuple(pd.Series(column.to_numpy()) for column in columns), 1)
+    def column(name: str) -> Any:
+        return (tables[title].column(CLOCK) if name == clock else tables[name].column(name)).to_numpy()
 
-    return Group(title, (*names, clock), load, f"{title}/", clock, "ms", units)
+    every = (*names, clock)
+    return Group(title, every, loader(where, every, column), f"{title}/", clock, "ms", units)
 
 
 def _unit(table: Any, name: str) -> str:

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from ...base.errors import BadInput
 from ...base.units import known_unit
 from ..column_map import ColumnMap
-from . import Contents, Group, RawTable, needed, sound
+from . import Contents, Group, loader, needed, sound
 
 KIND = "CarMaker ERG"
 TIME = "Time"
@@ -35,9 +33,5 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     if TIME not in numeric:
         raise BadInput(f"{file} has no quantity {TIME}; write it again with {TIME} among its quantities.")
     units = {name: unit for name, item in numeric.items() if (unit := known_unit(item.unit))}
-
-    def load(target: Sequence[str]) -> RawTable:
-        chosen = tuple(name for name in numeric if name in target)
-        return RawTable(str(file), chosen, tuple(pd.Series(numeric[name].data) for name in chosen), 1, units)
-
+    load = loader(str(file), numeric, lambda name: numeric[name].data)
     return Contents(str(file), (Group("", tuple(numeric), load, "", TIME, "s", units),), KIND)

@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from numpy.typing import NDArray
 
 from ...base.errors import BadInput
 from ..column_map import ColumnMap
-from . import Columns, Contents, Group, RawTable, needed, sound
+from . import Columns, Contents, Group, loader, needed, sound
 from .apart import Apart
 
 TIMES = ("time", "t", "timestamp", "timestamps", "time_s", "stamp", "zeit")
@@ -126,16 +125,10 @@ def _clock(leaf: TreeLeaf, clocks: dict[tuple[str, ...], TreeLeaf], separator: s
 def _group(leaves: Sequence[TreeLeaf], clock: TreeLeaf | None, separator: str, where: str) -> Group:
     names = {separator.join(leaf.path): leaf for leaf in leaves}
     folder = (clock or leaves[0]).path[:-1]
-
-    def load(target: Sequence[str]) -> RawTable:
-        chosen = tuple(name for name in names if name in target)
-        columns = tuple(pd.Series(_plain(names[name].load())) for name in chosen)
-        return RawTable(where, chosen, columns, 1)
-
     return Group(
         name=separator.join(folder),
         names=tuple(names),
-        load=load,
+        load=loader(where, names, lambda name: _plain(names[name].load())),
         prefix=separator.join((*folder, "")) if folder else "",
         clock=separator.join(clock.path) if clock else "",
         units={name: leaf.unit for name, leaf in names.items() if leaf.unit},

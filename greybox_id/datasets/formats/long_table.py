@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,7 @@ import pandas as pd
 from ...base.shorthands import Array
 from ...base.units import known_unit
 from ..instants import count_unit, is_instants
-from . import Contents, Group, RawTable
+from . import Contents, Group, RawTable, loader
 
 NAMES = frozenset([
     "name", "signal", "channel", "topic", "key", "variable", "parameter", "metric", "id", "series", "tag",
@@ -89,11 +88,7 @@ def _group(
 ) -> Group:
     clock = f"{name}/{CLOCK}"
     columns: dict[str, pd.Series[Any]] = {name: values, clock: times.reset_index(drop=True)}
-
-    def load(target: Sequence[str]) -> RawTable:
-        chosen = tuple(column for column in columns if column in target)
-        return RawTable(table.where, chosen, tuple(columns[item] for item in chosen), table.first_row)
-
+    load = loader(table.where, columns, columns.__getitem__, table.first_row)
     return Group(name, (name, clock), load, f"{name}/", clock, unit, {name: known} if known else {})
 
 

@@ -6,15 +6,15 @@ A channel goes by its name, or where several groups have one of that name by gro
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 
 from ..column_map import ColumnMap
-from . import Columns, Contents, Group, RawTable, needed, sound
+from . import Columns, Contents, Group, loader, needed, sound
 from .apart import Apart
 
 KIND = "MDF"
@@ -50,17 +50,12 @@ def _groups(reader: Apart, file: Path, result: Sequence[Mapping[str, Any]]) -> I
         clock = next((name for name, (_, number) in names.items() if number == group["clock"]), "")
         stated = {name: group["channels"][number][1] for name, (_, number) in names.items()}
         units = {name: unit for name, unit in stated.items() if unit}
-        load = _loader(reader, file, names)
+        load = loader(str(file), names, partial(_values, reader, names))
         yield Group(title, tuple(names), load, f"{title}/", clock, "s" if clock else "", units)
 
 
-def _loader(reader: Apart, file: Path, names: Mapping[str, tuple[int, int]]) -> Callable[[Sequence[str]], RawTable]:
-    def load(target: Sequence[str]) -> RawTable:
-        chosen = tuple(name for name in names if name in target)
-        columns = tuple(pd.Series(reader.array("values", *names[name])) for name in chosen)
-        return RawTable(str(file), chosen, columns, 1)
-
-    return load
+def _values(reader: Apart, names: Mapping[str, tuple[int, int]], name: str) -> Any:
+    return reader.array("values", *names[name])
 
 
 def write(columns: Columns, path: Path, comment: str = "") -> None:

@@ -36,7 +36,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
                 bounded(max(8.0 * opened.metadata.num_rows * len(chosen), _bytes(opened.metadata, chosen)), where)
                 table = opened.read(chosen)
             columns = tuple(_series(table.column(name)) for name in chosen)
-        return RawTable(where, tuple(chosen), columns, 1, {name: units[name] for name in chosen if name in units})
+        return RawTable(where, tuple(chosen), columns, 1)
 
     with sound(where, KIND):
         schema = pq.read_schema(file)

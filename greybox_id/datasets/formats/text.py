@@ -43,25 +43,10 @@ BLOCK = 4
 COMMENT = ("#", "%", "//")
 NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
 """What a row of units holds where a column has none."""
-STATISTICS = frozenset(
-    [
-        "min",
-        "max",
-        "mean",
-        "avg",
-        "average",
-        "minimum",
-        "maximum",
-        "median",
-        "std",
-        "stdev",
-        "sigma",
-        "mittel",
-        "mittelwert",
-        "maximal",
-        "minimal",
-    ]
-)
+STATISTICS = (
+    "min", "max", "mean", "avg", "average", "minimum", "maximum", "median", "std", "stdev", "sigma", "mittel",
+    "mittelwert", "maximal", "minimal",
+)  # fmt: skip
 """How a row begins that sums up the columns."""
 BETWEEN = 8
 """Rows of numbers that may stand between names and values: statistics, numbers of channels, rates."""

@@ -284,21 +284,23 @@ def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
     """A speed as a question, where all that it takes part in says that it is in miles or knots."""
     if entry.signal != "v_x":
         return entry
-    told = [item for item in agreed if item.pair.kinematic and "v_x" in item.pair.channels and item.agreed.gain]
-    times = [np.log(abs(item.agreed.gain)) * (1 if item.pair.nodes[0] == "v_x" else -1) for item in told]
+    paired = [item for item in agreed if item.pair.kinematic and "v_x" in item.pair.channels and item.agreed.gain]
+    times = [np.log(abs(item.agreed.gain)) * (1 if item.pair.nodes[0] == "v_x" else -1) for item in paired]
     if not times or min(map(abs, times)) < FAR_OFF:
         return entry
     for unit, size in ODD.items():
         if max(abs(factor - np.log(entry.factor / size)) for factor in times) < NEAR_ODD:
-            why = f"unit: {'; '.join(item.words for item in told[:2])}, which is as due in {unit}"
+            why = f"unit: {'; '.join(item.words for item in paired[:2])}, which is as due in {unit}"
             return replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, why))
     return entry
 
 
 def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
     """A unit that is stated, or the only one there is, beside what the data say; of a hand wheel `steering` asks."""
-    own = [item for item in agreed if entry.signal == item.pair.nodes[0]]
-    off = [item.words for item in own if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN]
+    its_pairs = [item for item in agreed if entry.signal == item.pair.nodes[0]]
+    off = [
+        item.words for item in its_pairs if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN
+    ]
     how = "unit: as the file states it" if before.unit else "unit: the usual one"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 

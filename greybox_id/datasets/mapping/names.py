@@ -257,7 +257,7 @@ def time_of(
 
 
 SECONDS = ("s", "sec", "secs", "seconds", "stamp sec", "stamp secs", "tv sec")
-RESTS = {
+FRACTIONS = {
     "ns": "ns nsec nsecs nanosec nanosecs nanoseconds nanos",
     "us": "us usec usecs microsec microsecs microseconds micros",
     "ms": "ms msec msecs millisec millisecs milliseconds millis",
@@ -274,7 +274,7 @@ def _split(group: Group, numbers: Mapping[str, Array]) -> MapEntry | None:
     seconds = next(
         (name for name, tail in tails.items() if tail & set(SECONDS) and _whole(numbers[name], np.inf)), None
     )
-    for unit, known in RESTS.items() if seconds else ():
+    for unit, known in FRACTIONS.items() if seconds else ():
         called = (name for name, tail in tails.items() if tail & set(known.split()))
         rest = next((name for name in called if _whole(numbers[name], 1 / to_si(unit, "s").factor)), None)
         if seconds and rest:

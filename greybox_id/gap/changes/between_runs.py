@@ -10,12 +10,12 @@ Gauss-Newton on their innovations.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ...base.errors import BadInput
-from ...base.shorthands import Array
+from ...base.shorthands import Array, Index
 from ...engine.solvers.gauss_newton import least_within
 from ..estimation.calibration import CAL
 from .innovations import FilterInnovations, FollowedRun, Follower, InnovationNoise
@@ -50,10 +50,6 @@ class VaryingNumber:
         """The number at a coordinate."""
         return float(np.exp(at)) if self.logarithmic else float(at)
 
-    def coordinate(self, value: float) -> float:
-        """The coordinate of a value."""
-        return float(np.log(value)) if self.logarithmic else float(value)
-
 
 def values_of(numbers: Sequence[VaryingNumber], x: Array) -> dict[str, float]:
     """Numbers by name, within their bounds."""
@@ -64,20 +60,20 @@ def values_of(numbers: Sequence[VaryingNumber], x: Array) -> dict[str, float]:
 
 
 @dataclass(frozen=True)
-class Told:
-    """What a ride tells at some numbers.
+class Curve:
+    """What rides tell at some numbers, and what is believed of these.
 
     Attributes
     ----------
     cost : negative log-likelihood.
     g, H : (n,), (n, n) its gradient and its Gauss-Newton Hessian.
-    scores : (blocks, n) of which the gradient is the sum.
+    scores : (blocks, n) of which the gradient of a single ride is the sum.
     """
 
     cost: float
     g: Array
     H: Array
-    scores: Array
+    scores: Array = field(default_factory=lambda: np.empty((0, 0)))
 
 
 @dataclass(frozen=True)
@@ -104,7 +100,7 @@ class Weigher:
         result = self.innovations(ride, x)
         return np.inf if result is None else self.noise.cost(result)
 
-    def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Told:
+    def told(self, ride: FollowedRun, x: Array, moved: Sequence[int] | None = None) -> Curve:
         """With derivatives, by the numbers at these places; None: by all."""
         n, places = len(x), range(len(x)) if moved is None else moved
         steps = {k: item.step if x[k] + item.step <= item.high else -item.step
@@ -125,7 +121,7 @@ class Weigher:
         weights = self.noise.weights(here, white)
         scores = np.einsum("b,bi,bin->bn", weights, white, J) + self.noise.temper * wider
         H = np.einsum("b,bin,bim->nm", weights, J, J, optimize=True)
-        return Told(self.noise.cost(here), np.sum(scores, axis=0), H, scores)
+        return Curve(self.noise.cost(here), np.sum(scores, axis=0), H, scores)
 
 
 @dataclass(frozen=True)
@@ -184,56 +180,24 @@ def common(
     scatter, runs_of = prior.copy(), np.array([belief[numbers[k].name] for k in varying])
     learned = np.isfinite(runs_of)
     mean, sd = np.array([number.mean for number in numbers]), np.array([number.sd for number in numbers])
-    u = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
+    u = middle = np.concatenate([mean, np.tile(mean[varying], runs)])  # the vehicle's, then those of each run
     if start is not None:
         u = np.concatenate([start.x, (start.x + start.deviations)[:, varying].ravel()])
         scatter = start.scatter[varying]
+    beyond_vehicle = np.hstack([np.tile(-np.eye(n)[varying], (runs, 1)), np.eye(runs * m)])
+    places = [np.arange(n) for _ in range(runs)]
+    for k, at in enumerate(places):
+        at[varying] = np.arange(n + k * m, n + (k + 1) * m)
     low, high = np.array([[number.low, number.high] for number in numbers]).T
     low, high = (np.concatenate([ends, np.tile(ends[varying], runs)]) for ends in (low, high))
-    fixed = np.setdiff1d(np.arange(n), varying)
-    of_run = [np.arange(n + k * m, n + (k + 1) * m) for k in range(runs)]
-
-    def run_of(u: Array, k: int) -> Array:
-        x = u[:n].copy()
-        x[varying] = u[of_run[k]]
-        return x
-
-    def charge(u: Array) -> Curve:
-        """Of what is believed: vehicles about what is stated, runs about their vehicle."""
-        off, H = u[:n] - mean, np.diag(np.concatenate([sd**-2.0, np.zeros(runs * m)]))
-        g, firm = np.concatenate([off / sd**2, np.zeros(runs * m)]), scatter**-2.0
-        cost = 0.5 * float(np.sum((off / sd) ** 2))
-        for at in of_run:
-            beyond = u[at] - u[varying]
-            cost += 0.5 * float(firm @ beyond**2)
-            g[at] += firm * beyond
-            g[varying] -= firm * beyond
-            H[at, at] += firm
-            H[varying, varying] += firm
-            H[at, varying] -= firm
-            H[varying, at] -= firm
-        return Curve(cost, g, H)
-
-    def cost(u: Array) -> float:
-        return charge(u).cost + sum(weigher.cost(ride, run_of(u, k)) for k, ride in enumerate(rides))
-
-    def curve(u: Array) -> Curve:
-        value = charge(u)
-        known = [weigher.told(ride, run_of(u, k)) for k, ride in enumerate(rides)]
-        g, H = value.g, value.H
-        for k, one in enumerate(known):
-            places = np.empty(n, dtype=int)
-            places[fixed], places[varying] = fixed, of_run[k]
-            g[places] += one.g
-            H[np.ix_(places, places)] += one.H
-        return Curve(value.cost + sum(one.cost for one in known), g, H)
-
     for _ in range(CAL.rounds_of_scatter):
-        u, last = descended(cost, curve, u, low, high, settled)
+        firm = np.tile(scatter**-2.0, runs)  # runs about their vehicle
+        precision = np.asarray((beyond_vehicle.T * firm) @ beyond_vehicle, dtype=float)
+        precision[:n, :n] += np.diag(1.0 / sd**2)
+        u, last = _most_probable(weigher, rides, places, u, (middle, precision), (low, high), settled=settled)
         everything = np.asarray(np.linalg.inv(last.H), dtype=float)
-        beyond = u[n:].reshape(runs, m) - u[varying]
-        spread = np.array([np.diag(everything[np.ix_(at, at)]) + np.diag(everything)[varying]
-                           - 2 * everything[at, varying] for at in of_run])  # fmt: skip
+        beyond = (beyond_vehicle @ u).reshape(runs, m)
+        spread = np.diag(beyond_vehicle @ everything @ beyond_vehicle.T).reshape(runs, m)
         squares = np.sum(beyond**2 + spread, axis=0)
         counted, before = np.where(learned, runs_of, 1.0), scatter
         scatter = np.where(learned, np.sqrt((counted * prior**2 + squares) / (counted + runs)), prior)
@@ -280,31 +244,50 @@ def explained(
     mean, covariance : what is believed.
     moved : places of the numbers that matter to these rides; the others follow as they are believed to.
     """
-    precision = np.linalg.inv(covariance)
+    precision, places = np.asarray(np.linalg.inv(covariance), dtype=float), [np.arange(len(mean)) for _ in rides]
     low, high = np.array([[number.low, number.high] for number in weigher.numbers]).T
-
-    def charge(x: Array) -> float:
-        return 0.5 * float((x - mean) @ precision @ (x - mean))
-
-    def cost(x: Array) -> float:
-        return charge(x) + sum(weigher.cost(ride, x) for ride in rides)
-
-    def curve(x: Array) -> Curve:
-        each = [weigher.told(ride, x, moved) for ride in rides]
-        g, H = (np.sum([getattr(item, part) for item in each], axis=0) for part in ("g", "H"))
-        return Curve(charge(x) + sum(item.cost for item in each), g + precision @ (x - mean), H + precision)
-
-    x, last = descended(cost, curve, start, low, high)
+    x, last = _most_probable(weigher, rides, places, start, (mean, precision), (low, high), moved)
     return RunExplained(x, last.cost, last.H, last.H - precision, last.g - precision @ (x - mean))
 
 
-@dataclass(frozen=True)
-class Curve:
-    """A cost, its gradient, and what is known of its Hessian."""
+def _most_probable(
+    weigher: Weigher,
+    rides: Sequence[FollowedRun],
+    places: Sequence[Index],
+    start: Array,
+    belief: tuple[Array, Array],
+    bounds: tuple[Array, Array],
+    moved: Sequence[int] | None = None,
+    settled: float = CAL.between_settled,
+) -> tuple[Array, Curve]:
+    """Where unknowns are most probable, and what is told there.
 
-    cost: float
-    g: Array
-    H: Array
+    Parameters
+    ----------
+    places : of each ride's numbers among the unknowns.
+    start : where the search begins.
+    belief : mean and precision of the unknowns.
+    bounds : of the unknowns.
+    moved, settled : as of `explained`, `common`.
+    """
+    mean, precision = belief
+
+    def charge(u: Array) -> float:
+        return 0.5 * float((u - mean) @ precision @ (u - mean))
+
+    def cost(u: Array) -> float:
+        return charge(u) + sum(weigher.cost(ride, u[at]) for ride, at in zip(rides, places, strict=True))
+
+    def curve(u: Array) -> Curve:
+        value, g, H = charge(u), precision @ (u - mean), precision.copy()
+        for ride, at in zip(rides, places, strict=True):
+            one = weigher.told(ride, u[at], moved)
+            value += one.cost
+            g[at] += one.g
+            H[np.ix_(at, at)] += one.H
+        return Curve(value, g, H)
+
+    return descended(cost, curve, start, *bounds, settled)
 
 
 def descended(

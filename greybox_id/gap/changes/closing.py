@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -26,16 +26,13 @@ def closure(known: Common, rides: Sequence[FollowedRun], mean: Array, names: tup
         squares = (np.sum(weigher.noise.white(each, ones) ** 2, axis=1) for each in (first, then))
         sums += zip(*squares, np.sum(first.there, axis=1), strict=True)
     each = np.array(sums)
+    total = np.sum(each, axis=0)
+    before, after = (float(item) for item in total[:2] / total[2])
 
     def share(total: Array) -> float:
         before, after = total[:2] / total[2]
-        floor = min(1.0, before, after)
-        return float((before - after) / max(before - floor, CAL.least_gap))
+        return float((before - after) / max(before - min(1.0, before, after), CAL.least_gap))
 
-    total = np.sum(each, axis=0)
-    before, after = (float(item) for item in total[:2] / total[2])
-    if np.array_equal(mean, known.x):
-        return Closure(before, before, min(1.0, before), 0.0, (0.0, 0.0), names)
     low, high = (float(end) for end in resampled(each, share, CAL.draws))
     return Closure(before, after, min(1.0, before, after), share(total), (low, high), names)
 
@@ -44,8 +41,8 @@ def budget_of(
     known: Common,
     rides: Sequence[FollowedRun],
     mean: Array,
-    places: Sequence[int],
-    applied: Sequence[str],
+    applied: Sequence[int],
+    names: Mapping[int, str],
     judged: Closure,
     held_out: bool,
 ) -> Budget | None:
@@ -54,18 +51,15 @@ def budget_of(
         return None
     low, high = judged.closed_interval
     rest = Share("unexplained", 1 - judged.closed, 1 - high, 1 - low)
-    shares, before = [], 0.0
-    for k, name in enumerate(applied):
-        upto = judged.closed
-        if k < len(applied) - 1:
-            at = known.x.copy()
-            at[[*places[: k + 1]]] = mean[[*places[: k + 1]]]
-            upto = closure(known, rides, at, judged.recordings).closed
-        spread = 0.5 * (high - low)
-        alone = len(applied) == 1
-        shares.append(Share(name, upto - before, low if alone else upto - before - spread,
-                            high if alone else upto - before + spread))  # fmt: skip
-        before = upto
+    upto = [judged.closed]
+    for count in range(len(applied) - 1, 0, -1):
+        at = known.x.copy()
+        at[[*applied[:count]]] = mean[[*applied[:count]]]
+        upto.insert(0, closure(known, rides, at, judged.recordings).closed)
+    shares = []
+    for place, value in zip(applied, np.diff(upto, prepend=0.0), strict=True):
+        ends = (value - 0.5 * (high - low), value + 0.5 * (high - low)) if len(applied) > 1 else (low, high)
+        shares.append(Share(names[place], float(value), *(float(end) for end in ends)))
     return Budget(tuple(shares), rest, judged.recordings, held_out)
 
 

@@ -24,11 +24,11 @@ from scipy.optimize import minimize
 
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index
-from ...datasets.recording import Recording
+from ...datasets.recording import Recording, join
 from ...filters.filtering import LaidRun, filtering, laid
 from ...filters.kernel import SigmaPoints
 from ...filters.state_space import SLOWEST, StateSpace, Tracked
-from ...filters.tuning import noise_coordinates, resolution_of, scatter_of, start_levels, tuned
+from ...filters.tuning import beginning, noise_coordinates, resolution_of, scatter_of, start_levels, tuned
 from ...models.effects.timing import LATEST
 from ...models.motion_model import MotionModel
 from ..estimation.calibration import CAL
@@ -68,7 +68,7 @@ class FollowedRun:
         if not moving.sample_time > 0:
             raise BadInput(f"{recording.name} has no two rows in motion that follow each other.")
         step = max(1, round(CAL.apart / moving.sample_time))
-        moving = _joined(excerpt([moving], round(seconds / moving.sample_time)))
+        moving = join(excerpt([moving], round(seconds / moving.sample_time)), recording.name)
         kept = np.zeros(len(moving), dtype=bool)
         for start, stop in moving.runs:
             kept[start:stop:step] = True
@@ -80,17 +80,6 @@ class FollowedRun:
         """Its first and its second half."""
         value, middle = self.recording, len(self.recording) // 2
         return replace(self, recording=value.rows(0, middle)), replace(self, recording=value.rows(middle, len(value)))
-
-
-def _joined(parts: Sequence[Recording]) -> Recording:
-    """Parts of one recording as one, with a join between each two."""
-    if len(parts) == 1:
-        return parts[0]
-    starts = np.cumsum([0, *(len(part) for part in parts)])
-    runs = [(int(a + at), int(b + at)) for part, at in zip(parts, starts, strict=False) for a, b in part.runs]
-    signals = {name: np.concatenate([part[name] for part in parts]) for name in parts[0].signals}
-    time = np.concatenate([part.time for part in parts])
-    return replace(parts[0], time=time, signals=signals, runs=tuple(runs))
 
 
 @dataclass(frozen=True)
@@ -251,7 +240,10 @@ class Follower:
         )
         levels = start_levels(self.space, scatter, self.read, {})
         p = np.concatenate([self._numbers(values), levels.values])
-        runs = [item for ride in rides for item in _first(self._runs(ride, p), CAL.tuned_on)]
+        longest_first = (
+            sorted(self._runs(ride, p), key=lambda item: item.run.time[0] - item.run.time[-1]) for ride in rides
+        )
+        runs = [item for each in longest_first for item in beginning(each, CAL.tuned_on)]
         memories = {f"memory_{one.name}": CAL.memory for one in self.space.tracked}
         memories |= {f"memory_{name}": CAL.sensor_memory for name in self.space.coloured}
         for name, seconds in memories.items():
@@ -325,14 +317,3 @@ class Follower:
                 del self._laid[next(iter(self._laid))]
             self._laid[key] = laid(self.space, ride.recording, value, self.read)
         return self._laid[key]
-
-
-def _first(runs: Sequence[LaidRun], seconds: float) -> list[LaidRun]:
-    """Runs of no more than so many seconds in all: the longest, and the beginning of the last one of them."""
-    result, left = list[LaidRun](), seconds
-    for run in sorted(runs, key=lambda item: item.run.time[0] - item.run.time[-1]):
-        if left <= 0:
-            break
-        result.append(run.first(left))
-        left -= float(run.run.time[-1] - run.run.time[0])
-    return result

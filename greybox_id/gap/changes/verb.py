@@ -26,7 +26,7 @@ from ...models.effect import Effect
 from ...models.motion_model import MotionModel
 from ...models.vehicle import Stated, Vehicle
 from ..estimation.calibration import CAL
-from ..gap import Gap, Ranked, Where
+from ..gap import Closure, Gap, Ranked, Where
 from .between_runs import Common, RunExplained, values_of
 from .closing import budget_of, channels_of, closure, loudness
 from .columns import ByColumns, told_by_columns
@@ -259,80 +259,83 @@ def _answer(
 ) -> Changed:
     """What is said of all that was found; direct: what two columns tell by themselves."""
     effects = {effect.parameter.name: name for name, effect in value.items()}
+    names = {place: effects[number.name] for place, number in enumerate(known.numbers) if number.name in effects}
+    recordings = [tuple(one.name for one in part) for part in (after, held_out or after)]
+
+    def closed(x: Array) -> list[Closure]:
+        return [closure(known, ones, x, each) for ones, each in zip((rides, others), recordings, strict=True)]
+
     weights = np.array([exp(min(one.least, 300.0)) for one in result])
     sure = weights / (1.0 + np.sum(weights))
     first = result[0] if result and result[0].least > 0 else None
-    alike = [] if first is None else [effects[known.numbers[one.place].name] for one in result[1:]
-                                      if first.least - one.least < CAL.alike]  # fmt: skip
-    entry, spans = known.x.copy(), list[tuple[float, float]]()
+    alike = [names[one.place] for one in result[1:] if first is not None and first.least - one.least < CAL.alike]
+    entry = known.x.copy()
     for place, by in direct.items():
         entry[place] += by.shift
-    mean = entry.copy()
-    for one in result:
-        each, at = known.numbers[one.place], known.x[one.place] + one.shift[0]
-        sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
-        ends = [each.value(float(np.clip(at + side * 1.96 * sd, each.low, each.high))) for side in (-1, 1)]
-        spans.append((_within(value[effects[each.name]], min(ends)), _within(value[effects[each.name]], max(ends))))
+    mean, reason, applied = entry.copy(), "", [*direct]
     if first is not None:
         mean[first.place] += first.shift[0]
-    chosen = closure(known, rides, mean, tuple(one.name for one in after))
-    judged = closure(known, others, mean, tuple(one.name for one in (held_out or after)))
-    reasons = dict[int, str]()
+    chosen, judged = closed(mean)
     if first is not None:
         each = known.numbers[first.place]
         if judged.closed_interval[0] <= 0:
-            reasons[first.place] = "it does not improve predictions of held-out recordings"
+            reason = "it does not improve predictions of held-out recordings"
         elif sure[0] <= CAL.present:
             beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
-            reasons[first.place] = f"its probability is {sure[0]:.2f}, not more than one half{beside}"
+            reason = f"its probability is {sure[0]:.2f}, not more than one half{beside}"
         elif not each.low < mean[first.place] < each.high:
-            reasons[first.place] = "it is at its bound: a symptom of another cause, not an estimate"
-    first_found = first
-    if reasons:
-        first, mean = None, entry
-        chosen, judged = (closure(known, ones, mean, each.recordings)
-                          for ones, each in ((rides, chosen), (others, judged)))  # fmt: skip
-    ranking = []
-    for one, p, span in zip(result, sure, spans, strict=True):
-        each = known.numbers[one.place]
-        name = effects[each.name]
-        size = _within(value[name], each.value(known.x[one.place] + one.shift[0]))
-        reason = reasons.get(one.place, "")
+            reason = "it is at its bound: a symptom of another cause, not an estimate"
+        if reason:
+            mean = entry
+            chosen, judged = closed(mean)
+        else:
+            applied.append(first.place)
+
+    def ranked(place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
+        """An effect with its magnitude."""
+        number, effect = known.numbers[place], value[names[place]]
+        at = known.x[place] + shift * np.ones(3) + 1.96 * sd * np.array([-1.0, 0.0, 1.0])
+        at[[0, 2]] = np.clip(at[[0, 2]], number.low, number.high)
+        low, size, high = (_within(effect, number.value(each)) for each in at)
+        return Ranked(names[place], float(probability), size, effect.parameter.unit, (low, high), gain=gain, **more)
+
+    ranking = [ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
+               for place, by in direct.items()]  # fmt: skip
+    for one, p in zip(result, sure, strict=True):
+        why = reason if one is first else ""
         if one.beyond > CAL.reach_sd:
-            reason = "it is implausibly large: a symptom of another cause, not an estimate"
-        mates = tuple(alike) if first_found is one else ()
-        ranking.append(Ranked(name, float(p), size, value[name].parameter.unit, span, mates, one.total, reason))
-    ranking = [*(_by_columns(known, value[effects[known.numbers[place].name]], effects, place, by)
-                 for place, by in direct.items()), *ranking]  # fmt: skip
-    places = (*direct, *(one.place for one in (first,) if one is not None))
-    applied = tuple(effects[known.numbers[place].name] for place in places)
-    budget = budget_of(known, others, mean, places, applied, judged, bool(held_out))
+            why = "it is implausibly large: a symptom of another cause, not an estimate"
+        sd = float(np.hypot(one.shift[1], known.scatter[one.place]))
+        mates = tuple(alike) if one is first else ()
+        ranking.append(ranked(one.place, one.shift[0], sd, p, one.total, indistinguishable_from=mates, reason=why))
     loud = loudness(known, rides, base)
     odds = CAL.unnamed_slope * log(loud / CAL.unnamed_share)
     unknown = 1 / (1 + exp(-max(min(odds, 30.0), -30.0)))
     channels = channels_of(known, rides)
+    shows = bool(applied) or unknown > 0.5
+    by_chance = len(known.varying) * exp(-max((one.total for one in result), default=0.0))
     gap = Gap(
         model=model.name,
-        recordings=tuple(one.name for one in after),
+        recordings=recordings[0],
         doubts=tuple(
             f"{one.name}: {finding.sentence}"
             for one in (*after, *since) for finding in check(one) if finding.severity is Severity.DISTRUST
         ),
-        gap_detected=bool(applied) or unknown > 0.5,
-        p_value=min([_by_chance(result, len(known.varying)), *(1.0 - by.probability for by in direct.values())]),
+        gap_detected=shows,
+        # at most, by Markov's inequality: the mean of a ratio of evidences is one
+        p_value=min([1.0, by_chance, *(1.0 - by.probability for by in direct.values())]),
         unknown_probability=unknown,
         unknown=f"readings are {number(loud, 2)} times as far from predictions as before" if unknown > 0.5 else "",
-        where=Where(channel=max(channels, key=lambda name: channels[name]) if applied or unknown > 0.5 else "",
-                    channels=channels),
+        where=Where(channel=max(channels, key=lambda name: channels[name]) if shows else "", channels=channels),
         ranking=tuple(ranking),
-        applied=applied,
+        applied=tuple(names[place] for place in applied),
         gap=chosen,
         held_out=judged if held_out else None,
         not_excited={},
         absorbed=(),
         advice=(),
         closed=_model_at(model, value, known, mean),
-        budget=budget,
+        budget=budget_of(known, others, mean, applied, names, judged, bool(held_out)),
     )  # fmt: skip
     before, scatter = _before(vehicle, value, known)
     return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
@@ -384,21 +387,6 @@ def by_place(known: Common, value: Mapping[str, Effect], by_columnses: Sequence[
     places = {number.name: place for place, number in enumerate(known.numbers)}
     return {places[value[one.effect].parameter.name]: one for one in by_columnses
             if one.effect in value and value[one.effect].parameter.name in places}  # fmt: skip
-
-
-def _by_columns(known: Common, effect: Effect, effects: Mapping[str, str], place: int, by: ByColumns) -> Ranked:
-    """An effect that two columns tell."""
-    number, at = known.numbers[place], known.x[place] + by.shift
-    low, size, high = (_within(effect, number.value(at + side * 1.96 * by.sd)) for side in (-1, 0, 1))
-    gain = 0.5 * (by.shift / by.sd) ** 2
-    return Ranked(effects[number.name], by.probability, size, effect.parameter.unit, (low, high), (), gain)
-
-
-def _by_chance(result: Sequence[Change], tried: int) -> float:
-    """How often the best of so many changes gains so much from scatter alone, at most: by Markov's inequality, for the
-    mean of a ratio of evidences is one.
-    """
-    return float(min(1.0, tried * exp(-max((one.total for one in result), default=0.0))))
 
 
 def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x: Array) -> MotionModel:

@@ -9,6 +9,7 @@ George & McCulloch, J. Am. Stat. Assoc. 88, 1993, for the spike and slab.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -114,6 +115,13 @@ class Sets:
         self.odds, self.never = odds, tuple(never)
         self._known = dict[bytes, tuple[float, float]]()
 
+    def reaching(self, low: Array, high: Array) -> Sets:
+        """The same scores where magnitudes may be as large as that, (causes,)."""
+        other = copy(self)
+        other.low, other.high, other._known = self.low.copy(), self.high.copy(), {}
+        other.low[self.main], other.high[self.main] = low, high
+        return other
+
     @staticmethod
     def _at_means(squares: Quadratic) -> float:
         off = squares.about.mean - squares.about.at
@@ -154,6 +162,8 @@ class Sets:
         if np.any(there[value] < self.low[value] - size) or np.any(there[value] > self.high[value] + size):
             return NEVER, NEVER
         fit = 0.5 * float(y @ y)
+        if not fit <= self.left:  # columns of what spins: rounding is left of them
+            return NEVER, NEVER
         return fit - float(np.sum(np.log(np.diag(L)))) - float(np.sum(self.odds[on])), fit
 
     def beyond(self, on: Mask) -> Mask:

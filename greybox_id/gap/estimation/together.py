@@ -14,12 +14,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.shorthands import Array, Mask
+from ...engine.solvers.gauss_newton import least_within
 from .bench import Bench
 from .calibration import CAL
 from .constancy import steadily
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
-from .problem import RIDGE, JointProblem, JointState, Linear
+from .problem import JointProblem, JointState, Linear
 from .sparse import Quadratic, Sets
 
 
@@ -123,6 +124,7 @@ class JointSearch:
             (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
             if other in cause.forms[0].candidate.never_beside
         ]  # fmt: skip
+        self._switched_at = np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)
         self.odds = np.full(len(names), CAL.against)
         for k, cause in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
@@ -214,7 +216,7 @@ class JointSearch:
         value, usual = stage.whitener.amplitudes, self.whitening.prior.median
         return max(1.0, value.share_y / usual.share_y, value.share_x / usual.share_x)
 
-    def pruned(self, stage: JointStage, prices: Array, unsteady: Array) -> tuple[JointStage, Array]:
+    def pruned(self, stage: JointStage, prices: Array, unsteady: Array, gains: Array) -> tuple[JointStage, Array]:
         """A stage without the causes that gain less than their prices, with others that do beside the rest.
 
         What is taken away is taken away from all of it: everything else is refitted, and linearised again where that
@@ -224,6 +226,8 @@ class JointSearch:
         ----------
         prices : (causes,) log-likelihood that each must gain.
         unsteady : (causes,) how magnitudes differ between parts of the drive, see `constancy.unsteadiness`.
+        gains : (causes,) what causes gained before others left, as far as that is known. What gained far more than it
+            must is looked at again once nothing else leaves.
 
         Returns
         -------
@@ -233,16 +237,13 @@ class JointSearch:
         if np.any(stage.there):  # as far as what is compared with it: without each of its causes all is refitted
             stage = self.refitted(stage, stage.there, CAL.exchange_steps)
         while True:
-            gains, beyond = np.zeros(len(stage.there)), stage.sets.beyond(stage.there)
+            beyond = stage.sets.beyond(stage.there)
             if np.any(beyond):  # a step that overshot, or a size that is not there
                 stage = self.refitted(stage, stage.there, CAL.exchange_steps)
                 beyond = stage.sets.beyond(stage.there)
-            for k in np.flatnonzero(stage.there & ~beyond):
-                gains[k] = 0.0 if np.any(beyond) else self._gained(stage, int(k), prices[k])
+            gains = np.where(beyond, 0.0, gains) if np.any(beyond) else self._gains(stage, prices, unsteady, gains)
             steady = steadily(gains, unsteady)
-            weak = list(np.flatnonzero(beyond)) or [
-                k for k in np.flatnonzero(stage.there) if not steady[k] >= prices[k]
-            ]
+            weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.there & ~(steady >= prices)))
             if not weak:
                 without = self._without_both(stage, prices, together)
                 if without is not None:
@@ -262,20 +263,38 @@ class JointSearch:
             there[weak[: -(-len(weak) // 2)]] = False  # where many are, some of them at once
             stage = self.refitted(stage, there, CAL.exchange_steps)
 
+    def _gains(self, stage: JointStage, prices: Array, unsteady: Array, before: Array) -> Array:
+        """What each cause of a stage gains beside the others.
+
+        Those that gained far more than they must are asked last, and not at all where others leave anyway.
+        """
+        gains = np.where(stage.there, before, 0.0)
+        far = steadily(gains, unsteady) >= CAL.doubted * prices
+        for due in (stage.there & ~far, stage.there & far):
+            for k in np.flatnonzero(due):
+                gains[k] = self._gained(stage, int(k), prices[k])
+            if np.any(stage.there & ~(steadily(gains, unsteady) >= prices)):
+                break
+        return gains
+
     def _without_both(self, stage: JointStage, prices: Array, looked: set[tuple[int, int]]) -> JointStage | None:
         """The stage without two causes that undo each other, where both gain less than they must; pairs looked at once.
 
         Each seems needed beside the other: one raises grip, the other one takes it away.
         """
         like, there = self._alike(stage), np.flatnonzero(stage.there)
+        gradual = [cause.gradual for cause in self.problem.causes]
         for a, b in ((int(a), int(b)) for a in there for b in there if a < b and like[a, b] > CAL.acts_alike):
             if (a, b) in looked:
                 continue
             looked.add((a, b))
             rest = stage.there.copy()
             rest[[a, b]] = False
+            more = prices[a] + prices[b]
+            if gradual[a] and gradual[b] and stage.sets.cost(rest) - stage.sets.cost(stage.there) > CAL.doubted * more:
+                continue
             without = self.refitted(stage, rest, CAL.exchange_steps, trial=True)
-            if without.sets.cost(rest) - stage.sets.cost(stage.there) < prices[a] + prices[b]:
+            if without.sets.cost(rest) - stage.sets.cost(stage.there) < more:
                 return self.refitted(without, rest, 1)
         return None
 
@@ -287,13 +306,17 @@ class JointSearch:
         return np.asarray(np.abs(S) / np.outer(size, size))
 
     def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
-        """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at."""
-        here, best, most = stage.sets.cost(stage.there), None, 0.0
+        """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at.
+
+        It may be as large as it can be at all: refits say what it is beyond where it was looked at.
+        """
+        sets = stage.sets.reaching(self.problem.low, self.problem.high)
+        here, best, most = sets.cost(stage.there), None, 0.0
         for k in np.flatnonzero(~stage.there & ~looked):
             there = stage.there.copy()
             there[k] = True
-            worth = here - stage.sets.cost(there) - prices[k]
-            if worth > most and stage.sets.score(there) > stage.sets.score(stage.there):
+            worth = here - sets.cost(there) - prices[k]
+            if worth > most and sets.score(there) > sets.score(stage.there):
                 best, most = int(k), worth
         return best
 
@@ -400,23 +423,18 @@ class JointSearch:
         x, _ = squares.best(variance)
         off = np.abs(x - value.mean)[value.main]
         if there is None:
-            there = (off > np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)) & (
-                variance > 4 * problem.zone**2
-            )
+            there = (off > self._switched_at) & (variance > 4 * problem.zone**2)
         on = there & ~problem.smooth
-        switched = on & ~state.on
-        linear = ~value.moved & ~np.isin(value.cause, np.flatnonzero(switched))
         prec = squares.precision(variance)
-        profile = _Profile(value.A[:, linear], prec[linear], (value.mean - value.at)[linear])
+        first = _FirstOrder(value, prec, self._switched_at[value.cause], on & ~state.on)
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
-        here = self._objective(back, profile, whitener, prec, value, back.m)
+        here = self._objective(back, first, whitener, prec, value)
         share = 1.0
         for _ in range(6):
             new = problem.moved(state, x, share, on)
-            there_now = self._objective(new, profile, whitener, prec, value, new.m)
-            if there_now < here + 1e-6:
+            if self._objective(new, first, whitener, prec, value) < here + 1e-6:
                 break
             share *= 0.4
         else:
@@ -429,17 +447,16 @@ class JointSearch:
         return new, far
 
     def _objective(
-        self, state: JointState, profile: _Profile, whitener: Whitener, prec: Array, linear: Linear, m: Array
+        self, state: JointState, first: _FirstOrder, whitener: Whitener, prec: Array, linear: Linear
     ) -> float:
         problem = self.problem
         (e,) = problem.residuals([problem.vector(state)])
         if not np.all(np.isfinite(e)):
             return np.inf
-        r = whitener.white(e[:, :, None]).ravel()
-        squares = profile.left(r)
+        squares = first.left(whitener.white(e[:, :, None]).ravel())
         theta = (state.theta - problem.theta_mean) / problem.theta_sd
         goes = problem.smooth | state.on
-        mains = np.sqrt(prec[linear.main]) * np.where(goes, m - problem.mean, 0.0)
+        mains = np.sqrt(prec[linear.main]) * np.where(goes, state.m - problem.mean, 0.0)
         extra = 0.0
         for k in np.flatnonzero(state.on & ~problem.smooth):
             for axis, at in zip(
@@ -451,20 +468,29 @@ class JointSearch:
         return total if np.isfinite(total) else np.inf
 
 
-class _Profile:
-    """Sums of squares with first-order coordinates at their best."""
+class _FirstOrder:
+    """Coordinates that simulations do not have, at their best wherever a step leads.
 
-    def __init__(self, A: Array, prec: Array, off: Array) -> None:
-        self.A, self.prec, self.off = A, prec, off
-        H = A.T @ A + np.diag(prec)
-        self.scale = 1 / np.sqrt(np.diag(H))
-        self.factor = np.linalg.cholesky(H * np.outer(self.scale, self.scale) + RIDGE * np.eye(len(H))) if len(H) else H
+    Causes among them go no further than they would without being simulated: columns that were taken elsewhere would
+    make up for whatever a simulation does.
+
+    Parameters
+    ----------
+    linear, prec : the problem, and beliefs.
+    switched_at : (K,) how far off a cause is that simulations have.
+    switched : (causes,) those that simulations have from this step on.
+    """
+
+    def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Mask) -> None:
+        here = ~linear.moved & ~((linear.cause >= 0) & switched[linear.cause])
+        reach = np.where(linear.cause >= 0, switched_at, np.inf)[here]
+        self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
+        self._low = np.maximum((linear.low - linear.at)[here], -reach - self._off)
+        self._high = np.minimum((linear.high - linear.at)[here], reach - self._off)
+        self._H = self._A.T @ self._A + np.diag(self._prec)
 
     def left(self, r: Array) -> float:
         """What is left of residuals, with the charge."""
-        total = float(r @ r)
-        if not len(self.prec):
-            return total
-        r0 = r + self.A @ self.off  # at the means
-        y = np.linalg.solve(self.factor, self.scale * (self.A.T @ r0))
-        return float(r0 @ r0) - float(y @ y)
+        g = self._A.T @ r + self._prec * self._off
+        step = least_within(self._H, g, self._low, self._high, np.ones(len(g), dtype=bool))
+        return float(r @ r + self._off @ (self._prec * self._off) + 2 * g @ step + step @ self._H @ step)

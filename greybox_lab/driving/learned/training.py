@@ -80,8 +80,9 @@ def train_actuator_net(
     even = [resampled(recording, step) for recording in given]
     known = [_foretold(model, recording, value.outputs) for recording in even]
     result = windows(even, value, channel, step, known)
-    scaling = _Scaling.of(result, value.inputs, value.outputs, value.residual)
-    x, y = scaling.read(result.seen), scaling.said(result)
+    means, scales, out_means, out_scales = _scales(result, value.outputs, value.residual)
+    x = ((result.seen - means) / scales).reshape(len(result), -1)
+    y = (result.following - result.own - out_means) / out_scales
     sizes = (x.shape[1], *HIDDEN, y.shape[1])
     trained, errors = [], []
     for k in range(members):
@@ -96,7 +97,7 @@ def train_actuator_net(
         held = SquaredError(net, x[outside], y[outside])
         done = _descended(SquaredError(net, x[inside], y[inside]), held, net.vector, steps, seed + k, say)
         trained.append((net.at(done.x), done, int(np.sum(inside)), int(np.sum(outside))))
-        errors.append(held.errors(done.x) * scaling.out_scales)
+        errors.append(held.errors(done.x) * out_scales)
         if done.status == "interrupted":
             raise KeyboardInterrupt
     about: dict[str, Any] = {
@@ -112,8 +113,8 @@ def train_actuator_net(
     }  # fmt: skip
     return ActuatorNet(
         variant=variant, inputs=value.inputs, outputs=value.outputs, history=value.history, sample_time=step,
-        members=tuple(net for net, *_ in trained), means=scaling.means, scales=scaling.scales,
-        out_means=scaling.out_means, out_scales=scaling.out_scales,
+        members=tuple(net for net, *_ in trained), means=means, scales=scales,
+        out_means=out_means, out_scales=out_scales,
         sigma=np.maximum(np.sqrt(np.mean(np.concatenate(errors) ** 2, axis=0)), 1e-9), channel=channel,
         model="" if model is None else fingerprint(model), data=data_hash(even, value.inputs, channel), trained=about,
     )  # fmt: skip
@@ -139,35 +140,18 @@ def _checked(given: Sequence[Recording], variant: str, model: MotionModel | None
     return value, channel
 
 
-class _Scaling:
-    """Numbers of order one, in and out."""
-
-    def __init__(self, means: Array, scales: Array, out_means: Array, out_scales: Array) -> None:
-        self.means, self.scales, self.out_means, self.out_scales = means, scales, out_means, out_scales
-
-    @classmethod
-    def of(cls, step_windows: StepWindows, inputs: Sequence[str], outputs: Sequence[str], residual: bool) -> _Scaling:
-        """By mean and spread of what is read, and of what is to be said."""
-        if len(step_windows) < 2:
-            raise BadInput(
-                "Fewer than two windows of the recordings have all readings: there is nothing to learn from."
-            )
-        now, after = step_windows.seen[:, 0], step_windows.following - step_windows.own
-        scales, out = np.std(now, axis=0), np.std(after, axis=0)
-        for name, spread in zip(outputs, np.std(step_windows.following, axis=0), strict=True):
-            if not spread > 0:
-                raise BadInput(f"{name} is constant: the vehicle's response cannot be learned from it.")
-        # a command that is never given tells nothing: it is read as zero
-        scales, out = np.where(scales > 0, scales, 1.0), np.where(out > 0, out, 1.0)
-        return cls(np.mean(now, axis=0), scales, np.zeros(len(out)) if residual else np.mean(after, axis=0), out)
-
-    def read(self, seen: Array) -> Array:
-        """(n, numbers) what networks read of windows."""
-        return np.asarray(((seen - self.means) / self.scales).reshape(len(seen), -1))
-
-    def said(self, step_windows: StepWindows) -> Array:
-        """(n, outputs) what networks are to say of them."""
-        return np.asarray((step_windows.following - step_windows.own - self.out_means) / self.out_scales)
+def _scales(step_windows: StepWindows, outputs: Sequence[str], residual: bool) -> tuple[Array, Array, Array, Array]:
+    """Means and spreads of what is read, and of what is to be said, with which numbers are of order one."""
+    if len(step_windows) < 2:
+        raise BadInput("Fewer than two windows of the recordings have all readings: there is nothing to learn from.")
+    now, after = step_windows.seen[:, 0], step_windows.following - step_windows.own
+    scales, out = np.std(now, axis=0), np.std(after, axis=0)
+    for name, spread in zip(outputs, np.std(step_windows.following, axis=0), strict=True):
+        if not spread > 0:
+            raise BadInput(f"{name} is constant: the vehicle's response cannot be learned from it.")
+    # a command that is never given tells nothing: it is read as zero
+    scales, out = np.where(scales > 0, scales, 1.0), np.where(out > 0, out, 1.0)
+    return np.mean(now, axis=0), scales, np.zeros(len(out)) if residual else np.mean(after, axis=0), out
 
 
 def _descended(loss: SquaredError, held: SquaredError, start: Array, steps: int, seed: int, say: Say) -> Descent:

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from greybox_id.gap.changes.between_runs import Curve, Told, VaryingNumber, common, descended, explained, values_of
+from greybox_id.gap.changes.between_runs import Curve, VaryingNumber, common, descended, explained, values_of
 
 NUMBERS = (
     VaryingNumber("shared", False, 0.0, 10.0, 1e-3, -50.0, 50.0),
@@ -24,7 +24,7 @@ class Read:
     def told(self, ride, x, moved=None):
         del moved
         g, H = (x - ride.read) / ride.sd**2, np.diag(1 / ride.sd**2)
-        return Told(self.cost(ride, x), g, H, g[None])
+        return Curve(self.cost(ride, x), g, H, g[None])
 
 
 def ride(read, sd):

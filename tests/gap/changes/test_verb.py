@@ -10,7 +10,7 @@ from gap_cases import CAR, NUMBERS, lap, nominal
 from greybox_id.api.closed_vehicle import closed_vehicle
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
-from greybox_id.gap.changes.between_runs import Told, VaryingNumber
+from greybox_id.gap.changes.between_runs import Curve, VaryingNumber
 from greybox_id.gap.changes.search import Change, changes
 from greybox_id.gap.changes.sensitivity import visible
 from greybox_id.gap.changes.usual import LEVER_ARM, USUAL, acts, driven_alike, driven_elsewhere
@@ -143,7 +143,7 @@ def test_driven_alike_is_steered_and_as_fast_as_the_others_most_of_the_time():
 
 
 def test_where_nothing_may_be_named_nothing_is():
-    told = Told(1.0, np.zeros(1), np.eye(1), np.zeros((1, 1)))
+    told = Curve(1.0, np.zeros(1), np.eye(1), np.zeros((1, 1)))
     number = VaryingNumber("yaw_rate_scale", True, 0.0, 0.1, 1e-3, -1.0, 1.0)
     weigher = SimpleNamespace(numbers=(number,), told=lambda *_: told, cost=lambda *_: 1.0)
     known = SimpleNamespace(weigher=weigher, of_a_run=np.eye(1), varying=(0,), numbers=(number,), x=np.zeros(1))

@@ -60,6 +60,16 @@ def test_a_sum_of_squares_that_rounding_made_less_than_nothing_is_no_evidence(ro
     assert Sets(replace(squares, rr=rounding), *given).base == -np.inf
 
 
+def test_a_set_that_explains_more_than_there_is_is_no_evidence():
+    """Columns of simulations that spin are so large that products of them are rounding."""
+    squares = Quadratic.of(linear(*drawn([0.0, 0.8]), 2))
+    given = np.full(2, ZONE), np.full(2, USUAL), np.full(2, ODDS), ()
+    second = switched(1, of=2)
+    assert np.isfinite(Sets(squares, *given).score(second))
+    off = np.where(squares.about.main, 1e90 * np.eye(len(squares.g))[-1], 0.0)
+    assert Sets(replace(squares, g=squares.g + off), *given).score(second) == -np.inf
+
+
 def test_sizes_are_those_of_the_posterior():
     A, r = drawn([0.0, 0.8, -0.5])
     own = sets_of(linear(A, r, 3), 3)

@@ -9,7 +9,7 @@ from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.estimation.problem import JointProblem
-from greybox_id.gap.estimation.together import JointSearch, JointWhitening
+from greybox_id.gap.estimation.together import JointSearch, JointWhitening, _FirstOrder
 
 SD = np.array([0.1, 0.1])
 
@@ -110,3 +110,55 @@ def test_two_that_undo_each_other_leave_together(truth, left):
     without = search._without_both(stage, np.full(3, 8.0), set())
     assert set(np.flatnonzero((without or stage).there)) == left
     assert search._without_both(stage, np.full(3, 8.0), {(0, 1)}) is None
+
+
+def test_what_is_not_simulated_makes_up_for_no_more_than_it_may_without_being_simulated():
+    """At its best, a column that was taken elsewhere would pass for an explanation of any simulation."""
+    X = smooth_columns(2)
+    search = together(linear_bench(X, [0.0, 0.0], SD), [cause(0), cause(1, gradual=False)])
+    problem, there = search.problem, np.array([True, False])
+    whitener, variance = search.whitening.usual(None, 1.0), search.variance(there)
+    _, squares = search._linear(problem.begin(), whitener, True, variance)
+    prec, linear = squares.precision(variance), squares.about
+    switched_at = search._switched_at[linear.cause]
+    first = _FirstOrder(linear, prec, switched_at, np.zeros(2, dtype=bool))
+    column = linear.A[:, linear.main][:, 1]
+    left = first.left(linear.r + 0.7 * column)  # a simulation that is off by what 0.7 of it would explain
+    sizes = np.linspace(-1.0, 1.0, 4001)[:, None] * switched_at[1]
+    best = np.min(np.sum((linear.r + (0.7 + sizes) * column) ** 2, axis=1) + prec[linear.main][1] * sizes[:, 0] ** 2)
+    assert left == pytest.approx(best, rel=1e-6)
+    assert left > 0.5 * np.sum((linear.r + 0.7 * column) ** 2)
+    simulated = _FirstOrder(linear, prec, switched_at, np.array([False, True]))
+    assert simulated.left(linear.r) == pytest.approx(float(linear.r @ linear.r))
+
+
+def test_what_gained_far_more_than_it_must_is_asked_once_nothing_else_leaves(monkeypatch):
+    X, every = smooth_columns(3), np.ones(3, dtype=bool)
+    search = together(linear_bench(X, [1.0, 0.6, 0.0], SD), [cause(k) for k in range(3)])
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(every), there=every)
+    asked, gained = [], search._gained
+    monkeypatch.setattr(search, "_gained", lambda stage, k, price: asked.append(k) or gained(stage, k, price))
+    prices, unsteady, nothing = np.full(3, 8.0), np.zeros(3), np.zeros(3)
+    before = search._gains(stage, prices, unsteady, nothing)
+    assert asked == [0, 1, 2]
+    assert before[2] < 8.0 < before[1]
+    asked.clear()
+    assert search._gains(stage, prices, unsteady, before) == pytest.approx(before)
+    assert asked == [2]
+    asked.clear()
+    rest = search.refitted(stage, before >= prices)
+    search._gains(rest, prices, unsteady, before)
+    assert asked == [0, 1]
+
+
+def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
+    """Where it was looked at, a size is bounded; refits say what it is beyond."""
+    X = smooth_columns(2)
+    small = replace(
+        cause(1, gradual=False, low=0.0), forms=(Form(cause(1, low=0.0).forms[0].candidate, (), ((0.1,),)),)
+    )
+    search = together(linear_bench(X, [1.0, 0.9], SD), [cause(0), small])
+    first = np.array([True, False])
+    stage = search.settled(search.problem.begin(), 1.0, search.variance(first), there=first)
+    assert stage.sets.score(np.ones(2, dtype=bool)) == -np.inf
+    assert search._worth_adding(stage, np.full(2, 8.0), np.zeros(2, dtype=bool)) == 1

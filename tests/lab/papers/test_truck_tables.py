@@ -16,7 +16,7 @@ from greybox_id.fitting import hybrid, pretraining
 from greybox_lab.papers import truck as bench
 from greybox_lab.papers import truck_comparisons, truck_sets
 from greybox_lab.papers.bench import KeptBench
-from greybox_lab.papers.truck import GreyBoxRun, TruckOptions, truck_tables
+from greybox_lab.papers.truck import TruckOptions, grey_box, truck_tables
 from greybox_lab.papers.truck_comparisons import redrawn, standard_error
 from greybox_lab.papers.truck_grey_boxes import CANDIDATES
 from greybox_lab.papers.truck_inputs import Chunks, by_speed, chunks, raw, splits
@@ -104,11 +104,11 @@ def three(tmp_path):
 def test_a_model_whose_inputs_were_not_recorded_is_left_out(three):
     said, (causal, both) = [], (CANDIDATES[2], CANDIDATES[4])
     altered(three, "test", lambda table: table.drop(columns=["alpha2", "long", "lat"]))
-    assert {row["split"] for row in GreyBoxRun.of(causal, three, False).rows} == {"train", "val", "test"}
-    assert {row["split"] for row in GreyBoxRun.of(both, three, False, said.append).rows} == {"train", "val"}
+    assert {row["split"] for row in grey_box(causal, three, False)[0]} == {"train", "val", "test"}
+    assert {row["split"] for row in grey_box(both, three, False, said.append)[0]} == {"train", "val"}
     assert said == ["best with both angles is left out: test has no alpha2"]
     altered(three, "val", lambda table: table.drop(columns=["alpha2"]))
-    assert GreyBoxRun.of(both, three, False, said.append) is None
+    assert grey_box(both, three, False, said.append) is None
     assert said[1:] == ["best with both angles is left out: val has no alpha2"]
 
 
