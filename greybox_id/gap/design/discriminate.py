@@ -58,7 +58,7 @@ class Rival:
     Attributes
     ----------
     name : its effect.
-    model : with the effect free and all tolerances that are stated.
+    model : with the effect free and all tolerances that are stated; it has the effects of all rivals.
     sd : of the effect's magnitude, as far as the diagnosis knows it.
     """
 
@@ -132,7 +132,8 @@ def discriminating(
         why = "No manoeuvre distinguishes them." if alike else "There is nothing to distinguish."
         return _nothing("discriminate", model, design_task, why, impossible)
     chosen = known[:MOST_RIVALS]
-    rivals = _Rivals(gap, [_rival(gap, model, effects, name, chosen) for name in chosen], design_task)
+    joint = _joint(gap, model, effects, chosen)
+    rivals = _Rivals(gap, [_rival(gap, joint, effects[name]) for name in chosen], design_task)
     found_plan, separation = rivals.told_apart(say)
     impossible += [
         f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from {item.pair[1]} "
@@ -185,7 +186,8 @@ def detecting(
         why = "There is nothing to detect: at their usual sizes, all effects would have shown."
         return _nothing("detect", model, design_task, why)
     chosen = target[:MOST_RIVALS]
-    shown = [_rival(gap, model, effects, name, chosen, typical=True) for name in chosen]
+    joint = _joint(gap, model, effects, chosen)
+    shown = [_rival(gap, joint, effects[name], typical=True) for name in chosen]
     rivals = _Rivals(gap, [_without(shown[0]), *shown], design_task, detect=True)
     found_plan, separation = rivals.told_apart(say)
     impossible = [
@@ -219,19 +221,17 @@ class _Rivals:
         self.samples = [_drawn(rival, DRAWS, design_task.seed) for rival in rivals]
         self.drive = _drive_of(first)
         self.read, amplitudes = _amplitudes(gap, first)
-        self.errors = [ExpectedErrors(rival.model, amplitudes) for rival in rivals]
+        self.errors = ExpectedErrors(first, amplitudes)
         names = [rival.name for rival in rivals]
         self.held = [Rough(rival.model, names) for rival in rivals]  # a row that is read sooner has no derivative
         self.simulators = [Simulator(item.model) for item in self.held]
         for simulator in self.simulators:
             simulator.kernel.prepare()
-        each = [[p.name for p in rival.model.parameters for _ in range(p.size)] for rival in rivals]
-        common = [n for n in each[0] if n not in names and all(n in other for other in each)]
-        self.shared = [np.array([other.index(n) for n in common], dtype=np.intp) for other in each]
+        self.shared = np.array([p.name not in names for p in first.parameters for _ in range(p.size)])
         count = len(rivals)
         self.search = PlanSearch(
-            design_task, [rival.model for rival in rivals], self.samples, self.worth,
-            enough=ENOUGH if detect else CLEARLY, pairs=max(1, count * (count - 1) // 2),
+            design_task, first, self.samples, self.worth, enough=ENOUGH if detect else CLEARLY,
+            pairs=max(1, count * (count - 1) // 2),
         )  # fmt: skip
 
     def told_apart(self, say: Say) -> tuple[FoundPlan, tuple[Separation, ...]]:
@@ -301,12 +301,11 @@ class _Rivals:
         recording = self._readings(plan, true, p, every)
         if recording is None:
             return [0.0] * len(wrong)
-        drawn = not np.array_equal(p[self.shared[true]], self.rivals[true].model.values[self.shared[true]])
+        drawn = not np.array_equal(p[self.shared], self.rivals[true].model.values[self.shared])
         value = self._cost(recording, true, p, steps, every) if drawn else 0.0
         result = []
         for other in wrong:
-            wide = np.array(self.rivals[other].model.values)
-            wide[self.shared[other]] = p[self.shared[true]]
+            wide = np.where(self.shared, p, self.rivals[other].model.values)
             result.append(max(self._cost(recording, other, wide, steps, every) - value, 0.0))
         return result
 
@@ -314,7 +313,7 @@ class _Rivals:
         """Nats that readings and tolerances cost a rival that adapts from p on; zero where it is not finite."""
         ones = np.ones(len(self.rivals[rival].model.outputs))
         problem = MotionProblem(self.simulators[rival], [recording], noise=ones, starts="free", about=p)
-        white = self.errors[rival].whitener(recording, p, every)
+        white = self.errors.whitener(recording, p, every)
         low, high = problem.bounds
         x = at = problem.unknowns(p)
         best, known, damping = inf, inf, 0.0
@@ -375,34 +374,28 @@ class _Rivals:
         return Recording("plan", time, {**signals, **filled})
 
 
-def _rival(
-    gap: Gap, model: MotionModel, effects: Mapping[str, Effect], name: str, among: Sequence[str], *,
-    typical: bool = False,
-) -> Rival:  # fmt: skip
-    """The model with one of the effects at its magnitude, free; and the others that are applied in any case."""
-    result = {item.effect: item.magnitude for item in gap.ranking}
-    spans = {item.effect: item.interval[1] - item.interval[0] for item in gap.ranking}
+def _joint(gap: Gap, model: MotionModel, effects: Mapping[str, Effect], names: Sequence[str]) -> MotionModel:
+    """The model with these effects at their null, and the others that are applied in any case."""
+    magnitude = {item.effect: item.magnitude for item in gap.ranking}
     for other in gap.applied:
-        if other not in among and other in effects and other not in model.effects and other in result:
-            model = model + effects[other].at(result[other])
-    effect = effects[name]
-    size = effect.typical if typical else result.get(name, effect.typical)
-    low, high = effect.parameter.bounds
-    size = float(np.clip(size, low, high))
-    if name in model.effects:
-        value = model[name]
-        model = model.with_parameters(replace(value, value=np.asarray(size), fixed=False, prior=None))
-    else:
-        model = model + effect.free(size if isfinite(size) else effect.typical)
-        model = model.with_parameters(replace(model[name], value=np.asarray(size), prior=None))
-    held = [
-        replace(parameter, fixed=True)
-        for parameter in model.parameters
-        if parameter.name != name and not parameter.fixed and parameter.prior is None
-    ]
-    model = model.with_parameters(*held)
-    sd = 0.0 if typical else spans.get(name, 0.0) / (2.0 * NORMAL_95)
-    return Rival(name, model, sd if isfinite(sd) else 0.0)
+        if other not in names and other in effects and other not in model.effects and other in magnitude:
+            model = model + effects[other].at(magnitude[other])
+    for name in names:
+        if name not in model.effects:
+            model = model + effects[name].at(float(effects[name].parameter.array))
+    held = [replace(p, fixed=True) for p in model.parameters if not p.fixed and p.prior is None]
+    return model.with_parameters(*held)
+
+
+def _rival(gap: Gap, joint: MotionModel, effect: Effect, *, typical: bool = False) -> Rival:
+    """The model with one of the effects at its magnitude, free."""
+    name, size, sd = effect.parameter.name, effect.typical, 0.0
+    for item in gap.ranking:
+        if item.effect == name and not typical:
+            size, sd = item.magnitude, (item.interval[1] - item.interval[0]) / (2.0 * NORMAL_95)
+    size = float(np.clip(size, *effect.parameter.bounds))
+    parameter = replace(joint[name], value=np.asarray(size), fixed=False, prior=None)
+    return Rival(name, joint.with_parameters(parameter), sd if isfinite(sd) else 0.0)
 
 
 def _without(rival: Rival) -> Rival:

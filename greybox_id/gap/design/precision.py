@@ -56,7 +56,7 @@ def precise(fit: Fit, names: Sequence[str], kind: str, design_task: DesignTask, 
         ]  # fmt: skip
         return [float(value) for value in np.median(values, axis=0)]
 
-    search = PlanSearch(design_task, [model], [samples], worth)
+    search = PlanSearch(design_task, model, [samples], worth)
     information = Information(fit, known, target)
     found_plan = search.best(say)
     after = known.precision + design_task.repeat * information.of([found_plan.plan], samples[0])[0]

@@ -90,8 +90,9 @@ class PlanSearch:
     Parameters
     ----------
     task : arena, limits and the like.
-    models : of the vehicle, any of which may be true; the plan is made with the first one.
-    samples : of each, (K, parameters) draws of what is uncertain, the nominal values first.
+    model : of the vehicle.
+    samples : of every explanation that may be true, (K, parameters) draws of what is uncertain; the plan is made with
+        the first draw of the first one.
     worth : what a plan is worth.
     enough : worth beyond which no better plan is looked for.
     pairs : that worth is asked of, each of which takes its time.
@@ -102,15 +103,14 @@ class PlanSearch:
     """
 
     def __init__(
-        self, task: DesignTask, models: Sequence[MotionModel], samples: Sequence[Array], worth: Worth, *,
+        self, task: DesignTask, model: MotionModel, samples: Sequence[Array], worth: Worth, *,
         enough: float = np.inf, pairs: int = 1,
     ) -> None:  # fmt: skip
         self.samples, self.worth, self.enough, self.effort = samples, worth, enough, task.effort / pairs
-        self.task, self.vehicle = task.cautious(vehicle_of(models[0]), models[0], samples[0])
+        self.task, self.vehicle = task.cautious(vehicle_of(model), model, samples[0])
         self.task.must_fit()
         self.limits, self.arena = self.task.limits, self.task.arena
-        driver = driver_of(models[0], self.limits)
-        self.courses = [PlanCourse(model, driver, task.rate, self.limits.speed_min) for model in models]
+        self.course = PlanCourse(model, driver_of(model, self.limits), task.rate, self.limits.speed_min)
         self.rng = np.random.default_rng((task.seed, 6143))
         self.speeds = (1.15 * self.limits.speed_min, self.limits.speed_max)
         self.pace = float(np.sqrt(self.vehicle.length / 2.76))
@@ -165,7 +165,7 @@ class PlanSearch:
         ----------
         goal, more : as `Design` holds them.
         """
-        course, samples = self.courses[0], self.samples[0]
+        course, samples = self.course, self.samples[0]
         motion = course.driven(found_plan.plan, samples, follow=self.task.follow)
         good = motion[np.all(np.isfinite(motion), axis=(1, 2))]
         return Design(
@@ -224,10 +224,10 @@ class PlanSearch:
         """
         shares, guilty, last = [], set[int](), len(found_plan.phases) - 1  # the stop is the last phase's
         each = [found_plan.plan.phase == k for k in np.unique(found_plan.plan.phase)]
-        for course, item in zip(self.courses, (P, *(other[: len(P)] for other in self.samples[1:])), strict=True):
+        for item in (P, *(other[: len(P)] for other in self.samples[1:])):
             held = 0
             for a in range(0, len(item), AT_ONCE):
-                y = course.driven(found_plan.plan, item[a : a + AT_ONCE], follow=self.task.follow)
+                y = self.course.driven(found_plan.plan, item[a : a + AT_ONCE], follow=self.task.follow)
                 out = np.array([self._outside(found_plan.placement, motion) for motion in y])
                 broken = np.array([strain(y[:, rows], self.limits).worst > 1.0 for rows in each])
                 within = ~np.any(broken, axis=0)
@@ -333,14 +333,12 @@ class PlanSearch:
 
     def _made(self, chains: Sequence[tuple[tuple[Phase, ...], float]]) -> list[FoundPlan]:
         """Plans of chains, simulated several at once, and by how much they break limits."""
-        plans = [
-            asked(phases, self.vehicle, self.limits, duration, self.courses[0].rate) for phases, duration in chains
-        ]
+        plans = [asked(phases, self.vehicle, self.limits, duration, self.course.rate) for phases, duration in chains]
         order = sorted(range(len(plans)), key=lambda k: len(plans[k].time))
         result: dict[int, FoundPlan] = {}
         for first in range(0, len(order), AT_ONCE):
             value = order[first : first + AT_ONCE]
-            for k, plan in zip(value, self.courses[0].references([plans[k] for k in value]), strict=True):
+            for k, plan in zip(value, self.course.references([plans[k] for k in value]), strict=True):
                 phases, duration = chains[k]
                 placement, broken = self._placed(plan)
                 result[k] = FoundPlan(phases, duration, plan, placement, -np.inf, broken)
@@ -388,7 +386,7 @@ class PlanSearch:
 
     def _hardest(self, found_plan: FoundPlan) -> Array:
         """The draws that ask most of a plan, but for those that may break limits: if these keep to them, enough do."""
-        y = self.courses[0].driven(found_plan.plan, self.samples[0], follow=self.task.follow)
+        y = self.course.driven(found_plan.plan, self.samples[0], follow=self.task.follow)
         order = np.argsort(strain(y, self.limits).worst, kind="stable")
         last = int(np.ceil(NEEDED * len(order)))
         return np.asarray(self.samples[0][order[max(last - HARDEST, 0) : last]])
