@@ -18,8 +18,10 @@ import pandas as pd
 
 from ..base.numbers import number
 from ..base.shorthands import Array
+from ..datasets.checks.finding import Finding
 from ..datasets.recording import Recording
 from ..fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighed
+from ..fitting.scores.verdict import distrust, used_signals
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from ..models.vehicle import ChosenModel, Stated, TrackingPlan, Vehicle
@@ -144,9 +146,17 @@ MOSTLY_LOST = 0.5
 
 def verdict(track: Track) -> Verdict:
     """Whether a track can be used, and why."""
-    checked = [sentence for sentence in track.sentences if sentence.startswith("Data check:")]
+    checked = [
+        Reason(NOT_USABLE if _throughout(item) else WITH_CARE, f"Data check: {item.sentence}")
+        for item in distrust(used_signals(track.model), track.recording)
+    ]
     lost = {name: _lost(track, name) for name in track.consistency}
-    return of_innovations(track.consistency, lost, track.widened, [Reason(WITH_CARE, item) for item in checked])
+    return of_innovations(track.consistency, lost, track.widened, checked)
+
+
+def _throughout(finding: Finding) -> bool:
+    """Whether a signal is wrong in all rows; where it is in some, or missing there, the filter goes on from others."""
+    return finding.where.run is None and not finding.where.rows and finding.kind != "missing"
 
 
 def of_innovations(
@@ -190,7 +200,7 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
             WITH_CARE,
             f"{name}: innovations scatter {number(np.sqrt(value.nis), 2)} times as far as expected "
             f"(NIS {number(value.nis, 2)}): "
-            f"its noise is overstated and bands are too wide. State noise_{name}, or tune it (‹tune›).",
+            f"its noise is overstated and bands are too wide. State noise_{name}, or have it tuned.",
         )
     elif value.inside < INSIDE:
         yield Reason(
@@ -201,7 +211,7 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
         yield Reason(
             WITH_CARE,
             f"{name}: successive innovations correlate ({value.correlation:.2f}): the model lacks something and "
-            "bands are too narrow. greybox gap looks for it; ‹coloured› lets a reading err slowly.",
+            "bands are too narrow. greybox gap looks for it, and a coloured noise lets a reading err slowly.",
         )
 
 

@@ -24,7 +24,17 @@ from ..models.hybrid_model import HybridModel
 from .fit import Fit
 from .how import FitOptions, Say, refused
 from .pretraining import Pretraining, faster, known_physics, pretrained
-from .training import Trained, TrainedBefore, fit_hybrid, manoeuvres, split, trained_best, update_hybrid
+from .training import (
+    Trained,
+    TrainedBefore,
+    descent,
+    manoeuvres,
+    mirrored,
+    read_noise,
+    split,
+    trained_best,
+    update_hybrid,
+)
 from .verb import FitTask, estimated
 
 HORIZONS = (2, 11, 21)
@@ -42,10 +52,10 @@ Outside = Callable[[Array], float]
 def fit_network(
     model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say, known: Pretraining | None = None
 ) -> Trained:
-    """Train a hybrid model whose network has no memory.
+    """Train a hybrid model.
 
     Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
-    end.
+    end. Networks with a memory are trained over windows at once, in units of the readings' noise.
 
     Parameters
     ----------
@@ -64,16 +74,21 @@ def fit_network(
     train, held_out, names = split(named, model, how.seed)
     if known is not None and "m" in model:
         model = known_physics(model, known)
-    sd = counted(model, [one for _, one in named], how)
+    sd = (read_noise if model.recurrent else counted)(model, [one for _, one in named], how)
     outside = WindowErrors(model, held_out, sd)
-    best, stage = trained_best(
-        model, how, say, clock,
-        lambda seed, item: trained_from(model, recordings, train, sd, outside, seed, item, known),
-        lambda error: f"{error:.3g}", lambda one: _noise(model, held_out, one.x),
+    if not model.recurrent:
+        return trained_best(
+            model, how, say, clock,
+            lambda seed, item: trained_from(model, recordings, train, sd, outside, seed, item, known),
+            WindowErrors(model, train, sd), outside, lambda p: _noise(model, held_out, p), names,
+        )  # fmt: skip
+    if model.symmetric:
+        train = [*train, *(mirrored(model, one) for one in train)]
+    problem = HybridProblem(model, train, sd)
+    return trained_best(
+        model, how, say, clock, lambda seed, item: descent(problem, outside, model, seed, item), problem.errors,
+        outside, lambda _: sd, names,
     )  # fmt: skip
-    inside = WindowErrors(model, train, sd)
-    errors = (float(np.sqrt(inside(best.x))), float(np.sqrt(outside(best.x))))
-    return Trained(model.with_values(best.x), stage, names, errors)
 
 
 def trained_from(
@@ -161,8 +176,6 @@ def _estimated(model: HybridModel, task: FitTask) -> Fit:
         stretches(model, task.validate)  # what is wrong with it is better said before the work than after
     if isinstance(pretraining, TrainedBefore):
         trained = update_hybrid(pretraining.model, recordings, how, say)
-    elif model.recurrent:
-        trained = fit_hybrid(model, recordings, how, say)
     else:
         trained = fit_network(model, recordings, how, say, pretraining)
     return Fit(

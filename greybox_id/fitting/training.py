@@ -13,7 +13,7 @@ from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..base.signals import SIGNALS
 from ..datasets.recording import Recording
-from ..engine.hybrid.problem import HybridProblem, WindowErrors, drawn
+from ..engine.hybrid.problem import HybridProblem, SquaredErrors, WindowErrors, drawn
 from ..engine.hybrid.stretches import Stretch, noise, stretches
 from ..engine.solvers.quasi_newton import Descent, descend
 from ..models.hybrid_model import HybridModel
@@ -48,38 +48,6 @@ class Trained:
     errors: tuple[float, float]
 
 
-def fit_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitOptions, say: Say) -> Trained:
-    """Train a hybrid model.
-
-    Every unbroken run is a manoeuvre; a fifth of them, drawn by the seed, are not trained on. A single run gives its
-    end.
-
-    Parameters
-    ----------
-    model : nominal values of physical parameters; weights are drawn.
-    recordings : training data.
-    how : seed, number of starts and known noise.
-
-    Raises
-    ------
-    BadInput : the recordings lack an input or all outputs, differ in sample time, or are too short.
-    """
-    clock = time.process_time()
-    named = manoeuvres(model, recordings)
-    train, held_out, names = split(named, model, how.seed)
-    if model.symmetric:
-        train = [*train, *(mirrored(model, one) for one in train)]
-    sd = read_noise(model, [one for _, one in named], how)
-    problem, outside = HybridProblem(model, train, sd), WindowErrors(model, held_out, sd)
-    best, stage = trained_best(
-        model, how, say, clock, lambda seed, item: _descent(problem, outside, model, seed, item),
-        lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
-    )  # fmt: skip
-    p = problem.parameters(best.x)
-    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
-    return Trained(model.with_values(p), stage, names, errors)
-
-
 @dataclass(frozen=True)
 class TrainedBefore:
     """A hybrid model whose training is carried on.
@@ -110,7 +78,7 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
 
     Raises
     ------
-    BadInput : as `fit_hybrid`; there are fewer than `PIECES` pieces, or several starts, or nothing moves.
+    BadInput : as `fit_network`; there are fewer than `PIECES` pieces, or several starts, or nothing moves.
     """
     if how.starts > 1:
         raise BadInput(f"A continued training of {model.name} starts at the numbers of its fit; omit ‹starts›.")
@@ -130,15 +98,10 @@ def update_hybrid(model: HybridModel, recordings: Sequence[Recording], how: FitO
     train = [one for k, one in enumerate(pieces) if k % PIECES != PIECES // 2]
     moving = model.with_parameters(*(_carried_on(p, model.carried_on) for p in model.parameters))
     problem, outside = HybridProblem(moving, train, sd), WindowErrors(model, held_out, sd)
-    best, stage = trained_best(
-        model, how, say, clock,
-        lambda seed, item: _descent(problem, outside, model, seed, item, model.values),
-        lambda error: f"{np.sqrt(error):.3f} of noise", lambda one: sd,
+    return trained_best(
+        model, how, say, clock, lambda seed, item: descent(problem, outside, model, seed, item, model.values),
+        problem.errors, outside, lambda _: sd, (f"every fifth of {len(pieces)} pieces of {length} rows",),
     )  # fmt: skip
-    p = problem.parameters(best.x)
-    errors = (float(np.sqrt(problem.errors(p))), float(np.sqrt(outside(p))))
-    known = f"every fifth of {len(pieces)} pieces of {length} rows"
-    return Trained(model.with_values(p), stage, (known,), errors)
 
 
 def _carried_on(parameter: Parameter, moving: Sequence[str]) -> Parameter:
@@ -150,22 +113,24 @@ def _carried_on(parameter: Parameter, moving: Sequence[str]) -> Parameter:
 
 def trained_best(
     model: HybridModel, how: FitOptions, say: Say, clock: float, train: Callable[[int, Say], Descent],
-    words: Callable[[float], str], noise_of: Callable[[Descent], Array],
-) -> tuple[Descent, Stage]:  # fmt: skip
-    """The best of several trainings by what is held out, and the record of all.
+    inside: SquaredErrors, outside: SquaredErrors, noise_of: Callable[[Array], Array], held_out: tuple[str, ...],
+) -> Trained:  # fmt: skip
+    """The best of several trainings by what is held out, with the record of all.
 
     Parameters
     ----------
     clock : processor time at which all began.
-    train : seed, progress -> a training.
-    words : held-out error -> for people.
-    noise_of : the best training -> noise of the readings.
+    train : seed, progress -> a training, whose x are the model's parameters.
+    inside, outside : errors of what is trained on and of what is held out.
+    noise_of : parameters -> noise of the readings.
+    held_out : names of what says when to stop.
     """
     away = apart(how.starts, how.jobs)
 
     def told(k: int, one: Descent) -> bool:
         if away:
-            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {words(one.held_out[one.best])}")
+            error = np.sqrt(one.held_out[one.best])
+            say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {error:.3f}")
         return one.status != "interrupted"
 
     done = side_by_side(lambda k: train(how.seed + k, quiet if away else say), how.starts, how.jobs, told)
@@ -173,26 +138,32 @@ def trained_best(
     stage = Stage(
         model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
         history=best.loss, starts=tuple(sorted(each.held_out[each.best] for each in done.results)), strengths={},
-        strengths_from="early stopping", tried=(), noise=dict(zip(model.outputs, noise_of(best).tolist(), strict=True)),
+        strengths_from="early stopping", tried=(),
+        noise=dict(zip(model.outputs, noise_of(best.x).tolist(), strict=True)),
         cpu_seconds=time.process_time() - clock + done.cpu_seconds, cross_validation_seconds=0.0,
     )  # fmt: skip
-    return best, stage
+    errors = (float(np.sqrt(inside(best.x))), float(np.sqrt(outside(best.x))))
+    return Trained(model.with_values(best.x), stage, held_out, errors)
 
 
-def _descent(
+def descent(
     problem: HybridProblem, outside: WindowErrors, model: HybridModel, seed: int, say: Say, begin: Array | None = None
 ) -> Descent:
-    """A training from weights that are drawn, or from those of a trained model, which needs no first steps."""
+    """A training from weights that are drawn, or from those of a trained model, which needs no first steps.
+
+    What it ends at are the model's parameters.
+    """
 
     def told(step: int, loss: float, held_out: float) -> None:
         line = f"{model.name}, seed {seed}: step {step}, held-out error {np.sqrt(2.0 * loss):.3f} times the noise "
         say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
     start = problem.unknowns(drawn(model, seed) if begin is None else begin)
-    return descend(
+    result = descend(
         problem, lambda q: outside(problem.parameters(q)), start, problem.bounds,
         warm_up=WARM_UP if begin is None else 0, steps=STEPS, patience=PATIENCE, say=told,
     )  # fmt: skip
+    return replace(result, x=problem.parameters(result.x))
 
 
 def manoeuvres(model: HybridModel, recordings: Sequence[Recording]) -> list[tuple[str, Stretch]]:

@@ -286,28 +286,23 @@ def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawi
         )
 
 
-def residual_drawings(recordings: Sequence[Seen], inputs: Sequence[str]) -> Iterator[Drawing]:
+def residual_drawing(recordings: Sequence[Seen], inputs: Sequence[str]) -> Drawing:
     """Residual analysis."""
     one = shown_first(recordings)
-    figure = residual_correlations(one, inputs)
-    if figure is not None:
-        yield Drawing(
-            "residuals",
-            figure,
-            f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
-            "prediction, with inputs. At positive lags the residual comes after the input. Correlations outside the "
-            "band mean that the model lacks something, or has a wrong delay. Predictions over a horizon correlate "
-            "for as long as the horizon even where the model is right.",
-            "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
-        )
+    return Drawing(
+        "residuals",
+        residual_correlations(one, inputs),
+        f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
+        "prediction, with inputs. At positive lags the residual comes after the input. Correlations outside the "
+        "band mean that the model lacks something, or has a wrong delay. Predictions over a horizon correlate "
+        "for as long as the horizon even where the model is right.",
+        "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
+    )
 
 
-def spectrum_drawings(recordings: Sequence[Seen], heard: Noise | None) -> Iterator[Drawing]:
+def spectrum_drawing(recordings: Sequence[Seen], heard: Noise | None) -> Drawing:
     """Spectra of what was measured, of errors, and of noise where it is heard."""
     one = shown_first(recordings)
-    figure = spectrum(one, heard)
-    if figure is None:
-        return
     method = (
         f"Power spectral densities over {_where_from(one)}: Welch's method within runs, Hamming windows overlapping by "
         "half."
@@ -318,4 +313,4 @@ def spectrum_drawings(recordings: Sequence[Seen], heard: Noise | None) -> Iterat
         caveat = ", where the sensors are not shaken" if heard.where == "at rest" else ""
         words = f"Noise is measured {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
     outputs = listed([signal_words(name) for name in one.outputs])
-    yield Drawing("spectrum", figure, f"{method} {words}", f"Power spectra of {outputs}.")
+    return Drawing("spectrum", spectrum(one, heard), f"{method} {words}", f"Power spectra of {outputs}.")

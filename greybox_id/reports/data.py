@@ -35,7 +35,14 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
     signals : what its model reads and predicts.
     """
     value = [one.recording for one in recordings]
-    return titled("Data", applied(value, signals), *_findings(value), *_map(recordings))
+    where = Drawing(
+        "excitation",
+        excitation(recordings),
+        "Where the data lie: samples over speed and lateral acceleration. Where no sample lies the recordings do not "
+        "excite the model, and it extrapolates.",
+        "Maps of the samples over speed and lateral acceleration, training and validation.",
+    )
+    return titled("Data", applied(value, signals), *_findings(value), where)
 
 
 def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ...]:
@@ -114,18 +121,6 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
 def _said(finding: Finding) -> str:
     words = {"distrust": "Not to be trusted: ", "warning": "", "note": ""}[finding.severity.value]
     return words + re.sub(r"(?<![\w.])-(?=\d)", "−", raised(finding.sentence))
-
-
-def _map(recordings: Sequence[Seen]) -> list[Part]:
-    figure = excitation(recordings)
-    if figure is None:
-        return []
-    caption = (
-        "Where the data lie: samples over speed and lateral acceleration. Where no sample lies the recordings do not "
-        "excite the model, and it extrapolates."
-    )
-    alt = "Maps of the samples over speed and lateral acceleration, training and validation."
-    return [Drawing("excitation", figure, caption, alt)]
 
 
 def _values(recordings: Sequence[Seen], name: str) -> Array:

@@ -94,19 +94,20 @@ class Drawing:
     Attributes
     ----------
     name : of its file, without suffix.
-    figure : the figure.
+    figure : the figure; None where there is nothing to draw, and so no part.
     caption : below it.
     alt : what it shows, for those who cannot see it.
     """
 
     name: str
-    figure: Sheet
+    figure: Sheet | None
     caption: str
     alt: str
 
     @property
     def svg(self) -> str:
         """The figure as an SVG file, in the colours of light paper."""
+        assert self.figure is not None
         return self.figure.svg(self.alt)
 
 
@@ -173,13 +174,18 @@ def write_drawings(made: Sequence[Drawing], folder: str | Path) -> list[Path]:
 
 def titled(title: str, *parts: Part, level: int = 1) -> tuple[Part, ...]:
     """Parts below a heading, which stays with the first of them; nothing where there are none."""
-    kept = tuple(part for part in parts if not _empty(part))
+    kept = there(*parts)
     if not kept:
         return ()
     first, *rest = kept
     if isinstance(first, Drawing | Text | Pairs) or (isinstance(first, Table) and len(first.rows) <= SHORT):
         return (Together((Section(title, level), first)), *rest)
     return (Section(title, level), *kept)
+
+
+def there(*parts: Part) -> tuple[Part, ...]:
+    """Those that say or show something."""
+    return tuple(part for part in parts if not _empty(part))
 
 
 SHORT = 14
@@ -198,6 +204,8 @@ def _empty(part: Part) -> bool:
             return not part.pairs
         case Formulas():
             return not part.equations
+        case Drawing():
+            return part.figure is None
         case Together():
             return all(_empty(part) for part in part.parts)
     return False

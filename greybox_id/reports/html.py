@@ -72,6 +72,7 @@ def part_html(part: Part) -> str:
         case Formulas(equations):
             return f"<div class=formulas>{''.join(f'<div>{in_mathml(item)}</div>' for item in equations)}</div>"
         case Drawing():
+            assert part.figure is not None
             caption = f"<figcaption>{_words(part.caption)}</figcaption>" if part.caption else ""
             return f"<figure>{part.figure.svg(part.alt, colours=False)}{caption}</figure>"
         case Together(parts):

@@ -20,7 +20,7 @@ from ..fitting.scores.hybrid import hybrid_predictions
 from ..fitting.scores.metrics import FREE_RUN
 from ..models.hybrid_model import FeedForwardNetwork, HybridModel
 from .content import ended, made_with, scalars, stages, written_down
-from .document import Drawing, Part, Text, titled
+from .document import Drawing, Text, titled
 from .equations.expression import Equation, Symbol
 from .equations.tracing import Reader, traced
 from .figures.characteristics import forces_over_slip
@@ -79,6 +79,13 @@ LOSS = (
 )
 
 
+TRAINING = (
+    "Training: the objective minus its best value, over the steps; several trainings are drawn side by side.",
+    "The objective over the steps of training.",
+)
+"""Words of the drawing: below it, and in its place."""
+
+
 @sections.register(HybridModel)
 def _sections(
     model: HybridModel, fit: Fit, recordings: Sequence[Recording], posterior: Posterior | None = None
@@ -90,11 +97,16 @@ def _sections(
         provenance=made_with(fit, ("size", counted(model.size, "parameter"))),
         judged=titled("Errors in free run", errors(fit)),
         learned=(
-            *titled("What it estimates", *_estimates(fit, runs)),
+            *titled("What it estimates", _estimates(fit, runs)),
             *titled("Parameters", scalars(fit)),
             *titled("Equations of the model", *written_down(hybrid_equations(model), network_words(model))),
         ),
-        fitted=titled("How it was trained", stages(fit, lambda stage: stage.model), Text(LOSS), *_training(fit)),
+        fitted=titled(
+            "How it was trained",
+            stages(fit, lambda stage: stage.model),
+            Text(LOSS),
+            Drawing("training", convergence(fit.stages[-1]), *TRAINING),
+        ),
     )
 
 
@@ -137,22 +149,13 @@ def _trained(fit: Fit) -> str:
     )
 
 
-def _estimates(fit: Fit, runs: Sequence[Seen]) -> tuple[Part, ...]:
+def _estimates(fit: Fit, runs: Sequence[Seen]) -> Drawing:
     every = [apply_hybrid(fit, one.recording).columns for one in runs]
     values: Mapping[str, Array] = {name: np.concatenate([item[name] for item in every]) for name in every[0]}
-    figure = forces_over_slip(values)
-    if figure is None:
-        return ()
-    caption = (
+    return Drawing(
+        "forces_over_slip",
+        forces_over_slip(values),
         "Lateral force of each axle over its slip angle in all recordings, as estimated, darker where more samples "
-        "lie. No tyre force was measured: the network was trained through the vehicle's equations."
+        "lie. No tyre force was measured: the network was trained through the vehicle's equations.",
+        "Estimated lateral force over slip angle, front and rear.",
     )
-    return (Drawing("forces_over_slip", figure, caption, "Estimated lateral force over slip angle, front and rear."),)
-
-
-def _training(fit: Fit) -> tuple[Drawing, ...]:
-    figure = convergence(fit.stages[-1])
-    if figure is None:
-        return ()
-    caption = "Training: the objective minus its best value, over the steps; several trainings are drawn side by side."
-    return (Drawing("training", figure, caption, "The objective over the steps of training."),)

@@ -273,33 +273,27 @@ def _boxes(fit: Fit, drives: Sequence[Seen]) -> Drawing:
     )
 
 
-def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> list[Drawing]:
+def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> tuple[Drawing, ...]:
     """The pictures that have a meaning for this model."""
-    result = []
-    if (curve := steering(model, drives)) is not None:
-        result.append(
-            Drawing(
-                "steering",
-                curve,
-                "Steering characteristic: curvature over steering angle in the model's quasi steady state (inputs "
-                "held over the whole window, no longitudinal acceleration) at three speeds, thin where no such angle "
-                "was driven at that speed. Behind them: the density of measured samples at all speeds, transients "
-                "included. The fit keeps no covariance between parameters, so the curves carry no band.",
-                "Curvature over steering angle at three speeds, over the density of measurements.",
-            )
-        )
-    if (weights := impulse_responses(model, fit)) is not None:
-        result.append(
-            Drawing(
-                "impulse_responses",
-                weights,
-                "Finite impulse responses: weight over the age of the sample at the time of the prediction, with a "
-                "band of one standard deviation; titles give the centre of the local model. A parameter of more than "
-                f"{MOST_PANELS} responses has them in one panel, without bands.",
-                "Weights of the model's finite impulse responses over age.",
-            )
-        )
-    return result
+    return (
+        Drawing(
+            "steering",
+            steering(model, drives),
+            "Steering characteristic: curvature over steering angle in the model's quasi steady state (inputs "
+            "held over the whole window, no longitudinal acceleration) at three speeds, thin where no such angle "
+            "was driven at that speed. Behind them: the density of measured samples at all speeds, transients "
+            "included. The fit keeps no covariance between parameters, so the curves carry no band.",
+            "Curvature over steering angle at three speeds, over the density of measurements.",
+        ),
+        Drawing(
+            "impulse_responses",
+            impulse_responses(model, fit),
+            "Finite impulse responses: weight over the age of the sample at the time of the prediction, with a "
+            "band of one standard deviation; titles give the centre of the local model. A parameter of more than "
+            f"{MOST_PANELS} responses has them in one panel, without bands.",
+            "Weights of the model's finite impulse responses over age.",
+        ),
+    )
 
 
 def _arrays(fit: Fit) -> Table:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -45,7 +45,7 @@ from .content import (
     starts_table,
     written_down,
 )
-from .document import Drawing, Part, Points, Table, Text, Together, titled
+from .document import Drawing, Part, Points, Table, Text, Together, there, titled
 from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
@@ -95,7 +95,7 @@ def _sections(
         learned=(*titled("What the model has learned", *_learned(model, fit, drives)), *_equations(model)),
         fitted=titled(
             "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
-            *_convergence(last), starts_table(fit, last), *_starts(fit, last),
+            _convergence(last), starts_table(fit, last), _starts(fit, last),
         ),
         beside="; the free run starts at the start of the run, before this stretch",
     )  # fmt: skip
@@ -251,7 +251,7 @@ def estimates(fit: Fit) -> tuple[Part, ...]:
         *titled("Identifiable in combination", _combinations(fit), level=2),
         *((Together((Text("by these recordings:", lead="Left open"), Points(open_))),) if open_ else ()),
         *indistinguishable(raised(sentence) for sentence in model.together),
-        *_correlation(fit),
+        *there(_correlation(fit)),
     )
 
 
@@ -281,17 +281,15 @@ def _combinations(fit: Fit) -> Table:
     return Table(("combination", "meaning", "estimate ± sd", "95 % interval", "unit", "sd"), rows, "lLrrlr")
 
 
-def _correlation(fit: Fit) -> Iterator[Drawing]:
-    picture = correlation(fit)
-    if picture is not None:
-        yield Drawing(
-            "correlation",
-            picture,
-            "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
-            "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
-            "than 0.1 are not printed.",
-            "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
-        )
+def _correlation(fit: Fit) -> Drawing:
+    return Drawing(
+        "correlation",
+        correlation(fit),
+        "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
+        "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
+        "than 0.1 are not printed.",
+        "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
+    )
 
 
 def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors]) -> Drawing:
@@ -338,28 +336,26 @@ def _rmse(error: Mapping[str, Any]) -> str:
     return short_with_sd(error["rmse"], error["rmse_sd"])
 
 
-def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Iterator[Drawing]:
+def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> tuple[Drawing, ...]:
     """The pictures that have a meaning for this model."""
-    curves = tyres(model, fit, recordings)
-    if curves is not None:
-        yield Drawing(
+    return (
+        Drawing(
             "tyres",
-            curves,
+            tyres(model, fit, recordings),
             "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the "
             "slip angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of "
             "the slip angles driven in all recordings, as predicted a tenth of a second after each reading.",
             "Tyre curves of front and rear axle with bands, over histograms of slip angles.",
-        )
-    diagram = handling(model, recordings)
-    if diagram is not None:
-        yield Drawing(
+        ),
+        Drawing(
             "handling",
-            diagram,
+            handling(model, recordings),
             "Handling diagram: steering angle less the wheelbase times the curvature, over lateral acceleration, in "
             "the model's steady turns at the typical speed, thick where it was driven, over the density of measured "
             "samples of all speeds, which hold transients too. A curve that rises to the right of zero understeers.",
             "Steering angle in addition to that of the curvature, over lateral acceleration.",
-        )
+        ),
+    )
 
 
 def _equations(model: MotionModel) -> tuple[Part, ...]:
@@ -368,27 +364,23 @@ def _equations(model: MotionModel) -> tuple[Part, ...]:
     return titled("Equations of the model", *written_down(motion_equations(model), EQUATIONS, *added))
 
 
-def _convergence(stage: Stage) -> Iterator[Drawing]:
-    ends = convergence(stage)
-    if ends is not None:
-        several = len(stage.starts) > 1
-        yield Drawing(
-            "convergence",
-            ends,
-            "The objective minus its best value, over the steps of the last solve"
-            + ("; beside it, the end of each start." if several else "."),
-            "The objective over the solver's steps.",
-        )
+def _convergence(stage: Stage) -> Drawing:
+    several = len(stage.starts) > 1
+    return Drawing(
+        "convergence",
+        convergence(stage),
+        "The objective minus its best value, over the steps of the last solve"
+        + ("; beside it, the end of each start." if several else "."),
+        "The objective over the solver's steps.",
+    )
 
 
-def _starts(fit: Fit, stage: Stage) -> Iterator[Drawing]:
-    others = starts(fit, stage)
-    if others is not None:
-        yield Drawing(
-            "starts",
-            others,
-            "Where each start ended, in standard deviations from the estimate. Starts that end on the line reached "
-            "the estimate. A start with the best objective that ends elsewhere is a second solution, which the "
-            "recordings do not distinguish from the first.",
-            "Ends of the starts, parameter by parameter, in standard deviations.",
-        )
+def _starts(fit: Fit, stage: Stage) -> Drawing:
+    return Drawing(
+        "starts",
+        starts(fit, stage),
+        "Where each start ended, in standard deviations from the estimate. Starts that end on the line reached "
+        "the estimate. A start with the best objective that ends elsewhere is a second solution, which the "
+        "recordings do not distinguish from the first.",
+        "Ends of the starts, parameter by parameter, in standard deviations.",
+    )

@@ -9,7 +9,7 @@ from typing import Any
 from greybox_id.api import given
 from greybox_id.api.given import Effects, ModelLike, VehicleLike
 from greybox_id.base.declared import understood
-from greybox_id.base.errors import BadInput
+from greybox_id.base.errors import BadInput, must_be_whole
 
 from .racing.draws import Randomisation
 from .racing.learner import Learned, learn, load_learned
@@ -74,8 +74,7 @@ def learn_policy(
     >>> learned.policy.about["lanes"]
     4
     """
-    if not isinstance(lanes, int) or not lanes > 0:
-        raise BadInput(f"lanes: a whole number above zero is needed, not {lanes!r}.")
+    must_be_whole(lanes, "lanes", 1)
     if start is not None and not isinstance(start, Learned | str | Path):
         raise BadInput(f"start: what learn_policy returned, or its file, is needed, not {start!r:.60}.")
     begun = load_learned(start) if isinstance(start, str | Path) else start

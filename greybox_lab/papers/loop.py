@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from greybox_id.base.errors import BadInput, GreyboxError, must_be_one_of
+from greybox_id.base.errors import BadInput, GreyboxError, must_be_one_of, must_be_whole
 from greybox_id.base.files import write_atomically
 from greybox_id.base.json_data import plain, read_json, without_nan
 from greybox_id.base.shorthands import Say
@@ -111,8 +111,7 @@ def loop_tables(
     """
     size = QUICK if quick else FULL
     if cycles is not None:
-        if not 1 <= cycles < len(CAPS):
-            raise BadInput(f"‹cycles›: a number from 1 to {len(CAPS) - 1} is needed, not {cycles!r}.")
+        must_be_whole(cycles, "cycles", 1, len(CAPS) - 1)
         size = replace(size, cycles=cycles)
     for name in arms:
         must_be_one_of(ARMS, name, "There is no arm")

@@ -4,18 +4,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from simulated import clean
 
+from greybox_id.datasets.recording import Recording
 from greybox_id.filters.findings import consistency, widening
 from greybox_id.filters.track import verdict
 from greybox_id.fitting.fit import NOT_USABLE, USABLE, WITH_CARE
 
+NOTHING_ELSE = Recording("drive", 0.02 * np.arange(3000), {})
+MODEL = SimpleNamespace(inputs=("steer", "v_x"), outputs=("yaw_rate", "a_y"), aliases={})
 
-def tracked(**channels):
+
+def tracked(recording=NOTHING_ELSE, **channels):
     """What a filter leaves of channels: innovations (n,) of each, where it expected a standard deviation of one."""
     judged = {name: consistency(off, np.ones(len(off)), 100, 5.0) for name, off in channels.items()}
     return SimpleNamespace(
         consistency=judged, innovations=channels, expected={name: np.ones(len(off)) for name, off in channels.items()},
-        sentences=(), widened=widening(judged.values()), recording=SimpleNamespace(sample_time=0.02),
+        sentences=(), widened=widening(judged.values()), recording=recording, model=MODEL,
     )  # fmt: skip
 
 
@@ -57,7 +62,20 @@ def test_a_filter_that_has_lost_the_vehicle_is_not_usable():
     assert "lost the vehicle" in found.reasons[0]
 
 
-def test_what_the_data_check_says_counts():
-    track = tracked(yaw_rate=white(1.0))
-    track.sentences = ("Data check: yaw_rate is stuck.",)
-    assert verdict(track).usability == WITH_CARE
+FAULTS = {
+    "some rows are missing": (
+        lambda r: {"yaw_rate": np.where(np.arange(len(r)) % 3, r["yaw_rate"], np.nan)},
+        WITH_CARE,
+    ),
+    "a wrong sign": (lambda r: {"yaw_rate": -r["yaw_rate"]}, NOT_USABLE),
+    "steering shuffled": (lambda r: {"steer": np.random.default_rng(0).permutation(r["steer"])}, NOT_USABLE),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_what_the_data_check_says_counts_and_most_where_it_holds_of_all_rows(fault):
+    r, (change, due) = clean(3), FAULTS[fault]
+    assert verdict(tracked(r, yaw_rate=white(1.0))).usability == USABLE
+    found = verdict(tracked(r.with_signals(**change(r)), yaw_rate=white(1.0)))
+    assert found.usability == due
+    assert found.reasons[0].startswith("Data check: ")

@@ -1,5 +1,6 @@
 """The budget: shares are Shapley values, add up to one with the rest, and intervals come from paired blocks."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -7,8 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from greybox_id.gap.budget import budget, subsets
+from greybox_id.gap.budget import _as_good_as_without, budget, subsets
 from greybox_id.gap.estimation.free_runs import Misfit
+from greybox_id.gap.estimation.hypothesis import Hypothesis
 
 ROWS, SD = 2000, np.array([1.0, 2.0])
 BENCH = SimpleNamespace(rows=[slice(0, ROWS)], sample_time=0.02)
@@ -103,3 +105,33 @@ def test_intervals_hold_the_share_and_an_effect_without_one_has_none():
     assert a.low > 0.9
     assert (b.share, b.low, b.high) == (0.0, 0.0, 0.0)
     assert found.to_json()[-1].keys() == {"unnamed", "low", "high"}
+
+
+def test_a_set_that_leaves_more_than_without_one_of_its_effects_is_refitted_from_there(monkeypatch):
+    """Refits of free runs that differ by much end elsewhere: a true bias once closed -12 % of the excess."""
+
+    def ended(cost, at):
+        return Hypothesis((), np.empty(0), np.array([at]), np.empty(0), cost, np.zeros((1, 1)), np.zeros((1, 1, 0)))
+
+    freed = {
+        frozenset(): ended(9.0, 0.0),
+        frozenset("a"): ended(5.0, 1.0),
+        frozenset("b"): ended(9.5, 2.0),
+        frozenset("ab"): ended(6.0, 3.0),
+    }
+    starts = []
+
+    def refits(_search, hypotheses, _sd, _good):
+        starts.extend(item.theta[0] for item in hypotheses)
+        return [replace(item, cost=4.0 if item.theta[0] == 1.0 else 9.9) for item in hypotheses]
+
+    monkeypatch.setattr("greybox_id.gap.budget.at_their_best", refits)
+    examined = SimpleNamespace(selection=SimpleNamespace(search=None), freed=freed, sd=None, good=None)
+    _as_good_as_without(examined, ("a", "b"))
+    assert starts == [0.0, 1.0]  # b alone from nothing, both from a
+    assert {"".join(sorted(item)): each.cost for item, each in freed.items()} == {
+        "": 9.0,
+        "a": 5.0,
+        "b": 9.5,
+        "ab": 4.0,
+    }

@@ -8,12 +8,9 @@ from reference_vehicle import FULL_SIZE_CAR, simulate, simulate_lateral
 
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.estimation.axes import Axis, Candidate
-from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.hypothesis import Start
 from greybox_id.gap.estimation.noise import white_noise
-from greybox_id.gap.estimation.preparing import prepare_plain
 from greybox_id.gap.estimation.search import Search
-from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, Vehicle
 
@@ -46,12 +43,6 @@ def _read(name, time, found, commands, seed, dropped, changes):
     last = np.maximum.accumulate(np.where(held, 0, np.arange(len(time))))
     noisy = {n: (found[n] + sd * rng.standard_normal(len(time)))[last] for n, sd in NOISE.items()}
     return Recording(name, time, {**commands, **noisy, **changes})
-
-
-def bench_of(model, recordings, vehicle=CAR):
-    """A bench with observers at their usual rates, and the model on it."""
-    prepared = prepare_plain(model, recordings, EFFECTS, vehicle)
-    return Bench(prepared.everything, prepared.seen(recordings))
 
 
 def nominal(name="single_track", effects=None, vehicle=CAR):

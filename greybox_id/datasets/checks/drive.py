@@ -107,19 +107,23 @@ def _nothing_in_common(r: Recording) -> list[Finding]:
     short = thinned(r)
     if not len(short) or not short.sample_time > 0:
         return []
-    start, stop = max(short.runs, key=lambda run: run[1] - run[0])
-    if (stop - start) * short.sample_time < LONG_ENOUGH:
+    apart = np.full(int(LAGS / short.sample_time) + 1, np.nan)  # no delay is looked for across a join
+    if len(short) * short.sample_time < LONG_ENOUGH:
         return []
-    sides = (short["yaw_rate"], short["v_x"] * short["steer"], short["v_x"] * short["yaw_rate"])
-    turn, steered, pushed = (smooth(short, side, SMOOTHING)[start:stop] for side in sides)
+
+    def run_by_run(values: Array) -> Array:
+        smoothed = smooth(short, values, SMOOTHING)
+        return np.concatenate([part for a, b in short.runs for part in (smoothed[a:b], apart)])
+
+    v, turn = short["v_x"], short["yaw_rate"]
+    pace, steered, pushed, turn = (run_by_run(side) for side in (v, v * short["steer"], v * turn, turn))
     seen = np.isfinite(turn) & np.isfinite(steered)
     if np.mean(seen) < 0.5 or not np.std(pushed[seen]) > PUSHED or not np.std(steered[seen]) > 0:
         return []
-    pace = smooth(short, short["v_x"], SMOOTHING)[start:stop]
     most = _explained(turn, [steered, pace**2 * steered], LAGS, short.sample_time)
     if most > USUAL or any({"steer", "yaw_rate"} & {item.where.channel} for item in check_frozen(r)):
         return []
-    a_y = smooth(short, short["a_y"], SMOOTHING)[start:stop] if short.has("a_y") else pushed
+    a_y = run_by_run(short["a_y"]) if short.has("a_y") else pushed
     both = seen & np.isfinite(a_y)
     agreed = np.count_nonzero(both) > FEWEST_ROWS and abs(np.corrcoef(a_y[both], pushed[both])[0, 1]) > TOGETHER
     blamed = "steer" if short.has("a_y") and agreed else "steer or yaw_rate"

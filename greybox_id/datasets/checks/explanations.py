@@ -46,6 +46,8 @@ sensors have less."""
 LESS, ROLLS, SPEED = 0.05, 0.2, 0.03
 """Shares by which a_y may read less and more than the motion says, and v_x be off: a usual sensor's scale is known to
 3 %, and a body that rolls reads gravity, 11 degrees per g at most."""
+LONG = 4.0
+"""Times a receiver's shortest chord from which its noise, a metre in 20, makes chords longer by a few thousandths."""
 HELD_TOGETHER = 0.5
 """Share of v_x steer that yaw_rate has to explain before halves are compared."""
 HALF_LEFT = 0.5
@@ -321,8 +323,9 @@ def _speed(r: Recording) -> list[Explanation]:
     """
     for place in grounds(r):
         turned = 0.5 * place.seconds * np.abs(smooth(r, r["yaw_rate"], place.seconds)) if r.has("yaw_rate") else 0.0
-        pace = np.where(turned < SHARPEST / 2, smooth(r, np.abs(r["v_x"]), place.seconds), np.nan)
-        over_ground = _regression(pace, [course_and_speed(r, place)[1] / np.sinc(turned / np.pi)])  # arcs, not chords
+        pace, speed = smooth(r, np.abs(r["v_x"]), place.seconds), course_and_speed(r, place)[1]
+        sound = (turned < SHARPEST / 2) & (speed * place.seconds > LONG * place.shortest)
+        over_ground = _regression(np.where(sound, pace, np.nan), [speed / np.sinc(turned / np.pi)])  # arcs, not chords
         if over_ground is not None:
             other = f"the speed over ground ({place.words})"
             scale, error = float(over_ground.values[0]), float(over_ground.errors[0])
@@ -331,10 +334,8 @@ def _speed(r: Recording) -> list[Explanation]:
         return []
     seconds = SMOOTHING if r.has("v_y") else SLOW  # by which the rate of v_y is averaged out
     gains = []
-    for name, values, over in (
-        ("a_x", acceleration_ahead(r)[1], SMOOTHING),
-        ("a_y", acceleration_aside(r)[1], seconds),
-    ):
+    sides = ("a_x", acceleration_ahead(r)[1], SMOOTHING), ("a_y", acceleration_aside(r)[1], seconds)
+    for name, values, over in sides:
         one = _regression(smooth(r, r[name], over), [smooth(r, values, over), np.ones(len(r))])
         if one is None or one.explained < FITS or not _is_off(float(one.values[0]), float(one.errors[0])):
             return []

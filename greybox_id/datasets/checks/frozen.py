@@ -12,6 +12,11 @@ STEADY = 0.9
 """Share of an unbroken run beyond which a channel that stands still was meant to: a speed that a controller keeps."""
 FROZEN, TIMES = 1.5, 20.0
 """Shortest time in s, and over the channel's usual hold, for which a channel that stands still is stuck."""
+BESIDE = {
+    "yaw_rate": ("a_y", "steer"), "v_x": ("a_x", "yaw_rate"), "a_x": ("a_y", "yaw_rate"), "a_y": ("yaw_rate", "steer"),
+    "v_y": ("yaw_rate",), "steer": ("yaw_rate", "a_y"), "yaw": ("yaw_rate",),
+}  # fmt: skip
+"""Channel -> what goes with it."""
 MOVES = 0.2
 """Least scatter of what goes with it while a channel is stuck, over its usual size."""
 HOLDS, AS_EVER = 3.0, 0.7
@@ -22,7 +27,7 @@ usual scatter: a command may be held for long, but then the vehicle does not go 
 def check_frozen(r: Recording) -> list[Finding]:
     """Channels that stand still for a while though others move."""
     findings = []
-    for name in ("yaw_rate", "v_x", "a_x", "a_y", "v_y", "steer", "yaw"):
+    for name in BESIDE:
         if not r.has(name):
             continue
         values = r[name]
@@ -51,7 +56,8 @@ def check_frozen(r: Recording) -> list[Finding]:
             continue
         sentence = (
             f"{name} is stuck at {quantity(float(values[a]), r.unit(name))} from t = {number(float(r.time[a]), 4)} to "
-            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out."
+            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out "
+            f'(where = "time < {number(float(r.time[a]), 6)} or time > {number(float(r.time[b - 1]), 6)}").'
         )
         place = FoundAt(name, rows=tuple(range(a, b)))
         findings.append(Finding("stuck", Severity.DISTRUST, place, sentence, seconds, None, "s"))
@@ -60,16 +66,7 @@ def check_frozen(r: Recording) -> list[Finding]:
 
 def _moves(r: Recording, name: str, a: int, b: int) -> float:
     """Scatter between two rows of what a channel goes with, over its usual size."""
-    beside = {
-        "yaw_rate": ("a_y", "steer"),
-        "a_y": ("yaw_rate", "steer"),
-        "steer": ("yaw_rate", "a_y"),
-        "v_x": ("a_x", "yaw_rate"),
-        "a_x": ("a_y", "yaw_rate"),
-        "v_y": ("yaw_rate",),
-        "yaw": ("yaw_rate",),
-    }
-    for other in beside[name]:
+    for other in BESIDE[name]:
         if r.has(other) and np.any(np.isfinite(r[other][a:b])):
             part, whole = r[other][a:b], r[other]
             usual = float(np.hypot(np.nanstd(whole), np.nanmean(part)))  # a circle that is driven moves nothing

@@ -125,14 +125,10 @@ def _clock(leaf: TreeLeaf, clocks: dict[tuple[str, ...], TreeLeaf], separator: s
 def _group(leaves: Sequence[TreeLeaf], clock: TreeLeaf | None, separator: str, where: str) -> Group:
     names = {separator.join(leaf.path): leaf for leaf in leaves}
     folder = (clock or leaves[0]).path[:-1]
-    return Group(
-        name=separator.join(folder),
-        names=tuple(names),
-        load=loader(where, names, lambda name: _plain(names[name].load())),
-        prefix=separator.join((*folder, "")) if folder else "",
-        clock=separator.join(clock.path) if clock else "",
-        units={name: leaf.unit for name, leaf in names.items() if leaf.unit},
-    )
+    prefix, of_clock = separator.join((*folder, "")) if folder else "", separator.join(clock.path) if clock else ""
+    load = loader(where, names, lambda name: _plain(names[name].load()))
+    units = {name: leaf.unit for name, leaf in names.items() if leaf.unit}
+    return Group(separator.join(folder), tuple(names), load, prefix, of_clock, units=units)
 
 
 def _plain(values: NDArray[Any]) -> NDArray[Any]:

@@ -14,8 +14,6 @@ from ..column_map import ColumnMap
 from . import Columns, Contents, Group, RawTable, bounded, few_enough, sound, unique_names
 
 UNIT = b"unit"
-
-
 KIND = "Parquet"
 
 
@@ -69,6 +67,4 @@ def _bytes(file_meta_data: pq.FileMetaData, chosen: Sequence[str]) -> float:
 
 
 def _series(column: pa.ChunkedArray) -> pd.Series[Any]:
-    if pa.types.is_decimal(column.type):
-        column = column.cast(pa.float64())
-    return pd.Series(column.to_pandas())
+    return pd.Series((column.cast(pa.float64()) if pa.types.is_decimal(column.type) else column).to_pandas())

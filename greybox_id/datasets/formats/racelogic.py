@@ -47,9 +47,8 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     columns = dict(zip(names, (pd.Series(item) for item in zip(*rows, strict=True)), strict=True)) if rows else {}
     table = RawTable(str(file), tuple(columns) or tuple(names), tuple(columns.values()), first, _units(names, sections))
     numbers = {name: table.numbers(name) for name in table.names} if rows else {}
-    for name, item in (("time", _seconds), ("lat", _degrees), ("long", _west_to_east)):
-        if name in numbers:
-            numbers[name] = item(numbers[name])
+    numbers |= {name: sign * numbers[name] / 60.0 for name, sign in (("lat", 1.0), ("long", -1.0)) if name in numbers}
+    numbers |= {"time": _seconds(numbers["time"])} if "time" in numbers else {}
     table = RawTable(table.where, table.names, tuple(pd.Series(v) for v in numbers.values()), first, table.units)
     return whole(
         table, KIND, ("latitude and longitude are minutes, west positive: converted to degrees, east positive.",)
@@ -94,11 +93,3 @@ def _seconds(clock: Array) -> Array:
     result = np.round(3600 * hours + 60 * minutes + seconds, 6)
     midnights = np.cumsum(np.concatenate([[0], np.diff(result) < -DAY / 2]))
     return np.asarray(result + DAY * midnights)
-
-
-def _degrees(minutes: Array) -> Array:
-    return np.asarray(minutes / 60.0)
-
-
-def _west_to_east(minutes: Array) -> Array:
-    return np.asarray(-minutes / 60.0)

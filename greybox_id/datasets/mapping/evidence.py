@@ -297,10 +297,8 @@ def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
 
 def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase: float | None) -> MapEntry:
     """A unit that is stated, or the only one there is, beside what the data say; of a hand wheel `steering` asks."""
-    its_pairs = [item for item in agreed if entry.signal == item.pair.nodes[0]]
-    off = [
-        item.words for item in its_pairs if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN
-    ]
+    met = [item for item in agreed if entry.signal == item.pair.nodes[0]]
+    off = [item.words for item in met if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN]
     how = "unit: as the file states it" if before.unit else "unit: the usual one"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 

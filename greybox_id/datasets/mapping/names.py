@@ -249,11 +249,8 @@ def time_of(
     if unnamed:
         return MapEntry(TIME, unnamed[0], "s", reasons=("it holds dates, or the times of a clock",))
     even = [name for name, values in numbers.items() if _runs_on(values)]
-    return (
-        _in_unit(even[0], "", numbers[even[0]], "the only column that runs on in even steps")
-        if len(even) == 1
-        else None
-    )
+    why = "the only column that runs on in even steps"
+    return _in_unit(even[0], "", numbers[even[0]], why) if len(even) == 1 else None
 
 
 SECONDS = ("s", "sec", "secs", "seconds", "stamp sec", "stamp secs", "tv sec")

@@ -382,7 +382,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
             f"How far: errors of every channel by horizon of prediction, on {on}.",
             "Bars of errors over horizons, before and after, with the floor.",
         ),
-        *_causes(gap),
+        _causes(gap),
     ]  # fmt: skip
     if gap.strip is not None:
         stretch = gap.where.time if gap.gap_detected else {}
@@ -401,26 +401,20 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     return tuple(result)
 
 
-def _causes(gap: Gap) -> tuple[Drawing, ...]:
+def _causes(gap: Gap) -> Drawing:
     """Which effects there may be; without a gap, which there could be unseen."""
     if gap.gap_detected or not gap.limits:
         caption = (
             "Which: how probable each effect is, its magnitude with its 95 % interval over the estimate (0: absent)"
             + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
         )
-        return (
-            Drawing(
-                "gap_ranking", ranking(gap), caption,
-                "Bars of probabilities of effects with their intervals; map of the gap.",
-            ),
-        )  # fmt: skip
-    figure = limits(gap)
-    assert figure is not None
+        alt = "Bars of probabilities of effects with their intervals; map of the gap."
+        return Drawing("gap_ranking", ranking(gap), caption, alt)
     caption = (
         "Unseen: the effects that are hardest to detect, with their smallest detectable size over their usual one; "
         "and where in speed and lateral acceleration the recordings were driven (blank: never)."
     )
-    return (Drawing("gap_limits", figure, caption, "Bars of the smallest detectable sizes; map of what was driven."),)
+    return Drawing("gap_limits", limits(gap), caption, "Bars of the smallest detectable sizes; map of what was driven.")
 
 
 def page(gap: Gap) -> Document:

@@ -203,25 +203,19 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
     more += f" One of {digest.course.every} rows is drawn." if digest.course.every > 1 else ""
     if digest.runs > 1:
         more += " Runs begin at dotted lines; runs whose clocks start again are drawn one after the other."
-    made = [
+    made = (
         Drawing(
             "estimates",
             over_time(digest),
             f"Estimates over time ({how}), with bands of two standard deviations.{more}",
             "Estimates over time with bands.",
-        )
-    ]
-    slips = forces_over_slip(digest.course.values)
-    if slips is not None:
-        made.append(
-            Drawing(
-                "forces_over_slip",
-                slips,
-                "Lateral force of each axle over its slip angle, as estimated: darker where more samples lie.",
-                "Lateral force over slip angle, front and rear, as a density of samples.",
-            )
-        )
-    made += [
+        ),
+        Drawing(
+            "forces_over_slip",
+            forces_over_slip(digest.course.values),
+            "Lateral force of each axle over its slip angle, as estimated: darker where more samples lie.",
+            "Lateral force over slip angle, front and rear, as a density of samples.",
+        ),
         Drawing(
             "innovations",
             squares(digest),
@@ -237,8 +231,8 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
             "the model lacks, or from correlated noise.",
             "Correlation of the innovations of each reading over lags, with its band.",
         ),
-    ]
-    return tuple(made)
+    )
+    return tuple(one for one in made if one.figure is not None)
 
 
 def over_time(digest: Digest) -> Sheet:

@@ -16,7 +16,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
-from greybox_id.base.errors import BadInput, must_be_one_of
+from greybox_id.base.errors import BadInput, must_be_one_of, must_be_whole
 from greybox_id.base.json_data import plain
 from greybox_id.base.shorthands import Say
 from greybox_id.datasets.recording import Recording
@@ -71,8 +71,7 @@ def agent(
     ------
     BadInput : the server does not answer or declines, the folder holds something else, or a number makes no sense.
     """
-    if not 1 <= trainings <= 20:
-        raise BadInput(f"‹trainings›: a number from 1 to 20 is needed, not {trainings!r}.")
+    must_be_whole(trainings, "trainings", 1, 20)
     must_be_one_of(ARMS, arm, "There is no arm")
     requested = {"case": case, "seed": seed, "session": session, "arm": arm, "trainings": trainings, "steps": steps,
              "seconds": seconds}  # fmt: skip

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from greybox_id.base.errors import BadInput, must_be_one_of
+from greybox_id.base.errors import BadInput, must_be_one_of, must_be_whole
 from greybox_id.base.files import held, write_atomically
 from greybox_id.base.shorthands import Array, Say
 from greybox_id.base.version import __version__
@@ -98,8 +98,7 @@ def demo(
     ------
     BadInput : the folder holds something else, or there is no such case.
     """
-    if not 1 <= cycles <= 20:
-        raise BadInput(f"‹cycles›: a number from 1 to 20 is needed, not {cycles!r}.")
+    must_be_whole(cycles, "cycles", 1, 20)
     must_be_one_of(ARMS, arm, "There is no arm")
     return _Running(Path(out), Scene(case), QUICK if quick else FULL, quick, arm, seed, cycles, say).run()
 

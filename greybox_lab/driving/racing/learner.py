@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.errors import BadInput, must_be_whole, near_or_all
 from greybox_id.base.files import write_atomically
 
 from .network import Adam, Floats, Perceptron, drawn, sizes_of
@@ -64,8 +64,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         for name in ("rollout", "epochs", "batch"):
-            if not (isinstance(getattr(self, name), int) and getattr(self, name) > 0):
-                raise BadInput(f"{name}: a whole number above zero is needed, not {getattr(self, name)!r}.")
+            must_be_whole(getattr(self, name), name, 1)
         for name in ("rate", "clip", "kl_stop", "sd", "least_sd", "largest_gradient"):
             if not getattr(self, name) > 0:
                 raise BadInput(f"{name}: a number above zero is needed, not {getattr(self, name)!r}.")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from greybox_id.base.errors import BadInput, must_be_one_of
+from greybox_id.base.errors import BadInput, must_be_one_of, must_be_whole
 
 USAGE = 0.8
 """Share of the grip, drive and brakes that the speed on the track asks for."""
@@ -59,8 +59,7 @@ class Rules:
     def __post_init__(self) -> None:
         for name, known in (("action", ACTIONS), ("reward", REWARDS), ("observation", OBSERVATIONS)):
             must_be_one_of(known, getattr(self, name), f"There is no {name}")
-        if not isinstance(self.memory, int) or not 0 <= self.memory <= MOST_MEMORY:
-            raise BadInput(f"memory: a whole number from 0 to {MOST_MEMORY} is needed, not {self.memory!r}.")
+        must_be_whole(self.memory, "memory", 0, MOST_MEMORY)
         for name in ("period", "follow", "speed_cap", "usage_cap", "seconds", "laps"):
             if not getattr(self, name) > 0:
                 raise BadInput(f"{name}: a number above zero is needed, not {getattr(self, name)!r}.")

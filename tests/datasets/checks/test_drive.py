@@ -81,6 +81,14 @@ def test_steering_that_turns_nothing_is_named(other):
     assert one.where.channel == "steer, yaw_rate"
 
 
+def test_steering_that_turns_nothing_is_named_in_runs_of_ten_seconds():
+    r = recorded(7)
+    r = Recording("runs", r.time, dict(r.signals), tuple((a, min(a + 500, len(r))) for a in range(0, len(r), 500)))
+    assert not only(r, "unrelated")
+    (one,) = only(r.with_signals(steer=np.random.default_rng(7).permutation(r["steer"])), "unrelated")
+    assert "steer is of another drive" in one.sentence
+
+
 def test_steering_of_the_wrong_sign_is_not_said_to_be_of_another_drive():
     r = recorded(7)
     assert not only(r.with_signals(steer=-r["steer"]), "unrelated")

@@ -1,5 +1,6 @@
 """A small fleet: two vehicles, three recordings each, and what was wrong with two more."""
 
+import shutil
 from pathlib import Path
 
 import pytest
@@ -40,6 +41,13 @@ def fleet(tmp_path_factory):
     called = greybox("fleet", "run", plan, "--out", plan.parent / "results", "--json")
     assert called.code == 0, called.err
     return plan, plan.parent / "results", called
+
+
+@pytest.fixture
+def copied(fleet, tmp_path):
+    """A copy of the plan and its results, to change."""
+    shutil.copytree(fleet[0].parent, tmp_path / "own")
+    return tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
 
 
 @pytest.fixture(scope="session")

@@ -57,10 +57,8 @@ def test_a_second_run_does_nothing_and_reads_nothing_if_told_so(fleet, monkeypat
     assert again["done"] == 0
 
 
-def test_what_changed_is_done_again_and_what_is_gone_is_no_more_counted(fleet, tmp_path):
-    plan, results, _ = fleet
-    shutil.copytree(plan.parent, tmp_path / "own")
-    plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
+def test_what_changed_is_done_again_and_what_is_gone_is_no_more_counted(copied):
+    plan, results = copied
     shutil.copy(plan.parent / "data/V1/r2.csv", plan.parent / "data/V0/r0.csv")
     (plan.parent / "data/V1/r2.csv").unlink()
     (plan.parent / "data/V0/cut.parquet").unlink()
@@ -76,9 +74,8 @@ def test_what_changed_is_done_again_and_what_is_gone_is_no_more_counted(fleet, t
 
 
 @pytest.mark.slow
-def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_path):
-    shutil.copytree(fleet[0].parent, tmp_path / "own")
-    plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
+def test_what_is_done_again_since_something_else_is_asked_is_said(copied):
+    plan, results = copied
     text = plan.read_text(encoding="utf-8")
     other = text.replace('"lateral"', '"kinematic"').replace('set = {tyre = "linear"}\nfix = ["m"]\n', "")
     plan.write_text(other, encoding="utf-8")
@@ -95,9 +92,8 @@ def test_what_is_done_again_since_something_else_is_asked_is_said(fleet, tmp_pat
 
 
 @pytest.mark.slow
-def test_a_vehicle_file_that_changed_is_what_is_left_to_say(fleet, tmp_path):
-    shutil.copytree(fleet[0].parent, tmp_path / "own")
-    plan, results = tmp_path / "own" / "fleet.toml", tmp_path / "own" / "results"
+def test_a_vehicle_file_that_changed_is_what_is_left_to_say(copied):
+    plan, results = copied
     car = plan.parent / "car.toml"
     car.write_text("# weighed again\n" + car.read_text(encoding="utf-8"), encoding="utf-8")
     told = greybox("fleet", "run", plan, "--out", results, "--json").told
@@ -129,12 +125,11 @@ def test_an_origin_that_is_damaged_says_nothing(tmp_path):
     assert origin_of(tmp_path / "fleet.json") == origin_of(tmp_path / "missing.json") == {}
 
 
-def test_what_failed_is_tried_again_when_it_is_asked_for(fleet, tmp_path):
-    plan, results, _ = fleet
-    shutil.copytree(results, tmp_path / "results")
-    again = greybox("fleet", "run", plan, "--out", tmp_path / "results", "--retry-failed", "--json").told
+def test_what_failed_is_tried_again_when_it_is_asked_for(copied):
+    plan, results = copied
+    again = greybox("fleet", "run", plan, "--out", results, "--retry-failed", "--json").told
     assert (again["done"], again["skipped"], again["failed"]) == (2, 6, 2)
-    assert pd.read_parquet(tmp_path / "results" / "recordings")["key"].is_unique
+    assert pd.read_parquet(results / "recordings")["key"].is_unique
 
 
 def test_a_limit_of_time_becomes_a_row(fleet, tmp_path):
@@ -158,10 +153,8 @@ def test_status_tells_what_came_of_recordings(fleet):
     assert "8 recordings of 2 vehicles" in greybox("fleet", "status", results).out
 
 
-def test_a_journal_left_by_a_killed_run_is_read_and_becomes_a_part_once(fleet, tmp_path):
-    plan, results, _ = fleet
-    shutil.copytree(results, tmp_path / "R")
-    results = tmp_path / "R"
+def test_a_journal_left_by_a_killed_run_is_read_and_becomes_a_part_once(copied):
+    plan, results = copied
     rows = pd.read_parquet(results / "recordings")
     key = rows[rows["status"] == "failed"]["key"].iloc[0]
     lost = rows[rows["key"] == key].iloc[0]
@@ -196,13 +189,12 @@ def test_folders_with_something_else_are_left_alone(fleet):
     assert other.read_text(encoding="utf-8") == "mine"
 
 
-def test_damaged_results_are_a_sentence(fleet, tmp_path):
-    _, results, _ = fleet
-    shutil.copytree(results, tmp_path / "R")
-    part = next((tmp_path / "R" / "recordings").iterdir())
+def test_damaged_results_are_a_sentence(copied):
+    _, results = copied
+    part = next((results / "recordings").iterdir())
     part.write_bytes(part.read_bytes()[:100])
     for command in ("status", "estimate", "report"):
-        assert "is damaged" in refused("fleet", command, tmp_path / "R")
+        assert "is damaged" in refused("fleet", command, results)
 
 
 def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
@@ -215,35 +207,34 @@ def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_second_pass_fits_once_again_with_the_fleet_as_prior(fleet, tmp_path):
-    plan, results, _ = fleet
-    shutil.copytree(results, tmp_path / "R")
+def test_a_second_pass_fits_once_again_with_the_fleet_as_prior(copied):
+    plan, results = copied
     before = pd.read_parquet(results / "parameters")
-    covariances = pd.read_parquet(tmp_path / "R" / "covariances")
+    covariances = pd.read_parquet(results / "covariances")
     poor = covariances["key"].iloc[0]
     rows = covariances["key"] == poor  # as of a recording that tells next to nothing
     covariances.loc[rows, "lower"] = covariances.loc[rows, "lower"].map(lambda own: own * 1e4)
     from greybox_lab.fleet.store import Store
 
-    Store(tmp_path / "R").replace("covariances", covariances.to_dict("records"))
-    again = greybox("fleet", "run", plan, "--out", tmp_path / "R", "--second-pass", "--json").told
+    Store(results).replace("covariances", covariances.to_dict("records"))
+    again = greybox("fleet", "run", plan, "--out", results, "--second-pass", "--json").told
     assert again["done"] == 0
     assert 1 <= again["refitted"] <= 6
-    rows = pd.read_parquet(tmp_path / "R" / "recordings")
+    rows = pd.read_parquet(results / "recordings")
     second = rows[rows["refit_of"].notna()]
     assert poor in set(second["refit_of"])
     assert rows["key"].is_unique
     assert len(second) == again["refitted"]
-    own = pd.read_parquet(tmp_path / "R" / "covariances").set_index("key").loc[second["key"].iloc[0]]
+    own = pd.read_parquet(results / "covariances").set_index("key").loc[second["key"].iloc[0]]
     assert all(0 < sd < float("inf") for sd in own["prior_sd"])
-    kept = pd.read_parquet(tmp_path / "R" / "parameters")
+    kept = pd.read_parquet(results / "parameters")
     assert set(before["key"]) <= set(kept["key"])
-    told = greybox("fleet", "estimate", tmp_path / "R", "--json").told
+    told = greybox("fleet", "estimate", results, "--json").told
     assert told["refitted"] == again["refitted"]
-    assert greybox("fleet", "status", tmp_path / "R", "--json").told["statuses"] == {"failed": 2, "ok": 6}
-    compact = greybox("fleet", "run", plan, "--out", tmp_path / "R", "--second-pass", "--compact", "--json").told
+    assert greybox("fleet", "status", results, "--json").told["statuses"] == {"failed": 2, "ok": 6}
+    compact = greybox("fleet", "run", plan, "--out", results, "--second-pass", "--compact", "--json").told
     assert compact["refitted"] == 0
-    assert len(pd.read_parquet(tmp_path / "R" / "recordings")) == 8 + again["refitted"]
+    assert len(pd.read_parquet(results / "recordings")) == 8 + again["refitted"]
 
 
 def test_a_second_pass_needs_fits(fleet, tmp_path):
