@@ -110,8 +110,8 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
 
     Surely: none lies outside of intervals that hold for all effects that were offered at once (Bonferroni's; Dunn,
     Journal of the American Statistical Association 56, 1961). What errors of form are taken for has gained as much as
-    causes do, but its size is anyone's guess once these errors are counted. The least sure leaves first, and the others
-    go where they go without it: of two that stand for each other one may stay.
+    causes do, but its size is anyone's guess once these errors are counted. Those leave, the others go where they go
+    without them, and must be sure there, too: what is sure only once another left does what that one did.
 
     Parameters
     ----------
@@ -133,16 +133,19 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
         while names:
             slopes = np.abs(off) / np.sqrt(np.maximum(np.diag(V), TINY**2))
             z = np.array([max(by_gain.get(name, 0.0), slope) for name, slope in zip(names, slopes, strict=True)])
-            k = int(np.argmin(z))
-            if z[k] >= surely:
+            weak = {name: each for name, each in zip(names, z.tolist(), strict=True) if each < surely}
+            if not weak:
                 break
-            reasons[names[k]] = (
-                f"its size is not surely different from none: {number(float(z[k]), 2)} standard deviations away; "
-                f"among the {len(one.effects)} effects looked at, chance alone brings one to {number(surely, 2)}"
-            )
-            names, rest = names[:k] + names[k + 1 :], np.arange(len(names)) != k
-            by = V[rest, k] / V[k, k]
-            off, V = off[rest] - by * off[k], V[np.ix_(rest, rest)] - np.outer(by, V[k, rest])
+            for name, each in weak.items():
+                reasons[name] = (
+                    f"its size is not surely different from none: {number(each, 2)} standard deviations away; "
+                    f"among the {len(one.effects)} effects looked at, chance alone brings one to {number(surely, 2)}"
+                )
+                k = names.index(name)
+                rest = np.arange(len(names)) != k
+                by = V[rest, k] / V[k, k]
+                off, V = off[rest] - by * off[k], V[np.ix_(rest, rest)] - np.outer(by, V[k, rest])
+                names.pop(k)
     return reasons
 
 

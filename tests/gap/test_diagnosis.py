@@ -252,7 +252,7 @@ def test_what_is_there_rather_than_not_stays_while_causes_are_judged_and_is_no_p
     assert next(each.reason for each in gap.ranking if each.effect == "yaw_rate_bias") == "its size may be none"
 
 
-def test_of_sizes_that_may_be_none_the_least_sure_leaves_first():
+def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leave():
     """By intervals that hold for all effects that were offered at once: 5 % in 40 are beyond 3.23 sd."""
     parts = [(candidate(k), slice(k, k + 1)) for k in range(3)]
     names = [each.effect for each, _ in parts]
@@ -266,8 +266,10 @@ def test_of_sizes_that_may_be_none_the_least_sure_leaves_first():
     assert list(left([3.4, -2.3, 9.0], np.eye(3))) == [names[1]]
     assert left([2.0, -2.3, 9.0], np.eye(3), count=1) == {}
     assert left([3.4, -2.6, 9.0], np.eye(3), level=0.5) == {}  # rather there than not: half in 40 are beyond 2.50 sd
-    alike = [[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]  # without the one, the other is surely there
-    assert list(left([2.0, -1.0, 9.0], alike)) == [names[1]]
+    alike = [[1.0, 0.9, 0.0], [0.9, 1.0, 0.0], [0.0, 0.0, 1.0]]
+    assert list(left([3.4, -1.0, 9.0], alike)) == [names[1]]
+    assert list(left([2.0, -1.0, 9.0], alike)) == names[:2]  # without the one, the other does what that one did
+    assert list(left([3.4, 3.0, 9.0], alike)) == [names[1], names[0]]  # 1.6 sd without the other
     parts[1] = replace(parts[1][0], gradual=False), parts[1][1]
     assert list(left([3.4, -1.0, 9.0], np.eye(3), gain=18.0)) == [names[1]]
     assert left([3.4, -1.0, 9.0], np.eye(3), gain=24.0) == {}  # a limit, to whose none no slope leads: sqrt(48) / 2
