@@ -14,7 +14,7 @@ from typing import Any
 import casadi as cs
 import numpy as np
 
-from ...base.shorthands import Array
+from ...base.shorthands import Array, Mask
 from ..least_squares import LeastSquares
 from ..motion.shooting import MotionProblem
 from ..shooting import Problem
@@ -66,7 +66,9 @@ def ipopt(
     Solution and Ipopt's verdict.
     """
     clock = time.process_time()
-    scale = _units(problem, x)
+    same: LeastSquares = problem
+    about = same.normal_equations(x, same.simulated_nodes(x))
+    scale = _units(about.H, problem.free)
     Z, gamma, none = cs.MX.sym("Z", len(x)), cs.MX.sym("gamma"), cs.MX.sym("none", 0)
     objective, equations = _computed(problem, scale)
     f, (g, H) = objective(cs.DM(scale) * Z), equations(cs.DM(scale) * Z)
@@ -96,14 +98,14 @@ def ipopt(
     solver = cs.nlpsol("ipopt", "ipopt", {"x": Z, "f": f}, options)
     limited = np.clip(x, -UNLIMITED, UNLIMITED)
     start, low, high = (value / scale for value in (limited, *_bounds(problem, limited)))
-    if np.any(np.isnan([start, low, high])):
+    moving = low < high
+    if np.any(np.isnan([start, low, high])) or not np.all(np.isfinite(about.g[moving])):
         where = Solution(x, problem.simulated_nodes(x), Status.NOT_FINITE, 0, np.inf, np.nan, ())
         return where, IpoptVerdict("Invalid number at the start", 0, np.nan, np.nan, time.process_time() - clock)
     result = solver(x0=start, lbx=low, ubx=high, lbg=0.0, ubg=0.0)
     stats = solver.stats()
     unknowns = np.clip(np.asarray(result["x"].full()).ravel() * scale, *problem.bounds)
     unknowns[np.isinf(x)] = x[np.isinf(x)]
-    same: LeastSquares = problem
     matched = same.simulated_nodes(unknowns)
     least = same.objective(unknowns, matched)
     trajectory = stats.get("iterations", {})
@@ -175,15 +177,15 @@ class Computed(cs.Callback):  # type: ignore[misc]
         return 0
 
 
-def _units(problem: LeastSquares, x: Array) -> Array:
-    """(unknowns,) units of their own curvature at x, in which Ipopt has the unknowns.
+def _units(H: Array, free: Mask) -> Array:
+    """(unknowns,) units of their own curvature, in which Ipopt has the unknowns.
 
     Its tolerance is one for all of them, and curvatures of a network's weights and of a vehicle's numbers span ten
     orders of magnitude. Units are powers of two, so that changing them loses no digit: what was computed at x need not
     be computed again.
     """
-    curvature = np.diag(problem.normal_equations(x, problem.simulated_nodes(x)).H)
-    known = problem.free & np.isfinite(curvature) & (curvature > 0)
+    curvature = np.diag(H)
+    known = free & np.isfinite(curvature) & (curvature > 0)
     return np.where(known, np.exp2(-np.round(np.log2(np.where(known, curvature, 1.0)) / 2.0)), 1.0)
 
 
