@@ -268,10 +268,17 @@ class Search:
         return float(off @ self.beliefs({axis.index for axis in hypothesis.axes}) @ off)
 
     def expected_charge(self, hypothesis: Hypothesis) -> float:
-        """What `charge` is at the mean where all are as believed: of how many nuisances the readings tell."""
+        """What `charge` is at the mean where all are as believed: of how many nuisances the readings tell.
+
+        Of none at least, and of all of them at most: derivatives of what spins leave rounding beyond that.
+        """
         held = ~self.among({axis.index for axis in hypothesis.axes})
-        known = self.gram[np.ix_(held, held)]
-        return float(np.trace(np.linalg.solve(known + self.precision[np.ix_(held, held)], known)))
+        known, believed = (each[np.ix_(held, held)] for each in (self.gram, self.precision))
+        scale = 1.0 / np.sqrt(np.diag(known + believed))
+        unit = np.outer(scale, scale)
+        H = (known + believed) * unit + CAL.ridge * np.eye(len(unit))
+        told = np.trace(np.linalg.solve(H, known * unit))
+        return float(np.clip(told, 0.0, np.count_nonzero(held)))
 
     def beliefs(self, released: set[int]) -> Array:
         """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""

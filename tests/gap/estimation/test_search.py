@@ -54,6 +54,19 @@ def test_tolerances_cost_as_many_as_the_readings_tell_of_where_all_are_as_believ
     assert charges.mean() == pytest.approx(expected[0], abs=3 * charges.std() / np.sqrt(200))
 
 
+@pytest.mark.parametrize("sizes", [(1e20, 1.0, 1.0), (1e150, 1e60, 1e140), (1e3, 1e200, 1e-3)])
+def test_the_readings_tell_of_no_fewer_than_none_and_no_more_than_all(sizes):
+    """Derivatives of what spins leave rounding, even less than nothing: a diagnosis once ended with its root."""
+    nuisances = [axis(k, sd=0.3) for k in range(3)]
+    search = search_on(linear_bench(smooth_columns(3), np.zeros(3), SD), SD, nuisances)
+    base = search.at_means()
+    for seed in range(50):
+        columns = np.random.default_rng(seed).standard_normal((3, 2)) * np.sqrt(sizes)[:, None]
+        search.gram = columns @ columns.T  # of rank two
+        search.gram += 1e-14 * np.abs(search.gram) * np.random.default_rng(seed).standard_normal((3, 3))
+        assert 0.0 <= search.expected_charge(base) <= 3.0
+
+
 def test_an_abrupt_tolerance_enters_to_first_order_and_at_once():
     rng = np.random.default_rng(0)
     X = smooth_columns(2)
