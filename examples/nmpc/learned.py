@@ -7,7 +7,7 @@ import numpy as np
 from prediction import Prediction, Row, Symbol
 
 from greybox_lab.driving.learned.injection import InjectedModel
-from greybox_lab.driving.learned.net import Layers
+from greybox_lab.driving.racing.network import Perceptron
 from greybox_lab.driving.racing.stage import BEND
 
 
@@ -58,7 +58,7 @@ class LearnedPrediction(Prediction):
         return cs.Function("stage", [z, rates, bend], [cs.vertcat(after, kept)])
 
 
-def _through(layers: Layers, x: Symbol) -> Symbol:
+def _through(layers: Perceptron, x: Symbol) -> Symbol:
     """What a network of ELU says."""
     for W, b in zip(layers.weights[:-1], layers.biases[:-1], strict=True):
         h = W.T @ x + b
