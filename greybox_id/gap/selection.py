@@ -102,7 +102,8 @@ def select(
             together.refitted(stage, np.zeros_like(stage.there), CAL.exchange_steps),
             np.full_like(prices, inf),
         )
-    stage, gains = together.pruned(stage, prices, np.zeros(len(prices)), np.zeros(len(prices)))
+    nothing = np.zeros(len(prices))
+    stage, gains = together.pruned(stage, prices, nothing, nothing)
     axes = [replace(a, sd=a.sd * stage.rough, scale=a.scale * stage.rough) if a.name.startswith(FORM) else a
             for a in nuisances]  # fmt: skip
     search = Search(problem.bench, axes, stage.whitener, trust, stage.rough)

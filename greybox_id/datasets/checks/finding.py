@@ -81,6 +81,32 @@ def distrusted(findings: Iterable[Finding]) -> bool:
     return any(finding.severity is Severity.DISTRUST for finding in findings)
 
 
+@dataclass(frozen=True)
+class Explanation:
+    """A fault of some size.
+
+    Attributes
+    ----------
+    sentence : what it is, and what to do.
+    channel : signal concerned, or signals: "a_x, a_y".
+    value, error, unit : its size.
+    gain : how much of the conflict it explains, in squared standard errors.
+    witnessed : whether another channel says so, too; else the recording may be used, with that doubt.
+    sign, offset : what the channel is to be multiplied by, and what is then to be added, in its SI unit; an offset of
+        None says that the map has no remedy.
+    """
+
+    sentence: str
+    channel: str
+    value: float
+    error: float
+    unit: str
+    gain: float
+    witnessed: bool = True
+    offset: float | None = None
+    sign: int = 1
+
+
 def file_row(recording: Recording, row: int) -> str:
     """A row of the recording in the words of its file: "row 700 of the file", header line counted."""
     source = recording.source

@@ -273,12 +273,12 @@ class Search:
         Of none at least, and of all of them at most: derivatives of what spins leave rounding beyond that.
         """
         held = ~self.among({axis.index for axis in hypothesis.axes})
-        known, believed = (each[np.ix_(held, held)] for each in (self.gram, self.precision))
-        scale = 1.0 / np.sqrt(np.diag(known + believed))
+        known, prior = (each[np.ix_(held, held)] for each in (self.gram, self.precision))
+        scale = 1.0 / np.sqrt(np.diag(known + prior))
         unit = np.outer(scale, scale)
-        H = (known + believed) * unit + CAL.ridge * np.eye(len(unit))
-        told = np.trace(np.linalg.solve(H, known * unit))
-        return float(np.clip(told, 0.0, np.count_nonzero(held)))
+        H = (known + prior) * unit + CAL.ridge * np.eye(len(unit))
+        share = np.linalg.solve(H, known * unit)
+        return float(np.clip(np.trace(share), 0.0, np.count_nonzero(held)))
 
     def beliefs(self, released: set[int]) -> Array:
         """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""

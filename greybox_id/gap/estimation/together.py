@@ -287,14 +287,14 @@ class JointSearch:
         for a, b in ((int(a), int(b)) for a in there for b in there if a < b and like[a, b] > CAL.acts_alike):
             if (a, b) in looked:
                 continue
-            looked.add((a, b))
-            rest = stage.there.copy()
+            rest, price = stage.there.copy(), prices[a] + prices[b]
             rest[[a, b]] = False
-            more = prices[a] + prices[b]
-            if gradual[a] and gradual[b] and stage.sets.cost(rest) - stage.sets.cost(stage.there) > CAL.doubted * more:
+            gain = stage.sets.cost(rest) - stage.sets.cost(stage.there)
+            if gradual[a] and gradual[b] and gain > CAL.doubted * price:  # as of one by itself, see `_gained`
                 continue
+            looked.add((a, b))
             without = self.refitted(stage, rest, CAL.exchange_steps, trial=True)
-            if without.sets.cost(rest) - stage.sets.cost(stage.there) < more:
+            if without.sets.cost(rest) - stage.sets.cost(stage.there) < price:
                 return self.refitted(without, rest, 1)
         return None
 
@@ -426,7 +426,7 @@ class JointSearch:
             there = (off > self._switched_at) & (variance > 4 * problem.zone**2)
         on = there & ~problem.smooth
         prec = squares.precision(variance)
-        first = _FirstOrder(value, prec, self._switched_at[value.cause], on & ~state.on)
+        first = _FirstOrder(value, prec, self._switched_at, on & ~state.on)
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
@@ -477,13 +477,13 @@ class _FirstOrder:
     Parameters
     ----------
     linear, prec : the problem, and beliefs.
-    switched_at : (K,) how far off a cause is that simulations have.
+    switched_at : (causes,) how far off one is that simulations have.
     switched : (causes,) those that simulations have from this step on.
     """
 
     def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Mask) -> None:
-        here = ~linear.moved & ~((linear.cause >= 0) & switched[linear.cause])
-        reach = np.where(linear.cause >= 0, switched_at, np.inf)[here]
+        here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
+        reach = np.append(switched_at, np.inf)[linear.cause[here]]  # of what is no cause, -1, all of it
         self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
         self._low = np.maximum((linear.low - linear.at)[here], -reach - self._off)
         self._high = np.minimum((linear.high - linear.at)[here], reach - self._off)
