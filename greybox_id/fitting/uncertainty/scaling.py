@@ -35,7 +35,7 @@ MOST_ROWS, AHEAD = 6000, 1.0
 def scaling(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -> dict[str, list[str]]:
     """Stated parameter -> estimates and combinations in proportion to it, where no recording determines it.
 
-    Stated is what is fixed, or more prior than data; of several that scale together, the one that is stated best.
+    Stated is what is fixed; a tolerance is in the intervals.
 
     Parameters
     ----------
@@ -50,23 +50,22 @@ def scaling(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -> 
     except BadInput:  # the vehicle stands in all of these rows
         return {}
     scalars = [p for p in model.parameters if p.shape == () and float(p.array) != 0.0 and np.isfinite(p.array)]
-    free, prior = [p.name for p in scalars if not p.fixed], fit.from_prior
-    stated = [p.name for p in scalars if p.name in prior or (p.fixed and p.name not in model.effects)]
-    roughness = {name: abs(float(fit.sd[name] / model[name].array)) for name in stated}
+    free = [p.name for p in scalars if not p.fixed]
+    stated = [p.name for p in scalars if p.fixed and p.name not in model.effects]
+    if not free:
+        return {}
     follows = {name: _follows(problem, model, name) for name in {*stated, *free}}
+    table = np.column_stack([follows[name] for name in free])
     result: dict[str, list[str]] = {}
     for name in stated:
-        others, moved = [other for other in free if other != name], follows[name]
-        table = np.column_stack([np.zeros(len(moved)), *(follows[other] for other in others)])
+        moved = follows[name]
         taken_back = -np.linalg.lstsq(table, moved, rcond=1e-9)[0]
         if float(np.sum((moved + table @ taken_back) ** 2)) > EXACTLY * float(np.sum(moved**2)):
             continue
-        exponents = dict(zip(others, taken_back[1:].tolist(), strict=True))
-        moves = [other for other, exponent in exponents.items() if abs(exponent) > ALIKE]
-        if all(roughness[name] < roughness[other] for other in moves if other in roughness):
-            known = exponents | _of_combinations(model, exponents | {name: 1.0})
-            scaled = [other for other, e in known.items() if abs(e - 1.0) < ALIKE and other not in roughness]
-            result |= {name: scaled} if scaled else {}
+        exponents = dict(zip(free, taken_back.tolist(), strict=True))
+        known = exponents | _of_combinations(model, exponents | {name: 1.0})
+        scaled = [other for other, exponent in known.items() if abs(exponent - 1.0) < ALIKE]
+        result |= {name: scaled} if scaled else {}
     return result
 
 
