@@ -29,6 +29,14 @@ FORM = "form_"
 """Begins the names of errors of form by regime."""
 
 
+def inverse(H: Array) -> Array:
+    """Of a positive definite matrix, whose scales may be far apart and whose directions may be alike."""
+    unit = 1 / np.sqrt(np.maximum(np.diag(H), np.finfo(float).tiny))
+    scaled = np.linalg.inv(H * unit[:, None] * unit + RIDGE * np.eye(len(H)))
+    result: Array = scaled * unit[:, None] * unit
+    return result
+
+
 @dataclass(frozen=True)
 class JointState:
     """Where everything is.
@@ -281,9 +289,7 @@ class JointProblem:
         looked = self._looking
         there = np.flatnonzero(np.any(mains != 0, axis=0))
         B = np.concatenate([known, mains[:, there]], axis=1)
-        H = B.T @ B + np.diag(np.concatenate([value, precision[there]]))
-        scale = 1 / np.sqrt(np.diag(H))
-        solve = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H))) * np.outer(scale, scale)
+        solve = inverse(B.T @ B + np.diag(np.concatenate([value, precision[there]])))
         cross = B.T @ columns
         left = columns.T @ r - cross.T @ (solve @ (B.T @ r))
         curve = np.maximum(np.sum(columns**2, axis=0) - np.sum(cross * (solve @ cross), axis=0), 1e-12)

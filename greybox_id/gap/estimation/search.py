@@ -22,6 +22,7 @@ from .calibration import CAL
 from .form import rough_curves
 from .hypothesis import Hypothesis, Start
 from .noise import Whitener, blocks
+from .problem import inverse
 
 
 class Search:
@@ -274,11 +275,8 @@ class Search:
         """
         held = ~self.among({axis.index for axis in hypothesis.axes})
         known, prior = (each[np.ix_(held, held)] for each in (self.gram, self.precision))
-        scale = 1.0 / np.sqrt(np.diag(known + prior))
-        unit = np.outer(scale, scale)
-        H = (known + prior) * unit + CAL.ridge * np.eye(len(unit))
-        share = np.linalg.solve(H, known * unit)
-        return float(np.clip(np.trace(share), 0.0, np.count_nonzero(held)))
+        told = float(np.sum(inverse(known + prior) * known))
+        return float(np.clip(told, 0.0, np.count_nonzero(held)))
 
     def beliefs(self, released: set[int]) -> Array:
         """(n, n) precision of the nuisances, without those that are candidates: these are not held to tolerances."""
@@ -318,9 +316,9 @@ class Search:
         """What coordinates do, whitened, what nuisances undo of it, and the covariance that follows from the rest."""
         plain = self.weighed(hypothesis.J).reshape(-1, hypothesis.J.shape[2])
         value = ~self.among({axis.index for axis in hypothesis.axes})
-        H, cross = (self.gram + self.precision)[np.ix_(value, value)], (plain.T @ self.white).T
+        cross = (plain.T @ self.white).T
         undone = np.zeros(cross.shape)
-        undone[value] = np.linalg.solve(H, cross[value]) if len(H) else cross[value]
+        undone[value] = inverse((self.gram + self.precision)[np.ix_(value, value)]) @ cross[value]
         S = plain.T @ plain - cross.T @ undone
         scale = np.sqrt(np.maximum(np.diag(S), 1e-300))
         covariance = np.linalg.pinv(S / np.outer(scale, scale), hermitian=True) / np.outer(scale, scale)

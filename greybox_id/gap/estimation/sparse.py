@@ -18,7 +18,7 @@ from scipy.linalg import lapack
 from ...base.shorthands import Array, Mask
 from ...engine.solvers.gauss_newton import least_within
 from .calibration import CAL
-from .problem import RIDGE, Linear
+from .problem import RIDGE, Linear, inverse
 
 NEVER = -np.inf
 
@@ -56,9 +56,7 @@ class Quadratic:
         H = self.G + np.diag(prec)
         slope = self.g + prec * (value.at - value.mean)
         step = least_within(H, slope, value.low - value.at, value.high - value.at, np.ones(len(H), dtype=bool))
-        scale = 1 / np.sqrt(np.diag(H))
-        inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H)))
-        return value.at + step, np.diag(inverse) * scale**2
+        return value.at + step, np.diag(inverse(H))
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
         """(causes,) variances that maximise the evidence, within the zone and three times the usual size."""
@@ -174,11 +172,9 @@ class Sets:
 
     def sizes(self, on: Mask) -> tuple[Array, Array]:
         """(causes,) magnitudes and their sds where a set is there; infinite ones where only rounding is left."""
-        H = self.S + np.diag(self._precision(on))
-        scale = 1 / np.sqrt(np.diag(H))
-        inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(len(H))) * np.outer(scale, scale)
-        variance = np.diag(inverse)[self.main]
-        return (self.mean - inverse @ self.b)[self.main], np.sqrt(np.where(variance > 0, variance, np.inf))
+        covariance = inverse(self.S + np.diag(self._precision(on)))
+        variance = np.diag(covariance)[self.main]
+        return (self.mean - covariance @ self.b)[self.main], np.sqrt(np.where(variance > 0, variance, np.inf))
 
     def climbed(self, on: Mask) -> Mask:
         """The best set that single additions, deletions and exchanges lead to."""
