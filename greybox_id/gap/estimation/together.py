@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -249,13 +250,10 @@ class JointSearch:
                 if without is not None:
                     stage = without
                     continue
-                new = self._worth_adding(stage, prices, looked)
-                if new is None:
+                better = self._with_another(stage, prices, unsteady, looked)
+                if better is None:
                     return stage, gains
-                looked[new] = True
-                there = stage.there.copy()
-                there[new] = True
-                stage = self.refitted(stage, there)
+                stage = better
                 continue
             looked[weak] = True
             weak.sort(key=lambda k: steady[k] - prices[k])
@@ -304,6 +302,21 @@ class JointSearch:
         S = stage.sets.S[np.ix_(stage.sets.main, stage.sets.main)]
         size = np.sqrt(np.maximum(np.diag(S), 1e-300))
         return np.asarray(np.abs(S) / np.outer(size, size))
+
+    def _with_another(self, stage: JointStage, prices: Array, unsteady: Array, looked: Mask) -> JointStage | None:
+        """The stage with the first cause besides that gains its price once all is refitted, of those not looked at."""
+        while (new := self._worth_adding(stage, prices, looked)) is not None:
+            looked[new] = True
+            there, gains = stage.there.copy(), np.zeros(len(looked))
+            there[new] = True
+            tried = self.refitted(stage, there, trial=True)
+            if tried.sets.beyond(there)[new]:  # a step that overshot, or a size that is not there
+                tried = self.refitted(tried, there, CAL.exchange_steps, trial=True)
+            if not tried.sets.beyond(there)[new]:
+                gains[new] = self._gained(tried, new, prices[new])
+            if steadily(gains, unsteady)[new] >= prices[new]:
+                return self.refitted(tried, there, 1)
+        return None
 
     def _worth_adding(self, stage: JointStage, prices: Array, looked: Mask) -> int | None:
         """The cause that gains most beside a stage's, to first order, if that is its price; none that was looked at.
@@ -426,18 +439,19 @@ class JointSearch:
             there = (off > self._switched_at) & (variance > 4 * problem.zone**2)
         on = there & ~problem.smooth
         prec = squares.precision(variance)
-        first = _FirstOrder(value, prec, self._switched_at, on & ~state.on)
         back = state
         if np.any(state.on & ~on & ~problem.smooth):  # switched off
             back = replace(state, on=state.on & on)
-        here = self._objective(back, first, whitener, prec, value)
-        share = 1.0
-        for _ in range(6):
-            new = problem.moved(state, x, share, on)
-            if self._objective(new, first, whitener, prec, value) < here + 1e-6:
+        new: JointState | None = None
+        for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to be nearer first
+            first = _FirstOrder(value, prec, self._switched_at, goes & ~state.on)
+            objective = partial(self._objective, first=first, whitener=whitener, prec=prec, linear=value)
+            here = objective(back)
+            tried = (problem.moved(state, x, share, goes) for share in CAL.step_shares)
+            new = next((each for each in tried if objective(each) < here + 1e-6), None)
+            if new is not None:
                 break
-            share *= 0.4
-        else:
+        if new is None:
             return back, 0.0
         scales = np.concatenate([problem.theta_sd, problem.usual])
         went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
