@@ -118,7 +118,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
     role = "validate" if "validate" in fit.metrics else "train"
     scores, near = fit.metrics[role], _near(fit.metrics[role])
     return (
-        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(fit.model, scores, near)}.",
+        f"{circumstances(fit, recordings, role)}, the RMSE of {fit.model.name} {_how_good(fit.model, scores, near)}.",
         f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
         f"{_against_training(fit) if role == 'validate' else ''}.",
         f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
@@ -137,7 +137,7 @@ def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
         soon = scores[near].get(name) if near else None
         beside = f" ({_rmse(soon)})" if soon else ""
         each.append(f"{_rmse(error)}{beside} {pretty_unit(model.unit(name))} in {signal_words(name)}")
-    return f"in free run{f' ({near})' if near else ''} by an RMSE of {listed(each)}"
+    return f"in free run{f' ({near})' if near else ''} is {listed(each)}"
 
 
 def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> str:
