@@ -52,7 +52,7 @@ def test_only_what_was_recorded_is_reported(motion_report, motion_found):
     assert outputs == ["v_y [m/s]", "yaw rate [rad/s]", "a_y [m/s²]"]
     predicted = [row[1] for row in errors]
     assert predicted.count("model, training") == 2  # a lap without v_y: it cannot be pooled
-    assert predicted.count("held, validation") == 3
+    assert predicted.count("persistence, validation") == 3
 
 
 def test_the_verdict_names_free_run_and_half_a_second_with_units(motion_report, motion_fit):

@@ -55,7 +55,6 @@ STEP = 1e-3
 """s"""
 
 _REACH, _SHARE = (0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-_READ, _TRUE = len(READABLE), len(ROW_TRUTH)
 
 
 @compiled
