@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...base.numbers import exact, number, percent, quantity
+from ...base.numbers import number, percent, quantity
 from ...base.shorthands import Array
 from ...base.signals import SD
 from ...base.statistics import white_noise_sd
@@ -169,7 +169,8 @@ def check_asleep(r: Recording) -> list[Finding]:
         sentence = (
             f"{listed(same)} {'are' if len(same) > 1 else 'is'} {reads} from t = {number(float(r.time[a]), 4)} to "
             f"{number(float(r.time[b - 1]), 4)} s ({where}), where {jumped[0]} jumps by "
-            f"{quantity(_jump(r, jumped[0], a, b), r.unit(jumped[0]), 2)}: the logger or a sensor was off. Leave these rows out."
+            f"{quantity(_jump(r, jumped[0], a, b), r.unit(jumped[0]), 2)}: the logger or a sensor was off. "
+            "Leave these rows out."
         )
         seconds = (b - a) * r.sample_time
         place = FoundAt(", ".join(same), rows=tuple(range(a, b)))
