@@ -203,7 +203,7 @@ def check_placeholders(recording: Recording) -> list[Finding]:
             rows = np.flatnonzero(values == level)
             sentence = (
                 f"{name} reads exactly {with_unit(exact(level[0], 4), recording.unit(name))} in {rows.size} rows, far "
-                "from all other values: probably a code for a missing reading. Leave these rows out, or the cells empty "
+                "from all others: probably a code for a missing reading. Leave these rows out, or the cells empty "
                 f"({file_rows(recording, rows)})."
             )
             where = FoundAt(name, rows=tuple(rows.tolist()))
