@@ -203,7 +203,7 @@ def check_placeholders(recording: Recording) -> list[Finding]:
             rows = np.flatnonzero(values == level)
             sentence = (
                 f"{name} reads exactly {with_unit(exact(level[0], 4), recording.unit(name))} in {rows.size} rows, far "
-                "from all other values: that stands for no reading. Leave these cells empty "
+                "from all other values: that stands for no reading. Leave these rows out, or these cells empty "
                 f"({file_rows(recording, rows)})."
             )
             where = FoundAt(name, rows=tuple(rows.tolist()))

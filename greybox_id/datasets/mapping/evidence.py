@@ -36,6 +36,7 @@ class MapEntry:
     other_units : of these, where they are not `unit`.
     rest : of time: the column that holds what whole seconds leave; empty for none.
     rest_unit : of that column.
+    sign_column, negative : of a magnitude, as of `Column`.
     ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
     """
 
@@ -51,6 +52,8 @@ class MapEntry:
     other_units: tuple[str, ...] = ()
     rest: str = ""
     rest_unit: str = "ns"
+    sign_column: str = ""
+    negative: float | str = 1.0
     ends: tuple[float, ...] = ()
 
     def as_column(self) -> Column:
@@ -58,8 +61,9 @@ class MapEntry:
         target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
         column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
         return replace(
-            column, otherwise=self.otherwise, other_units=self.other_units, rest=self.rest, rest_unit=self.rest_unit
-        )
+            column, otherwise=self.otherwise, other_units=self.other_units, rest=self.rest, rest_unit=self.rest_unit,
+            sign_column=self.sign_column, negative=self.negative,
+        )  # fmt: skip
 
     @property
     def factor(self) -> float:

@@ -24,6 +24,7 @@ CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
            "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
 _X, _Y = r"(x|long|lon|longitudinal|laengs|längs)", r"(y|lat|lateral|quer)"
 _ACC = r"(a|acc|accel|accn|acceleration|g|g force|gforce|beschl|beschleunigung)"
+_OF = r"beschl(eunigung)?"
 _SPEED = r"(v|vel|velocity|speed|geschwindigkeit)"
 RULES: dict[str, tuple[str, ...]] = {
     TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit", r"stamp|sec|seconds|secs|ts|datetime|date time"),
@@ -42,10 +43,10 @@ RULES: dict[str, tuple[str, ...]] = {
     "curvature": (r"curv|curvature|kappa|path curvature|road curvature|kr(ü|ue)mmung",),
     "yaw_acceleration": (r"yaw acc(el|eleration)?|yaw rate dot|psi ddot|psiddot|ddpsi",),
     "a_x": (r"ax|a x|accx|acc x|accel x|long acc|longacc|acceleration x|linear acceleration x",
-            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|laengsbeschleunigung|längsbeschleunigung|accelx"
+            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|(laengs|längs){_OF}|accelx"
             r"|inline ?acc(eleration)?|lonacc", r"acc|accel|acceleration"),
     "a_y": (r"ay|a y|accy|acc y|accel y|lat acc|latacc|acceleration y|linear acceleration y",
-            rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|querbeschleunigung|accely"),
+            rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|quer{_OF}|accely"),
     "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
               r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
@@ -59,7 +60,7 @@ RULES: dict[str, tuple[str, ...]] = {
     "ax_cmd": (r"ax (cmd|command|target|ref)|(accel|acceleration|acc) (cmd|command|target|ref)|drive acceleration",),
     "throttle": (r"throttle|throttle (pos|position|pedal|angle|command|cmd)|gas|gas pedal|accelerator( pedal)?",
                  r"tps|aps|app|gaspedal|accel(erator)? pedal( pos| position)?|throttle ped( cmd)?|gas (pos|position)"
-                 r"|fahrpedal|throttleposition|throttle duty"),
+                 r"|fahrpedal((roh)?wert)?|throttleposition|throttle duty"),
     "brake": (r"brake|brake (pos|position|pedal|pressure|press|command|cmd)|brk|brakepedal|bremse",
               r"brake ped( cmd)?|brakepressure|pbrake( f)?|brake (pressure|press) (f|front)|bremsdruck|brk pos"
               r"|brake pedal (pos|position)"),
@@ -95,8 +96,8 @@ PLACES = ("lat", "long")
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
 """Words of what is asked for: such a column holds no measured speed or acceleration."""
 NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
-                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder)"
-                   r"\b")  # fmt: skip
+                   r"data|value|signal|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder"
+                   r"|0\d)\b")  # fmt: skip
 WORDS_OF_UNITS = {
     "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
     "knots": "knot",
@@ -110,6 +111,8 @@ WORDS_OF_UNITS = {
     "nanoseconds": "ns", "percent": "%", "pct": "%", "perc": "%",
 }  # fmt: skip
 """Units as names end in them."""
+RATES = {"yaw": "yaw_rate", "roll": "roll_rate"}
+"""Angle -> what it is in a unit of its rate."""
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
@@ -207,6 +210,7 @@ def _read(words: str, unit: str) -> list[Guess]:
         for signal, patterns in RULES.items():
             for order, pattern in enumerate(patterns):
                 if re.fullmatch(pattern, text):
+                    signal = RATES[signal] if unit and signal in RATES and fits(unit, RATES[signal]) else signal
                     stated = "ms" if signal == TIME and unit == "m/s" else unit
                     rim = signal.startswith("wheel_speed") and stated and fits(stated, "v_x")
                     if not stated or signal == "v_x" or rim or fits(stated, signal):  # a motor's speed is one in rpm

@@ -26,6 +26,7 @@ from ..recording import Recording
 from ..repair import column_fields, repaired
 from .evidence import USUAL, MapEntry, by_gravity, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, of_a_tyre_rig, time_of
+from .sign_columns import with_sign_columns
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
@@ -126,7 +127,10 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
     taken = {run, *(name for clock in clocks for name in (clock.column, clock.rest))}
     chosen, rivals = _candidates(result, guesses, numbers, taken)
-    others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
+    chosen = with_sign_columns(chosen, result, numbers, labels)
+    rivals = [entry for entry in rivals if entry.column not in {known.sign_column for known in chosen}]
+    used = taken | {name for entry in (*chosen, *rivals) for name in (entry.column, entry.sign_column)}
+    others = tuple(name for name in numbers if name not in used)
     named = " ".join(files) if files else str(path)
     draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else (), rig=rig)
     if (time is None and not rate) or not chosen:
@@ -441,6 +445,7 @@ def _table(entry: MapEntry, unit: str) -> str:
     if entry.ends:
         low, centre, high = (exact(end, 6) for end in entry.ends)
         parts.append(f"lookup = [[{low}, {centre}, {high}], [..., 0, ...]]")
+    parts += column.sign_fields
     if entry.divide_by != 1.0:
         parts.append(f"divide_by = {entry.divide_by:g}")
     return f"{{ {', '.join(parts)} }}"

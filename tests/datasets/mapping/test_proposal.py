@@ -447,3 +447,38 @@ def test_a_servos_setting_is_asked_about(tmp_path):
     columns = {"v_x": ("v_x", 1.0), "servo_position": ("steer", 1.2), "yaw_rate": ("yaw_rate", 1.0), "ay": ("a_y", 1.0)}
     _, entries, _ = drive(tmp_path, **columns)
     assert not entries["steer"].decided
+
+
+@pytest.mark.parametrize(
+    ("name", "signs"),
+    [
+        ("LWI_VZ_Lenkradwinkel", lambda negative: negative.astype(int)),
+        ("steer sign", lambda negative: np.where(negative, -1, 1)),
+        ("steer_dir", lambda negative: np.where(negative, "R", "L")),
+    ],
+)
+def test_a_sign_in_a_column_of_its_own_is_found_and_read(tmp_path, name, signs):
+    time, steer = TRUE.time, np.degrees(TRUE["steer"])
+    magnitude = {name.replace("VZ_", "").removesuffix(" sign").removesuffix("_dir") + "_deg": np.abs(steer)}
+    table = {"t": time, "vx": TRUE["v_x"], "yaw_rate": TRUE["yaw_rate"], **magnitude, name: signs(steer < 0)}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    mapping = propose(tmp_path / "lap.csv").mapping("own", everything=True)
+    found = read(tmp_path / "lap.csv", parse_column_map(map_text(mapping), "own.toml"))["steer"]
+    assert found == pytest.approx(TRUE["steer"] * mapping.signals["steer"].scale, abs=1e-12)
+
+
+def test_a_magnitude_without_its_sign_is_asked_about(tmp_path):
+    turn = TRUE["yaw_rate"]
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "yaw_rate": np.abs(turn), "ay": TRUE["v_x"] * turn}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    (entry,) = (entry for entry in propose(tmp_path / "lap.csv").open if entry.signal == "yaw_rate")
+    assert "sign_column" in entry.reasons[1]
+
+
+def test_degrees_south_and_west_are_negative(tmp_path):
+    north, east = TRUE["y"] / 111_320, TRUE["x"] / 111_320
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "lat": 1.0 - north, "N/S": "S", "lon": 1.0 - east, "E/W": "W"}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    found = read(tmp_path / "lap.csv", propose(tmp_path / "lap.csv").mapping("own", everything=True))
+    assert found["latitude"] == pytest.approx(north - 1.0)
+    assert found["longitude"] == pytest.approx(east - 1.0)
