@@ -36,7 +36,7 @@ Twice those from which 60 of 60 random starts led to the optimum (`benchmarks/st
 GUESSED_NOISE = 0.1
 """Noise assumed first, as a share of a signal's spread."""
 TOLERANCE, COMPARED, ROUGH = 1e-12, 1e-6, 1e-4
-"""Convergence of the last solve, of the last where only errors are compared, and of those that only settle the noise."""
+"""Convergence of the last solve, of the last where only errors are compared, and of those that settle the noise."""
 MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 """The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
