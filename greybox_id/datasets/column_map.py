@@ -18,7 +18,7 @@ from ..base.errors import BadInput, near
 from ..base.shorthands import Array
 from ..base.signals import SIGNALS
 from ..base.toml_file import must_know, parse_toml, quoted, table_of, text_of
-from ..base.units import to_si
+from ..base.units import DEGREES_AND_MINUTES, degrees_of, to_si
 from .shipped import named_text, shipped_files
 
 NOTHING = ("", "nan", "None", "<NA>")
@@ -102,7 +102,7 @@ class Column:
     def convert(self, values: Array) -> Array:
         """Values in SI units, (n,) for (n,) of the file's values."""
         conversion = to_si(self.unit, self.si_unit)
-        scaled = self.scale * values
+        scaled = self.scale * (degrees_of(values) if self.unit == DEGREES_AND_MINUTES else values)
         if self.lookup:
             scaled = np.interp(scaled, *np.array(self.lookup).T)
         return self.sign * (conversion.factor * scaled + conversion.offset) + self.offset

@@ -237,7 +237,7 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     clock = instants(table, time) if not mapping.rate else Instants(np.arange(len(table)), 1 / mapping.rate)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
-    notes, labels = (note,) if note else (), table.labels(run) if run else []
+    notes, labels = tuple(filter(None, (clock.note, note))), table.labels(run) if run else []
     rows: Sequence[int] = range(len(table))
     joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
     if not mapping.rate:  # else rows are the clock
@@ -323,7 +323,7 @@ def _several(
     named = None if plain else result.find(mapping.time.column)
     if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
         named = result.find(mapping.signals["x"].column)
-    notes = [note] if note else []
+    notes = [words for words in (*dict.fromkeys(clock.note for clock in clocks), note) if words]
     readings = []
     for name, clock, values in zip(names, clocks, signals, strict=True):
         stamps = _sized(clock.since(origin))

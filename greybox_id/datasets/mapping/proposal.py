@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from ...base.errors import BadInput
 from ...base.numbers import exact, number
 from ...base.shorthands import Array
 from ...base.signals import COMMANDS, SIGNALS, unit_of
 from ...base.toml_file import quoted
-from ...base.units import to_si
+from ...base.units import DEGREES_AND_MINUTES, to_si
 from ..alignment import aligned
 from ..checks import Finding, Severity, check
 from ..column_map import Column, ColumnMap
@@ -30,6 +31,8 @@ from .sign_columns import with_sign_columns
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
+MOSTLY = 0.8
+"""Share of cells that are numbers from which a column was meant to hold them."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
 DRIVES = ("motor_current", "drive_force", "ax_cmd", "throttle")
@@ -301,7 +304,13 @@ def _joined(draft: Proposal, mapping: ColumnMap) -> Recording:
 
 def _raw(draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
     """The signals as the file holds them: factor 1, sign 1."""
-    plain = {e.signal: replace(e.as_column(), unit=e.as_column().si_unit, scale=1.0, optional=True) for e in chosen}
+    columns = {e.signal: e.as_column() for e in chosen}
+    plain = {
+        signal: replace(
+            column, unit=column.unit if column.unit == DEGREES_AND_MINUTES else column.si_unit, scale=1.0, optional=True
+        )
+        for signal, column in columns.items()
+    }
     return _recorded(draft, replace(draft.mapping(), signals=plain))
 
 
@@ -360,6 +369,9 @@ def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, 
                 assert table is not None
                 numbers[name] = table.numbers(name)
             except (BadInput, TypeError, ValueError):
+                cells = pd.to_numeric(table.column(name).dropna(), errors="coerce") if table is not None else None
+                if name in guesses and cells is not None and cells.notna().mean() > MOSTLY:
+                    raise
                 labels.add(name)
                 if table is not None and is_instants(table.column(name)):
                     texts.add(name)

@@ -9,6 +9,7 @@ import numpy as np
 
 from ...base.shorthands import Array
 from ...base.signals import SIGNALS
+from ...base.units import DEGREES_AND_MINUTES
 from ..column_map import NOTHING
 from ..formats import Contents, RawTable
 from .evidence import MapEntry
@@ -26,6 +27,7 @@ PLACES = {"latitude": "ns", "longitude": "eow"}
 """First letters of what a column of the hemisphere holds."""
 NUMBERS = {(-1.0, 1.0): -1.0, (-1.0, 0.0): -1.0, (-1.0,): -1.0, (0.0, 1.0): 1.0, (0.0,): 1.0}
 """Numbers that such a column holds, and which of them is negative."""
+MOST_DEGREES = 180.0
 VANISHES, FLIPS = 0.3, 3
 """A magnitude, over its median, where its sign flips; how many flips tell that."""
 BOTH_WAYS, LIKE = 0.05, 0.5
@@ -44,8 +46,6 @@ def with_sign_columns(
     numbers, labels : its columns of numbers, and the others.
     """
     magnitudes = [entry for entry in entries if _is_magnitude(entry, numbers)]
-    if not magnitudes:
-        return list(entries)
     taken = {entry.column for entry in entries}
     found = dict[str, MapEntry]()
     for group in result.groups:
@@ -54,7 +54,7 @@ def with_sign_columns(
         table = group.load(free) if here and free else None
         two = {name: cells for name in free if (cells := _two(table, name))} if table else {}
         found |= {entry.signal: _with_sign(entry, numbers[entry.column], two) for entry in here}
-    signed = [found.get(entry.signal, entry) for entry in entries]
+    signed = [_in_minutes(found.get(entry.signal, entry), numbers) for entry in entries]
     return [_in_doubt(entry, signed, numbers) if entry in magnitudes else entry for entry in signed]
 
 
@@ -94,6 +94,21 @@ def _with_sign(entry: MapEntry, values: Array, two: Mapping[str, list[str]]) -> 
     *_, name, negative = max(ranked, key=lambda item: item[:3])
     why = f"its sign is in {name}, which is {negative if isinstance(negative, str) else f'{negative:g}'} where negative"
     return replace(entry, sign_column=name, negative=negative, reasons=(*entry.reasons, why))
+
+
+def _in_minutes(entry: MapEntry, numbers: Mapping[str, Array]) -> MapEntry:
+    """A latitude or longitude whose numbers can be no degrees, but degrees and minutes behind one another."""
+    values = np.abs(numbers[entry.column])
+    values = values[np.isfinite(values)]
+    if entry.signal not in PLACES or entry.unit or not values.size or values.max() <= MOST_DEGREES:
+        return entry
+    if np.max(values % 100) >= 60 or values.max() >= 100 * (MOST_DEGREES + 1):
+        why = "values are no degrees: write divide_by, how many make one degree"
+        return replace(entry, decided=False, reasons=(*entry.reasons, why))
+    why = "unit: degrees and minutes, as NMEA writes 52 degrees and 24.5 minutes as 5224.5"
+    asked = () if entry.sign_column else ("minutes alone are possible, too: divide_by = 60, unit deg",)
+    reasons = (*entry.reasons, why, *asked)
+    return replace(entry, unit=DEGREES_AND_MINUTES, decided=bool(entry.sign_column), reasons=reasons)
 
 
 def _words(name: str) -> set[str]:

@@ -475,6 +475,19 @@ def test_a_magnitude_without_its_sign_is_asked_about(tmp_path):
     assert "sign_column" in entry.reasons[1]
 
 
+@pytest.mark.parametrize("signed", [False, True])
+def test_degrees_and_minutes_behind_one_another_are_told(tmp_path, signed):
+    north = -12.5 - TRUE["y"] / 111_320
+    minutes = 100 * np.trunc(np.abs(north)) + 60 * (np.abs(north) % 1)
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "lat": -minutes if signed else minutes}
+    table |= {} if signed else {"N/S": "S"}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    proposal = propose(tmp_path / "lap.csv")
+    assert [entry.decided for entry in proposal.entries if entry.signal == "latitude"] == [not signed]
+    found = read(tmp_path / "lap.csv", proposal.mapping("own", everything=True))
+    assert found["latitude"] == pytest.approx(north, abs=1e-9)
+
+
 def test_degrees_south_and_west_are_negative(tmp_path):
     north, east = TRUE["y"] / 111_320, TRUE["x"] / 111_320
     table = {"t": TRUE.time, "vx": TRUE["v_x"], "lat": 1.0 - north, "N/S": "S", "lon": 1.0 - east, "E/W": "W"}
