@@ -37,14 +37,14 @@ from .sheet import (
     symbol,
 )
 
-NEAR = 0.5
+DRAWN_HORIZON = 0.5
 """Of all horizons, s, the one that is drawn beside the free run."""
 
 PROTOCOL_LINES = {
     "honest": look(ORANGE, 1.0, "one sample ahead"),
     "published": look(PALE, 1.0, "as published", dashes=DOTTED),
     "closed_loop": look(BLUE, 1.1, "closed loop", dashes=DASHED),
-    ahead(NEAR): look(ORANGE, 1.0, ahead(NEAR)),
+    ahead(DRAWN_HORIZON): look(ORANGE, 1.0, ahead(DRAWN_HORIZON)),
     FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
 }
 """By protocol of `greybox_id.fitting.scores.metrics`."""
