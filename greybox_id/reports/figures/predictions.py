@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from ...base.numbers import pretty_unit
 from ...base.shorthands import Array, Index
-from ...base.statistics import correlation, welch
+from ...base.statistics import NORMAL, correlation, welch
 from ...engine.simulation import Prediction, breaks
 from ...fitting.fit import Fit
 from ...fitting.scores.metrics import FREE_RUN, ahead
@@ -246,7 +246,6 @@ SECONDS, MOST = 2.0, 200
 SHORTEST = 8
 """Rows without a gap that count."""
 MOST_INPUTS = 2
-NORMAL = 1.96
 
 Parts = list[tuple[Array, Array]]
 
