@@ -35,8 +35,8 @@ Twice those from which 60 of 60 random starts led to the optimum (`benchmarks/st
 """
 GUESSED_NOISE = 0.1
 """Noise assumed first, as a share of a signal's spread."""
-TOLERANCE, ROUGH = 1e-12, 1e-4
-"""Convergence of the last solve, and of those that only settle the noise."""
+TOLERANCE, COMPARED, ROUGH = 1e-12, 1e-6, 1e-4
+"""Convergence of the last solve, of the last where only errors are compared, and of those that settle the noise."""
 MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 """The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
@@ -124,11 +124,12 @@ def attempted(
     say: Say,
     name: str,
     short: Sequence[int] = SHORT_HORIZONS,
+    tolerance: float = TOLERANCE,
 ) -> Attempt | None:
     """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
     reached: Attempt | None = None  # the last alone: each holds layouts of all rows
     try:
-        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short):
+        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short, tolerance):
             if attempt.solution.status is Status.NOT_FINITE:
                 return None
             reached = attempt
@@ -152,7 +153,7 @@ def attempted(
 
 def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> Array | None:
     """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
-    attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
+    attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name, tolerance=COMPARED)
     if attempt is not None and attempt.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return None if attempt is None else attempt.problem.shared(attempt.solution.x)
@@ -166,6 +167,7 @@ def _on_the_way(
     say: Say,
     name: str,
     short: Sequence[int],
+    tolerance: float,
 ) -> Iterator[Attempt]:
     """Growing horizons, then the one that is wanted until the noise has settled."""
     outputs = simulator.trace.model.outputs
@@ -190,7 +192,7 @@ def _on_the_way(
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
     settled, taken = known and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):
-        solution = _solved(problem, x, how, TOLERANCE if settled else ROUGH, say, name)
+        solution = _solved(problem, x, how, tolerance if settled else ROUGH, say, name)
         taken += solution.steps  # where rounds before ended at the optimum, the last one has none left to take
         solution = replace(solution, steps=taken)
         yield Attempt(problem, p, solution)

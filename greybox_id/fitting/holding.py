@@ -187,7 +187,8 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
     if stated and (sum(map(len, recordings)) > MOST_ROWS or not all(recording.source.path for recording in recordings)):
         return None
     (taken,) = holds
-    simulator, once = Simulator(model), replace(how, starts=1, solver="gauss-newton")
+    simulator = Simulator(model)
+    once = replace(how, starts=1, solver="gauss-newton", noise=fit.how["counted"])  # they compare only under one noise
     here = attempted(simulator, recordings, model.values, once, quiet, model.name, ())
     if here is None or not _ended(here):
         return None
