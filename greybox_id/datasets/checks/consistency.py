@@ -239,7 +239,7 @@ def check_rest(recording: Recording) -> list[Finding]:
         cause = "the sensor's offset" if name == "yaw_rate" else "offset, or slope of the ground"
         sentence = (
             f"{name} reads {with_unit(shown, unit)} at rest ({seconds:.1f} s in {len(stretches)} "
-            f"stand{'s' if len(stretches) > 1 else ''}): {cause}."
+            f"standstill{'s' if len(stretches) > 1 else ''}): {cause}."
         )
         findings.append(Finding("offset", Severity.WARNING, FoundAt(name), sentence, offset, error, unit))
     return findings

@@ -126,7 +126,7 @@ class Met:
         """For a person."""
         if self.pair.kinematic:
             return f"{self.pair.left} is {number(abs(self.agreed.gain), 2)} times {self.pair.right}"
-        return f"{self.pair.left} against {self.pair.right} says a length of {number(1 / abs(self.agreed.gain), 2)} m"
+        return f"{self.pair.left} over {self.pair.right} gives a wheelbase of {number(1 / abs(self.agreed.gain), 2)} m"
 
 
 def pairs_of(recording: Recording) -> list[Pair]:
@@ -294,7 +294,7 @@ def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
         return entry
     for unit, size in ODD.items():
         if max(abs(factor - np.log(entry.factor / size)) for factor in times) < NEAR_ODD:
-            why = f"unit: {'; '.join(item.words for item in paired[:2])}, which is as due in {unit}"
+            why = f"unit: {'; '.join(item.words for item in paired[:2])}, as expected in {unit}"
             return replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, why))
     return entry
 
@@ -318,11 +318,14 @@ def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
             counts.append(abs(item.agreed.gain))
         elif item.pair.nodes == ("a_x", "v_x"):
             counts += [1 / abs(item.agreed.gain) / to_si(unit, "m/s^2").factor for unit in USUAL["m/s^2"]]
-    known = f"{why}; the other channels say about {{:g}} in 1 m/s, to some 20 %: write the true number"
+    known = f"{why}; the other channels suggest about {{:g}} per m/s (± 20 %): write the true number"
     rounded = [float(f"{count:.3g}") for count in counts]
     return [replace(entry, unit="m/s", divide_by=n, reasons=(*entry.reasons, known.format(n))) for n in rounded] or [
         replace(
-            entry, unit="m/s", divide_by=sizes["v_x"] / 10, reasons=(*entry.reasons, f"{why}; say how many make 1 m/s")
+            entry,
+            unit="m/s",
+            divide_by=sizes["v_x"] / 10,
+            reasons=(*entry.reasons, f"{why}; state how many make 1 m/s"),
         )
     ]
 

@@ -178,7 +178,7 @@ def _candidates(
         for place, name in enumerate(ordered):
             stated = guesses[name].unit or units.get(name, "")
             unit = stated if stated and _fits(stated, signal) else ""
-            reasons = [f'"{name}" is what {signal} is often called']
+            reasons = [f'"{name}" is a usual name of {signal}']
             if stated and not unit:
                 reasons.append(f"the file says {stated}, which {signal} cannot be")
             entry = MapEntry(signal, name, unit, reasons=tuple(reasons))

@@ -87,8 +87,8 @@ METHOD = (
         "where readings scatter by more than their stated noise.",
     ),
 )
-ERRORS = "RMSE before → after (floor), from measured states over each horizon, and in free run."
-ERRORS_ALONE = "RMSE (floor), from measured states over each horizon, and in free run."
+ERRORS = "RMSE before → after (noise), from measured states over each horizon, and in free run."
+ERRORS_ALONE = "RMSE (noise), from measured states over each horizon, and in free run."
 LIMITS = (
     "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
     "all that is stated with a tolerance is refitted; not absorbed: the share of the information on it that "
@@ -349,7 +349,7 @@ def closures(of: Iterable[tuple[Closure, bool]]) -> Table:
 
 
 def _errors(closure: Closure, applied: bool) -> Table:
-    """Before → after (floor), a row for each channel, a column for each horizon; without effects there is no after."""
+    """Before → after (noise), a row for each channel, a column for each horizon; without effects there is no after."""
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: inf if h is None else h)
     by = {(error.channel, error.horizon): error for error in closure.errors}
     rows = []

@@ -409,10 +409,12 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
 def left(gap: Gap) -> str:
     """What stays unexplained."""
     closure, _ = judged(gap)
-    clauses = [gap.unknown.rstrip(".")] if gap.unknown else []
+    clauses = []
     if gap.gap_detected and gap.applied and isfinite(closure.closed) and tells(closure):
         share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
         clauses.append(f"{share} of the excess unexplained")
+    if gap.unknown:
+        clauses.append(gap.unknown.rstrip("."))
     probability = probability_words(gap.unknown_probability)
     return "; ".join([*clauses, f"an unmodelled effect is present with probability {probability}"])
 

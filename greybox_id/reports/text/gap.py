@@ -136,7 +136,7 @@ def _how_far(gap: Gap, width: int) -> Group:
         types.append(warning)
     types += carried_over(gap)
     if not held_out and gap.applied:
-        types.append("the gap closed on other recordings is not known: hold some out")
+        types.append("how far the gap closes on other recordings is unknown: name some with --held-out")
     if gap.moved:
         named = [
             f"{one.name} {short_with_sd(one.stated, one.sd)} → {quantity(one.value, one.unit)}"
@@ -149,14 +149,14 @@ def _how_far(gap: Gap, width: int) -> Group:
 
 
 def _errors(closure: Closure, width: int) -> Table:
-    """RMSE before → after (floor) for each channel, over the horizons."""
+    """RMSE before → after (noise) for each channel, over the horizons."""
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: float("inf") if h is None else h)
     if width < NARROW and len(horizons) > 2:
         timed = [h for h in horizons if h is not None]
         near = min(timed, key=lambda h: abs(h - NEAR))
         horizons = [near, horizons[-1]]
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_edge=False)
-    table.add_column("RMSE before → after (floor)", header_style="dim")
+    table.add_column("RMSE before → after (noise)", header_style="dim")
     for horizon in horizons:
         table.add_column("free run" if horizon is None else f"{horizon:g} s", header_style="dim", no_wrap=True)
     by = {(error.channel, error.horizon): error for error in closure.errors}

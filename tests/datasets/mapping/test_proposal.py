@@ -147,7 +147,7 @@ def test_a_course_tells_the_unit_of_the_steering_as_a_gyro_does(tmp_path):
         pd.DataFrame(table | {"wheel_angle": factor * table["wheel_angle"]}).to_csv(tmp_path / "lap.csv", index=False)
         (entry,) = [entry for entry in propose(tmp_path / "lap.csv", wheelbase=2.8).entries if entry.signal == "steer"]
         assert entry.unit == unit
-        assert any("says a length of 2.8 m" in reason for reason in entry.reasons), entry.reasons
+        assert any("gives a wheelbase of 2.8 m" in reason for reason in entry.reasons), entry.reasons
 
 
 def town(tmp_path, unit="deg/s", factor=180 / np.pi):
@@ -170,7 +170,7 @@ def test_no_wheelbase_is_45_m_long(tmp_path):
     proposal = town(tmp_path)
     (steer,) = [entry for entry in proposal.open if entry.signal == "steer"]
     assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
-    assert not any("a length of" in reason for entry in proposal.entries for reason in entry.reasons)
+    assert not any("gives a wheelbase" in reason for entry in proposal.entries for reason in entry.reasons)
     assert steer.divide_by == pytest.approx(16, rel=0.02)  # 2.8 m is near the usual length of a car
 
 
