@@ -134,7 +134,7 @@ def design(
     seed: int = 0,
     progress: Callable[[str], None] | None = None,
 ) -> DesignResult:
-    """Design the manoeuvre that tells most: about a fit's parameters, or about which explanation of a gap is true.
+    """Design the most informative manoeuvre: for a fit's parameters, or to separate the explanations of a gap.
 
     Parameters
     ----------

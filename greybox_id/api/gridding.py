@@ -145,7 +145,7 @@ def _written_to(target: Path) -> Callable[[pd.DataFrame], None]:
 def grid_parts(grid: Grid) -> Iterator[RenderableType]:
     """A grid, part by part."""
     for doubt in grid.doubts:
-        yield led("mind", doubt)
+        yield led("doubt", doubt)
     for word, row in (("chosen", grid.chosen), ("AIC", grid.aic_best)):
         cell = ", ".join(f"{name}={row[name]}" for name in grid.names)
         what = "fewest parameters within one standard error" if word == "chosen" else "least as published"

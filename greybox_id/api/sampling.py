@@ -82,7 +82,7 @@ class PosteriorResult(Posterior):
         met = f", R-hat at most {worst:.3f}" if np.isfinite(worst) else ""
         yield (
             f"sampled  {len(self)} draws of {self.fit.get('model')} by {self.method}, {100 * self.acceptance:.3g} % "
-            f"accepted{met}, equivalent to {least:.0f} independent draws or more; {self.cpu_seconds:.1f} CPU s\n"
+            f"accepted{met}, at least {least:.0f} effective draws; {self.cpu_seconds:.1f} CPU s\n"
         )
         table = plain_table("parameter", "mean", "sd", "95 % interval", "unit", "R-hat", "ESS")
         for name, row in self.table.iterrows():

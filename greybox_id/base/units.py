@@ -17,7 +17,10 @@ from math import isfinite
 from numbers import Real
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+import numpy as np
+
 from .errors import BadInput
+from .shorthands import Array
 from .signals import SIGNALS
 
 if TYPE_CHECKING:
@@ -44,6 +47,16 @@ class Conversion:
     unit: str
     factor: float
     offset: float = 0.0
+
+
+DEGREES_AND_MINUTES = "DDMM"
+"""Latitude and longitude as NMEA 0183 writes them: 5224.5 is 52 degrees and 24.5 minutes."""
+
+
+def degrees_of(values: Array) -> Array:
+    """Degrees (n,) of values in DDMM."""
+    whole = np.trunc(values / 100)
+    return np.asarray(whole + (values - 100 * whole) / 60)
 
 
 @functools.cache
@@ -85,7 +98,7 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
     """
     if not _EXPRESSION.fullmatch(unit):
         raise BadInput(f'unit "{unit}" cannot be understood; write it like "m/s^2", "deg/s" or "rad"')
-    spelled = unit.translate(_SUPERSCRIPTS).strip()
+    spelled = "deg" if unit == DEGREES_AND_MINUTES else unit.translate(_SUPERSCRIPTS).strip()
     if spelled in ("g", "mg") and target == "m/s^2":
         spelled = f"{spelled}_0"  # to pint a plain g is a gram
     if spelled == target or (target is None and spelled in _COHERENT):  # as most files have it: no registry for that

@@ -32,7 +32,7 @@ def greybox(ctx: click.Context) -> None:
     greybox export run/fit.json --target c --out car
 
     Each command has examples in its --help. Defaults live in greybox.toml in the working folder, or
-    into the file that $GREYBOX_CONFIG names: a table for a command, a key for an option, as in [fit] model = "lateral".
+    in the file that $GREYBOX_CONFIG names: a table for a command, a key for an option, as in [fit] model = "lateral".
     """  # fmt: skip
     ctx.default_map = defaults_of(ctx)
 

@@ -31,9 +31,9 @@ def adapt(
 ) -> None:
     """Adapt FIT to the first seconds of RECORDING, of a car that may have changed.
 
-    What moves, how far, and whether time is aligned is chosen by blocked cross-validation on those seconds alone; the
-    fit as it was is always a candidate. What follows the seconds is scored: one sample ahead, with windows across no
-    join; equations of motion 0.5 s ahead.
+    Blocked cross-validation on those seconds alone chooses which parameters are adapted, how far, and whether time is
+    aligned; the unchanged fit is always a candidate. The rest of the recording is scored: one sample ahead, or 0.5 s
+    ahead for equations of motion.
 
     \b
     greybox adapt run/fit.json new_tyres.csv --columns roboracer --seconds 20 --out adapted

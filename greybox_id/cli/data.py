@@ -62,11 +62,10 @@ def check_command(
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Say what is noteworthy or wrong in each FILE. Exit code 1 if one of them is not to be trusted.
+    """List what is noteworthy or wrong in each FILE. Exit code 1: one of them is not to be trusted.
 
-    With --repair, signs, units and columns that a finding would have changed are changed, one finding after the other
-    while the check has a remedy; the map is written, and the verdict is that of the FILEs read through it. Where it
-    is the map of --columns, what that was before, comments and all, is kept beside it as MAP.toml.bak.
+    --repair corrects signs, units and columns as the findings propose, writes the corrected map, and gives the verdict
+    on the FILEs read with it. If MAP.toml is the map of --columns, the former one is kept as MAP.toml.bak.
 
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml
@@ -126,7 +125,7 @@ def map_command(
     wheelbase: float | None = WHEELBASE,
     as_json: bool = JSON,
 ) -> None:
-    """Propose a column map for FILE from names, units and cross-checks, and say what is not sure.
+    """Propose a column map for FILE from names, units and cross-checks, and list what is uncertain.
 
     Several FILEs are topics or sensors of one drive, each with a clock of its own: one map for all of them.
 
@@ -155,7 +154,7 @@ def convert_command(
     rate: float | None = option("Resample evenly to this many rows per second.", type=click.FloatRange(0.1, 1e5)),
     as_json: bool = JSON,
 ) -> None:
-    """Write FILE again in SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
+    """Convert FILE to SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
 
     \b
     greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv
@@ -186,8 +185,8 @@ def join_command(
 ) -> None:
     """Join FILEs of one drive, one topic or sensor each with a clock of its own, as one recording.
 
-    Where two files carry the same signal, the offset between their clocks is estimated from it; others are taken at
-    their stamps.
+    If two files carry the same signal, the offset between their clocks is estimated from it; other files keep their
+    time stamps.
 
     \b
     greybox data join imu.csv odom.csv commands.csv --columns my_car.toml --out lap7.parquet

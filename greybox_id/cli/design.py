@@ -43,14 +43,14 @@ def design(
     out: str = option("Folder for plan.csv, plan.svg, design.json.", "FOLDER", default="design"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Design the manoeuvre that tells most: about parameters of FIT, or about which explanation of GAP is true.
+    """Design the most informative manoeuvre: for the parameters of FIT, or to separate the explanations of GAP.
 
     \b
     greybox design run/fit.json --goal precision --parameters I_z,B_f --arena disc:40 --duration 20 --out next
     greybox design gap/gap.json --goal discriminate --arena straight:120x8 --out next
     greybox simulate --vehicle car.toml next/plan.csv
 
-    The plan keeps to the arena, to friction and to sideslip for 95 % of what is held possible.
+    With 95 % probability, the vehicle stays within the arena and the limits of friction and sideslip.
     """  # fmt: skip
     place = targets(out)
     names = tuple(name.strip() for name in parameters.split(",") if name.strip())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import click
 
@@ -29,8 +29,6 @@ from .output import console, end_by, print_json, progress, show
 
 TYRE = "tyre"
 """What stands for a model here, though a rig has no vehicle."""
-if TYPE_CHECKING:
-    pass
 
 
 @command("fit", more=MODEL)
@@ -90,11 +88,11 @@ def fit(
 
     The model "tyre" is a magic formula of what a tyre rig measured (SA, FZ, FY); it is written as .tir.
 
-    Numbers may carry a unit; without one they are SI. Where weights of a model with memory are held to priors, how
-    strongly is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength says
-    otherwise. --calibrate timing aligns training runs by their delays, and scores the validation recording behind the
-    seconds that tell its runs' delays. Ctrl-C keeps the best so far. Exit code 3: the fit is written, but is not
-    usable; the verdict says why.
+    Numbers may carry a unit; without one they are SI. The strength of the priors on the weights of a model with memory
+    is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength is given.
+    --calibrate timing aligns training runs by their delays; of the validation recording, the first seconds of each run
+    determine its delay and the rest is scored. Ctrl-C keeps the best so far. Exit code 3: the fit is written, but is
+    not usable; the verdict says why.
     """  # fmt: skip
     from .. import FitOptions
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers

@@ -31,9 +31,9 @@ def grid(
 ) -> None:
     """Fit every structure of MODEL that the settings span, and choose one.
 
-    A table of all fits is written as they come; called again, the command carries on with it. Chosen is the structure
-    with the fewest parameters whose cross-validated error is within one standard error of the least; beside it stands
-    the one of least AIC, as published.
+    The table of fits is written after each fit; after an interruption the same command continues it. Of the structures
+    whose cross-validated error is within one standard error of the least, the one with the fewest parameters is chosen.
+    The one of least AIC, as published, is named as well.
 
     \b
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv

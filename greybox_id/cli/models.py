@@ -32,7 +32,7 @@ def models(
     out: str | None = option("Write these numbers as a vehicle file (.toml), to be edited.", "FILE"),
     as_json: bool = JSON,
 ) -> None:
-    """List the models there are; with NAME, what that one is made of and which effects can be added to it.
+    """List the models; with NAME, show its parts and the effects that can be added to it.
 
     \b
     greybox models single_track --set tyre=brush --vehicle full_size_car

@@ -28,8 +28,8 @@ def profile(
 ) -> None:
     """Profile parameters of FIT: the interval in which the fit stays good, all other parameters re-optimised.
 
-    The recordings are those FIT was trained on, read again from where it found them unless RECORDING... names their
-    new places. Ctrl-C keeps the profiles that are done.
+    The training recordings of FIT are read from their former paths, or from RECORDING... if they were moved.
+    Ctrl-C keeps the profiles that are done.
 
     \b
     greybox profile run/fit.json --parameter I_z --parameter B_f --out profiles.csv

@@ -22,8 +22,8 @@ def report(
     figures: str | None = option("Also write the figures there, as SVG.", "FOLDER"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Write a report of a FIT made by greybox fit, of a GAP (gap.json) left by greybox gap --out, of a TRACK left by
-    greybox track beside its table, or of several FITs side by side.
+    """Write a report of a FIT (fit.json), of a GAP (gap.json of greybox gap --out) or of a TRACK (the .json beside the
+    table of greybox track); or compare several FITs.
 
     \b
     greybox report run/fit.json
@@ -33,8 +33,7 @@ def report(
     greybox report estimates.json
     greybox report run/fit.json other/fit.json --out comparison.pdf
 
-    The recordings of fits are read from where the fits found them, and must be the same files: their hashes are
-    compared.
+    Recordings are read from the paths that a FIT names and must be unchanged: their hashes are compared.
     """
     from ..api.reporting import beside, reported  # the typesetter, which --help does without
 

@@ -32,9 +32,8 @@ def sample(
 ) -> None:
     """Draw from the posterior of FIT's free parameters.
 
-    The recordings are those FIT was trained on, read again from where it found them unless RECORDING... names their
-    new places; their hashes are compared. A run that was interrupted, or killed, goes on where it was when the same
-    command is given again; more --draws of mcmc go on as well.
+    The training recordings of FIT are read from their former paths, or from RECORDING... if they were moved; their
+    hashes are compared. After an interruption the same command continues; with more --draws, mcmc continues, too.
 
     \b
     greybox sample run/fit.json --draws 2000 --out posterior.parquet

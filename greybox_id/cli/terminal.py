@@ -85,7 +85,7 @@ class NotTaken(Exception):
 
 
 class _Output:
-    """Standard output, whose failures are told apart from those of other files."""
+    """Standard output, whose failures are distinguished from those of other files."""
 
     def __init__(self, stream: TextIO) -> None:
         self._stream = stream

@@ -79,10 +79,10 @@ def track(
     cat live.csv | greybox track --vehicle car.toml --columns canonical --follow
 
     Forces named as parameters replace the tyre model. An input that was not recorded, such as the driving force,
-    follows from the readings. What is free with a stated belief (sd) is uncertain, and widens the bands. --follow gives
-    its verdict on standard error when the lines end.
+    follows from the readings. The uncertainty of free parameters with a stated standard deviation widens the bands.
+    --follow prints its verdict on standard error at the end.
 
-    Beside the table a .json of the same name is left, of which greybox report makes a report. Exit code 3: the
+    A .json of the same name is written beside the table; greybox report makes a report of it. Exit code 3: the
     estimates are written, but the filter has lost the vehicle; the verdict says where.
     """  # fmt: skip
     chosen = requested(**options)

@@ -18,9 +18,11 @@ from ..base.errors import BadInput, near
 from ..base.shorthands import Array
 from ..base.signals import SIGNALS
 from ..base.toml_file import must_know, parse_toml, quoted, table_of, text_of
-from ..base.units import to_si
+from ..base.units import DEGREES_AND_MINUTES, degrees_of, to_si
 from .shipped import named_text, shipped_files
 
+NOTHING = ("", "nan", "None", "<NA>")
+"""Texts of a cell that is empty."""
 HOLDS = ("zero", "linear")
 SEPARATORS = (",", ";", "\t", "|")
 MAP_KEYS = (
@@ -38,7 +40,9 @@ MAP_KEYS = (
     "start",
     "poses",
 )
-COLUMN_KEYS = ("column", "unit", "scale", "divide_by", "lookup", "sign", "offset", "optional")
+COLUMN_KEYS = (
+    "column", "unit", "scale", "divide_by", "lookup", "sign", "offset", "optional", "sign_column", "negative",
+)  # fmt: skip
 RESTS = {"nanoseconds": "ns", "microseconds": "us", "milliseconds": "ms"}
 """Keys that name the column with what whole seconds of time leave, and its unit."""
 POSES_KEYS = ("forward", "left", "heading", "if_column")
@@ -64,6 +68,8 @@ class Column:
     other_units : of these, where they are not `unit`.
     rest : of time: the column that holds what whole seconds leave; empty for none.
     rest_unit : "ns", "us" or "ms" of that column.
+    sign_column : the column that says which rows of a magnitude are negative; empty for none.
+    negative : what it holds there, a number or a text.
     """
 
     signal: str
@@ -79,11 +85,24 @@ class Column:
     other_units: tuple[str, ...] = ()
     rest: str = ""
     rest_unit: str = "ns"
+    sign_column: str = ""
+    negative: float | str = 1.0
+
+    def sign_of(self, cell: str) -> float:
+        """What a magnitude is multiplied by where the sign column has this text; NaN where that says nothing."""
+        text = cell.strip()
+        if isinstance(self.negative, str):
+            return np.nan if text in NOTHING else -1.0 if text == self.negative else 1.0
+        try:
+            value = float(text or "nan")
+        except ValueError as error:
+            raise BadInput(f'"{self.sign_column}" holds {text!r:.60}, but negative is a number.') from error
+        return np.nan if np.isnan(value) else -1.0 if value == self.negative else 1.0
 
     def convert(self, values: Array) -> Array:
         """Values in SI units, (n,) for (n,) of the file's values."""
         conversion = to_si(self.unit, self.si_unit)
-        scaled = self.scale * values
+        scaled = self.scale * (degrees_of(values) if self.unit == DEGREES_AND_MINUTES else values)
         if self.lookup:
             scaled = np.interp(scaled, *np.array(self.lookup).T)
         return self.sign * (conversion.factor * scaled + conversion.offset) + self.offset
@@ -103,6 +122,19 @@ class Column:
         if not self.other_units:
             return f"unit = {quoted(self.unit)}"
         return f"unit = [{', '.join(map(quoted, (self.unit, *self.other_units)))}]"
+
+    @property
+    def names(self) -> list[str]:
+        """The columns that it is read from."""
+        return [name for name in (self.column, self.rest, self.sign_column) if name]
+
+    @property
+    def sign_fields(self) -> list[str]:
+        """How a column map says which rows are negative."""
+        if not self.sign_column:
+            return []
+        negative = quoted(self.negative) if isinstance(self.negative, str) else f"{self.negative:g}"
+        return [f"sign_column = {quoted(self.sign_column)}", f"negative = {negative}"]
 
     @property
     def rest_fields(self) -> list[str]:
@@ -327,7 +359,17 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
         sign=int(sign),
         offset=_number(entry, "offset", 0.0, where),
         optional=_truth(entry, "optional", where),
+        sign_column=text_of(entry, "sign_column", where),
+        negative=_negative(entry, where),
     )
+
+
+def _negative(entry: Mapping[str, Any], where: str) -> float | str:
+    """What a sign column holds in rows that are negative."""
+    if "negative" in entry and "sign_column" not in entry:
+        raise BadInput(f"{where}: negative is what sign_column holds in rows that are negative; name that column.")
+    value = entry.get("negative", 1.0)
+    return value.strip() if isinstance(value, str) else _number(entry, "negative", 1.0, where)
 
 
 def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:

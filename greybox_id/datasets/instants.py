@@ -48,6 +48,14 @@ _DATE = re.compile(
 _CLOCK = re.compile(r"\s*(?:(\d+) days? )?(?:(\d+):)?(\d+):(\d\d(?:[.,]\d+)?)(?::(\d{3}))?\s*([AaPp][Mm])?\s*")
 """Minutes and seconds, or hours and days as well, or milliseconds behind a colon."""
 DAY = 86_400.0
+SERIAL, SERIAL_1970 = (2e4, 8e4), 25_569.0
+"""Days since 1899-12-30, as spreadsheets count them, of recordings (1954 to 2119), and of the first day of 1970."""
+COUNTERS = (8, 10, 12, 16, 20, 24, 32)
+"""Bits of counters, and ..."""
+CLOCKS = (1.0, 60.0, 3600.0, DAY, 7 * DAY)
+"""... s after which clocks begin anew."""
+MISSED = 5.0
+"""Usual steps that may be lost where a clock begins anew."""
 REST = {"ns": 1, "us": 1_000, "ms": 1_000_000}
 """What whole seconds leave may be counted in these: nanoseconds in one."""
 
@@ -60,10 +68,12 @@ class Instants:
     ----------
     counts : (n,) as the file holds them, whole numbers where it holds such.
     second : seconds in one count.
+    note : what a person should know of them; empty for nothing.
     """
 
     counts: NDArray[np.int64] | Array
     second: float
+    note: str = ""
 
     def since(self, origin: Fraction) -> Array:
         """(n,) seconds since an instant, s."""
@@ -105,8 +115,33 @@ def instants(table: RawTable, column: Column) -> Instants:
     second = float(column.convert(np.ones(1))[0] - column.convert(np.zeros(1))[0])
     whole = pd.api.types.is_integer_dtype(series.dtype) and not series.isna().any()
     if whole and len(series) and series.max() < 2**63:
-        return Instants(series.to_numpy(dtype=np.int64), second)
-    return Instants(table.numbers(column.column), second)
+        return _run_on(series.to_numpy(dtype=np.int64), second)
+    return _run_on(table.numbers(column.column), second)
+
+
+def _run_on(counts: NDArray[Any], second: float) -> Instants:
+    """Numbers that write hours, minutes and seconds as HHMMSS, in seconds; and a clock that begins anew, running on."""
+    if len(counts) < 2 or not np.all(counts >= 0) or not np.all(counts < LATEST / second):
+        return Instants(counts, second)
+    if second == DAY and SERIAL[0] < counts[0] < SERIAL[1]:
+        return Instants(counts - SERIAL_1970, second)
+    steps, notes = np.diff(counts), []
+    usual = float(np.median(steps[steps > 0])) if np.any(steps > 0) else np.inf
+    minutes = np.flatnonzero(np.diff(counts // 100) > 0)
+    skipped = np.where(np.diff(counts // 10_000)[minutes] > 0, 4040.0, 40.0)
+    reads = np.max(counts) < 240_000 and max(np.max(counts % 100), np.max(counts // 100 % 100)) < 60
+    if second == 1.0 and reads and minutes.size and np.all(np.abs(steps[minutes] - skipped) <= MISSED * usual):
+        counts = 3600 * (counts // 10_000) + 60 * (counts // 100 % 100) + counts % 100
+        steps, notes = np.diff(counts), ["time is written as HHMMSS."]
+    back = steps < 0
+    whole = [float(2**bits) for bits in COUNTERS] if np.all(counts % 1 == 0) else []
+    clocks = [seconds / second for seconds in CLOCKS] if counts[0] > MISSED * usual else []  # else files in a row
+    for wrap in (*whole, *clocks) if back.any() else ():
+        if np.max(counts) < wrap and np.all((steps[back] + wrap > 0) & (steps[back] + wrap <= MISSED * usual)):
+            counts = counts + np.concatenate([[0], np.cumsum(back)]) * int(wrap)
+            notes.append(f"time begins anew at {wrap:.10g} of its counts, and is taken on from there.")
+            break
+    return Instants(counts, second, " ".join(notes))
 
 
 def is_instants(series: pd.Series[Any]) -> bool:
@@ -236,7 +271,7 @@ EVEN_COUNTS = 0.05
 """Share by which the number of rows of one stamp may differ."""
 ROUNDED = 1.0
 """How many times their last digit stamps are off the even clock at most where rounding alone makes them uneven."""
-AT_ONCE = 0.2
+IN_ONE_PACKET = 0.2
 """Share of the usual step below which rows came in one packet."""
 
 
@@ -298,7 +333,7 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     )
     bounded = float(np.quantile(np.abs(behind), 0.999)) <= BOUNDED * max(step, recurring)
     share, sd = _share_of_stamps(time, signals, parts, step, max(3, int(np.ceil(2 * recurring / step))))
-    packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
+    packets = bool(np.mean(steps[inside] < IN_ONE_PACKET * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
         why = f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"

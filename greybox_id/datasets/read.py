@@ -127,7 +127,7 @@ def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, A
     Rows without a time or a value, and repeated instants, are left out.
     """
     time = _time_column(part, mapping, alone=True)
-    table = part.load([*_of_time(time), column.column])
+    table = part.load([*time.names, *column.names])
     t, v = instants(table, time).since(Fraction(0)), _converted(table, column)
     known = np.flatnonzero(np.isfinite(t) & np.isfinite(v))
     _, once = np.unique(t[known], return_index=True)
@@ -220,19 +220,24 @@ def _groups(result: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Colu
         place = result.find(column.column)
         if place:
             group, name = place
-            used.setdefault(f"{group.name} {group.names[0]}", (group, []))[1].append(replace(column, column=name))
+            used.setdefault(f"{group.name} {group.names[0]}", (group, []))[1].append(_in_group(column, name, group))
     return list(used.values())
+
+
+def _in_group(column: Column, name: str, group: Group) -> Column:
+    """A column, and that of its signs, under their full names."""
+    return replace(column, column=name, sign_column=group.full(column.sign_column, True) or column.sign_column)
 
 
 def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap) -> tuple[Joined, list[str], int]:
     (group, channels), *_ = groups
     time = _time_column(group, mapping, alone=True) if not mapping.rate else mapping.time
     run = group.full(mapping.run_column, alone=True) if mapping.run_column else None
-    table = group.load([*_of_time(time), *(c.column for c in channels), *([run] if run else [])])
+    table = group.load([name for column in (time, *channels) for name in column.names] + ([run] if run else []))
     clock = instants(table, time) if not mapping.rate else Instants(np.arange(len(table)), 1 / mapping.rate)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
-    notes, labels = (note,) if note else (), table.labels(run) if run else []
+    notes, labels = tuple(filter(None, (clock.note, note))), table.labels(run) if run else []
     rows: Sequence[int] = range(len(table))
     joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
     if not mapping.rate:  # else rows are the clock
@@ -310,7 +315,7 @@ def _several(
     for group, channels in groups:
         time = _time_column(group, mapping, alone=False)
         value = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
-        table = group.load([*_of_time(time), *(c.column for c in (*channels, *value))])
+        table = group.load([name for column in (time, *channels, *value) for name in column.names])
         clocks.append(instants(table, time))
         signals.append({column.signal: _converted(table, column) for column in (*channels, *value)})
     origin, note = origin_of(clocks)
@@ -318,7 +323,7 @@ def _several(
     named = None if plain else result.find(mapping.time.column)
     if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
         named = result.find(mapping.signals["x"].column)
-    notes = [note] if note else []
+    notes = [words for words in (*dict.fromkeys(clock.note for clock in clocks), note) if words]
     readings = []
     for name, clock, values in zip(names, clocks, signals, strict=True):
         stamps = _sized(clock.since(origin))
@@ -354,14 +359,14 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
     return replace(mapping.time.named(known or mapping.time.column), column=name, rest=rest)
 
 
-def _of_time(time: Column) -> list[str]:
-    """The columns that hold the time."""
-    return [name for name in (time.column, time.rest) if name]
-
-
 def _converted(table: RawTable, column: Column) -> Array:
     with np.errstate(over="ignore", invalid="ignore"):
-        return _sized(column.convert(table.numbers(column.column)))
+        values = table.numbers(column.column)
+        if column.sign_column:
+            labels = table.labels(column.sign_column)
+            signs = {label: column.sign_of(label) for label in set(labels)}
+            values = values * np.array([signs[label] for label in labels])
+        return _sized(column.convert(values))
 
 
 def _sized(values: Array) -> Array:
@@ -380,9 +385,9 @@ def _runs(time: Array, labels: Sequence[str]) -> tuple[tuple[int, int], ...]:
 
 def _check_columns(result: Contents, mapping: ColumnMap) -> None:
     clocked = any(group.clock for group in result.groups)
-    needed = [c.column for c in mapping.channels if not c.optional]
+    needed = [name for c in mapping.channels if not c.optional for name in c.names]
     if not (clocked and mapping.time.column == TIME):
-        needed[:0] = _of_time(mapping.time)
+        needed[:0] = mapping.time.names
     if mapping.run_column and not mapping.run_column_optional:
         needed.append(mapping.run_column)
     if mapping.start_column and not mapping.start_column_optional:

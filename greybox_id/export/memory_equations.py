@@ -182,7 +182,7 @@ def shifts_left_out(subject: Subject) -> list[str]:
     if isinstance(equations, MemoryEquations):  # they are in its windows
         return []
     result = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
-    return [f"Not in the functions: {result}. Pass the command that acts at that time."] if result else []
+    return [f"The functions do not include: {result}. Pass the command that acts at that time."] if result else []
 
 
 def _about(name: str) -> str:

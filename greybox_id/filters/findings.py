@@ -200,7 +200,7 @@ def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping
 
 
 def distrusted_data(recording: Recording, used: Collection[str]) -> list[str]:
-    """What the checks of the data hold against signals that a filter believes or reads."""
+    """What the checks of the data hold against signals that a filter takes as they are or reads."""
     return [f"Data check: {item.sentence}" for item in distrust(used, recording)]
 
 
@@ -266,6 +266,6 @@ def untold(name: str, mask: Mask, slip: Array | None, force: str) -> str:
     if slip is not None and share > 0:
         where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~mask]), MOSTLY)):.1f}°"
     return (
-        f"{name}: in {100 * (1 - share):.0f} % of the rows the recording does not inform it{where}; its band is open "
-        f"there. The lateral force {force} is identifiable there, too."
+        f"{name}: not identifiable in {100 * (1 - share):.0f} % of the rows{where}; its band is wide there. The"
+        f" lateral force {force} is identifiable there, too."
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..base.errors import BadInput
 from ..base.shorthands import Array
-from ..datasets.column_map import ColumnMap
+from ..datasets.column_map import Column, ColumnMap
 from ..datasets.read import LARGEST
 from ..datasets.recording import Recording
 from ..engine.motion.schedule import MotionRun, longest_segment
@@ -238,7 +238,7 @@ def follow(
     place = {name.strip(): k for k, name in enumerate(header)}
     if columns.time.column not in place:
         raise BadInput(f'Standard input has no column "{columns.time.column}" for time; it has {", ".join(place)}.')
-    channels = [signal for signal in columns.signals.values() if signal.column in place]
+    channels = [signal for signal in columns.signals.values() if all(name in place for name in signal.names)]
     one = np.zeros(1)
     example = Recording("standard input", one, {channel.signal: one for channel in channels}, hold=columns.hold)
     tracker = Tracker(model, example, parameters, disturbances, effects, replace(how, tune=0.0), uncertain)
@@ -251,7 +251,7 @@ def follow(
         if not np.isfinite(time):
             raise BadInput(f"Line {number} of standard input has no time; every row needs one.")
         signals = {
-            channel.signal: float(channel.convert(np.array([_number(row, place[channel.column], number)]))[0])
+            channel.signal: float(channel.convert(np.array([_magnitude(channel, row, place, number)]))[0])
             for channel in channels
         }
         given = {
@@ -265,6 +265,13 @@ def follow(
         writer.writerow([f"{time:.9g}", *known, " ".join(held)])
         out.flush()
     return live.verdict()
+
+
+def _magnitude(channel: Column, row: list[str], place: Mapping[str, int], line: int) -> float:
+    """A cell's number, with its sign where that has a column of its own."""
+    value = _number(row, place[channel.column], line)
+    sign = row[place[channel.sign_column] :][:1] if channel.sign_column else []
+    return value * channel.sign_of(sign[0] if sign else "") if channel.sign_column else value
 
 
 def _rows(lines: TextIO, separator: str) -> Iterator[tuple[int, list[str]]]:

@@ -211,7 +211,8 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
         yield Reason(
             WITH_CARE,
             f"{name}: successive innovations correlate ({value.correlation:.2f}): the model lacks something and "
-            "bands are too narrow. greybox gap looks for it, and a coloured noise lets a reading err slowly.",
+            f"bands are too narrow. greybox gap looks for the cause. If the error of {name} varies slowly, name it as "
+            "coloured.",
         )
 
 

@@ -19,7 +19,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.shooting import Problem
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
-from ..engine.solvers.ipopt import NEAR, SAME, ipopt
+from ..engine.solvers.ipopt import CONFIRMED_WITHIN, SAME, ipopt
 from ..engine.solvers.quasi_newton import refine, settle
 from ..models.motion_model import MotionModel
 from ..models.parameter import free_places, unpack
@@ -35,8 +35,8 @@ Twice those from which 60 of 60 random starts led to the optimum (`benchmarks/st
 """
 GUESSED_NOISE = 0.1
 """Noise assumed first, as a share of a signal's spread."""
-TOLERANCE, ROUGH = 1e-12, 1e-4
-"""Convergence of the last solve, and of those that only settle the noise."""
+TOLERANCE, COMPARED, ROUGH = 1e-12, 1e-6, 1e-4
+"""Convergence of the last solve, of the last where only errors are compared, and of those that settle the noise."""
 MOST_STEPS, SHORT_STEPS = 100, 5
 SAME_NOISE, SAME_PLACE, ROUNDS = 0.1, 1e-3, 6
 """The noise has settled when the residuals' spread moves it by less than this share, and what an observer carries when
@@ -124,11 +124,12 @@ def attempted(
     say: Say,
     name: str,
     short: Sequence[int] = SHORT_HORIZONS,
+    tolerance: float = TOLERANCE,
 ) -> Attempt | None:
     """From one start to the end, or as far as it got when interrupted; None where the model is not finite."""
     reached: Attempt | None = None  # the last alone: each holds layouts of all rows
     try:
-        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short):
+        for attempt in _on_the_way(simulator, recordings, p, how, say, name, short, tolerance):
             if attempt.solution.status is Status.NOT_FINITE:
                 return None
             reached = attempt
@@ -152,7 +153,7 @@ def attempted(
 
 def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> Array | None:
     """The parameters that one start leads to, no questions asked; None where the model is not finite there."""
-    attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name)
+    attempt = attempted(simulator, recordings, p, how, quiet, simulator.trace.model.name, tolerance=COMPARED)
     if attempt is not None and attempt.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return None if attempt is None else attempt.problem.shared(attempt.solution.x)
@@ -166,6 +167,7 @@ def _on_the_way(
     say: Say,
     name: str,
     short: Sequence[int],
+    tolerance: float,
 ) -> Iterator[Attempt]:
     """Growing horizons, then the one that is wanted until the noise has settled."""
     outputs = simulator.trace.model.outputs
@@ -190,7 +192,7 @@ def _on_the_way(
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
     settled, taken = known and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):
-        solution = _solved(problem, x, how, TOLERANCE if settled else ROUGH, say, name)
+        solution = _solved(problem, x, how, tolerance if settled else ROUGH, say, name)
         taken += solution.steps  # where rounds before ended at the optimum, the last one has none left to take
         solution = replace(solution, steps=taken)
         yield Attempt(problem, p, solution)
@@ -369,13 +371,19 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
     converged = result.status is Status.CONVERGED
     slow = isinstance(problem, Problem) and problem.closed_loop
     certifying = CERTIFYING_CLOSED_LOOP if slow else CERTIFYING_ITERATIONS
-    carrying = CORNER_ITERATIONS if corner <= NEAR else CONTINUING_ITERATIONS if slow and not converged else certifying
+    carrying = (
+        CORNER_ITERATIONS
+        if corner <= CONFIRMED_WITHIN
+        else CONTINUING_ITERATIONS
+        if slow and not converged
+        else certifying
+    )
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
     solution, verdict = ipopt(problem, result.x, warm=True, max_iterations=carrying)
     gained = (result.objective - solution.objective) / max(result.objective, 1e-300)
     same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(result.objective, 1e-300))
     optimum = solution.status is Status.CONVERGED
-    in_corner = not optimum and corner <= NEAR
+    in_corner = not optimum and corner <= CONFIRMED_WITHIN
     certificate = Certificate(
         status=verdict.words + (IN_A_CORNER if in_corner else ""),
         confirmed=(optimum or in_corner) and gained < same,
@@ -405,9 +413,9 @@ IN_A_CORNER = "; the optimum lies at a kink between local models, where the grad
 def _settled(problem: Problem, solution: Solution) -> tuple[Solution, float]:
     """An optimum in closed loop, and the average of the gradients about it: feeding back crosses corners."""
     x, objective, average = settle(
-        problem, solution.x, problem.gradient, radius=CLOSE, least=NEAR, steps=GRADIENTS
+        problem, solution.x, problem.gradient, radius=CLOSE, least=CONFIRMED_WITHIN, steps=GRADIENTS
     )  # fmt: skip
-    status = Status.CONVERGED if average <= NEAR else solution.status
+    status = Status.CONVERGED if average <= CONFIRMED_WITHIN else solution.status
     nodes = problem.simulated_nodes(x)
     history = (*solution.history, objective) if objective < solution.objective else solution.history
     return replace(solution, x=x, nodes=nodes, objective=objective, status=status, history=history), average

@@ -48,7 +48,7 @@ from .how import FOR_MOTION, FitOptions, Say, quiet, refused
 from .provenance import Certificate, Stage
 from .uncertainty import uncertainty
 from .uncertainty.form import FormError, form_error
-from .uncertainty.scaling import scaling
+from .uncertainty.stated import of_stated
 from .verb import FitTask, carried, estimated, refuted
 
 CARRIED_ON, LOWER = 2, 1e-6
@@ -101,7 +101,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
     if stage.confirmed:  # away from an optimum, its curvature says nothing
         say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
         result = replace(result, **_uncertain(fitted, problem, solution, form))
-        result = replace(result, how={**result.how, "scaling": scaling(result, problem.simulator, recordings)})
+        result = replace(result, how={**result.how, **of_stated(result, problem.simulator, recordings)})
     return replace(result, how={**result.how, "form": form.as_dict()})
 
 

@@ -19,8 +19,10 @@ from ..base.numbers import number
 from ..datasets.checks.consistency import standing
 from ..datasets.checks.finding import Finding
 from ..datasets.recording import Recording, join
+from ..engine.motion.simulator import Simulator
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
+from .attempt import refitted
 from .fit import NOT_USABLE, USABLE, Fit, Reason, Verdict, with_reason
 from .holding import IN_MOTION, Holding, as_fitted, in_doubt, other_than, reason, weighed, with_hold
 from .how import FitOptions, Say, Solver, quiet
@@ -246,8 +248,11 @@ def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reas
         return None
     without = fit.model.with_parameters(replace(last.with_value(last.null), fixed=True, prior=None))
     task.say(f"{fit.model.name}: the same without {last.name}, for comparison")
-    once = replace(task, how=replace(task.how, starts=1, solver="gauss-newton"), say=quiet)
-    times = times_as_large(scores["validate"], score(estimated(without, once).model, task.validate))
+    once = replace(task.how, starts=1, solver="gauss-newton")
+    p = refitted(Simulator(without), task.recordings, without.values, once)
+    if p is None:
+        return None
+    times = times_as_large(scores["validate"], score(without.with_values(p), task.validate))
     if not times > WORSE:
         return None
     return Reason(

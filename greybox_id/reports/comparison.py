@@ -153,7 +153,7 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
     base = fits[0].name
     pairs = {fit.name: pairs_of(result[base], result[fit.name]) for fit in fits[1:]}
     where = listed([record.name for record in fits[0].fit.data if record.role == role])
-    judged = f"{where}{', which they were fitted to' if role == 'train' else ', which they have not seen'}"
+    judged = f"{where}{', which they were fitted to' if role == 'train' else ' (held out)'}"
     words = (
         f"Differences are RMSE less that of {base}, over the rows that both predict, with 95 % intervals from "
         f"{DRAWS} draws of blocks of time, the same blocks for both; a block lasts {TIMES:g} correlation times of the "

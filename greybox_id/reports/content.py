@@ -41,7 +41,7 @@ def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str
         return f"On {where}, the {seconds:.1f} s it was fitted to (no recording was held back)"
     if chose:
         return f"On {where}, {seconds:.1f} s that it was not fitted to, but which chose {chose}"
-    return f"On {where}, {seconds:.1f} s that it has not seen"
+    return f"On {where} ({seconds:.1f} s, held out)"
 
 
 def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:

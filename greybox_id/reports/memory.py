@@ -191,7 +191,7 @@ def _how_good(fit: Fit, recordings: Sequence[Seen], role: str, main: str) -> str
         f"{with_sd(e['rmse'], e['rmse_sd'])} {pretty_unit(unit_of(name))} in {signal_words(name)} ({_unexplained(e)})"
         for name, e in fit.metrics[role][main].items()
     ]
-    return f"{where}, {fit.model.name} errs, {how}, by an RMSE of {listed(each)}."
+    return f"{where}, the RMSE of {fit.model.name} {how} is {listed(each)}."
 
 
 def _unexplained(error: Mapping[str, float]) -> str:
@@ -213,7 +213,7 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: 
         f"{listed(held)} (below 1 the model is better)"
     )
     if role == "train":
-        return f"{text}; the error on a recording that it has not seen is not known."
+        return f"{text}; the error on held-out recordings is not known."
     value = "on its own predictions" if main == "closed_loop" else "one sample ahead"
     grown = [
         f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
@@ -258,7 +258,7 @@ def _errors(fit: Fit, measures: Mapping[str, Mapping[str, Yardstick]]) -> Table:
             output = ""
         held = [measures[role][name] for role in roles]
         words = [w for m in held for w in (number(m.held), percent(m.held_fvu))]
-        rows.append(("", "last measured value held", *words))
+        rows.append(("", "persistence", *words))
     return Table(tuple(head), tuple(rows), "ll" + "R" * (len(head) - 2))
 
 

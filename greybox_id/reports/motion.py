@@ -49,13 +49,13 @@ from .document import Drawing, Part, Points, Table, Text, Together, there, title
 from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
-from .figures.predictions import NEAR, horizons
+from .figures.predictions import DRAWN_HORIZON, horizons
 from .posterior import posterior_parts
 from .recordings import Driven, Errors, Seen, driven, held_errors, shown_first
 from .report import Sections, sections, seen
 
 LEADS = ("How good", "Against what", "How sure")
-DRAWN = (HORIZONS[0], NEAR)
+DRAWN = (HORIZONS[0], DRAWN_HORIZON)
 """Horizons, s, that figures show; errors over all of them are in the fit."""
 MOST_PAIRS = 3
 """Pairs of parameters identifiable only in combination that are named."""
@@ -118,7 +118,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
     role = "validate" if "validate" in fit.metrics else "train"
     scores, near = fit.metrics[role], _near(fit.metrics[role])
     return (
-        f"{circumstances(fit, recordings, role)}, {fit.model.name} errs {_how_good(fit.model, scores, near)}.",
+        f"{circumstances(fit, recordings, role)}, the RMSE of {fit.model.name} {_how_good(fit.model, scores, near)}.",
         f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
         f"{_against_training(fit) if role == 'validate' else ''}.",
         f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
@@ -128,7 +128,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
 def _near(scores: Mapping[str, Any]) -> str | None:
     """The horizon to name beside the free run; None where runs are too short for any."""
     horizons = [protocol for protocol in scores if protocol != FREE_RUN]
-    return ahead(NEAR) if ahead(NEAR) in horizons else next(reversed(horizons), None)
+    return ahead(DRAWN_HORIZON) if ahead(DRAWN_HORIZON) in horizons else next(reversed(horizons), None)
 
 
 def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
@@ -137,7 +137,7 @@ def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
         soon = scores[near].get(name) if near else None
         beside = f" ({_rmse(soon)})" if soon else ""
         each.append(f"{_rmse(error)}{beside} {pretty_unit(model.unit(name))} in {signal_words(name)}")
-    return f"in free run{f' ({near})' if near else ''} by an RMSE of {listed(each)}"
+    return f"in free run{f' ({near})' if near else ''} is {listed(each)}"
 
 
 def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> str:
@@ -177,7 +177,7 @@ def _ratio(value: float, reference: float) -> str:
 
 
 def _not_determined(fit: Fit) -> str:
-    """What of the free parameters the recordings do not tell, as a clause."""
+    """Which free parameters are not identifiable, as a clause."""
     free = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
     if not free:
         return "no parameter was free"
@@ -185,11 +185,11 @@ def _not_determined(fit: Fit) -> str:
     result = left_open(fit)
     if result is None:
         return "how well its parameters are determined is not known, as the fit kept no covariance"
-    untold = [each.name for each in result.undetermined if each.name not in bound]
+    weak = [each.name for each in result.undetermined if each.name not in bound]
     pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
     clauses = [
-        f"the recordings do not determine {listed(untold)}" if untold else "",
+        f"{listed(weak)} {'is' if len(weak) == 1 else 'are'} weakly identifiable" if weak else "",
         f"identifiable only in combination are {listed(pairs)}" if pairs else "",
         f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
         f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
@@ -327,7 +327,9 @@ def errors_by_horizon(fit: Fit, held: Mapping[str, Errors]) -> Table:
             output = f"residual sd {number(noise[name], 2)}" if name in noise and role == roles[0] else ""
             still = [held.get(role, {}).get(p, {}).get(name) for p in protocols]
             if any(still):
-                rows.append((output, f"held, {ROLE_WORDS[role]}", *(number(e.rmse) if e else "–" for e in still)))
+                rows.append(
+                    (output, f"persistence, {ROLE_WORDS[role]}", *(number(e.rmse) if e else "–" for e in still))
+                )
                 output = ""
     return Table(head, tuple(rows), "ll" + "R" * len(protocols))
 

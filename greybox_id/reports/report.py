@@ -112,7 +112,7 @@ def how_good(fit: Fit, runs: Sequence[Seen]) -> str:
         f"({percent(e['fvu'])} of the variance)"
         for name, e in fit.metrics[role][FREE_RUN].items()
     ]
-    return f"{circumstances(fit, runs, role)}, {fit.model.name} errs in free run by an RMSE of {listed(each)}."
+    return f"{circumstances(fit, runs, role)}, the RMSE of {fit.model.name} in free run is {listed(each)}."
 
 
 def errors(fit: Fit) -> Table:

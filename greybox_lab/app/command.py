@@ -31,8 +31,8 @@ def app(files: tuple[str, ...], session: str | None, home: str, port: int, brows
     greybox app lap7.csv lap8.csv
     greybox app --no-browser
 
-    Prints the page's address, whose token is the key; without recordings it offers the shipped ones. Everything that is
-    done is a command, which the last step hands over, and lies in FOLDER/NAME, where the command line reads it.
+    Prints the page's address; its token gives access. Without a RECORDING the page offers the shipped ones. Every step
+    runs a command; the last step lists them. Results are in FOLDER/NAME.
     """  # fmt: skip
     try:
         import nicegui  # noqa: F401

@@ -25,7 +25,7 @@ report_option = click.option("--report", metavar="PLACE", help="A folder for HTM
 
 @click.group(name="bench", cls=CommandGroup)
 def bench() -> None:
-    """Make the tables of published papers again, on the authors' recordings, beside what greybox-id reaches.
+    """Reproduce tables of published papers on the authors' recordings, beside the results of greybox-id.
 
     \b
     greybox bench a2rl --data a2rl --quick
@@ -79,7 +79,7 @@ _on_others_ground(
 @data_option(required=True)
 @click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
 @click.option(
-    "--out", default=None, metavar="FILE", help="A .json file to which results are also written as they come."
+    "--out", default=None, metavar="FILE", help="A .json file to which each result is also written when it is there."
 )
 @report_option
 @json_option
@@ -176,7 +176,7 @@ def loop_command(
 ) -> None:
     """Black box against name: drivers that learn on networks or on what is named drive the same changed cars.
 
-    What is done is kept in FOLDER; the same command carries on, and compares all that is there.
+    Results are kept in FOLDER; the same command continues, and compares all that are there.
 
     \b
     greybox bench loop --quick --out black_box

@@ -27,7 +27,7 @@ results_argument = click.argument("results", metavar="RESULTS", type=click.Path(
 
 @click.group(name="fleet", cls=CommandGroup)
 def fleet() -> None:
-    """Check, fit and diagnose the recordings of many vehicles, and say what they tell together.
+    """Check, fit and diagnose the recordings of many vehicles, and summarise them.
 
     \b
     greybox fleet run fleet.toml --out results --jobs 2
@@ -76,7 +76,7 @@ def run_command(
     refit: bool,
     as_json: bool,
 ) -> None:
-    """Do every recording of FLEET.toml that is not done; killed at any moment, the same command carries on.
+    """Process every recording of FLEET.toml that is not done. After an interruption the same command continues.
 
     \b
     greybox fleet run fleet.toml --out results --jobs 2

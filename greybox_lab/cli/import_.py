@@ -43,8 +43,10 @@ from ..nnodely.vehicles import SUFFIXES
 )
 @json_option
 def import_(network: str, inputs: str, sample_time: float | None, out: str | None, as_json: bool) -> None:
-    """Make a fit of NETWORK, a file of nnodely's saveModel that holds an MS-NN, or a vehicle file of another tool's:
-    a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or CommonRoad. Nothing in it is run.
+    """Import NETWORK, an MS-NN saved by nnodely (saveModel), as a fit; or parameters of another tool as a vehicle file.
+
+    Those are a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or of CommonRoad. Nothing in
+    the file is run.
 
     \b
     greybox import trained/net.json --sample-time 0.05 --out run/fit.json

@@ -18,7 +18,7 @@ from ..driving.loop.protocol import ARMS
 
 @click.group(name="loop", cls=CommandGroup)
 def loop() -> None:
-    """Let a driver that was learned adapt to the vehicle it drives, through what `greybox gap` names.
+    """Let a learned driver adapt to its vehicle by the effects that `greybox gap` names.
 
     \b
     greybox loop demo --quick --out loop
@@ -49,7 +49,7 @@ arm_option = click.option(
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
 @json_option
 def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed: int, as_json: bool) -> None:
-    """Close the loop on a car in simulation; killed at any moment, the same command carries on.
+    """Close the loop on a simulated car. After an interruption the same command continues.
 
     \b
     greybox loop demo --quick --out loop
@@ -79,9 +79,9 @@ def agent_command(
     server: str, token_file: str, out: Path, session: str, case: int, arm: str, trainings: int, steps: int, seed: int,
     as_json: bool,
 ) -> None:  # fmt: skip
-    """Drive a car in simulation, send SERVER its rows, and let policies drive that SERVER learned.
+    """Drive a simulated car, send its rows to SERVER, and drive with the policies that SERVER learns.
 
-    SERVER is the address that `greybox serve` prints. Killed at any moment, the same command carries on.
+    SERVER is the address that `greybox serve` prints. After an interruption the same command continues.
 
     \b
     greybox loop agent http://127.0.0.1:8787 --token-file token.txt --out car
@@ -110,7 +110,7 @@ def agent_command(
               show_default=True, help="Folder of its state.")  # fmt: skip
 @json_option
 def serve(token_file: str | None, host: str, port: int, out: Path, as_json: bool) -> None:
-    """Serve until it is told to end; its address is the first line that it prints.
+    """Serve until stopped. The first line printed is the address.
 
     \b
     greybox serve --token-file token.txt --port 0

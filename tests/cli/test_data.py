@@ -1,6 +1,8 @@
 """`greybox data check` says what `check` finds, and its exit code tells whether to trust the file."""
 
 import json
+import shlex
+from pathlib import Path
 
 import h5py
 import numpy as np
@@ -37,6 +39,19 @@ def test_a_distrusted_file_exits_with_1_and_says_why(lap):
     assert result.exit_code == 1
     assert "distrust" in result.output
     assert "not to be trusted" in result.output
+
+
+def test_the_command_that_leaves_rows_out_is_printed_and_does(lap):
+    path = Path(lap())
+    lines = path.read_text().splitlines()
+    for row in range(200, 400):  # the gyro keeps a reading for 10 s
+        lines[row] = f"{lines[row].rpartition(',')[0]},0.123456"
+    path.write_text("\n".join(lines))
+    shown = greybox("data", "check", path).out
+    (command,) = (line for line in shown.split("\n") if line.startswith("rows left out: greybox "))
+    again = greybox(*shlex.split(command.removeprefix("rows left out: greybox ")), "--json").told["files"][0]
+    assert again["rows"] == 600
+    assert "stuck" not in {finding["kind"] for finding in again["findings"]}
 
 
 def test_json_is_one_object_on_standard_output(lap):
@@ -83,7 +98,8 @@ def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):
     file, out = lap(), tmp_path / "car.toml"
     told = greybox("data", "map", file, "--out", out, "--json").told
     assert told["written"] == str(out)
-    assert {"signal", "column", "unit", "units", "sign", "divide_by", "decided", "reasons"} == set(told["signals"][0])
+    known = {"signal", "column", "unit", "units", "sign", "divide_by", "sign_column", "negative", "decided", "reasons"}
+    assert set(told["signals"][0]) == known
     written = out.read_text()
     assert "is there already" in refused("data", "map", file, "--out", out)
     assert out.read_text() == written

@@ -91,3 +91,38 @@ def test_times_from_the_start_of_a_recording_keep_their_zero(tmp_path):
     found = recording(tmp_path / "lap.csv", "ms")
     np.testing.assert_allclose(found.time, [1.0, 1.01, 1.02])
     assert not found.notes
+
+
+@pytest.mark.parametrize(
+    ("unit", "begins", "wraps"), [("ms", 60_000, 2**16), ("us", 2**32 - 3_000_000, 2**32), ("s", 86_395, 86_400)]
+)
+def test_a_clock_that_begins_anew_is_taken_on(tmp_path, unit, begins, wraps):
+    time = 0.05 * np.arange(400)
+    counts = (begins + np.round(time * {"s": 1, "ms": 1e3, "us": 1e6}[unit], 6)) % wraps
+    pd.DataFrame({"t": counts if unit == "s" else counts.astype(np.int64), "v": 1.0}).to_csv(tmp_path / "lap.csv")
+    found = recording(tmp_path / "lap.csv", unit)
+    assert len(found.runs) == 1
+    assert found.time - found.time[0] == pytest.approx(time, abs=1e-6)
+    assert any("begins anew" in note for note in found.notes)
+
+
+def test_laps_of_a_minute_in_a_row_are_no_clock_that_begins_anew(tmp_path):
+    pd.DataFrame({"t": 0.05 * (np.arange(2400) % 1200), "v": 1.0}).to_csv(tmp_path / "laps.csv")
+    assert len(recording(tmp_path / "laps.csv").runs) == 2
+
+
+def test_hours_minutes_and_seconds_in_one_number_are_a_clocks(tmp_path):
+    time = 0.1 * np.arange(2000)
+    clock = 10 * 3600 + 59 * 60 + 10 + time
+    stamps = 10_000 * (clock // 3600) + 100 * (clock // 60 % 60) + clock % 60
+    pd.DataFrame({"utc": stamps.round(3), "vx": 1.0 + np.sin(time)}).to_csv(tmp_path / "lap.csv", index=False)
+    found = read(tmp_path / "lap.csv", propose(tmp_path / "lap.csv").mapping("own", everything=True))
+    assert found.time - found.time[0] == pytest.approx(time, abs=1e-6)
+
+
+def test_days_of_a_spreadsheet_are_told(tmp_path):
+    time = 0.02 * np.arange(500)
+    pd.DataFrame({"Date": 45_000.25 + time / 86_400, "vx": 1.0}).to_csv(tmp_path / "lap.csv", index=False)
+    found = read(tmp_path / "lap.csv", propose(tmp_path / "lap.csv").mapping("own", everything=True))
+    assert found.time == pytest.approx(time, abs=2e-6)
+    assert "2023-03-15 06:00:00 UTC" in found.notes[0]

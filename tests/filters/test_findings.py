@@ -163,9 +163,7 @@ def test_a_number_is_told_where_it_is_known_twice_as_well_as_before():
 def test_where_a_stiffness_is_open_is_said_by_the_slip_angle():
     told, slip = np.arange(100) >= 40, np.linspace(0.0, 0.1, 100)
     said = untold("C_alpha_f", told, slip, "F_yf")
-    assert said.startswith(
-        "C_alpha_f: in 40 % of the rows the recording does not inform it, mostly where the slip angle"
-    )
+    assert said.startswith("C_alpha_f: not identifiable in 40 % of the rows, mostly where the slip angle")
     assert "below 2.0°" in said
     assert said.endswith("The lateral force F_yf is identifiable there, too.")
     assert untold("C_alpha_f", np.ones(100, dtype=bool), slip, "F_yf") == ""

@@ -10,7 +10,7 @@ from motion import SHAPE, car, recorded
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting import attempt
 from greybox_id.fitting.attempt import _walled, off_bounds, starting_points
-from greybox_id.fitting.how import FitOptions
+from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
@@ -59,6 +59,7 @@ def test_short_horizons_over_some_rows_lead_to_the_same_optimum(monkeypatch):
     found = []
     for rows in (attempt.SHORT_ROWS, 200):
         monkeypatch.setattr(attempt, "SHORT_ROWS", rows)
-        found.append(attempt.refitted(simulator, recordings, simulator.trace.model.values, FitOptions()))
+        reached = attempt.attempted(simulator, recordings, simulator.trace.model.values, FitOptions(), quiet, "car")
+        found.append(reached.problem.shared(reached.solution.x))
     assert np.any(found[0] != found[1])
     assert found[1] == pytest.approx(found[0], rel=1e-5)

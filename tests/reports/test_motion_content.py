@@ -52,12 +52,12 @@ def test_only_what_was_recorded_is_reported(motion_report, motion_found):
     assert outputs == ["v_y [m/s]", "yaw rate [rad/s]", "a_y [m/s²]"]
     predicted = [row[1] for row in errors]
     assert predicted.count("model, training") == 2  # a lap without v_y: it cannot be pooled
-    assert predicted.count("held, validation") == 3
+    assert predicted.count("persistence, validation") == 3
 
 
 def test_the_verdict_names_free_run_and_half_a_second_with_units(motion_report, motion_fit):
     good, against, sure = three(motion_report)
-    assert good.startswith("On lap 3, 15.9 s that it has not seen, lateral errs in free run (0.5 s ahead)")
+    assert good.startswith("On lap 3 (15.9 s, held out), the RMSE of lateral in free run (0.5 s ahead) is")
     assert "rad/s in yaw rate" in good
     assert f"{motion_fit.metrics['validate'][FREE_RUN]['yaw_rate']['rmse']:.5f}" in good
     assert against.startswith("The RMSE of persistence over 0.5 s is")

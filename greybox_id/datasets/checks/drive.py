@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...base.numbers import exact, number, percent, quantity
+from ...base.numbers import number, percent, quantity
 from ...base.shorthands import Array
 from ...base.signals import SD
 from ...base.statistics import white_noise_sd
@@ -166,15 +166,11 @@ def check_asleep(r: Recording) -> list[Finding]:
             continue  # one channel that keeps its last reading is stuck, which `check_frozen` looks for
         where = f"row {file_row(r, a).split()[1].rstrip(',')} to {file_row(r, b - 1)}"
         reads = "exactly 0" if all(r[name][a] == 0.0 for name in same) else "the same in every row"
-        out = "Leave these rows out"
-        if a == 0 and b < len(r):
-            out += f": keep what is from {exact(float(r.time[b]), 6)} s on"
-        elif b == len(r) and a > 0:
-            out += f": keep what is up to {exact(float(r.time[a - 1]), 6)} s"
         sentence = (
             f"{listed(same)} {'are' if len(same) > 1 else 'is'} {reads} from t = {number(float(r.time[a]), 4)} to "
             f"{number(float(r.time[b - 1]), 4)} s ({where}), where {jumped[0]} jumps by "
-            f"{quantity(_jump(r, jumped[0], a, b), r.unit(jumped[0]), 2)}: the logger or a sensor was off. {out}."
+            f"{quantity(_jump(r, jumped[0], a, b), r.unit(jumped[0]), 2)}: the logger or a sensor was off. "
+            "Leave these rows out."
         )
         seconds = (b - a) * r.sample_time
         place = FoundAt(", ".join(same), rows=tuple(range(a, b)))

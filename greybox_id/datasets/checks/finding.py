@@ -6,7 +6,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 
+import numpy as np
+
+from ...base.condition import LONGEST
 from ..recording import Recording
+
+MEANINGLESS = ("stuck", "asleep", "outlier", "placeholder")
+"""Findings whose rows are to be left out."""
+MOST = 0.5
+"""Share of rows that leaving some out may cost."""
 
 
 class Severity(Enum):
@@ -79,6 +87,29 @@ class Finding:
 def distrusted(findings: Iterable[Finding]) -> bool:
     """Whether one of the findings forbids trusting the recording."""
     return any(finding.severity is Severity.DISTRUST for finding in findings)
+
+
+def condition_without(recording: Recording, findings: Iterable[Finding]) -> str:
+    """The condition of `Recording.where` that leaves out the rows that findings would have left out.
+
+    It is empty where no finding would, where time does not run on or too little would be left, and where it would be
+    too long.
+    """
+    rows = np.zeros(len(recording) + 2, dtype=int)
+    for finding in findings:
+        if finding.kind in MEANINGLESS:
+            rows[np.array(finding.where.rows, dtype=int) + 1] = 1
+    time = recording.time
+    if not rows.any() or np.mean(rows) > MOST or not np.all(np.diff(time) > 0):
+        return ""
+    parts = []
+    for first, after in np.flatnonzero(np.diff(rows)).reshape(-1, 2):
+        before = f"time < {(time[first - 1] + time[first]) / 2:.9g}" if first > 0 else ""
+        behind = f"time > {(time[after - 1] + time[after]) / 2:.9g}" if after < len(time) else ""
+        parts.append(f"({before} or {behind})" if before and behind else before or behind)
+    asked = [f"({recording.source.where})"] if recording.source.where else []
+    result = " and ".join([*asked, *parts])
+    return result if len(result) <= LONGEST else ""
 
 
 @dataclass(frozen=True)

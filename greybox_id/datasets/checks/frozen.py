@@ -56,8 +56,7 @@ def check_frozen(r: Recording) -> list[Finding]:
             continue
         sentence = (
             f"{name} is stuck at {quantity(float(values[a]), r.unit(name))} from t = {number(float(r.time[a]), 4)} to "
-            f"{number(float(r.time[b - 1]), 4)} s while other channels move: leave these rows out "
-            f'(where = "time < {number(float(r.time[a]), 6)} or time > {number(float(r.time[b - 1]), 6)}").'
+            f"{number(float(r.time[b - 1]), 4)} s while other channels move. Leave these rows out."
         )
         place = FoundAt(name, rows=tuple(range(a, b)))
         findings.append(Finding("stuck", Severity.DISTRUST, place, sentence, seconds, None, "s"))

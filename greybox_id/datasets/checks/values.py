@@ -203,7 +203,7 @@ def check_placeholders(recording: Recording) -> list[Finding]:
             rows = np.flatnonzero(values == level)
             sentence = (
                 f"{name} reads exactly {with_unit(exact(level[0], 4), recording.unit(name))} in {rows.size} rows, far "
-                "from all other values: that stands for no reading. Leave these cells empty "
+                "from all others: probably a code for a missing reading. Leave these rows out, or the cells empty "
                 f"({file_rows(recording, rows)})."
             )
             where = FoundAt(name, rows=tuple(rows.tolist()))
@@ -353,7 +353,7 @@ def _joins(recording: Recording, joins: list[int], steps: dict[int, float]) -> F
         place = f"at {file_rows(recording, joins)}"
     else:
         place = f"at {len(joins)} places"
-    sentence = f"several recordings are joined: {what} {place}. No window may run across a join."
+    sentence = f"several recordings are joined: {what} {place}. Each begins a new run."
     severity = Severity.WARNING if restarts else Severity.NOTE
     return _clock("join", severity, sentence, joins, float(len(joins)))
 

@@ -19,12 +19,13 @@ import warnings
 import zlib
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from pandas.api.types import is_numeric_dtype
 
 from ...base.errors import BadInput
 from ...base.units import known_unit
@@ -38,11 +39,13 @@ SAMPLED = 400
 """Lines from which the layout is told."""
 NAMED = 0.8
 """Share of the columns that a line of names must name; preambles are mostly blank at such a width."""
-BLOCK = 4
+HEADING_LINES = 4
 """Lines of words that may stand between a preamble and the values: names, units, sources, one more."""
 COMMENT = ("#", "%", "//")
 NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
 """What a row of units holds where a column has none."""
+MISSING = frozenset(NOTHING - {"#"} | {"---", "nan", "#n/a", "missing", "invalid"})
+"""What a cell holds that has no value."""
 STATISTICS = (
     "min", "max", "mean", "avg", "average", "minimum", "maximum", "median", "std", "stdev", "sigma", "mittel",
     "mittelwert", "maximal", "minimal",
@@ -54,6 +57,7 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|i
 _INSTANT = re.compile(
     r"\d{4}[-/.]\d\d?[-/.]\d\d?([ T].*)?|\d{1,2}[./]\d{1,2}[./]\d{4}( .*)?|\d+:\d\d(:\d\d)?([.,]\d+)?"
 )
+_WITH_UNIT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\W\d][^\s]{0,10}|[°%][^\s]{0,10})")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _DEVICE = re.compile(r"^\d+\s*:\s*")
 
@@ -72,6 +76,7 @@ class TableLayout:
     units : one for each name; empty where the file says none.
     renamed : names that stood there more than once, as they stand there.
     between : rows of numbers between names and values that are none of the recording.
+    words : rows of words among the values.
     """
 
     separator: str
@@ -82,6 +87,7 @@ class TableLayout:
     units: tuple[str, ...]
     renamed: tuple[str, ...] = ()
     between: int = 0
+    words: int = 0
 
 
 def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout:
@@ -151,7 +157,13 @@ def _split_numbers(lines: Sequence[str], separator: str) -> int:
     """Cells of a few lines that are no number, instant or word of their own: another separator stands in them."""
     cells = [cell for line in lines[:20] for cell in _cells(line, separator)]
     others = [item for item in (*SEPARATORS, SPACE) if item != separator]
-    return sum(1 for cell in cells if not _is_value(cell) and any(other in cell for other in others))
+    return sum(1 for c in cells if not (_is_value(c) or _unit_behind(c)) and any(other in c for other in others))
+
+
+def _unit_behind(cell: str) -> str:
+    """What stands behind a number as its unit; empty where nothing does."""
+    parts = _WITH_UNIT.fullmatch(cell)
+    return parts[2] if parts and known_unit(parts[2]) else ""
 
 
 def _width(rows: Sequence[Sequence[str]]) -> int:
@@ -195,7 +207,7 @@ def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> tuple
         if not row:
             continue
         numbers = sum(1 for cell in row if _is_value(cell) and cell != "1")
-        if len(row) > width + 1 or len(row) < 0.3 * width or len(block) == BLOCK:
+        if len(row) > width + 1 or len(row) < 0.3 * width or len(block) == HEADING_LINES:
             break
         if numbers > 0.2 * len(row):
             full = sum(map(bool, row)) >= NAMED * width and len(between) < BETWEEN
@@ -353,7 +365,9 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
     if not body.strip():
         return RawTable(where, names, tuple(pd.Series([], dtype=float) for _ in names), first_row, units), layout
-    frame = _frame(body, layout, where)
+    frame, of_cells, words = _as_numbers(_frame(body, layout, where), layout)
+    layout = replace(layout, words=words)
+    units |= {names[k]: unit for k, unit in of_cells.items()}
     filled = frame.notna().any(axis=1).to_numpy()
     frame = frame.iloc[: int(np.flatnonzero(filled)[-1]) + 1 if filled.any() else 0]
     overflow = frame[len(names)].notna().to_numpy()
@@ -413,6 +427,58 @@ def _frame(body: bytes, layout: TableLayout, where: str) -> pd.DataFrame:
         raise BadInput(f"{where} cannot be read as a table ({error}). Save it as plain CSV.") from error
 
 
+def _as_numbers(frame: pd.DataFrame, layout: TableLayout) -> tuple[pd.DataFrame, dict[int, str], int]:
+    """The rows with numbers where text is one, units that stand in cells, by column, and the number of rows of words.
+
+    Rows of words among numbers are blank: names that are repeated where a logger began anew, and what it writes at the
+    end.
+    """
+    texts = {
+        k: column.astype("string").str.strip() for k, column in frame.items() if not is_numeric_dtype(column.dtype)
+    }
+    known = {k: _numbers_in(text, layout.decimal) for k, text in texts.items()}
+    mostly = {k: v for k, (v, _) in known.items() if v.notna().sum() > NAMED * texts[k].notna().sum()}
+    blank = np.empty(0, dtype=int)
+    if mostly:
+        words = np.any([(v.isna() & texts[k].notna()).to_numpy(dtype=bool) for k, v in mostly.items()], axis=0)
+        numbers = [v.notna().to_numpy() for v in mostly.values()]
+        numbers.append(frame.drop(columns=list(texts)).notna().any(axis=1).to_numpy())
+        blank = np.flatnonzero(words & ~np.any(numbers, axis=0))
+        others = [k for k in texts if k not in mostly]
+        blank = np.array(
+            [row for row in blank if not any(_is_value(str(texts[k].iloc[row])) for k in others)], dtype=int
+        )
+    if len(blank):
+        frame.iloc[blank] = None
+        for text in texts.values():
+            text.iloc[blank] = None
+    units = dict[Any, str]()
+    for k, text in texts.items():
+        if known[k][0].notna().sum() == text.notna().sum() > 0:
+            frame[k] = known[k][0].where(text.notna())
+            units |= {k: known[k][1]} if known[k][1] else {}
+    return frame, units, len(blank)
+
+
+def _numbers_in(text: pd.Series[Any], decimal: str) -> tuple[pd.Series[Any], str]:
+    """(n,) numbers of cells, NaN where one is none, and the unit that all have behind them.
+
+    Thousands are set apart by the mark that is not the decimal one, if a cell has both.
+    """
+    text[text.str.lower().isin(MISSING).fillna(False)] = pd.NA
+    unit, first = "", text.dropna().head(1)
+    behind = _unit_behind(first.iloc[0]) if len(first) else ""
+    if behind and text.dropna().str.endswith(behind).all():
+        text, unit = text.str.removesuffix(behind).str.strip(), known_unit(behind)
+    other = "." if decimal == "," else ","
+    thousands = rf"[+-]?(?:\d{{1,3}}(?:[{other}]\d{{3}})+|\d+)(?:[{decimal}]\d*)?"
+    both = text.str.contains(rf"\d[{other}]\d{{3}}[{decimal}]", regex=True).any()
+    if both and text.dropna().str.fullmatch(thousands).all():
+        text = text.str.replace(other, "", regex=False)
+    text = text.str.replace(",", ".", regex=False) if decimal == "," else text
+    return pd.to_numeric(text, errors="coerce").astype(float), unit
+
+
 def _notes(layout: TableLayout) -> tuple[str, ...]:
     notes = []
     if layout.header:
@@ -423,6 +489,8 @@ def _notes(layout: TableLayout) -> tuple[str, ...]:
         notes.append(
             f"{layout.between} rows of numbers between names and values were passed over: they are no samples."
         )
+    if layout.words:
+        notes.append(f"rows of words among the values were passed over: {layout.words}.")
     if layout.renamed:
         listed = ", ".join(layout.renamed[:6])
         notes.append(f"columns of one name ({listed}) are distinguished by their source or by a number behind it.")

@@ -36,6 +36,7 @@ class MapEntry:
     other_units : of these, where they are not `unit`.
     rest : of time: the column that holds what whole seconds leave; empty for none.
     rest_unit : of that column.
+    sign_column, negative : of a magnitude, as of `Column`.
     ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
     """
 
@@ -51,6 +52,8 @@ class MapEntry:
     other_units: tuple[str, ...] = ()
     rest: str = ""
     rest_unit: str = "ns"
+    sign_column: str = ""
+    negative: float | str = 1.0
     ends: tuple[float, ...] = ()
 
     def as_column(self) -> Column:
@@ -58,8 +61,9 @@ class MapEntry:
         target = SIGNALS[self.signal].unit if self.signal in SIGNALS else "s"
         column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
         return replace(
-            column, otherwise=self.otherwise, other_units=self.other_units, rest=self.rest, rest_unit=self.rest_unit
-        )
+            column, otherwise=self.otherwise, other_units=self.other_units, rest=self.rest, rest_unit=self.rest_unit,
+            sign_column=self.sign_column, negative=self.negative,
+        )  # fmt: skip
 
     @property
     def factor(self) -> float:
@@ -122,7 +126,7 @@ class Met:
         """For a person."""
         if self.pair.kinematic:
             return f"{self.pair.left} is {number(abs(self.agreed.gain), 2)} times {self.pair.right}"
-        return f"{self.pair.left} against {self.pair.right} says a length of {number(1 / abs(self.agreed.gain), 2)} m"
+        return f"{self.pair.left} over {self.pair.right} gives a wheelbase of {number(1 / abs(self.agreed.gain), 2)} m"
 
 
 def pairs_of(recording: Recording) -> list[Pair]:
@@ -290,7 +294,7 @@ def _odd(entry: MapEntry, agreed: Sequence[Met]) -> MapEntry:
         return entry
     for unit, size in ODD.items():
         if max(abs(factor - np.log(entry.factor / size)) for factor in times) < NEAR_ODD:
-            why = f"unit: {'; '.join(item.words for item in paired[:2])}, which is as due in {unit}"
+            why = f"unit: {'; '.join(item.words for item in paired[:2])}, as expected in {unit}"
             return replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, why))
     return entry
 
@@ -314,11 +318,14 @@ def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
             counts.append(abs(item.agreed.gain))
         elif item.pair.nodes == ("a_x", "v_x"):
             counts += [1 / abs(item.agreed.gain) / to_si(unit, "m/s^2").factor for unit in USUAL["m/s^2"]]
-    known = f"{why}; the other channels say about {{:g}} in 1 m/s, to some 20 %: write the true number"
+    known = f"{why}; the other channels suggest about {{:g}} per m/s (± 20 %): write the true number"
     rounded = [float(f"{count:.3g}") for count in counts]
     return [replace(entry, unit="m/s", divide_by=n, reasons=(*entry.reasons, known.format(n))) for n in rounded] or [
         replace(
-            entry, unit="m/s", divide_by=sizes["v_x"] / 10, reasons=(*entry.reasons, f"{why}; say how many make 1 m/s")
+            entry,
+            unit="m/s",
+            divide_by=sizes["v_x"] / 10,
+            reasons=(*entry.reasons, f"{why}; state how many make 1 m/s"),
         )
     ]
 

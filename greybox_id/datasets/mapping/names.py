@@ -14,7 +14,7 @@ from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import known_unit, to_si
 from ..formats import Group
-from ..instants import EPOCHS
+from ..instants import EPOCHS, SERIAL
 from .evidence import MapEntry
 
 TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
@@ -24,28 +24,31 @@ CORNERS = {"fl": r"(fl|lf|vl|front left)", "fr": r"(fr|rf|vr|front right)",
            "rl": r"(rl|lr|hl|rear left)", "rr": r"(rr|hr|rear right)"}  # fmt: skip
 _X, _Y = r"(x|long|lon|longitudinal|laengs|längs)", r"(y|lat|lateral|quer)"
 _ACC = r"(a|acc|accel|accn|acceleration|g|g force|gforce|beschl|beschleunigung)"
+_OF = r"beschl(eunigung)?"
 _SPEED = r"(v|vel|velocity|speed|geschwindigkeit)"
 RULES: dict[str, tuple[str, ...]] = {
-    TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit", r"stamp|sec|seconds|secs|ts|datetime|date time"),
+    TIME: (r"t|time|timestamp|time stamp|elapsed|elapsed time|zeit|zeitstempel|utc( time)?",
+           r"stamp|date|sec|seconds|secs|ts|datetime|date time"),
     RUN: (r"run|trajectory|segment|episode|run id|trajectory id|segment id|run number",),
     "v_x": (r"vx|v x|v|speed|u|v long|vlong|vlon|velocity|veh speed|vspeed|linear x|ground speed",
             rf"{_SPEED} {_X}|{_X} {_SPEED}|geschwindigkeit|spd|veh spd|v veh|v fzg|v car|v ego|longitudinalvelocity"
             "|tacho"),
     "v_y": (r"vy|v y|v lat|vlat|linear y", rf"{_SPEED} {_Y}|{_Y} {_SPEED}|lateralvelocity"),
-    "yaw_rate": (r"yaw rate|yawrate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro z|gyr z|omega z|wz|w z|angular z",
-                 r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gier rate|gierrate|giergeschwindigkeit|gz|gyroz"
+    "yaw_rate": (r"(yaw|gier) ?rate|psi dot|psidot|psip|psidt|dpsi|yaw dot|dyaw|gyro(scope)? z|gyr z|omega z|wz|w z"
+                 r"|angular z",
+                 r"r|yawvel|yaw (vel|velocity|speed)|angular velocity z|gierrate|giergeschwindigkeit|gz|gyroz"
                  r"|yaw angular velocity|d psi|psi p|rate yaw|angvel z|ang vel z|z rate of rotation|z angular velocity"
                  r"|gyro yaw( velocity| rate)?|gyro",
                  r"omega|w|angular (velocity|rate)"),
-    "roll_rate": (r"roll rate|rollrate|gyro x|gyr x|omega x|wx|w x|angular x|phi dot|dphi", r"x rate of rotation|gx|p"
-                  r"|angular velocity x|roll (vel|velocity)|wankrate"),
+    "roll_rate": (r"roll rate|rollrate|gyro(scope)? x|gyr x|omega x|wx|w x|angular x|phi dot|dphi",
+                  r"x rate of rotation|gx|p|angular velocity x|roll (vel|velocity)|wankrate"),
     "curvature": (r"curv|curvature|kappa|path curvature|road curvature|kr(ü|ue)mmung",),
     "yaw_acceleration": (r"yaw acc(el|eleration)?|yaw rate dot|psi ddot|psiddot|ddpsi",),
     "a_x": (r"ax|a x|accx|acc x|accel x|long acc|longacc|acceleration x|linear acceleration x",
-            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|laengsbeschleunigung|längsbeschleunigung|accelx"
+            rf"{_ACC} {_X}|{_X} {_ACC}|longitudinalacceleration|(laengs|längs){_OF}|accelx"
             r"|inline ?acc(eleration)?|lonacc", r"acc|accel|acceleration"),
     "a_y": (r"ay|a y|accy|acc y|accel y|lat acc|latacc|acceleration y|linear acceleration y",
-            rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|querbeschleunigung|accely"),
+            rf"{_ACC} {_Y}|{_Y} {_ACC}|lateralacceleration|quer{_OF}|accely"),
     "sideslip": (r"beta|sideslip|side slip|sideslip angle|slip angle|schwimmwinkel|body slip",),
     "steer": (r"steer|steering|steering angle|steer angle|delta|delta f|road wheel angle|front wheel angle|rwa|deltaf",
               r"front steer(ing)?( angle)?|steerangle|steeringangle|df|wheel angle|servo angle|delta v|radlenkwinkel"
@@ -59,7 +62,7 @@ RULES: dict[str, tuple[str, ...]] = {
     "ax_cmd": (r"ax (cmd|command|target|ref)|(accel|acceleration|acc) (cmd|command|target|ref)|drive acceleration",),
     "throttle": (r"throttle|throttle (pos|position|pedal|angle|command|cmd)|gas|gas pedal|accelerator( pedal)?",
                  r"tps|aps|app|gaspedal|accel(erator)? pedal( pos| position)?|throttle ped( cmd)?|gas (pos|position)"
-                 r"|fahrpedal|throttleposition|throttle duty"),
+                 r"|fahrpedal((roh)?wert)?|throttleposition|throttle duty"),
     "brake": (r"brake|brake (pos|position|pedal|pressure|press|command|cmd)|brk|brakepedal|bremse",
               r"brake ped( cmd)?|brakepressure|pbrake( f)?|brake (pressure|press) (f|front)|bremsdruck|brk pos"
               r"|brake pedal (pos|position)"),
@@ -95,8 +98,8 @@ PLACES = ("lat", "long")
 WISHES = re.compile(r"\b(cmd|command|commanded|target|ref|reference|setpoint|desired|soll|drive)\b")
 """Words of what is asked for: such a column holds no measured speed or acceleration."""
 NOISE = re.compile(r"\b(vehicle|veh|body|imu|cg|cog|car|ego|gps|gnss|ins|sensor|meas|measured|mean|avg|true|esp|can|"
-                   r"data|value|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder)"
-                   r"\b")  # fmt: skip
+                   r"data|value|cval|signal|filtered|filt|raw|sensors|core|state|twist|pose|odom|recording|obd|calc|vicon|mocap|optitrack|encoder"
+                   r"|0\d)\b")  # fmt: skip
 WORDS_OF_UNITS = {
     "kmh": "km/h", "kph": "km/h", "km h": "km/h", "mph": "mph", "mps": "m/s", "m s": "m/s", "ms": "m/s",
     "knots": "knot",
@@ -110,6 +113,8 @@ WORDS_OF_UNITS = {
     "nanoseconds": "ns", "percent": "%", "pct": "%", "perc": "%",
 }  # fmt: skip
 """Units as names end in them."""
+RATES = {"yaw": "yaw_rate", "roll": "roll_rate"}
+"""Angle -> what it is in a unit of its rate."""
 _BRACKETS = re.compile(r"\s*[\[({<]\s*([^\])}>]*)\s*[\])}>]\s*$")
 _CAMEL = re.compile(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])")
 
@@ -143,6 +148,7 @@ def guess_in(group: Group, column: str) -> Guess | None:
 def guess(column: str) -> Guess | None:
     """The most telling reading of a column's name; None where it says nothing."""
     bare, stated = _bracketed(column)
+    bare = bare.partition("\\")[0]  # what stands behind it is a device
     if stated and not NOISE.sub("", plain_words(stated)).strip():  # where it is from, as in "acc x (IMU)"
         bare, stated = f"{bare} {stated}", ""
     stated = known_unit(stated) or stated
@@ -207,6 +213,7 @@ def _read(words: str, unit: str) -> list[Guess]:
         for signal, patterns in RULES.items():
             for order, pattern in enumerate(patterns):
                 if re.fullmatch(pattern, text):
+                    signal = RATES[signal] if unit and signal in RATES and fits(unit, RATES[signal]) else signal
                     stated = "ms" if signal == TIME and unit == "m/s" else unit
                     rim = signal.startswith("wheel_speed") and stated and fits(stated, "v_x")
                     if not stated or signal == "v_x" or rim or fits(stated, signal):  # a motor's speed is one in rpm
@@ -296,6 +303,8 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     for unit, size in EPOCHS:
         if first > size:
             return MapEntry(TIME, name, unit, reasons=(why, f"unit: {number(first)} counts {unit} since 1970"))
+    if SERIAL[0] < first < SERIAL[1] and step < 1e-3:
+        return MapEntry(TIME, name, "d", reasons=(why, "unit: days since 1899, as spreadsheets count them"))
     units = [
         u for u, second in (("s", 1.0), ("ms", 1e3), ("us", 1e6), ("ns", 1e9)) if SLOWEST <= second / step <= FASTEST
     ]

@@ -8,13 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from ...base.errors import BadInput
 from ...base.numbers import exact, number
 from ...base.shorthands import Array
-from ...base.signals import COMMANDS, SIGNALS, unit_of
+from ...base.signals import COMMANDS, DRIVE_SIGNALS, SIGNALS, unit_of
 from ...base.toml_file import quoted
-from ...base.units import to_si
+from ...base.units import DEGREES_AND_MINUTES, to_si
 from ..alignment import aligned
 from ..checks import Finding, Severity, check
 from ..column_map import Column, ColumnMap
@@ -26,13 +27,14 @@ from ..recording import Recording
 from ..repair import column_fields, repaired
 from .evidence import USUAL, MapEntry, by_gravity, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, of_a_tyre_rig, time_of
+from .sign_columns import with_sign_columns
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
+MOSTLY = 0.8
+"""Share of cells that are numbers from which a column was meant to hold them."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
-DRIVES = ("motor_current", "drive_force", "ax_cmd", "throttle")
-"""What single_track and longitudinal take as their drive: one of these."""
 ALIKE = 2.0
 """Largest factor between a steering angle and its command in one unit."""
 
@@ -85,7 +87,7 @@ class Proposal:
     @property
     def without_drive(self) -> bool:
         """Whether no column looks like what drives the vehicle."""
-        return not any(entry.signal in DRIVES for entry in self.entries)
+        return not any(entry.signal in DRIVE_SIGNALS for entry in self.entries)
 
     def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
         """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""
@@ -126,7 +128,10 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
     taken = {run, *(name for clock in clocks for name in (clock.column, clock.rest))}
     chosen, rivals = _candidates(result, guesses, numbers, taken)
-    others = tuple(n for n in numbers if n not in taken and n not in {entry.column for entry in (*chosen, *rivals)})
+    chosen = with_sign_columns(chosen, result, numbers, labels)
+    rivals = [entry for entry in rivals if entry.column not in {known.sign_column for known in chosen}]
+    used = taken | {name for entry in (*chosen, *rivals) for name in (entry.column, entry.sign_column)}
+    others = tuple(name for name in numbers if name not in used)
     named = " ".join(files) if files else str(path)
     draft = Proposal(named, time, (*chosen, *rivals), others, run, rate, files if len(files) > 1 else (), rig=rig)
     if (time is None and not rate) or not chosen:
@@ -171,7 +176,7 @@ def _candidates(
         for place, name in enumerate(ordered):
             stated = guesses[name].unit or units.get(name, "")
             unit = stated if stated and _fits(stated, signal) else ""
-            reasons = [f'"{name}" is what {signal} is often called']
+            reasons = [f'"{name}" is a usual name of {signal}']
             if stated and not unit:
                 reasons.append(f"the file says {stated}, which {signal} cannot be")
             entry = MapEntry(signal, name, unit, reasons=tuple(reasons))
@@ -297,7 +302,13 @@ def _joined(draft: Proposal, mapping: ColumnMap) -> Recording:
 
 def _raw(draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
     """The signals as the file holds them: factor 1, sign 1."""
-    plain = {e.signal: replace(e.as_column(), unit=e.as_column().si_unit, scale=1.0, optional=True) for e in chosen}
+    columns = {e.signal: e.as_column() for e in chosen}
+    plain = {
+        signal: replace(
+            column, unit=column.unit if column.unit == DEGREES_AND_MINUTES else column.si_unit, scale=1.0, optional=True
+        )
+        for signal, column in columns.items()
+    }
     return _recorded(draft, replace(draft.mapping(), signals=plain))
 
 
@@ -356,6 +367,9 @@ def _numbers(result: Contents, guesses: Mapping[str, Guess]) -> tuple[dict[str, 
                 assert table is not None
                 numbers[name] = table.numbers(name)
             except (BadInput, TypeError, ValueError):
+                cells = pd.to_numeric(table.column(name).dropna(), errors="coerce") if table is not None else None
+                if name in guesses and cells is not None and cells.notna().mean() > MOSTLY:
+                    raise
                 labels.add(name)
                 if table is not None and is_instants(table.column(name)):
                     texts.add(name)
@@ -441,6 +455,7 @@ def _table(entry: MapEntry, unit: str) -> str:
     if entry.ends:
         low, centre, high = (exact(end, 6) for end in entry.ends)
         parts.append(f"lookup = [[{low}, {centre}, {high}], [..., 0, ...]]")
+    parts += column.sign_fields
     if entry.divide_by != 1.0:
         parts.append(f"divide_by = {entry.divide_by:g}")
     return f"{{ {', '.join(parts)} }}"

@@ -104,6 +104,8 @@ PROBE, MOST_BEND = 0.1, 0.5
 """Share of a step after which its bend is looked at; largest share of a step that a correction may be."""
 ROUNDING = 1e-14
 """Relative distance at which a step to a bound has reached it."""
+SAME_STEP = 0.99
+"""Share of what a refused step promised from which on another is the same step: damping has not turned it yet."""
 PATIENCE = 4
 NEGLIGIBLE = 1e-3
 """Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
@@ -283,9 +285,13 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
     """
     by = np.where(_positive(problem, point.x), point.x, 1.0)
     curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
+    refused = np.inf
     while memory.damping < MOST_DAMPING:
         step = _step(problem, point.x, curved, memory.damping, logarithmic=True)
         promised = max(_decrease(curved, step), 1e-300)
+        if promised > SAME_STEP * refused:
+            memory.damping *= 10.0
+            continue
         trial = _at(problem, _moved(problem, point.x, step))
         gain = (point.objective - trial.objective) / promised
         if gain < 0.75:  # the valley bends: follow it
@@ -300,7 +306,7 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
             elif gain < 0.25:
                 memory.damping *= 4.0
             return trial
-        memory.damping *= 10.0
+        memory.damping, refused = 10.0 * memory.damping, promised
     return None
 
 

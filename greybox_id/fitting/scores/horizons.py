@@ -34,7 +34,7 @@ class Errors:
     channel, unit : what is predicted.
     horizon : s predicted from measured states; None for the free run.
     before, after : of the model as it was, and with the applied effects; infinite where its predictions diverge.
-    floor : of a model that fits as well as noise lets it.
+    floor : standard deviation of the noise.
     """
 
     channel: str

@@ -206,6 +206,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
     if len(known) == len(scalars) > 0 and not any(known) and not informed and not foreign_form(fit):
         yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
+    yield from _facts(fit)
     far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
         if p.prior is not None and p.prior.mean is not None:
@@ -221,6 +222,18 @@ def _found(fit: Fit) -> Iterator[Reason]:
             f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
             "model structure is wrong.",
         )  # fmt: skip
+
+
+def _facts(fit: Fit) -> Iterator[Reason]:
+    """Stated values that the recording contradicts."""
+    for name, (change, sd) in fit.how.get("contradicted", {}).items():
+        other = ", or steering that turns the wheels otherwise than stated" if name == "wheelbase" else ""
+        size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
+        yield Reason(
+            WITH_CARE,
+            f"The recording contradicts the stated {name}: one {size} explains it better{other}. Check what is stated; "
+            "or the model lacks an effect.",
+        )
 
 
 def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Reason]:

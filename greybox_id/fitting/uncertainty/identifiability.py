@@ -108,7 +108,7 @@ class Direction:
         ]
         listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
         together = " alone" if len(moves) == 1 else " together"
-        return f"One standard deviation moves {listed}{together}, and the residuals hardly change."
+        return f"Changing {listed}{together} (one standard deviation) hardly changes the residuals."
 
 
 @dataclass(frozen=True)

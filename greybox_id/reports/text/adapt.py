@@ -19,7 +19,7 @@ MOST_MOVED = 8
 def parts(result: Adaptation) -> Iterator[RenderableType]:
     """An adaptation, part by part."""
     for doubt in result.doubts:
-        yield led("mind", doubt)
+        yield led("doubt", doubt)
     for output, words in result.choices.items():
         yield led("chosen", f"{output}: {words}")
     for run, delays in result.delays.items():

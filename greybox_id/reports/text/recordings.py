@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from rich.text import Text
 
 from ...base.numbers import counted
 from ...datasets.checks import Finding, Severity, distrusted
+from ...datasets.checks.finding import condition_without
 from ...datasets.recording import Recording
 from .screen import plain_table
 
@@ -34,6 +36,12 @@ def show_findings(recording: Recording, findings: Sequence[Finding], out: Consol
         words = (finding.severity.value, finding.where.channel, run, finding.sentence)
         table.add_row(*words, style=DISTRUSTED if finding.severity is Severity.DISTRUST else None)
     out.print(table)
+    if condition := condition_without(recording, findings):
+        source = recording.source
+        given = [("--columns", source.columns), ("--between", source.between), ("--where", condition)]
+        options = [word for option, value in given if value for word in (option, value)]
+        command = shlex.join(["greybox", "data", "check", source.path, *options])
+        out.print(Text(f"rows left out: {command}"), soft_wrap=True)
     verdict = "not to be trusted" if distrusted(findings) else "usable with care: see the warnings"
     if not any(finding.severity is not Severity.NOTE for finding in findings):
         verdict = "can be used"
@@ -60,6 +68,7 @@ def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]
         "duration_s": recording.duration,
         "sample_rate_hz": 1 / dt if dt > 0 else None,
         "trusted": not distrusted(findings),
+        "where": condition_without(recording, findings) or None,
         "findings": [
             {
                 "kind": finding.kind,
@@ -153,6 +162,8 @@ def _as_dict(entry: MapEntry) -> dict[str, Any]:
         "units": list(entry.units),
         "sign": entry.sign,
         "divide_by": entry.divide_by,
+        "sign_column": entry.sign_column or None,
+        "negative": entry.negative if entry.sign_column else None,
         "decided": entry.decided,
         "reasons": list(entry.reasons),
     }

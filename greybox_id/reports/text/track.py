@@ -15,7 +15,7 @@ from ...base.signals import unit_of
 from ...filters.track import Track, verdict
 from ..track.digest import Digest
 from .fit import verdict_table
-from .screen import plain_table
+from .screen import led, plain_table
 
 COVERED = 0.8
 """Share of the truth within two standard deviations, of 95 % that are due, below which bands mislead."""
@@ -36,7 +36,7 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
         table.add_row(name, *alike(low, middle, high, sd, by=sd), pretty_unit(track.units[name]), share)
     yield table
     yield ""
-    tests = ("NIS (1)", "windows within 95 %", "next to next", "gated")
+    tests = ("NIS (1)", "windows within 95 %", "autocorrelation", "gated")
     counts = ("taken", "innovation rms")
     checks = plain_table("reading", *counts, "unit", *tests, right=(*counts, *tests))
     for name, item in track.consistency.items():
@@ -47,9 +47,9 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
     yield checks
     yield ""
     for sentence in beside_truth(digest):
-        yield f"truth    {sentence}"
+        yield led("checked", sentence)
     for sentence in track.sentences:
-        yield f"mind     {sentence}"
+        yield led("note", sentence)
 
 
 def beside_truth(digest: Digest) -> list[str]:
@@ -66,7 +66,9 @@ def beside_truth(digest: Digest) -> list[str]:
             sentence += "; zero would be nearer"
         result.append(f"{sentence}.")
     if "sideslip" not in digest.truth:
-        result.append("A better likelihood is not always a better sideslip; nothing here measures the sideslip itself.")
+        result.append(
+            "No sideslip was measured to check it against. A better likelihood is not always a better sideslip."
+        )
     return result
 
 

@@ -156,7 +156,7 @@ def readings(digest: Digest) -> Table:
         )
         for name, one in digest.consistency.items()
     )  # fmt: skip
-    head = ("reading", "taken", "innovation RMS", "unit", "NIS", "windows within", "next to next", "chance", "gated")
+    head = ("reading", "taken", "innovation RMS", "unit", "NIS", "windows within", "autocorrelation", "bound", "gated")
     return Table(head, rows, "lRRlRRRRR")
 
 
@@ -305,7 +305,7 @@ def whiteness(digest: Digest) -> Sheet:
 
 ESTIMATES = (
     "Quantiles over the rows, and the median of the standard deviations; the table of the track has them row by "
-    "row. Identifiable in: for each tracked parameter, the share of rows in which the recording informs it."
+    "row. Identifiable in: for each tracked parameter, the share of rows that determine it."
 )
 TRUTH = (
     "Estimate less measurement, over the rows that have both. These numbers include the errors of the measurement. "
@@ -314,8 +314,8 @@ TRUTH = (
 READINGS = (
     "An innovation is a reading less what the filter expected of it. NIS: its square over the variance that the "
     "filter expected, 1 on average if that variance is right; windows within: share of means over 2 s inside their "
-    "95 % bounds; next to next: correlation with the one before, and its bound by chance; gated: share so far off "
-    "that they counted as noisier."
+    "95 % bounds; autocorrelation: with the innovation before, and its 95 % bound if there is none; gated: readings so "
+    "far off that they counted as noisier."
 )
 NOISE = (
     "The size of a random walk against the noise of the readings decides whether the filter follows its model or "
@@ -328,7 +328,7 @@ BANDS = (
 RANGE = "Beyond the ranges given in What went in, this track says nothing about the vehicle."
 EQUATIONS = (
     "Written down from the model itself, with tracked parameters as states. A dot is a derivative by time, w an "
-    "abbreviation; a prime marks what an effect or a walking number alters, late what a delay leaves, read what a "
+    "abbreviation; a prime marks what an effect or a tracked parameter alters, late what a delay leaves, read what a "
     "sensor reads."
 )
 

@@ -30,10 +30,8 @@ from .layout import (  # fmt: skip
     LAGGED,
     LOAD,
     MASS,
-    READABLE,
     ROLL,
     ROLLING,
-    ROW_TRUTH,
     SEEN,
     STATES,
     STEER,
@@ -55,7 +53,6 @@ STEP = 1e-3
 """s"""
 
 _REACH, _SHARE = (0.0, 0.5, 0.5, 1.0), (1 / 6, 1 / 3, 1 / 3, 1 / 6)
-_READ, _TRUE = len(READABLE), len(ROW_TRUTH)
 
 
 @compiled

@@ -5,6 +5,7 @@ import pytest
 from checks import planted
 
 from greybox_id.datasets.checks import Severity, check
+from greybox_id.datasets.checks.finding import condition_without
 from greybox_id.datasets.recording import Recording
 
 LENGTH, UNDERSTEER = 2.7, 0.003
@@ -99,6 +100,17 @@ def test_of_31_faults_28_are_found_and_24_named_first(kind, seed):
 
 def test_a_channel_that_got_stuck_once_is_not_held_between_updates():
     assert not any(one.kind == "held" for one in check(stuck(drive(1), "yaw_rate", 10.0, 40.0)))
+
+
+@pytest.mark.parametrize("spans", [[(10.0, 40.0)], [(5.0, 15.0), (30.0, 40.0)]])
+def test_rows_that_mean_nothing_are_left_out_by_the_condition_that_is_named(spans):
+    spoilt = drive(1)
+    for name, (start, stop) in zip(("yaw_rate", "a_y"), spans, strict=False):
+        spoilt = stuck(spoilt, name, start, stop)
+    kept = spoilt.where(condition_without(spoilt, check(spoilt)))
+    assert not any(one.kind == "stuck" for one in check(kept))
+    assert len(kept) == pytest.approx(len(spoilt) * (1 - sum(b - a for a, b in spans) / spoilt.duration), rel=0.02)
+    assert condition_without(kept, check(kept)) == ""
 
 
 def test_who_drives_ahead_is_never_said_to_reverse():

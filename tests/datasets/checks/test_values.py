@@ -112,4 +112,4 @@ def test_a_number_that_stands_for_no_reading_is_named_and_nothing_else_is_blamed
     (finding,) = (one for one in check(changed("yaw_rate", lost)) if one.severity is not Severity.NOTE)
     assert finding.severity is Severity.DISTRUST
     assert finding.where.rows == tuple(range(20, 1020, 40))
-    assert "in 25 rows, far from all other values: that stands for no reading" in finding.sentence
+    assert "in 25 rows, far from all others: probably a code for a missing reading" in finding.sentence

@@ -7,6 +7,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import column_map, parse_column_map
 from greybox_id.datasets.formats import contents
 from greybox_id.datasets.formats.text import layout_of
+from greybox_id.datasets.mapping import propose
 from greybox_id.datasets.read import read
 
 ROWS = [[0.02 * k, 54.5 + k, -0.5 * k, 0.002 * k] for k in range(30)]
@@ -255,3 +256,41 @@ def test_a_table_without_names_is_a_sentence(tmp_path):
     file.write_text("\n".join(map(",".join, TEXT)))
     with pytest.raises(BadInput, match="row 1 holds values where names should stand"):
         contents(file, column_map("canonical"))
+
+
+def table(separator=",", numbers="{:g}", decimals=str, behind=("", "", "")):
+    """40 rows at 10 Hz of a speed above a thousand and a yaw rate."""
+    rows = [[decimals(numbers.format(v)) for v in (0.1 * k, 1000.5 + k, 0.01 * k)] for k in range(40)]
+    cells = [[cell + unit for cell, unit in zip(row, behind, strict=True)] for row in rows]
+    return [separator.join(row) for row in (["t", "v", "r"], *cells)]
+
+
+def german(text):
+    return text.translate(str.maketrans(",.", ".,"))
+
+
+BODIES = {
+    "names again where a logger began anew": [*table()[:20], "t,v,r", "s,m/s,rad/s", *table()[20:]],
+    "words at the end": [*table(), "end of data,,", ",,closed"],
+    "units in cells": table(behind=(" sec", "", " rad/s")),
+    "marks of thousands": table(";", "{:,.2f}"),
+    "marks of thousands and decimal commas": table(";", "{:,.2f}", german),
+    "dashes for nothing": [*table()[:11], "0.95,---,-", "0.96,n/a,-", *table()[11:]],
+}
+
+
+@pytest.mark.parametrize("body", BODIES)
+def test_rows_as_loggers_write_them_are_numbers(tmp_path, body):
+    (tmp_path / "log.csv").write_text("\n".join(BODIES[body]) + "\n")
+    text = '[time]\ncolumn="t"\nunit="s"\n[signals]\nv_x={column="v",unit="m/s"}\nyaw_rate={column="r",unit="rad/s"}'
+    recording = read(tmp_path / "log.csv", parse_column_map(text, "own.toml"))
+    known = np.isfinite(recording["v_x"])
+    assert recording["v_x"][known] == pytest.approx(1000.5 + np.arange(40))
+    assert recording["yaw_rate"][known] == pytest.approx(0.01 * np.arange(40))
+    assert recording.time[known] == pytest.approx(0.1 * np.arange(40))
+
+
+def test_one_strange_cell_is_named(tmp_path):
+    (tmp_path / "log.csv").write_text("\n".join([*table()[:11], "0.95,fast,0.1", *table()[11:]]))
+    with pytest.raises(BadInput, match="row 12: 'fast' is not a number"):
+        propose(tmp_path / "log.csv")

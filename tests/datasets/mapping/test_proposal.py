@@ -147,7 +147,7 @@ def test_a_course_tells_the_unit_of_the_steering_as_a_gyro_does(tmp_path):
         pd.DataFrame(table | {"wheel_angle": factor * table["wheel_angle"]}).to_csv(tmp_path / "lap.csv", index=False)
         (entry,) = [entry for entry in propose(tmp_path / "lap.csv", wheelbase=2.8).entries if entry.signal == "steer"]
         assert entry.unit == unit
-        assert any("says a length of 2.8 m" in reason for reason in entry.reasons), entry.reasons
+        assert any("gives a wheelbase of 2.8 m" in reason for reason in entry.reasons), entry.reasons
 
 
 def town(tmp_path, unit="deg/s", factor=180 / np.pi):
@@ -170,7 +170,7 @@ def test_no_wheelbase_is_45_m_long(tmp_path):
     proposal = town(tmp_path)
     (steer,) = [entry for entry in proposal.open if entry.signal == "steer"]
     assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
-    assert not any("a length of" in reason for entry in proposal.entries for reason in entry.reasons)
+    assert not any("gives a wheelbase" in reason for entry in proposal.entries for reason in entry.reasons)
     assert steer.divide_by == pytest.approx(16, rel=0.02)  # 2.8 m is near the usual length of a car
 
 
@@ -447,3 +447,51 @@ def test_a_servos_setting_is_asked_about(tmp_path):
     columns = {"v_x": ("v_x", 1.0), "servo_position": ("steer", 1.2), "yaw_rate": ("yaw_rate", 1.0), "ay": ("a_y", 1.0)}
     _, entries, _ = drive(tmp_path, **columns)
     assert not entries["steer"].decided
+
+
+@pytest.mark.parametrize(
+    ("name", "signs"),
+    [
+        ("LWI_VZ_Lenkradwinkel", lambda negative: negative.astype(int)),
+        ("steer sign", lambda negative: np.where(negative, -1, 1)),
+        ("steer_dir", lambda negative: np.where(negative, "R", "L")),
+    ],
+)
+def test_a_sign_in_a_column_of_its_own_is_found_and_read(tmp_path, name, signs):
+    time, steer = TRUE.time, np.degrees(TRUE["steer"])
+    magnitude = {name.replace("VZ_", "").removesuffix(" sign").removesuffix("_dir") + "_deg": np.abs(steer)}
+    table = {"t": time, "vx": TRUE["v_x"], "yaw_rate": TRUE["yaw_rate"], **magnitude, name: signs(steer < 0)}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    mapping = propose(tmp_path / "lap.csv").mapping("own", everything=True)
+    found = read(tmp_path / "lap.csv", parse_column_map(map_text(mapping), "own.toml"))["steer"]
+    assert found == pytest.approx(TRUE["steer"] * mapping.signals["steer"].scale, abs=1e-12)
+
+
+def test_a_magnitude_without_its_sign_is_asked_about(tmp_path):
+    turn = TRUE["yaw_rate"]
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "yaw_rate": np.abs(turn), "ay": TRUE["v_x"] * turn}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    (entry,) = (entry for entry in propose(tmp_path / "lap.csv").open if entry.signal == "yaw_rate")
+    assert "sign_column" in entry.reasons[1]
+
+
+@pytest.mark.parametrize("signed", [False, True])
+def test_degrees_and_minutes_behind_one_another_are_told(tmp_path, signed):
+    north = -12.5 - TRUE["y"] / 111_320
+    minutes = 100 * np.trunc(np.abs(north)) + 60 * (np.abs(north) % 1)
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "lat": -minutes if signed else minutes}
+    table |= {} if signed else {"N/S": "S"}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    proposal = propose(tmp_path / "lap.csv")
+    assert [entry.decided for entry in proposal.entries if entry.signal == "latitude"] == [not signed]
+    found = read(tmp_path / "lap.csv", proposal.mapping("own", everything=True))
+    assert found["latitude"] == pytest.approx(north, abs=1e-9)
+
+
+def test_degrees_south_and_west_are_negative(tmp_path):
+    north, east = TRUE["y"] / 111_320, TRUE["x"] / 111_320
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "lat": 1.0 - north, "N/S": "S", "lon": 1.0 - east, "E/W": "W"}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    found = read(tmp_path / "lap.csv", propose(tmp_path / "lap.csv").mapping("own", everything=True))
+    assert found["latitude"] == pytest.approx(north - 1.0)
+    assert found["longitude"] == pytest.approx(east - 1.0)

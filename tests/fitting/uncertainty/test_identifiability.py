@@ -101,13 +101,13 @@ def test_a_direction_that_is_open_reads_as_parameters_moving_together():
     np.testing.assert_allclose(direction.moves, [0.5, 0.4], rtol=0.01)
     assert direction.relative_sd == pytest.approx(np.hypot(0.5, 0.4), rel=0.01)
     assert direction.about() == (
-        "One standard deviation moves mass by +50 % and stiffness by +40 % together, and the residuals hardly change."
+        "Changing mass by +50 % and stiffness by +40 % together (one standard deviation) hardly changes the residuals."
     )
 
 
 def test_a_parameter_that_is_open_alone_is_a_direction_of_its_own():
     (direction,) = identifiability(NAMES, X, covariance([0.9, 0.1, 1e-4, 0.1])).directions
-    assert direction.about() == "One standard deviation moves mass by +90 % alone, and the residuals hardly change."
+    assert direction.about() == "Changing mass by +90 % alone (one standard deviation) hardly changes the residuals."
 
 
 def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in_per_cent_of_it():
@@ -118,9 +118,9 @@ def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in
     first, second = identifiability(
         ("mass", "curve", "offset", "tilt"), x, C, prior, ("kg", "1", "rad", "rad")
     ).directions
-    assert first.about() == ("One standard deviation moves tilt by +0.18 rad alone, and the residuals hardly change.")
+    assert first.about() == ("Changing tilt by +0.18 rad alone (one standard deviation) hardly changes the residuals.")
     assert second.about() == (
-        "One standard deviation moves mass by +50 % and curve by +0.20 together, and the residuals hardly change."
+        "Changing mass by +50 % and curve by +0.20 together (one standard deviation) hardly changes the residuals."
     )
     (alone,) = identifiability(("offset",), np.array([0.01]), np.array([[0.04]]), units=("rad",)).undetermined
     assert alone.about() == "The standard deviation of offset, 0.20 rad, is larger than the estimate, 0.010 rad."

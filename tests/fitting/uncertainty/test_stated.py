@@ -1,4 +1,4 @@
-"""Estimates that scale with a stated value: a mass stated 9 % off is in every force, and the fit says so."""
+"""Stated values: those that a recording contradicts, and estimates that scale with one (a mass is in every force)."""
 
 from dataclasses import replace
 
@@ -60,3 +60,18 @@ def test_a_mass_that_lateral_motion_told_scales_with_the_inertia_that_is_stated(
     known = known.with_parameters(*(replace(p, fixed=p.name != "m", prior=None) for p in known.parameters))
     found = fit(known, [driven("lateral", runs=1, seconds=20.0, noise=0.1)], how=QUICK)
     assert found.how["scaling"] == {"I_z": ["m", "C_alpha_f", "C_alpha_r"]}
+
+
+@pytest.mark.parametrize(("length", "inertia", "wrong"), [(1.0, None, ""), (1.15, None, "wheelbase"), (1.0, 30.0, "m")])
+def test_a_fact_that_the_recording_contradicts_is_named_with_its_size(length, inertia, wrong):
+    """A wheelbase; and a mass beside a tolerance: lateral motion tells I_z / m."""
+    found = model(**({"I_z": inertia} if inertia else {}))
+    true = build("lateral", None, {}, vehicle("full_size_car"))
+    changed = [found[name].with_value(length * found[name].array) for name in ("l_f", "l_r")]
+    changed += [found["I_z"].with_value(true["I_z"].array)]
+    found = fit(found.with_parameters(*changed), [driven("lateral", runs=1, seconds=40.0, noise=0.1)], how=QUICK)
+    assert {*found.how["contradicted"]} == ({wrong} if wrong else set())
+    for change, _ in found.how["contradicted"].values():
+        assert change == pytest.approx(1 / (length if wrong == "wheelbase" else OFF) - 1, abs=0.03)
+    said = [reason for reason in found.verdict.reasons if "contradicts the stated" in reason]
+    assert [wrong in reason for reason in said] == ([True] if wrong else [])

@@ -1,0 +1,166 @@
+"""Stated values: estimates that scale with one, which the recording does not determine, and those that it contradicts.
+
+Lateral motion is that of a vehicle twice as heavy with twice the inertia and the forces: it determines I_z / m. Where m
+is stated, I_z is as wrong as m is, and no interval that is taken from residuals shows it. In logarithms, a stated value
+and estimates move together there, and nothing that is predicted changes.
+
+Other stated values are determined beside the estimates: the first step towards the optimum with one more number free
+says how far the recording wants it changed, and blocks of the rows left out in turn (jackknife) how surely.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from ...base.errors import BadInput
+from ...base.shorthands import Array
+from ...datasets.recording import Recording
+from ...engine.motion.shooting import MotionProblem
+from ...engine.motion.simulator import Simulator
+from ...models.model import Model
+from ...models.parameter import Parameter, placed
+from ..fit import Fit
+
+STEP = 1e-3
+"""Relative, by which a number is moved to see what follows."""
+EXACTLY = 1e-6
+"""Share of what follows of a stated value that estimates may leave where they take it back: what `STEP` leaves of
+exact scaling, squared."""
+ALIKE = 0.01
+"""How far the exponent of what is in proportion to a stated value may be from one."""
+MOST_ROWS, AHEAD = 6000, 1.0
+"""Rows that are looked at, and s that are predicted: what scales does so everywhere."""
+
+
+FACTS = {"m": ("m",), "wheelbase": ("l_f", "l_r"), "steering_ratio": ("steering_ratio",)}
+"""What is stated of a vehicle as a fact, and the parameters that hold it."""
+BLOCKS = 16
+CONTRADICTED = 5.0
+"""Standard deviations from which a fact is contradicted ..."""
+OFF = {"m": 0.05, "wheelbase": 0.1, "steering_ratio": 0.1}
+"""... and relative change: what models lacked moved true masses of virtual vehicles by up to 1.7 %, where they were as
+sure (m of a single track), and true wheelbases by up to 6.9 %."""
+
+
+def of_stated(fit: Fit, simulator: Simulator, recordings: Sequence[Recording]) -> dict[str, Any]:
+    """What recordings say of stated values.
+
+    Stated is what is fixed; a tolerance is in the intervals.
+
+    Parameters
+    ----------
+    fit : of equations of motion.
+    simulator : of its model.
+    recordings : that it was fitted to.
+
+    Returns
+    -------
+    "scaling": parameter -> estimates and combinations in proportion to it, where no recording determines it;
+    "contradicted": fact -> relative change of it that the longest recording wants beside the tolerances, and its
+    standard deviation.
+    """
+    model, longest = fit.model, max(recordings, key=len)
+    short = longest if len(longest) <= MOST_ROWS else longest.rows(0, MOST_ROWS)
+    try:
+        problem = MotionProblem(simulator, [short], noise=np.ones(len(model.outputs)), horizon=AHEAD, starts="measured")
+    except BadInput:  # the vehicle stands in all of these rows
+        return {"scaling": {}, "contradicted": {}}
+    scalars = [p for p in model.parameters if p.shape == () and float(p.array) != 0.0 and np.isfinite(p.array)]
+    free = [p for p in scalars if not p.fixed]
+    stated = [p.name for p in scalars if p.fixed and (p.name not in model.effects or p.name in FACTS)]
+    if not free:
+        return {"scaling": {}, "contradicted": {}}
+    follows = {name: _follows(problem, model, name) for name in {*stated, *(p.name for p in free)}}
+    plain = [name for name in stated if name not in model.effects]
+    scaled = _scaling(model, {name: follows[name] for name in plain}, {p.name: follows[p.name] for p in free})
+    facts = {fact: [follows[n] for n in names] for fact, names in FACTS.items() if {*names} <= {*stated}}
+    wanted = _wanted(problem, fit, free, follows, {fact: np.sum(moved, axis=0) for fact, moved in facts.items()})
+    contradicted = {name: w for name, w in wanted.items() if abs(w[0]) > max(OFF[name], CONTRADICTED * w[1])}
+    return {"scaling": scaled, "contradicted": contradicted}
+
+
+def _scaling(model: Model, stated: Mapping[str, Array], free: Mapping[str, Array]) -> dict[str, list[str]]:
+    """Stated parameter -> what is in proportion to it."""
+    table = np.column_stack([*free.values()])
+    result: dict[str, list[str]] = {}
+    for name, moved in stated.items():
+        taken_back = -np.linalg.lstsq(table, moved, rcond=1e-9)[0]
+        if float(np.sum((moved + table @ taken_back) ** 2)) > EXACTLY * float(np.sum(moved**2)):
+            continue
+        exponents = dict(zip(free, taken_back.tolist(), strict=True))
+        known = exponents | _of_combinations(model, exponents | {name: 1.0})
+        scaled = [other for other, exponent in known.items() if abs(exponent - 1.0) < ALIKE]
+        result |= {name: scaled} if scaled else {}
+    return result
+
+
+def _wanted(
+    problem: MotionProblem,
+    fit: Fit,
+    free: Sequence[Parameter],
+    follows: Mapping[str, Array],
+    facts: Mapping[str, Array],
+) -> dict[str, tuple[float, float]]:
+    """Fact -> relative change of it at the optimum with it free, and its standard deviation."""
+    noise = np.array([fit.how["counted"][name] for name in fit.model.outputs])
+    weight = problem.weight / noise
+    error = (problem.target - problem.predicted_readings(problem.unknowns(fit.model.values)[None])[0]) * weight
+    seen = np.isfinite(error) & (weight > 0)
+    error, weight = np.where(seen, error, 0.0).ravel(), np.where(seen, weight, 0.0).ravel()
+    pull, towards = np.zeros((len(free) + 1, len(free) + 1)), np.zeros(len(free) + 1)
+    for k, p in enumerate(free):
+        if p.prior is not None and p.prior.mean is not None:
+            value, sd = float(p.array), float(np.max(np.asarray(p.prior.sd)))
+            pull[k, k] = (value / sd) ** 2
+            towards[k] = value * (float(np.max(np.asarray(p.prior.mean))) - value) / sd**2
+    blocks = np.array_split(np.arange(len(error)), BLOCKS)
+    result = {}
+    for fact, moved in facts.items():
+        table = np.column_stack([*(follows[p.name] for p in free), moved]) * weight[:, None]
+        H = np.array([table[rows].T @ table[rows] for rows in blocks])
+        g = np.array([table[rows].T @ error[rows] for rows in blocks])
+        whole, gradient = H.sum(axis=0) + pull, g.sum(axis=0) + towards
+        taken_back = _solved(whole[:-1, :-1], whole[:-1, -1])
+        if whole[-1, -1] - whole[-1, :-1] @ taken_back < EXACTLY * whole[-1, -1]:
+            continue  # nothing that is seen, nor a tolerance, tells it
+        steps = [_solved(whole, gradient)[-1], *(_solved(whole - H[k], gradient - g[k])[-1] for k in range(BLOCKS))]
+        sd = float(np.sqrt((BLOCKS - 1) * np.var(steps[1:])))
+        result[fact] = (float(steps[0]), sd)
+    return result
+
+
+def _solved(H: Array, g: Array) -> Array:
+    scale = np.sqrt(np.diag(H))
+    scale[scale == 0.0] = 1.0
+    return np.asarray(np.linalg.lstsq(H / np.outer(scale, scale), g / scale, rcond=1e-10)[0] / scale)
+
+
+def _follows(problem: MotionProblem, model: Model, name: str) -> Array:
+    """(readings,) change of what is predicted, for a relative change of a parameter."""
+    both = []
+    place = {item.name: place for item, place in placed(model.parameters)}[name]
+    for factor in (1.0 + STEP, 1.0 / (1.0 + STEP)):
+        values = model.values.copy()
+        values[place] *= factor
+        both.append(problem.predicted_readings(problem.unknowns(values)[None])[0])
+    change = np.ravel(both[0] - both[1]) / (2.0 * STEP)
+    return np.where(np.isfinite(change), change, 0.0)
+
+
+def _of_combinations(model: Model, exponents: Mapping[str, float]) -> dict[str, float]:
+    """Exponents of combinations where parameters have these."""
+    at = {p.name: float(p.array) for p in model.parameters if p.shape == ()}
+    up, down = (
+        SimpleNamespace(**{**at, **{name: at[name] * (1.0 + STEP) ** (sign * e) for name, e in exponents.items()}})
+        for sign in (1, -1)
+    )
+    result = {}
+    for one in model.combinations:
+        value = [float(one.of(p)) for p in (up, down)]
+        if min(value) > 0.0:
+            result[one.name] = float(np.log(value[0] / value[1]) / (2.0 * np.log1p(STEP)))
+    return result
