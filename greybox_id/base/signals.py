@@ -63,6 +63,8 @@ SIGNALS: dict[str, Signal] = {
 
 COMMANDS = ("steer", "motor_current", "drive_force", "ax_cmd", "throttle", "brake")
 """What a driver or a controller asks for: it may rightly stay constant, rest at zero, stop at an end or be held."""
+DRIVE_SIGNALS = ("drive_force", "ax_cmd", "motor_current", "throttle")
+"""What the drive may be recorded as; the first that is there counts."""
 SD = "sd_"
 """What the name of a signal's standard deviation begins with, where it is known row by row."""
 ANGLES_AROUND = ("yaw",)

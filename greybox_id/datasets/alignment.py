@@ -24,7 +24,7 @@ REFINED = 1.5
 """Samples of the same before refining: interpolation weakens white noise half-way between samples."""
 ALIKE = 0.9
 """Correlation below which two series are not the same quantity on two clocks."""
-LEAST = 100
+FEWEST_SHARED = 100
 """Samples in common below which nothing is told."""
 BLOCKS = 20
 SURE = 2.0
@@ -70,7 +70,7 @@ def aligned(t: Array, v: Array, t_other: Array, v_other: Array, longest: float) 
     longest : offsets up to this are looked for, s.
     """
     step = max(float(np.median(np.diff(t))), float(np.median(np.diff(t_other))))
-    if not step > 0 or min(np.ptp(t), np.ptp(t_other)) < LEAST * step:
+    if not step > 0 or min(np.ptp(t), np.ptp(t_other)) < FEWEST_SHARED * step:
         return None
     value, other = t - t[0], t_other - t[0]
     span, whole = min(value[-1], SEARCHED), value[-1]
@@ -97,7 +97,7 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
     grid = np.arange(t[0], t[-1], step)
     value = _standard(smoothed(np.interp(grid, t, v), SMOOTHING / step))
     span = min(t[-1], u[-1]) - max(t[0], u[0])
-    if span < LEAST * step or not np.any(value):
+    if span < FEWEST_SHARED * step or not np.any(value):
         return None
     count = int(np.ceil(FASTEST * span / (2 * SMOOTHING)))
     best: tuple[float, float, float] | None = None
@@ -106,7 +106,7 @@ def _searched(t: Array, v: Array, u: Array, w: Array, step: float, longest: floa
         # the other clock's values where it would stand at the grid's instants without an offset
         values = np.interp(grid * (1 + rate), u, w, left=np.nan, right=np.nan)
         there = np.isfinite(values)
-        if np.count_nonzero(there) < LEAST:
+        if np.count_nonzero(there) < FEWEST_SHARED:
             continue
         other = np.where(there, values, 0.0)
         other = _standard(smoothed(np.where(there, other - np.mean(values[there]), 0.0), SMOOTHING / step))
@@ -137,7 +137,7 @@ def _refined(
     for _ in range(STEPS):
         place = grid + seconds + rate * grid
         inside = (place > even[0] + cut) & (place < even[-1] - cut) & (grid > t[0] + cut) & (grid < t[-1] - cut)
-        if np.count_nonzero(inside) < LEAST:
+        if np.count_nonzero(inside) < FEWEST_SHARED:
             return None
         x, y, tau = place[inside], target[inside], grid[inside] - middle
         value, slope = spline(x), spline(x, 1)

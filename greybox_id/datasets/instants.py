@@ -271,7 +271,7 @@ EVEN_COUNTS = 0.05
 """Share by which the number of rows of one stamp may differ."""
 ROUNDED = 1.0
 """How many times their last digit stamps are off the even clock at most where rounding alone makes them uneven."""
-AT_ONCE = 0.2
+IN_ONE_PACKET = 0.2
 """Share of the usual step below which rows came in one packet."""
 
 
@@ -333,7 +333,7 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     )
     bounded = float(np.quantile(np.abs(behind), 0.999)) <= BOUNDED * max(step, recurring)
     share, sd = _share_of_stamps(time, signals, parts, step, max(3, int(np.ceil(2 * recurring / step))))
-    packets = bool(np.mean(steps[inside] < AT_ONCE * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
+    packets = bool(np.mean(steps[inside] < IN_ONE_PACKET * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
         why = f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"

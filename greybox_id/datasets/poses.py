@@ -37,7 +37,7 @@ from .recording import split_runs
 
 MADE = ("v_x", "v_y", "yaw_rate", "a_x", "a_y")
 """Signals that are made of poses."""
-BLOCK = 500
+BLOCK_ROWS = 500
 """Rows, each a run of its own, on which the levels are estimated."""
 BLOCKS = 4
 """Blocks of them: 2 000 rows tell the levels to some 5 %."""
@@ -172,12 +172,12 @@ class _Poses:
     def most_driven(self) -> list[int]:
         """Where blocks for estimating levels begin: of evenly spread ones the half with the longest way."""
         n = len(self.time)
-        if n <= BLOCK * BLOCKS:
-            return list(range(0, n, BLOCK))
+        if n <= BLOCK_ROWS * BLOCKS:
+            return list(range(0, n, BLOCK_ROWS))
         steps = np.hypot(np.diff(self.filled["x"]), np.diff(self.filled["y"]))
         path = np.concatenate(([0.0], np.cumsum(np.where(self.begins[1:] == 1, 0.0, steps))))
-        starts = np.linspace(0, n - BLOCK, min(2 * BLOCKS, n // BLOCK)).astype(int)
-        far = np.argsort(path[starts] - path[starts + BLOCK - 1], kind="stable")[:BLOCKS]
+        starts = np.linspace(0, n - BLOCK_ROWS, min(2 * BLOCKS, n // BLOCK_ROWS)).astype(int)
+        far = np.argsort(path[starts] - path[starts + BLOCK_ROWS - 1], kind="stable")[:BLOCKS]
         return sorted(starts[far].tolist())
 
 
@@ -209,7 +209,7 @@ def _likeliest(poses: _Poses, start: _Levels | None) -> _Levels:
 
 def _climbed(poses: _Poses, names: tuple[str, ...], psi: Array | None, start: Array | None) -> tuple[Array, float]:
     rows, loose = _rows(poses, names, psi), _loose(poses, names)
-    parts = np.vstack([_on_its_own(rows[begin : begin + BLOCK]) for begin in poses.most_driven()])
+    parts = np.vstack([_on_its_own(rows[begin : begin + BLOCK_ROWS]) for begin in poses.most_driven()])
 
     def unlikeliness(levels: Array) -> float:
         result = -float(log_likelihood(parts, _variances(levels, loose), len(names)))

@@ -17,9 +17,9 @@ from .subject import KeyOrigin, Subject
 
 RADIUS = 0.3
 """Unloaded radius, m, where the model has none: it scales relaxation lengths, which are divided by it again."""
-FAR = 1000.0
+BEYOND_LOAD = 1000.0
 """PKY2, the load of the largest stiffness over the nominal one: our tyres' stiffness is in proportion to load. At twice
-the nominal load sin(2 atan(x)) = 2 x / (1 + x^2), x = 2 / FAR, is so but for 4e-6."""
+the nominal load sin(2 atan(x)) = 2 x / (1 + x^2), x = 2 / BEYOND_LOAD, is so but for 4e-6."""
 HOLDS = (*HELD, "tyre_relaxation")
 
 
@@ -96,7 +96,7 @@ def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
     sized = {"behind": "wheel_radius"} if radius is not None else {"why": NOT_KNOWN}
     none = {"why": "no parameter or effect of the model says it"}
     isotropic = "; isotropic, that of the lateral curve"
-    steepest = -B * C * D / sin(2 * atan(1 / FAR))
+    steepest = -B * C * D / sin(2 * atan(1 / BEYOND_LOAD))
     grows = "far: the model's stiffness grows with load"
     length = {"behind": "tyre_relaxation"} if relaxation else {"why": "the model's tyres do not relax"}
     return [
@@ -127,7 +127,7 @@ def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
         TirKey("LATERAL_COEFFICIENTS", "PDY2", 0.0 - sensitivity * D, "friction with load", "load_sensitivity"),
         TirKey("LATERAL_COEFFICIENTS", "PEY1", E, "curvature", f"E_{suffix}"),
         TirKey("LATERAL_COEFFICIENTS", "PKY1", steepest, "largest cornering stiffness over nominal load", slope),
-        TirKey("LATERAL_COEFFICIENTS", "PKY2", FAR, "its load over the nominal one", why=grows),
+        TirKey("LATERAL_COEFFICIENTS", "PKY2", BEYOND_LOAD, "its load over the nominal one", why=grows),
         TirKey("LATERAL_COEFFICIENTS", "PHY1", shift_h, "rad, horizontal shift", f"S_h_{suffix}"),
         TirKey("LATERAL_COEFFICIENTS", "PVY1", 0.0 - shift_v, "vertical shift", f"S_v_{suffix}"),
         TirKey("LATERAL_COEFFICIENTS", "PTY1", relaxation / R, "relaxation length over radius", **length),

@@ -248,7 +248,7 @@ def filtering(
     return Filtering(space, PlainFilter(space, kind, points), gate)
 
 
-LEAST = 1e-12
+LEAST_VARIANCE = 1e-12
 """Variance, in shares of the largest, that any direction is taken to have: what has none cannot be divided by."""
 
 
@@ -265,7 +265,7 @@ def smoothed(history: History) -> tuple[Array, Array]:
     x, P = history.filtered.copy(), history.filtered_P.copy()
     ahead = history.predicted_P[1:]
     scale = np.sqrt(np.maximum(np.einsum("kii->ki", ahead), 1e-300))
-    scaled = ahead / (scale[:, :, None] * scale[:, None, :]) + LEAST * np.eye(x.shape[1])
+    scaled = ahead / (scale[:, :, None] * scale[:, None, :]) + LEAST_VARIANCE * np.eye(x.shape[1])
     back = np.linalg.solve(scaled, history.forward[:-1].swapaxes(1, 2) / scale[:, :, None]) / scale[:, :, None]
     for k in range(len(x) - 2, -1, -1):
         G = back[k].T

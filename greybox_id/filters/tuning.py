@@ -44,7 +44,7 @@ FAR_UP = 1e15
 WIDE = 1e-3
 """Of differences of slopes."""
 MOST_STEPS = 80
-BLOCK = 5.0
+BLOCK_SECONDS = 5.0
 """Surprises within so many seconds may depend on each other."""
 
 
@@ -233,7 +233,7 @@ def _block_costs(filtering: Filtering, runs: Sequence[LaidRun], p: Array) -> Arr
         taken = np.maximum(history.spread, history.off**2 / filtering.gate**2)
         cost = np.nansum(0.5 * (history.off**2 / taken + np.log(taken)), axis=1)
         elapsed = np.concatenate(([0.0], np.cumsum(run.segments[:-1, 0])))
-        number = (elapsed // BLOCK).astype(int)
+        number = (elapsed // BLOCK_SECONDS).astype(int)
         blocks.append(np.bincount(number, weights=cost))
     return np.concatenate(blocks)
 
@@ -281,7 +281,7 @@ FORCE_WALK = 1.0
 MEMORY = 5.0
 """How long a disturbance lasts, s."""
 COLOUR_MEMORY = 1.0
-LEAST = 1e-3
+LEAST_NOISE = 1e-3
 """Noise of a reading that never moves."""
 STEPPED, SURE = 0.2, 0.2
 """A reading of which fewer than this share of rows differ goes in steps; share of the scatter between neighbouring rows
@@ -387,4 +387,4 @@ def _usual(space: StateSpace, name: str, scatter: Mapping[str, float]) -> float:
 def _scatter(values: Array) -> float:
     values = np.where(np.isfinite(values), values, np.nan)
     result = white_noise_sd([values], held=True)
-    return LEAST if np.isnan(result) else max(result, 1e-6 * max(1.0, float(np.nanstd(values))))
+    return LEAST_NOISE if np.isnan(result) else max(result, 1e-6 * max(1.0, float(np.nanstd(values))))

@@ -19,7 +19,7 @@ from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.shooting import Problem
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
-from ..engine.solvers.ipopt import NEAR, SAME, ipopt
+from ..engine.solvers.ipopt import CONFIRMED_WITHIN, SAME, ipopt
 from ..engine.solvers.quasi_newton import refine, settle
 from ..models.motion_model import MotionModel
 from ..models.parameter import free_places, unpack
@@ -371,13 +371,19 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
     converged = result.status is Status.CONVERGED
     slow = isinstance(problem, Problem) and problem.closed_loop
     certifying = CERTIFYING_CLOSED_LOOP if slow else CERTIFYING_ITERATIONS
-    carrying = CORNER_ITERATIONS if corner <= NEAR else CONTINUING_ITERATIONS if slow and not converged else certifying
+    carrying = (
+        CORNER_ITERATIONS
+        if corner <= CONFIRMED_WITHIN
+        else CONTINUING_ITERATIONS
+        if slow and not converged
+        else certifying
+    )
     say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
     solution, verdict = ipopt(problem, result.x, warm=True, max_iterations=carrying)
     gained = (result.objective - solution.objective) / max(result.objective, 1e-300)
     same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(result.objective, 1e-300))
     optimum = solution.status is Status.CONVERGED
-    in_corner = not optimum and corner <= NEAR
+    in_corner = not optimum and corner <= CONFIRMED_WITHIN
     certificate = Certificate(
         status=verdict.words + (IN_A_CORNER if in_corner else ""),
         confirmed=(optimum or in_corner) and gained < same,
@@ -407,9 +413,9 @@ IN_A_CORNER = "; the optimum lies at a kink between local models, where the grad
 def _settled(problem: Problem, solution: Solution) -> tuple[Solution, float]:
     """An optimum in closed loop, and the average of the gradients about it: feeding back crosses corners."""
     x, objective, average = settle(
-        problem, solution.x, problem.gradient, radius=CLOSE, least=NEAR, steps=GRADIENTS
+        problem, solution.x, problem.gradient, radius=CLOSE, least=CONFIRMED_WITHIN, steps=GRADIENTS
     )  # fmt: skip
-    status = Status.CONVERGED if average <= NEAR else solution.status
+    status = Status.CONVERGED if average <= CONFIRMED_WITHIN else solution.status
     nodes = problem.simulated_nodes(x)
     history = (*solution.history, objective) if objective < solution.objective else solution.history
     return replace(solution, x=x, nodes=nodes, objective=objective, status=status, history=history), average

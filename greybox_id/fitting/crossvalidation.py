@@ -33,7 +33,7 @@ WORST = 3.0
 """Errors beyond this many noise standard deviations count as this: what a recording shows once, such as its only
 start from rest, is extrapolated when it is held out, and would decide everything."""
 
-NEAR, WHOLE_STEPS = 1e-3, 25
+WHOLE_TOLERANCE, WHOLE_STEPS = 1e-3, 25
 TOLERANCE, FOLD_STEPS = 1e-4, 10
 """When the fit to everything and a fold's fit end: where a step promises less than this share of the objective, or
 after so many steps. Folds that end at 1e-3 still know what was held out: on the RoboRacer's training runs weak
@@ -190,7 +190,7 @@ def cross_validated(problem: Problem, start: Array) -> Folds:
     equations there. They go on until a step promises less than `TOLERANCE`: a fold forgets what its start knew of
     the held-out stretch.
     """
-    whole = _finished(gauss_newton(problem, start, tolerance=NEAR, max_steps=WHOLE_STEPS))
+    whole = _finished(gauss_newton(problem, start, tolerance=WHOLE_TOLERANCE, max_steps=WHOLE_STEPS))
     dealt = list(blocks(problem, FOLDS))
     if len(dealt) < 2:
         longest = max(len(run) for run in problem.runs)

@@ -151,7 +151,7 @@ def _welch(shares: Array, dof: Array) -> float:
 KIND = Kind("greybox-fit", 2, "a fit", "greybox fit", "fit again")
 MOST_COVARIANCES = 200
 """Numbers whose covariance is written into a file."""
-HARDLY, SURPRISING = 0.7, 3.0
+DOMINATED, SURPRISING = 0.7, 3.0
 """A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
 CLEARLY = 10.0
 """Log of how much likelier other parameters in the second half of the data have to be before they are told."""
@@ -255,7 +255,7 @@ class Fit:
             p.name
             for p in self.model.parameters
             if p.shape == () and not p.fixed and p.prior is not None and p.name in self.sd
-            and float(self.sd[p.name]) > HARDLY * float(np.max(np.asarray(p.prior.sd)))
+            and float(self.sd[p.name]) > DOMINATED * float(np.max(np.asarray(p.prior.sd)))
         )  # fmt: skip
 
     def as_dict(self) -> dict[str, Any]:
@@ -336,7 +336,7 @@ def _against_prior(parameter: Parameter, prior: Prior, sd: float) -> dict[str, s
     away = 0.0 if prior.mean is None else abs(float(parameter.array) - float(np.asarray(prior.mean))) / spread
     if away > SURPRISING:
         return {parameter.name: f"conflicts with the prior ({away:.1f} sd): suspect the model structure"}
-    return {parameter.name: "weakly identifiable; dominated by the prior"} if sd > HARDLY * spread else {}
+    return {parameter.name: "weakly identifiable; dominated by the prior"} if sd > DOMINATED * spread else {}
 
 
 def conflict(fitted: Model) -> float:

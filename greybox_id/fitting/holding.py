@@ -189,7 +189,7 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
     (taken,) = holds
     simulator = Simulator(model)
     once = replace(how, starts=1, solver="gauss-newton", noise=fit.how["counted"])  # they compare only under one noise
-    here = attempted(simulator, recordings, model.values, once, quiet, model.name, ())
+    here = attempted(simulator, recordings, model.values, once, quiet, model.name, (), TOLERANCE)
     if here is None or not _ended(here):
         return None
     noise, p = here.problem.noise, model.with_values(here.problem.shared(here.solution.x))
@@ -198,7 +198,7 @@ def weighed(fit: Fit, recordings: Sequence[Recording], how: FitOptions) -> Holdi
     rows = correlation_time(np.where(np.isfinite(errors), errors, 0.0))
     del here  # of hours, one layout at a time is enough
     others = [with_hold(recording, other_than(taken)) for recording in recordings]
-    there = attempted(simulator, others, model.values, once, quiet, model.name, ())
+    there = attempted(simulator, others, model.values, once, quiet, model.name, (), TOLERANCE)
     if there is None or not _ended(there):
         return None
     gain, q = (

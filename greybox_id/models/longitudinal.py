@@ -14,11 +14,12 @@ from collections.abc import Mapping
 
 import casadi as cs
 
+from ..base.signals import DRIVE_SIGNALS
 from .effects.elements import lag
 from .model import Combination, Namespace, Symbol
 from .motion_model import MotionModel, Quantities, State
 from .parameter import Parameter
-from .single_track import BODY, BRAKE, DRIVE, DRIVE_SIGNALS, MOTOR, G, motor_force, not_usual
+from .single_track import BODY, BRAKE, DRIVE, MOTOR, G, motor_force, not_usual
 from .smooth import sign_of_motion, within_limit
 
 WHEELS = (

@@ -23,6 +23,7 @@ import numpy as np
 
 from ..base.errors import BadInput, near, near_or_all
 from ..base.files import near_file
+from ..base.signals import DRIVE_SIGNALS
 from ..datasets.recording import Recording
 from .baselines import (
     GeneralSettings,
@@ -58,7 +59,6 @@ from .single_track import (
     BRAKE,
     BRAKES,
     DRIVE,
-    DRIVE_SIGNALS,
     DRIVES,
     MOTOR,
     ROLLING,

@@ -31,6 +31,7 @@ import casadi as cs
 
 from ..base.errors import BadInput
 from ..base.numbers import quantity
+from ..base.signals import DRIVE_SIGNALS
 from .model import Combination, Model, Namespace, Symbol
 from .motion_model import MotionModel, Quantities, State
 from .parameter import Parameter
@@ -67,8 +68,6 @@ MOTOR = (
 BRAKE = (Parameter("brake_per_unit", "N/unit", 3000.0, (0.0, 1e6), about="braking force per unit of the brake signal"),)
 """What a brake beside the drive has."""
 DRIVES = ("linear", "motor")
-DRIVE_SIGNALS = ("drive_force", "ax_cmd", "motor_current", "throttle")
-"""What the drive may be recorded as; the first that is there counts."""
 BRAKES = ("drive", "negative", "separate")
 
 STATES = (

@@ -258,7 +258,7 @@ def _errors(fit: Fit, measures: Mapping[str, Mapping[str, Yardstick]]) -> Table:
             output = ""
         held = [measures[role][name] for role in roles]
         words = [w for m in held for w in (number(m.held), percent(m.held_fvu))]
-        rows.append(("", "last measured value held", *words))
+        rows.append(("", "persistence", *words))
     return Table(tuple(head), tuple(rows), "ll" + "R" * (len(head) - 2))
 
 

@@ -49,13 +49,13 @@ from .document import Drawing, Part, Points, Table, Text, Together, there, title
 from .equations.motion import motion_equations
 from .figures.characteristics import handling, tyres
 from .figures.estimates import convergence, correlation, starts
-from .figures.predictions import NEAR, horizons
+from .figures.predictions import DRAWN_HORIZON, horizons
 from .posterior import posterior_parts
 from .recordings import Driven, Errors, Seen, driven, held_errors, shown_first
 from .report import Sections, sections, seen
 
 LEADS = ("How good", "Against what", "How sure")
-DRAWN = (HORIZONS[0], NEAR)
+DRAWN = (HORIZONS[0], DRAWN_HORIZON)
 """Horizons, s, that figures show; errors over all of them are in the fit."""
 MOST_PAIRS = 3
 """Pairs of parameters identifiable only in combination that are named."""
@@ -128,7 +128,7 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
 def _near(scores: Mapping[str, Any]) -> str | None:
     """The horizon to name beside the free run; None where runs are too short for any."""
     horizons = [protocol for protocol in scores if protocol != FREE_RUN]
-    return ahead(NEAR) if ahead(NEAR) in horizons else next(reversed(horizons), None)
+    return ahead(DRAWN_HORIZON) if ahead(DRAWN_HORIZON) in horizons else next(reversed(horizons), None)
 
 
 def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:

@@ -228,7 +228,8 @@ def _driven(
     record: DataRecord, recording: Recording, model: MotionModel, simulator: Simulator, horizons: Sequence[float]
 ) -> Driven:
     predictor = Predictor(simulator, recording, model.values)
-    result = {ahead(horizon): (predictor.ahead(horizon), horizon) for horizon in horizons}
+    each = zip(predictor.each_ahead(horizons), horizons, strict=True)
+    result = {ahead(horizon): (prediction, horizon) for prediction, horizon in each}
     every: dict[str, tuple[Prediction, float | None]] = {n: p for n, p in result.items() if len(p[0].rows)}
     every[FREE_RUN] = (predictor.free_run(), None)
     rows = {ahead(h): (_rows_of(*next(iter(result.values())), h, predictor.runs), h) for h in HORIZONS}

@@ -241,7 +241,7 @@ def test_every_diagnosis_fits_every_terminal(case, width):
 
 def test_a_person_reads_whether_where_which_and_how_far():
     words = " ".join(printed(clear(), 160).split())
-    assert "in free run the error of yaw_rate is 3.1 times its noise (p < 0.001)" in words
+    assert "in free run, with tolerances refitted, the error of yaw_rate is 3.1 times its noise (p < 0.001)" in words
     assert "Where steering 78 % and M_z 15 %; 78 % of it lies in 22 % of the time, while the steering moves" in words
     assert "1 steering_delay 31 ± 3 ms 0.94 applied" in words
     assert "18 ms [5, 60] 0.04 cannot be distinguished from 1 on this recording" in words

@@ -64,7 +64,9 @@ def test_what_was_before_has_the_unit_of_what_is_now():
 def test_whether_there_is_a_gap():
     quiet = replace(clear(), where=replace(clear().where, channels={"yaw_rate": 1.02, "v_x": 1.0}))
     assert "though hardly in free run" in whether(quiet)
-    assert whether(clear()).endswith("in free run the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001).")
+    of_the_error = "the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001)."
+    assert whether(clear()).endswith(f"in free run, with tolerances refitted, {of_the_error}")
+    assert whether(replace(clear(), moved=())).endswith(f"in free run {of_the_error}")
     assert whether(none()).startswith("No gap: ")
     assert "is unknown: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
     assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numbers import exact, number, pretty_unit, quantity, short_with_sd, with_unit
-from ...base.signals import SIGNALS
+from ...base.signals import DRIVE_SIGNALS, SIGNALS
 from ...base.statistics import moving_mean
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity, listed, runs_words
@@ -213,8 +213,6 @@ REST_SECONDS = 1.0
 """... for at least a second, a quarter of it cut off at each end where the vehicle settles."""
 STANDS, STANDING_MEAN = 0.01, 0.5
 """Under the brake it stands where its mean speed over half a second is 1 % of the top speed."""
-DRIVES = ("drive_force", "ax_cmd", "motor_current", "throttle")
-"""What is negative while it brakes."""
 CHANNELS = {"yaw_rate": 0.002, "a_x": 0.02, "a_y": 0.02}
 """Channels that read zero at rest on flat ground, and the offset below which nobody minds (rad/s, m/s^2)."""
 
@@ -249,7 +247,7 @@ def standing(recording: Recording) -> NDArray[np.bool_]:
     """(n,) whether the vehicle stands under its brake, for a second at least; False where that cannot be told."""
     result = np.zeros(len(recording), dtype=bool)
     braked = np.zeros(len(recording), dtype=bool)
-    for name in DRIVES:
+    for name in DRIVE_SIGNALS:
         braked |= recording[name] < 0 if recording.has(name) else False
     braked |= recording["brake"] > 0 if recording.has("brake") else False
     if not recording.has("v_x") or not braked.any():

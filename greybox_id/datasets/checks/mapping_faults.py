@@ -31,7 +31,7 @@ WORSE, HELD = 0.2, 0.5
 """A relation that agreed by more than HELD and loses more than WORSE speaks against a fault."""
 MOST = 50.0
 """Independent samples that one relation counts for at most: what limits it then is the relation itself."""
-NEAR = 0.9
+AS_LIKELY = 0.9
 """Faults with so much of the best one's evidence are as likely; of those that mend most relations, the one with the
 fewest columns is named."""
 EQUAL = 0.97
@@ -110,7 +110,7 @@ def _explained(short: Recording, result: Sequence[Relation]) -> list[Explained]:
     ahead = [item for item in explained if _reverses(short) and not _reverses(item.fault.undo(short))]
     explained = ahead or explained
     top = max(item.evidence for item in explained)
-    close = [item for item in explained if item.evidence >= NEAR * top]
+    close = [item for item in explained if item.evidence >= AS_LIKELY * top]
     most = max(item.more for item in close)
     close = [item for item in close if item.more == most]
     fewest = min(_sensors(item.fault) for item in close)

@@ -39,7 +39,7 @@ SAMPLED = 400
 """Lines from which the layout is told."""
 NAMED = 0.8
 """Share of the columns that a line of names must name; preambles are mostly blank at such a width."""
-BLOCK = 4
+HEADING_LINES = 4
 """Lines of words that may stand between a preamble and the values: names, units, sources, one more."""
 COMMENT = ("#", "%", "//")
 NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
@@ -209,7 +209,7 @@ def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> tuple
         if not row:
             continue
         numbers = sum(1 for cell in row if _is_value(cell) and cell != "1")
-        if len(row) > width + 1 or len(row) < 0.3 * width or len(block) == BLOCK:
+        if len(row) > width + 1 or len(row) < 0.3 * width or len(block) == HEADING_LINES:
             break
         if numbers > 0.2 * len(row):
             full = sum(map(bool, row)) >= NAMED * width and len(between) < BETWEEN

@@ -13,7 +13,7 @@ import pandas as pd
 from ...base.errors import BadInput
 from ...base.numbers import exact, number
 from ...base.shorthands import Array
-from ...base.signals import COMMANDS, SIGNALS, unit_of
+from ...base.signals import COMMANDS, DRIVE_SIGNALS, SIGNALS, unit_of
 from ...base.toml_file import quoted
 from ...base.units import DEGREES_AND_MINUTES, to_si
 from ..alignment import aligned
@@ -35,8 +35,6 @@ MOSTLY = 0.8
 """Share of cells that are numbers from which a column was meant to hold them."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
-DRIVES = ("motor_current", "drive_force", "ax_cmd", "throttle")
-"""What single_track and longitudinal take as their drive: one of these."""
 ALIKE = 2.0
 """Largest factor between a steering angle and its command in one unit."""
 
@@ -89,7 +87,7 @@ class Proposal:
     @property
     def without_drive(self) -> bool:
         """Whether no column looks like what drives the vehicle."""
-        return not any(entry.signal in DRIVES for entry in self.entries)
+        return not any(entry.signal in DRIVE_SIGNALS for entry in self.entries)
 
     def mapping(self, name: str = "proposed", everything: bool = False) -> ColumnMap:
         """What is decided as a column map; with `everything` what is open as well, as far as signals are named once."""

@@ -252,7 +252,7 @@ def _filled(schedules: Sequence[Schedule], begin: Index, length: Index) -> tuple
     place = np.arange(int(np.max(length)))
     over = place >= length[:, None]
     at = np.where(over, 0, begin[:, None] + place)
-    segments = _joined([plan.segments for plan in schedules])[at]
+    segments = np.take(_joined([plan.segments for plan in schedules]), at, axis=0)
     segments[over] = 0.0
     return segments, np.any(_joined([plan.reads for plan in schedules])[at] & ~over, axis=0)
 

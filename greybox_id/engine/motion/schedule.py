@@ -284,7 +284,10 @@ def segments_of_rows(run: MotionRun, longest: float | Array) -> NDArray[np.intp]
 def _in_time(instant: Array, rank: Index) -> Index:
     """The order of instants; those at once in that of their ranks."""
     order = np.argsort(instant, kind="stable")
-    moment = np.concatenate(([0], np.cumsum(np.diff(instant[order]) > AT_ONCE)))
+    apart, ranks = np.diff(instant[order]) > AT_ONCE, rank[order]
+    if np.all(apart | (ranks[1:] >= ranks[:-1])):
+        return order
+    moment = np.concatenate(([0], np.cumsum(apart)))
     return np.asarray(order[np.lexsort((rank[order], moment))])
 
 

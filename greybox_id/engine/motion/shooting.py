@@ -156,6 +156,7 @@ class MotionProblem:
         """Let go of layouts of all rows; they are made again where they are needed."""
         self._plans = self._chain = self._tiled = None
         self._laid = []
+        self._interval_starts.forget()
 
     def forget_targets(self) -> None:
         """Let go of what lanes are held against, laid out like them; it is laid out again where it is needed."""

@@ -142,11 +142,14 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
         simulator.kernel.expect(ALONE * len(plan.segments))
     simulated, last = simulator.kernel.along(plan.segments, p), 0
     with np.errstate(all="ignore"):
-        for row in stops:
+        for row in stops.tolist():
             if carries or row > last + 1 or not complete[row]:
                 begin = int(starts[last])
                 result = simulated(z[last], begin, int(starts[row]))
-                z[last + 1 : row + 1] = result[starts[last + 1 : row + 1] - begin]
+                if row == last + 1:
+                    z[row] = result[-1]
+                else:
+                    z[last + 1 : row + 1] = result[starts[last + 1 : row + 1] - begin]
                 if complete[row]:
                     z[row, states] = corrected[row, states]
             last = row
@@ -209,21 +212,30 @@ class Predictor:
         horizon : s.
         overlapping : how many windows a row lies in at most; None: every row is predicted, as far as `MOST_STARTS` go.
         """
-        chosen: list[tuple[int, Index]] = []
-        result = []
+        (result,) = self.each_ahead([horizon], overlapping)
+        return result
+
+    def each_ahead(self, horizons: Sequence[float], overlapping: int | None = None) -> list[Prediction]:
+        """The same over several horizons: every start is simulated once, to the longest of them that its run holds."""
         stride = max(1, round(sum(len(run) for run in self.runs) / MOST_STARTS))
         for run in self.runs:  # what all windows together take pays for a compiler before each row is set back
-            self.simulator.kernel.expect(len(run) // stride * max(1, round(horizon / run.sample_time)))
+            self.simulator.kernel.expect(len(run) // stride * max(1, round(max(horizons) / run.sample_time)))
+        chosen: list[list[tuple[int, Index]]] = [[] for _ in horizons]
+        result: list[list[Array]] = [[np.empty((0, len(self.simulator.trace.model.outputs)))] for _ in horizons]
         for k, (run, states) in enumerate(zip(self.runs, self.observed(), strict=True)):
-            steps = max(1, round(horizon / run.sample_time))
+            steps = np.array([max(1, round(horizon / run.sample_time)) for horizon in horizons])
             complete = np.all(np.isfinite(run.measured[:, self._channels(self._read[k])]), axis=1)
-            apart = stride if overlapping is None else max(stride, steps // overlapping)
-            begin = np.flatnonzero(complete[: max(0, len(run) - steps)])[::apart]
-            if len(begin):
-                chosen.append((k, begin + steps))
-                result.append(self._led(self._plans[k], states[begin], begin, begin + steps))
-        empty = np.empty((0, len(self.simulator.trace.model.outputs)))
-        return self._collected(chosen, np.vstack(result) if result else empty)
+            apart = stride if overlapping is None else max(stride, int(max(steps)) // overlapping)
+            begin = np.flatnonzero(complete[: max(0, len(run) - int(min(steps)))])[::apart]
+            if not len(begin):
+                continue
+            ends = begin[:, None] + steps
+            led = self._led(self._plans[k], states[begin], begin, np.minimum(ends, len(run) - 1))
+            for number, (end, inside) in enumerate(zip(ends.T, len(run) > ends.T, strict=True)):
+                if np.any(inside):
+                    chosen[number].append((k, end[inside]))
+                    result[number].append(led[inside, number])
+        return [self._collected(rows, np.vstack(item)) for rows, item in zip(chosen, result, strict=True)]
 
     def observed(self) -> list[Array]:
         """Per run, (n, nz) states with those that are read as read and the others as the model carries them."""
@@ -243,7 +255,8 @@ class Predictor:
         lanes = lay(self._plans, intervals)
         z0 = np.vstack([self._start(i.run, np.array([i.start])) for i in intervals])
         with np.errstate(all="ignore"):
-            _, y = self.simulator.kernel.simulate(z0, lanes.segments, self.p, lanes.reads)
+            nothing = np.zeros(lanes.segments.shape[1] + 1, dtype=bool)
+            _, y = self.simulator.kernel.simulate(z0, lanes.segments, self.p, lanes.reads, nothing)
         return np.where(lanes.lane >= 0, _astray(y)[lanes.lane, lanes.rank, np.arange(y.shape[2])], np.nan)
 
     def _held(self, run: MotionRun) -> MotionRun:
@@ -266,22 +279,23 @@ class Predictor:
             along.append(replace(self.runs[k], measured=measured))
         return longest_segment(self.simulator.trace, along, self.p)
 
-    def _led(self, plan: Schedule, z0: Array, begin: Index, end: Index) -> Array:
-        """Readings at rows `end` from states at rows `begin`."""
+    def _led(self, plan: Schedule, z0: Array, begin: Index, ends: Index) -> Array:
+        """Readings at rows `ends`, (n, m), from states at rows `begin`, (n,): (n, m, outputs)."""
         first = plan.row_segment[begin]
-        read = np.where(plan.read_segment[end] >= first[:, None], plan.read_segment[end], -1)
-        ends = np.maximum(plan.row_segment[end], np.max(read, axis=1))  # a latency of zero is read just after its row
-        length = int(np.max(ends - first)) + 1
+        read = np.where(plan.read_segment[ends] >= first[:, None, None], plan.read_segment[ends], -1)
+        # a latency of zero is read just after its row
+        last = np.max(np.maximum(plan.row_segment[ends], np.max(read, axis=2)), axis=1)
+        length = int(np.max(last - first)) + 1
         places = np.minimum(first[:, None] + np.arange(length), len(plan.segments) - 1)
         segments = plan.segments[places]
-        segments[places > ends[:, None]] = 0.0
-        rank = np.where(read >= 0, read - first[:, None], 0)
-        reads = np.zeros(length, dtype=bool)
+        segments[places > last[:, None]] = 0.0
+        rank = np.where(read >= 0, read - first[:, None, None], 0)
+        reads, nothing = np.zeros(length, dtype=bool), np.zeros(length + 1, dtype=bool)
         reads[np.unique(rank)] = True
         with np.errstate(all="ignore"):
-            _, y = self.simulator.kernel.simulate(z0, segments, self.p, reads)
+            _, y = self.simulator.kernel.simulate(z0, segments, self.p, reads, nothing)
         among = np.cumsum(reads) - 1
-        result = _astray(y)[np.arange(len(begin))[:, None], among[rank], np.arange(y.shape[2])]
+        result = _astray(y)[np.arange(len(begin))[:, None, None], among[rank], np.arange(y.shape[2])]
         return np.where(read >= 0, result, np.nan)
 
     def _start(self, k: int, rows: Index) -> Array:
@@ -361,6 +375,7 @@ class IntervalStarts:
         self._last: tuple[Array, Array, Array] | None = None
         self._carried: tuple[Mask, Array] | None = None
         self._actuated = False
+        self._ran: tuple[Array, Sequence[Schedule], tuple[Array, Array]] | None = None
 
     def carry(self, p: Array, plans: Callable[[], Sequence[Schedule]]) -> None:
         """From here on, starts within a run go on from what was before.
@@ -402,9 +417,15 @@ class IntervalStarts:
         z, by_p = self._last[1].copy(), self._last[2]
         if self._actuated:
             place = slice(len(self._model.states), len(self._model.states) + len(self._model.actuators))
-            by_p = by_p.copy()
-            z[:, place], by_p[:, place] = self._run_through(p, plans)
+            by_p, acting = by_p.copy(), p[:, self._simulator.actuators_touched]
+            if self._ran is None or self._ran[1] is not plans or not np.array_equal(self._ran[0], acting):
+                self._ran = (acting, plans, self._run_through(p, plans))
+            z[:, place], by_p[:, place] = self._ran[2]
         return z, by_p
+
+    def forget(self) -> None:
+        """Let go of what actuators did along all rows."""
+        self._ran = None
 
     def of_many(self, p: Array) -> Array:
         """States at the starts for many sets of parameters at once, (sets, intervals, nz), without derivatives.

@@ -24,7 +24,7 @@ UNLIMITED = 1e10
 """Ipopt takes no infinite values: an effect that stands at its infinite null (no limit at all) is pinned here."""
 SAME = 2e-5
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""
-NEAR = 5e-3
+CONFIRMED_WITHIN = 5e-3
 """Gradient, by unknowns in units of their curvature, at which an optimum of a network is confirmed: no weight by itself
 would move by more than a two-hundredth of the standard deviation that it has where all others stay. Ipopt's steps are
 those of Gauss-Newton, which gain slowly along a network's bent valleys; besides, the objective must hardly fall."""
@@ -77,7 +77,7 @@ def ipopt(
         "ipopt.print_level": 0,
         "ipopt.sb": "yes",
         "ipopt.max_iter": max_iterations,
-        "ipopt.tol": (NEAR if isinstance(problem, Problem) else 1e-4) if warm else 1e-6,
+        "ipopt.tol": (CONFIRMED_WITHIN if isinstance(problem, Problem) else 1e-4) if warm else 1e-6,
         "ipopt.linear_solver": "mumps",
         "ipopt.mu_strategy": "adaptive",
         "ipopt.fixed_variable_treatment": "make_parameter",

@@ -36,7 +36,7 @@ Equations = MotionModel | HybridModel
 """What is adapted."""
 AHEAD = 0.5
 """Seconds ahead at which the old and the adapted model are compared."""
-LEAST = 2.0
+LEAST_SECONDS = 2.0
 """Seconds of an unbroken stretch that is fitted to."""
 ESTIMATED = "estimated parameters"
 """What moves unless parameters are named."""
@@ -154,8 +154,8 @@ def _how(fit: Fit) -> FitOptions:
         )
     counted = {name: float(sd) for name, sd in (known.get("counted") or {}).items() if name in fit.model.outputs}
     return FitOptions(
-        solver="gauss-newton", horizon=min(LEAST, known.get("horizon") or LEAST), robust=known.get("robust"),
-        start_from=known.get("start_from") or "free", noise=counted, seed=fit.seed,
+        solver="gauss-newton", horizon=min(LEAST_SECONDS, known.get("horizon") or LEAST_SECONDS),
+        robust=known.get("robust"), start_from=known.get("start_from") or "free", noise=counted, seed=fit.seed,
     )  # fmt: skip
 
 
@@ -204,7 +204,7 @@ def _unbroken(recording: Recording) -> list[Recording]:
     """Its runs that are long enough."""
     if len(recording) < 2:
         return []
-    least = round(LEAST / recording.sample_time) + 1
+    least = round(LEAST_SECONDS / recording.sample_time) + 1
     return [recording.rows(a, b) for a, b in recording.runs if b - a >= least]
 
 

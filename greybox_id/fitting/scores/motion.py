@@ -91,7 +91,7 @@ def score_motion(
 ) -> dict[str, dict[str, Error]]:
     """Errors of every recorded output over every horizon and in free run; horizons beyond all runs are left out."""
     predictor = Predictor(simulator, recording, p)
-    result = {ahead(horizon): predictor.ahead(horizon) for horizon in horizons}
+    result = dict(zip(map(ahead, horizons), predictor.each_ahead(horizons), strict=True))
     result[FREE_RUN] = predictor.free_run()
     scores: dict[str, dict[str, Error]] = {}
     for name, prediction in result.items():
@@ -110,9 +110,9 @@ def _score_beside_hold(
     predictor = Predictor(Simulator(model), recording, model.values)
     value: dict[str, Mapping[str, Error]] = {}
     held: dict[str, Mapping[str, Error]] = {}
-    for horizon in (*horizons, None):
+    results = [*predictor.each_ahead(horizons), predictor.free_run()]
+    for horizon, result in zip((*horizons, None), results, strict=True):
         name = FREE_RUN if horizon is None else ahead(horizon)
-        result = predictor.free_run() if horizon is None else predictor.ahead(horizon)
         for scores, predictions in ((value, result), (held, hold(result, predictor.runs, horizon))):
             known = prediction_errors(model.outputs, predictions, recording.sample_time, horizon)
             if known:

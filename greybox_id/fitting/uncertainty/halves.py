@@ -8,7 +8,7 @@ from __future__ import annotations
 from itertools import combinations, product
 
 import numpy as np
-from scipy.stats import t as student_t
+from scipy.special import stdtrit
 
 from ...base.shorthands import Array
 
@@ -27,5 +27,5 @@ def mixed_halves() -> list[tuple[int, ...]]:
 def prediction_limit(values: Array) -> float:
     """What one more of such numbers, (n,) of a normal distribution, exceeds as seldom as `BY_CHANCE`."""
     n = len(values)
-    beyond = student_t.isf(BY_CHANCE, n - 1) * np.sqrt(1.0 + 1.0 / n) * np.std(values, ddof=1)
+    beyond = -stdtrit(n - 1, BY_CHANCE) * np.sqrt(1.0 + 1.0 / n) * np.std(values, ddof=1)
     return float(np.mean(values) + beyond)

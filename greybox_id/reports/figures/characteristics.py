@@ -81,7 +81,7 @@ AXLES = {"f": "front", "r": "rear"}
 SLIP_POINTS = 41
 REACH_BEYOND = 1.4
 """Curves reach so many times as far as the slip angles driven."""
-LEAST = 0.02
+LEAST_SLIP = 0.02
 """Slip angle, rad, that curves reach at least."""
 DRIVEN = (0.005, 0.995)
 """Quantiles of the slip angles driven, between which curves are drawn thick."""
@@ -105,7 +105,7 @@ def tyres(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> Sheet |
     for (above, below), (axle, where) in zip(sheet.grid.T, AXLES.items(), strict=True):
         slip = np.concatenate([one.quantities[f"alpha_{axle}"] for one in recordings])
         ends = np.quantile(slip, DRIVEN) if len(slip) else np.zeros(2)
-        reach = max(REACH_BEYOND * float(np.max(np.abs(ends))), LEAST)
+        reach = max(REACH_BEYOND * float(np.max(np.abs(ends))), LEAST_SLIP)
         angles = np.linspace(-reach, reach, SLIP_POINTS)
         above.axhline(0.0, **ZERO)
         share, low, high = draw_tyre(above, fit, OverSlip(model, axle, speed), angles, beyond, "95 % band")
@@ -263,7 +263,7 @@ def _medians(slip: Array, force: Array, reach: float) -> tuple[Array, Array]:
 
 QUANTILES = (0.1, 0.95)
 """Of the speeds driven, between which the characteristic is drawn at three."""
-NEAR = 0.15
+SAME_SPEED = 0.15
 """A recorded sample counts as of a speed when it is within this share of it."""
 SEEN_AT_SPEED = (0.005, 0.995)
 """Quantiles of the angles driven at a speed; the characteristic is drawn thin beyond them."""
@@ -302,7 +302,7 @@ def steering(model: MemoryModel, recordings: Sequence[Seen]) -> Sheet | None:
         angles = np.linspace(float(steer.min()), float(steer.max()), STEERING_POINTS)
     for speed, line in zip(speeds, LEVELS[-len(speeds) :], strict=True):
         rho = steady_yaw_rate(trace, angles, speed) / speed
-        near = steer[np.abs(v_x - speed) < NEAR * speed]
+        near = steer[np.abs(v_x - speed) < SAME_SPEED * speed]
         first, last = np.quantile(near, SEEN_AT_SPEED) if len(near) else (0.0, 0.0)
         inside = (angles >= first) & (angles <= last)
         ax.plot(angles, rho, **line | {"linewidth": 0.6, "linestyle": "-"})

@@ -11,7 +11,7 @@ from matplotlib.axes import Axes
 
 from ...base.numbers import pretty_unit
 from ...base.shorthands import Array, Index
-from ...base.statistics import correlation, welch
+from ...base.statistics import NORMAL, correlation, welch
 from ...engine.simulation import Prediction, breaks
 from ...fitting.fit import Fit
 from ...fitting.scores.metrics import FREE_RUN, ahead
@@ -37,14 +37,14 @@ from .sheet import (
     symbol,
 )
 
-NEAR = 0.5
+DRAWN_HORIZON = 0.5
 """Of all horizons, s, the one that is drawn beside the free run."""
 
 PROTOCOL_LINES = {
     "honest": look(ORANGE, 1.0, "one sample ahead"),
     "published": look(PALE, 1.0, "as published", dashes=DOTTED),
     "closed_loop": look(BLUE, 1.1, "closed loop", dashes=DASHED),
-    ahead(NEAR): look(ORANGE, 1.0, ahead(NEAR)),
+    ahead(DRAWN_HORIZON): look(ORANGE, 1.0, ahead(DRAWN_HORIZON)),
     FREE_RUN: look(BLUE, 1.1, FREE_RUN, dashes=DASHED),
 }
 """By protocol of `greybox_id.fitting.scores.metrics`."""
@@ -246,7 +246,6 @@ SECONDS, MOST = 2.0, 200
 SHORTEST = 8
 """Rows without a gap that count."""
 MOST_INPUTS = 2
-NORMAL = 1.96
 
 Parts = list[tuple[Array, Array]]
 

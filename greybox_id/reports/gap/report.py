@@ -41,11 +41,11 @@ from .words import (
     verdict,
 )
 
-LEAST, FIRST = 0.05, 2
+DESCRIBED_FROM, FIRST = 0.05, 2
 """Effects less probable than this have no sentences of their own unless they are applied or among the first."""
 MOST_EVIDENCE, MOST_RANKED = 5, 12
 """Effects that have sentences, and a row in the table."""
-HARDLY = 0.05
+RARELY = 0.05
 """Regimes with a smaller share of the time are hardly driven."""
 LEAST_TOLD = 0.01
 """Of shares that are told."""
@@ -174,7 +174,7 @@ def _likely(gap: Gap) -> list[Ranked]:
     return [
         item
         for k, item in enumerate(gap.ranking)
-        if k < FIRST or item.probability >= LEAST or item.effect in gap.applied
+        if k < FIRST or item.probability >= DESCRIBED_FROM or item.effect in gap.applied
     ][:MOST_EVIDENCE]
 
 
@@ -275,7 +275,7 @@ def _could_be(gap: Gap) -> str:
 def _hardly_driven(gap: Gap) -> str:
     """Regimes that the recordings hardly hold, in a sentence."""
     shares = {REGIMES.get(name, name): time for name, (time, _) in gap.where.regimes.items()}
-    rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < HARDLY]
+    rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < RARELY]
     if not rare:
         return ""
     return f"Hardly driven: {listed(rare)}. Effects that show only there could go undetected."

@@ -158,7 +158,7 @@ LEAST_SHARE = 0.1
 """Smaller shares of the gap are not named."""
 MOST_DOUBTS = 3
 """Doubts told before everything else; the rest is counted."""
-HARDLY = 1.05
+SLIGHT = 1.05
 """Errors that exceed noise by less, a tenth of its mean square: what need not be detected (`CAL.shows`)."""
 CONCENTRATED = 1.2
 """A regime is worth naming with shares when it holds so many times its share of the time."""
@@ -202,7 +202,7 @@ def _whether(gap: Gap) -> str:
 def _unknown_forces(gap: Gap) -> list[str]:
     """What it takes beside noise where free runs err by more without a gap."""
     most = max((ratio for ratio in gap.where.channels.values() if isfinite(ratio)), default=1.0)
-    if gap.unnamed is None or most < HARDLY:
+    if gap.unnamed is None or most < SLIGHT:
         return []
     share = percent(max(gap.unnamed.share_y, gap.unnamed.share_x))
     return [f"unknown forces of {share} (their effects add up along a free run)"]
@@ -216,10 +216,11 @@ def _largest(gap: Gap) -> str:
         return f": its errors are {number(size, 2)} times the noise" if isfinite(size) else ""
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda item: channels[item])
     times = f"{number(channels[name], 2) if channels[name] < MANY else f'over {MANY}'} times its noise"
-    if gap.gap_detected and channels[name] < HARDLY and gap.applied:
+    if gap.gap_detected and channels[name] < SLIGHT and gap.applied:
         return f", though hardly in free run: the error of {name}, the largest, is {times}"
     if gap.gap_detected:
-        return f": in free run the error of {name} is {times}"
+        refitted = ", with tolerances refitted," if gap.moved else ""
+        return f": in free run{refitted} the error of {name} is {times}"
     return f"; the largest error in free run, that of {name}, is {times}"
 
 

@@ -24,7 +24,7 @@ from ..gap.words import (
 )
 from .screen import WIDTH, led
 
-LEAST, MOST = 0.02, 6
+PRINTED_FROM, MOST = 0.02, 6
 """Effects less probable than this are not printed unless they are applied; at most so many are."""
 MOST_WORDS = 4
 """Effects that did not show, or would not, that are named."""
@@ -32,7 +32,7 @@ NARROW = 110
 """Narrower terminals are shown two horizons."""
 BAR = 20
 """Characters of a bar that is all of the excess."""
-NEAR = 0.5
+SHOWN_HORIZON = 0.5
 """Horizon, s, shown beside the free run where there is little room."""
 
 
@@ -63,9 +63,9 @@ def _which(gap: Gap, width: int) -> Group | None:
         {share.effect for share in gap.budget.shares} if gap.budget is not None else set()
     )  # each has its reason here
     known = {*gap.applied, *shares}
-    likely = [(k, item) for k, item in enumerate(gap.ranking, 1) if item.probability >= LEAST or item.effect in known][
-        :MOST
-    ]
+    likely = [
+        (k, item) for k, item in enumerate(gap.ranking, 1) if item.probability >= PRINTED_FROM or item.effect in known
+    ][:MOST]
     if not likely or not (gap.gap_detected or gap.applied):
         return None
     wide = width >= NARROW
@@ -153,7 +153,7 @@ def _errors(closure: Closure, width: int) -> Table:
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: float("inf") if h is None else h)
     if width < NARROW and len(horizons) > 2:
         timed = [h for h in horizons if h is not None]
-        near = min(timed, key=lambda h: abs(h - NEAR))
+        near = min(timed, key=lambda h: abs(h - SHOWN_HORIZON))
         horizons = [near, horizons[-1]]
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_edge=False)
     table.add_column("RMSE before → after (noise)", header_style="dim")

@@ -328,7 +328,7 @@ BANDS = (
 RANGE = "Beyond the ranges given in What went in, this track says nothing about the vehicle."
 EQUATIONS = (
     "Written down from the model itself, with tracked parameters as states. A dot is a derivative by time, w an "
-    "abbreviation; a prime marks what an effect or a walking number alters, late what a delay leaves, read what a "
+    "abbreviation; a prime marks what an effect or a tracked parameter alters, late what a delay leaves, read what a "
     "sensor reads."
 )
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from greybox_id.base.errors import BadInput, near_or_all
 from greybox_id.base.shorthands import Array, Say
+from greybox_id.base.signals import DRIVE_SIGNALS
 from greybox_id.datasets.recording import Recording
 from greybox_id.engine.solvers.quasi_newton import Descent, descend
 from greybox_id.models.motion_model import MotionModel
@@ -19,8 +20,6 @@ from .net import DRIVE, HIDDEN, VARIANTS, ActuatorNet, SquaredError, Variant, dr
 from .open_loop import OpenLoop
 from .windows import HELD_OUT, StepWindows, data_hash, resampled, windows
 
-CHANNELS = ("drive_force", "ax_cmd", "motor_current", "throttle")
-"""Signals a drive command is recorded as, as models of motion look for it."""
 ADAM, STEPS, PATIENCE = 100, 300, 40
 """Steps of Adam from random weights; of L-BFGS after them (as many as were published epochs); without a better
 held-out error until it ends."""
@@ -168,7 +167,7 @@ def _descended(loss: SquaredError, held: SquaredError, start: Array, steps: int,
 
 def _channel(given: Sequence[Recording], model: MotionModel | None) -> str:
     """The drive's command that all recordings hold."""
-    known = CHANNELS if model is None else (*model.aliases.get(DRIVE, ()), DRIVE)
+    known = DRIVE_SIGNALS if model is None else (*model.aliases.get(DRIVE, ()), DRIVE)
     shared = [name for name in known if all(name in recording for recording in given)]
     if not shared:
         raise BadInput(
