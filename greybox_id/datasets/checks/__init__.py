@@ -7,6 +7,7 @@ from weakref import ref
 
 import numpy as np
 
+from ...base.shorthands import Array
 from ...base.signals import SD
 from ..recording import Recording
 from .consistency import check_consistency, check_duplicates, check_rest
@@ -57,6 +58,7 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
             values[list(finding.where.rows)] = np.nan
         recording, findings, blank = recording.with_signals(**blanked), [*findings, finding], blank | {*names}
     findings += [item for item in check_values(recording) if item.kind != "missing" or item.where.channel not in blank]
+    recording = _bridged(recording, findings)
     if sample_time_believable(recording.sample_time):  # false also where no two rows follow each other
         findings += check_drive(recording)
         faults = check_mapping(recording)
@@ -69,6 +71,19 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
         findings = [item for item in findings if item.kind != "unchecked"]
     gravest = list(Severity)[::-1]
     return sorted(findings, key=lambda finding: gravest.index(finding.severity))
+
+
+def _bridged(recording: Recording, findings: list[Finding]) -> Recording:
+    """The recording with values that stand out from their neighbours on straight lines between those."""
+    rows, signals = np.arange(len(recording)), dict[str, Array]()
+    for finding in (item for item in findings if item.kind == "outlier"):
+        values = signals.get(finding.where.channel, recording[finding.where.channel])
+        kept = np.isfinite(values)
+        kept[list(finding.where.rows)] = False
+        signals[finding.where.channel] = np.where(
+            np.isin(rows, finding.where.rows), np.interp(rows, rows[kept], values[kept]), values
+        )
+    return recording.with_signals(**signals)
 
 
 def _left(

@@ -57,6 +57,8 @@ _NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|i
 _INSTANT = re.compile(
     r"\d{4}[-/.]\d\d?[-/.]\d\d?([ T].*)?|\d{1,2}[./]\d{1,2}[./]\d{4}( .*)?|\d+:\d\d(:\d\d)?([.,]\d+)?"
 )
+_FORTRAN = re.compile(r"^([+-]?[\d.,]+)[dD]([+-]?\d+)$")
+_THREE_BEHIND = re.compile(r"[+-]?\d{1,3},\d{3}")
 _WITH_UNIT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\W\d][^\s]{0,10}|[°%][^\s]{0,10})")
 _DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _DEVICE = re.compile(r"^\d+\s*:\s*")
@@ -433,8 +435,8 @@ def _as_numbers(frame: pd.DataFrame, layout: TableLayout) -> tuple[pd.DataFrame,
     Rows of words among numbers are blank: names that are repeated where a logger began anew, and what it writes at the
     end.
     """
-    texts = {
-        k: column.astype("string").str.strip() for k, column in frame.items() if not is_numeric_dtype(column.dtype)
+    texts: dict[Any, pd.Series[Any]] = {
+        k: _cells_of(column) for k, column in frame.items() if not is_numeric_dtype(column.dtype)
     }
     known = {k: _numbers_in(text, layout.decimal) for k, text in texts.items()}
     mostly = {k: v for k, (v, _) in known.items() if v.notna().sum() > NAMED * texts[k].notna().sum()}
@@ -460,12 +462,20 @@ def _as_numbers(frame: pd.DataFrame, layout: TableLayout) -> tuple[pd.DataFrame,
     return frame, units, len(blank)
 
 
+def _cells_of(column: pd.Series[Any]) -> pd.Series[Any]:
+    """Texts of cells, missing where they stand for no value; Fortran's 1.0D+02 and the minus of print as in C."""
+    text = column.astype("string").str.strip().str.replace("\N{MINUS SIGN}", "-", regex=False)
+    text = text.str.replace(_FORTRAN, r"\1e\2", regex=True)
+    return text.mask(text.str.lower().isin(MISSING).fillna(False))
+
+
 def _numbers_in(text: pd.Series[Any], decimal: str) -> tuple[pd.Series[Any], str]:
     """(n,) numbers of cells, NaN where one is none, and the unit that all have behind them.
 
     Thousands are set apart by the mark that is not the decimal one, if a cell has both.
     """
-    text[text.str.lower().isin(MISSING).fillna(False)] = pd.NA
+    if text.dropna().str.fullmatch(_DECIMAL_COMMA).all() and not text.dropna().str.fullmatch(_THREE_BEHIND).all():
+        decimal = ","  # quoted, where commas stand between columns, too
     unit, first = "", text.dropna().head(1)
     behind = _unit_behind(first.iloc[0]) if len(first) else ""
     if behind and text.dropna().str.endswith(behind).all():

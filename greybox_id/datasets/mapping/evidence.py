@@ -176,6 +176,8 @@ def with_units(
     short = raw.rows(0, MOST_ROWS)
     sizes = sizes_of(short)
     options = [_options(entry, short, sizes) for entry in entries]
+    counts = {option[0].signal for option in options if not option[0].decided}
+    short = replace(short, signals={name: values for name, values in short.signals.items() if name not in counts})
     paired = {name for item in pairs_of(short) for name in item.channels}
     open_ones = [k for k, option in enumerate(options) if len(option) > 1 and entries[k].signal in paired]
     costs = _costs(options, open_ones, short, sizes, wheelbase, hand_wheel)
@@ -186,7 +188,9 @@ def with_units(
     agreed = met(_scaled(short, picked))
     decided = []
     for k, entry in enumerate(picked):
-        if entry.signal in PEDALS and not entries[k].unit:
+        if not entry.decided:
+            decided.append(entry)
+        elif entry.signal in PEDALS and not entries[k].unit:
             decided.append(_pedal(entries[k], sizes[entry.signal]))
         elif entry.divide_by != 1.0:
             decided.append(replace(entry, decided=False))
@@ -250,7 +254,13 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     if entry.unit:
         return [entry]
     unit = SIGNALS[entry.signal].unit
-    return [replace(entry, unit=item) for item in USUAL.get(unit, (unit,))]
+    usual = [replace(entry, unit=item) for item in USUAL.get(unit, (unit,))]
+    if entry.signal != "steer" and all(_impossible(option, sizes) for option in usual):
+        why = (
+            f"values up to {number(sizes[entry.signal])} are {entry.signal} in no usual unit: counts? divide_by is how"
+        )
+        return [replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, f"{why} many make one {unit}"))]
+    return usual
 
 
 def _by_margin(
@@ -365,7 +375,9 @@ def _costs(
 
 
 def _scaled(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
-    return raw.with_signals(**{entry.signal: raw[entry.signal] * entry.factor for entry in entries})
+    return raw.with_signals(
+        **{entry.signal: raw[entry.signal] * entry.factor for entry in entries if entry.signal in raw}
+    )
 
 
 def misfit(met: Met, wheelbase: float | None = None, speed: float = 0.0, hand: float = np.inf) -> float:
@@ -389,11 +401,14 @@ def misfit(met: Met, wheelbase: float | None = None, speed: float = 0.0, hand: f
     return float(min(wheel if hand == 0 else min(road, wheel), TOO_FAR))
 
 
+def _impossible(entry: MapEntry, sizes: Mapping[str, float]) -> bool:
+    return sizes[entry.signal] * entry.factor > LIMITS.get(entry.signal, (np.inf,))[0]
+
+
 def _improbable(entry: MapEntry, sizes: Mapping[str, float], hand: float = HAND) -> float:
     """What the size of a signal costs in a unit; steering may be the hand wheel's angle at the cost `hand`."""
     size = sizes[entry.signal] * entry.factor
-    impossible = size > LIMITS.get(entry.signal, (np.inf,))[0]
-    cost = TOO_FAR * impossible + 1.0 * (size > RARE.get(entry.signal, np.inf))
+    cost = TOO_FAR * _impossible(entry, sizes) + 1.0 * (size > RARE.get(entry.signal, np.inf))
     return min(cost, hand) if entry.signal == "steer" and size < MOST_TURNS else cost
 
 

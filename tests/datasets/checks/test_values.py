@@ -113,3 +113,13 @@ def test_a_number_that_stands_for_no_reading_is_named_and_nothing_else_is_blamed
     assert finding.severity is Severity.DISTRUST
     assert finding.where.rows == tuple(range(20, 1020, 40))
     assert "in 25 rows, far from all others: probably a code for a missing reading" in finding.sentence
+
+
+def test_a_buss_error_values_are_outliers_and_no_other_fault():
+    """65535 counts of 0.01 m/s, three times."""
+
+    def errors(values):
+        values[[100, 900, 1100]] = 655.35
+
+    findings = check(changed("v_x", errors))
+    assert [finding.kind for finding in findings if finding.severity is not Severity.NOTE] == ["outlier"]

@@ -275,6 +275,9 @@ BODIES = {
     "units in cells": table(behind=(" sec", "", " rad/s")),
     "marks of thousands": table(";", "{:,.2f}"),
     "marks of thousands and decimal commas": table(";", "{:,.2f}", german),
+    "decimal commas in quotes": table(numbers="{:.4f}", decimals=lambda text: f'"{german(text)}"'),
+    "exponents of Fortran": table(" ", "{:.6E}", lambda text: text.replace("E", "D")),
+    "the minus of print": [*table()[:11], "0.95,,−3", *table()[11:]],
     "dashes for nothing": [*table()[:11], "0.95,---,-", "0.96,n/a,-", *table()[11:]],
 }
 

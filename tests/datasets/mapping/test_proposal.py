@@ -488,6 +488,17 @@ def test_degrees_and_minutes_behind_one_another_are_told(tmp_path, signed):
     assert found["latitude"] == pytest.approx(north, abs=1e-9)
 
 
+def test_counts_of_an_imu_are_asked_about_and_mislead_nobody(tmp_path):
+    """A gyro's 131 counts make 1 deg/s, an accelerometer's 16384 make g."""
+    counts = {"gz": 131 * np.degrees(TRUE["yaw_rate"]), "ay": 16384 * TRUE["a_y"] / 9.80665}
+    table = {"t": TRUE.time, "vx": TRUE["v_x"], "ax": TRUE["a_x"], **{n: v.round() for n, v in counts.items()}}
+    pd.DataFrame(table).to_csv(tmp_path / "lap.csv", index=False)
+    entries = {entry.signal: entry for entry in propose(tmp_path / "lap.csv").entries}
+    assert [entries[name].decided for name in ("yaw_rate", "a_y")] == [False, False]
+    assert "divide_by" in entries["yaw_rate"].reasons[-1]
+    assert entries["v_x"].unit in ("", "m/s")
+
+
 def test_degrees_south_and_west_are_negative(tmp_path):
     north, east = TRUE["y"] / 111_320, TRUE["x"] / 111_320
     table = {"t": TRUE.time, "vx": TRUE["v_x"], "lat": 1.0 - north, "N/S": "S", "lon": 1.0 - east, "E/W": "W"}
