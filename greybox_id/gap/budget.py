@@ -7,10 +7,11 @@ unexplained rest add up to one. Source: Shapley, A value for n-person games, 195
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import combinations
 from math import factorial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.simulation import FreeRuns
 from .closed_model import with_effects
+from .closing import closed_by
 from .estimation.axes import scalars
 from .estimation.calibration import CAL
 from .estimation.free_runs import (
@@ -43,6 +45,7 @@ from .gap import Budget, Share
 from .selection import refitted
 
 Set = frozenset[str]
+Refit = TypeVar("Refit", Hypothesis, Misfit)
 
 
 def subsets(names: tuple[str, ...]) -> list[Set]:
@@ -126,22 +129,24 @@ def shared_out(
         return _of_many(examined, best, held_out, tell)
     if held_out:
         tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
-        full = with_effects(examined, best)
-        there = examined.selection.search.values(best)
-        whole, bench = refitted_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
+
+        def left(subset: Set, there: Sequence[Mapping[str, float]], trust: float | None) -> tuple[Misfit, FreeRuns]:
+            model = with_effects(examined, best, subset)
+            return refitted_tolerances(model, held_out, examined.vehicle, examined.effects, examined.sd, there, trust)
+
+        whole, bench = left(frozenset(names), _where_found(examined, best), None)
         misfits = {frozenset(names): whole}
         for subset in subsets(names)[:-1]:
-            model = with_effects(examined, best, subset)
             try:
-                misfits[subset], _ = refitted_tolerances(
-                    model, held_out, examined.vehicle, examined.effects, examined.sd, whole.values, whole.trust
-                )
+                misfits[subset], _ = left(subset, [whole.values], whole.trust)
             except BadInput:  # some effects without the others may leave the range of numbers
                 if not subset:
                     raise
                 misfits[subset] = misfits[frozenset()]
-        good = plain(misfits[frozenset(names)].e, fresh(bench), bench)
-        return budget(misfits, names, examined.sd, good, bench, tuple(item.name for item in held_out), True)
+        for subset, less in _better_without(names, misfits):
+            again, _ = left(subset, [less.values], whole.trust)
+            misfits[subset] = min(misfits[subset], again, key=lambda each: each.cost)
+        return _of_held_out(misfits, names, examined.sd, bench, held_out)
     search = examined.selection.search
     known = {frozenset(item.names): item for item in examined.selection.tried}
     more = [subset for subset in subsets(names) if subset not in examined.freed]
@@ -161,19 +166,42 @@ def shared_out(
     )
 
 
+def _of_held_out(
+    misfits: Mapping[Set, Misfit], names: tuple[str, ...], sd: Array, bench: FreeRuns, held_out: Sequence[Recording]
+) -> Budget | None:
+    """The budget on recordings that chose nothing, and how far all effects together close the gap there."""
+    nothing, whole = misfits[frozenset()], misfits[frozenset(names)]
+    good, recordings = plain(whole.e, fresh(bench), bench), tuple(item.name for item in held_out)
+    shared = budget(misfits, names, sd, good, bench, recordings, True)
+    if shared is None:
+        return None
+    return replace(shared, together=closed_by(nothing, whole, sd, good & np.isfinite(nothing.e), bench, recordings))
+
+
 def _as_good_as_without(examined: Examined, names: tuple[str, ...]) -> None:
     """Refit sets that leave more than without one of their effects from what tolerances are there.
 
     Magnitudes are held, so that a set may truly leave more; but refits of free runs that differ by much end elsewhere.
     """
     search, freed = examined.selection.search, examined.freed
+    for whole, less in _better_without(names, freed):
+        from_there = replace(freed[whole], theta=less.theta, linear=less.linear)
+        (again,) = at_their_best(search, [from_there], examined.sd, examined.good)
+        freed[whole] = min(freed[whole], again, key=by_cost)
+
+
+def _better_without(names: tuple[str, ...], each: Mapping[Set, Refit]) -> Iterator[tuple[Set, Refit]]:
+    """Sets that leave more than without one of their effects, and what is left without it; small sets first."""
     for whole in subsets(names):
         for name in sorted(whole):
-            less = freed[whole - {name}]
-            if less.cost < freed[whole].cost:
-                from_there = replace(freed[whole], theta=less.theta, linear=less.linear)
-                (again,) = at_their_best(search, [from_there], examined.sd, examined.good)
-                freed[whole] = min(freed[whole], again, key=by_cost)
+            if each[whole - {name}].cost < each[whole].cost:
+                yield whole, each[whole - {name}]
+
+
+def _where_found(examined: Examined, best: Hypothesis) -> list[Mapping[str, float]]:
+    """Parameters where a hypothesis was found, and where free runs of what was diagnosed are at their best."""
+    search = examined.selection.search
+    return [search.values(best), search.values(examined.at_its_best(best))]
 
 
 def _of_many(
@@ -185,7 +213,7 @@ def _of_many(
     if held_out:
         tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
         full = with_effects(examined, best)
-        there = search.values(best)
+        there = _where_found(examined, best)
         whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)
         search.about(result)
         nothing, _ = refitted_tolerances(
@@ -194,13 +222,12 @@ def _of_many(
             examined.vehicle,
             examined.effects,
             examined.sd,
-            whole.values,
+            [whole.values],
             whole.trust,
         )
         known = {frozenset(names): whole, frozenset[str](): nothing}
         misfits = of_subsets(search, result, _absent(examined, best, search), known)
-        good = plain(whole.e, fresh(search.bench), search.bench)
-        return budget(misfits, names, examined.sd, good, search.bench, tuple(one.name for one in held_out), True)
+        return _of_held_out(misfits, names, examined.sd, search.bench, held_out)
     freed, base = (examined.at_its_best(item) for item in (best, examined.selection.base))
     known = {frozenset(names): misfit(search, freed), frozenset[str](): misfit(search, base)}
     white = white_noise(examined.sd, examined.good, examined.bench.rows)

@@ -23,14 +23,14 @@ from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis
 from .estimation.preparing import excerpt, thinned, with_beliefs
 from .examining import Examined
-from .gap import Closure, Moved
+from .gap import Budget, Closure, Moved
 
 WORSE = "it makes held-out errors larger while the other parameters stay as they are: fit them together with it"
 HARMS = "it makes held-out errors larger, whether or not the other parameters are fitted"
 
 
 def closed_model(
-    examined: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording]
+    examined: Examined, best: Hypothesis, detected: bool, held_out: Sequence[Recording], shared: Budget | None = None
 ) -> tuple[Diagnosed, Closure | None, str]:
     """The closed model, how far it closes the gap on what was held out, and why its effects are none of it, if so.
 
@@ -44,6 +44,7 @@ def closed_model(
     detected : whether there is a gap: without one, the model is the nominal one, or where it errs as its numbers are
         stated, though tolerances explain that, the same with these where they were found.
     held_out : recordings that chose no effect.
+    shared : the causes' budget, if that is known: it has refitted tolerances there already.
     """
     added, nominal = with_effects(examined, best), with_effects(examined, best, set())
     simulator = Simulator(added) if isinstance(added, MotionModel) else None
@@ -60,9 +61,11 @@ def closed_model(
     closed = ways[least][0]
     if not held_out:
         return closed, None, ""
-    verified = closure(
-        nominal, added, held_out, examined.vehicle, examined.effects, False, examined.sd, as_it_stands=closed
-    )
+    verified = shared.together if shared is not None else None
+    if verified is None:
+        verified = closure(
+            nominal, added, held_out, examined.vehicle, examined.effects, False, examined.sd, as_it_stands=closed
+        )
     verified = replace(verified, errors=errors[least])
     if best.candidates and _size(verified.errors, "after") > _size(verified.errors, "before"):
         return closed, verified, WORSE

@@ -50,10 +50,10 @@ def closure(
     """
     stands = as_it_stands or after
     there = {parameter.name: float(parameter.array) for parameter in stands.parameters if parameter.shape == ()}
-    then, bench = refitted_tolerances(after, recordings, vehicle, effects, sd, there)
+    then, bench = refitted_tolerances(after, recordings, vehicle, effects, sd, [there])
     first = then
     if after is not before:
-        first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, {**there, **then.values}, then.trust)
+        first, _ = refitted_tolerances(before, recordings, vehicle, effects, sd, [{**there, **then.values}], then.trust)
     noise, known = stated_noise(bench, vehicle, then.e)
     sd = noise if known or sd is None else sd
     good = plain(then.e, fresh(bench), bench) & np.isfinite(first.e)

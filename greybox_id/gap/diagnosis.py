@@ -118,17 +118,18 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         if len(little) < 2:
             break
     best = only(it, set(best.names) - doubtful) if doubtful else best
-    if held_out:
-        tell(f"verifying on {listed([item.name for item in held_out])}, held out")
-    closed, verified, worse = closed_model(it, best, detected, held_out)
-    while worse:
+    while True:
+        if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some left since
+            shared = shared_out(it, best, held_out, tell) if best.names else None
+        if held_out:
+            tell(f"verifying on {listed([item.name for item in held_out])}, held out")
+        closed, verified, worse = closed_model(it, best, detected, held_out, shared)
+        if not worse:
+            break
         weakest = min(best.names, key=partial(gain_of, it, it.best))
         reasons[weakest] = worse
         best = only(it, set(best.names) - {weakest})
-        closed, verified, worse = closed_model(it, best, detected, held_out)
     ranking, applied = _ranking(it, reasons, telling), tuple(best.names)
-    if shared is not None and {share.effect for share in shared.shares} != set(applied):  # some left after they shared
-        shared = shared_out(it, best, held_out, tell) if applied else None
     whole = shared if shared is not None and shared.shows else telling
     if whole is not None and whole.held_out and whole.unnamed.low > CAL.present:
         # more than half is surely no named effect's

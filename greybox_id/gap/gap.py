@@ -155,6 +155,7 @@ class Budget:
     held_out : whether these chose nothing.
     shows : whether there is enough of it that shares say something.
     beside : of each effect, which share it closes of the excess that all others leave.
+    together : held out, how far all of them close it: by the same refits, or a page has two answers.
     """
 
     shares: tuple[Share, ...]
@@ -163,6 +164,7 @@ class Budget:
     held_out: bool
     shows: bool = True
     beside: tuple[Share, ...] = ()
+    together: Closure | None = None
 
     def of(self, effect: str) -> Share | None:
         """The share of an effect."""

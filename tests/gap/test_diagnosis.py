@@ -120,6 +120,7 @@ def test_the_gap_closes_on_a_lap_that_chose_nothing(delayed):
     assert held.closed_interval[0] <= held.closed <= held.closed_interval[1]
     assert held.after == pytest.approx(1.0, abs=0.1)
     assert delayed.gap.closed == pytest.approx(1.0, abs=0.05)
+    assert delayed.budget.unnamed.share == pytest.approx(1.0 - held.closed, abs=1e-9)  # one page, one answer
 
 
 def test_the_closed_model_is_the_nominal_one_with_the_effect(delayed):

@@ -40,12 +40,14 @@ class Misfit:
     charge : what the tolerances cost, twice their negative log-belief.
     trust : as how many readings one counted.
     values : parameter -> where the tolerances are.
+    cost : what they were refitted by, as far as it is known.
     """
 
     e: Array
     charge: float
     trust: float = 1.0
     values: Mapping[str, float] = field(default_factory=dict)
+    cost: float = np.nan
 
 
 def refitted_tolerances(
@@ -54,7 +56,7 @@ def refitted_tolerances(
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
     sd: Array | None = None,
-    there: Mapping[str, float] | None = None,
+    there: Sequence[Mapping[str, float]] = (),
     trust: float | None = None,
 ) -> tuple[Misfit, FreeRuns]:
     """Errors of a model whose tolerances are refitted to recordings; parameters as of `freed_tolerances`."""
@@ -68,7 +70,7 @@ def freed_tolerances(
     vehicle: Vehicle | None,
     effects: Mapping[str, Effect],
     sd: Array | None = None,
-    there: Mapping[str, float] | None = None,
+    there: Sequence[Mapping[str, float]] = (),
     trust: float | None = None,
 ) -> tuple[Misfit, Search, Hypothesis]:
     """Errors of a model whose tolerances are refitted to recordings, what refitted them, and where they are.
@@ -80,7 +82,7 @@ def freed_tolerances(
     vehicle : what is stated: tolerances and sensor noise.
     effects : by name, for the vehicle's tolerances.
     sd : (channels,) noise where none is stated; None takes what is faster than motion.
-    there : values of parameters; tolerances are refitted from there, too, and the better of both counts.
+    there : values of parameters; tolerances are refitted from there, too, and the best of all counts.
     trust : as how many readings one counts, as beside another model that this one is compared with; None: as many as
         what is left allows. Errors that noise does not explain are alike for a while: taken for noise, they would press
         every tolerance to where it reaches.
@@ -97,7 +99,7 @@ def freed_tolerances(
     good = sound(start, fresh(bench), bench.rows)
     search = Search(bench, value, white_noise(sd, good, bench.rows), CAL.trusts[0])
     search.about(None)
-    starts = [search.at_means(), *([search.at_values(there)] if there and search.moving else [])]
+    starts = [search.at_means(), *(map(search.at_values, there) if search.moving else ())]
     result, most = starts[0], 1.0
     for step in CAL.trusts if value else CAL.trusts[-1:]:
         search.trusting(min(step, most))
@@ -111,7 +113,8 @@ def freed_tolerances(
             starts, most = [result], _worth(result.e / sd, good) if trust is None else trust
     if not np.isfinite(result.cost):  # wherever it was refitted: as stated it is within the range
         return Misfit(start, 0.0), search, replace(result, e=start)
-    return replace(misfit(search, result), trust=search.trust, values=search.values(result)), search, result
+    freed = replace(misfit(search, result), trust=search.trust, values=search.values(result), cost=result.cost)
+    return freed, search, result
 
 
 def _about(search: Search, begin: Hypothesis) -> list[Start]:

@@ -246,6 +246,10 @@ class JointSearch:
             steady = steadily(gains, unsteady)
             weak = list(np.flatnonzero(beyond if np.any(beyond) else stage.there & ~(steady >= prices)))
             if not weak:
+                again = self.refitted(stage, stage.there, CAL.exchange_steps)
+                if again.sets.cost(again.there) < stage.sets.cost(stage.there) - CAL.enough:  # it was on its way
+                    stage = again
+                    continue
                 without = self._without_both(stage, prices, together)
                 if without is not None:
                     stage = without
