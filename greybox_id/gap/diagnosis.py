@@ -37,6 +37,7 @@ from .judging import (
     by_no_name,
     gain_of,
     itself,
+    next_to_nothing,
     of_class,
     only,
     refused,
@@ -121,6 +122,9 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     while True:
         if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some left since
             shared = shared_out(it, best, held_out, tell) if best.names else None
+        if shared is not None and (why := next_to_nothing(shared)):
+            reasons |= dict.fromkeys(best.names, why)
+            best, shared = only(it, set()), None
         if held_out:
             tell(f"verifying on {listed([item.name for item in held_out])}, held out")
         closed, verified, worse = closed_model(it, best, detected, held_out, shared)

@@ -105,6 +105,19 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
     return reasons | _beside_mimics(one, some, reasons)
 
 
+def next_to_nothing(shared: Budget) -> str:
+    """Why no effect is a cause, where all of them together leave nearly all of the gap held out; nothing else.
+
+    Errors of the equations look like several effects at once, each of which closes a little beside the others.
+    """
+    closed = 1.0 - shared.unnamed.share
+    if not (shared.held_out and shared.shows and closed < CAL.shows):
+        return ""
+    return (
+        f"small: on the held-out recordings all that is named closes {whole_percent(closed)} % of the excess together"
+    )
+
+
 def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
     """Effects of the best explanation whose sizes are not surely different from none, and why they are no causes.
 

@@ -172,6 +172,20 @@ def test_where_more_than_half_surely_stays_something_unknown_is_at_work(monkeypa
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("closed", "applied"), [(0.04, ()), (0.3, ("steering_delay",))])
+def test_names_that_close_next_to_nothing_held_out_are_no_causes(monkeypatch, closed, applied):
+    late = {"steering_delay": 0.05}
+    share, rest = Share("steering_delay", closed, closed - 0.01, closed + 0.01), 1.0 - closed
+    left = Budget((share,), Share("unexplained", rest, rest - 0.01, rest + 0.01), ("lap",), True, beside=(share,))
+    monkeypatch.setattr(diagnosis, "shared_out", lambda *_: left)
+    gap = diagnosed(lap(late, 20.0), held_out=[lap(late, 10.0, seed=7)])
+    assert gap.applied == applied
+    if not applied:
+        assert "all that is named closes 4 %" in gap.ranking[0].reason
+        assert gap.budget is None
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicle", "held", "judged"),
     [(CAR, True, True), (TOLERANT, False, True), (CAR, False, False)],
