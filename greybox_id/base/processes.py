@@ -92,11 +92,14 @@ def side_by_side(
 def elsewhere(work: Callable[[], Result]) -> Result:
     """The result of some work, done by a process of its own that Ctrl-C ends at once, whatever library is at work.
 
+    In threads beside the main one, which Ctrl-C does not reach, it is done here: a lock of a library that another
+    thread holds while a process is forked stays locked in that process for ever.
+
     Parameters
     ----------
     work : its result, or the exception it ends with, is sent between processes.
     """
-    if not FORKS:
+    if not FORKS or threading.current_thread() is not threading.main_thread():
         return work()
     import pickle
 

@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 import weakref
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from contextlib import contextmanager
 from multiprocessing import active_children
 
@@ -150,6 +150,12 @@ def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
     assert together.strengths == alone.strengths
     assert together.tried == alone.tried
     assert together.cpu_seconds > 0.2 * alone.cpu_seconds  # of other processes too
+
+
+def test_threads_fork_nothing():
+    """A lock of CasADi's, held by another thread just then, stayed locked in the child: a compilation waited for ever."""
+    with ThreadPoolExecutor(1) as pool:
+        assert pool.submit(elsewhere, os.getpid).result() == os.getpid()
 
 
 def test_what_is_done_elsewhere_is_handed_over():
