@@ -153,7 +153,7 @@ def test_a_fit_does_not_depend_on_how_many_work_at_it(name):
 
 
 def test_threads_fork_nothing():
-    """A lock of CasADi's, held by another thread just then, stayed locked in the child: a compilation waited for ever."""
+    """A lock of CasADi that another thread held stayed locked in the child: a compilation waited for ever."""
     with ThreadPoolExecutor(1) as pool:
         assert pool.submit(elsewhere, os.getpid).result() == os.getpid()
 
