@@ -282,7 +282,7 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
 def _speed(r: Recording) -> list[Explanation]:
     """A v_x of another scale: positions tell it, or else both accelerometers, which read as much too much or little.
 
-    A body that rolls and pitches adds gravity to both, and never takes any away.
+    A body that rolls and pitches adds gravity to both, and never takes any away; their own scales may be as much less.
     """
     for place in grounds(r):
         turned = 0.5 * place.seconds * np.abs(smooth(r, r["yaw_rate"], place.seconds)) if r.has("yaw_rate") else 0.0
@@ -308,7 +308,7 @@ def _speed(r: Recording) -> list[Explanation]:
         return []
     scale, error = 1.0 / float(np.sqrt(ahead * aside)), float(max(one.errors[0] for one in gains))
     rolls = ", or the body rolls and pitches as much" if scale < 1.0 else ""
-    return [_of_speed(scale, error, f"what both accelerometers say{rolls}", scale > 1.0)]
+    return [_of_speed(scale, error, f"what both accelerometers say{rolls}", scale * (1.0 - LESS) > 1.0)]
 
 
 def _is_off(scale: float, error: float) -> bool:

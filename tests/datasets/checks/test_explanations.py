@@ -119,7 +119,7 @@ def test_who_drives_ahead_is_never_said_to_reverse():
     assert "v_x has the wrong sign" not in check(r)[0].sentence
 
 
-@pytest.mark.parametrize("scale", [0.92, 0.95, 0.96, 1.04, 1.05, 1.08])
+@pytest.mark.parametrize("scale", [0.92, 0.95, 0.96, 1.04, 1.07, 1.08])
 @pytest.mark.parametrize("witness", ["both accelerometers", "positions"])
 def test_a_speed_of_another_scale_is_told_by_what_else_tells_speeds(witness, scale):
     r = drive(2)
@@ -131,7 +131,8 @@ def test_a_speed_of_another_scale_is_told_by_what_else_tells_speeds(witness, sca
     assert first.where.channel == "v_x"
     assert first.value == pytest.approx(scale, abs=0.01)
     rolls = witness == "both accelerometers" and scale < 1.0  # as a body does that leans
-    assert first.severity is (Severity.WARNING if rolls else Severity.DISTRUST)
+    own = witness == "both accelerometers" and 1.0 < scale < 1.05  # as their own scales may be off
+    assert first.severity is (Severity.WARNING if rolls or own else Severity.DISTRUST)
     assert ("the body rolls and pitches" in first.sentence) is rolls
 
 
