@@ -8,6 +8,7 @@ unexplained rest add up to one. Source: Shapley, A value for n-person games, 195
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import combinations
 from math import factorial
@@ -144,8 +145,9 @@ def shared_out(
                     raise
                 misfits[subset] = misfits[frozenset()]
         for subset, less in _better_without(names, misfits):
-            again, _ = left(subset, [less.values], whole.trust)
-            misfits[subset] = min(misfits[subset], again, key=lambda each: each.cost)
+            with suppress(BadInput):  # as before
+                again, _ = left(subset, [less.values], whole.trust)
+                misfits[subset] = min(misfits[subset], again, key=lambda each: each.cost)
         return _of_held_out(misfits, names, examined.sd, bench, held_out)
     search = examined.selection.search
     known = {frozenset(item.names): item for item in examined.selection.tried}
