@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from math import ceil
 
 import casadi as cs
@@ -250,7 +249,6 @@ def _hybrid(
         },
         untold={"C_alpha_f": ("alpha_f", EXCITED), "C_alpha_r": ("alpha_r", EXCITED)},
         readings={"v_y": v_y_of, "sideslip": _sideslip, "yaw_acceleration": _yaw_acceleration},
-        told_by={"F_yf": partial(_force_error, front=True), "F_yr": partial(_force_error, front=False)},
         least={"v_x": s.least_speed},
         carried_on=tuple(item.name for item in SIMILAR),
         sample_time=sample_time,
@@ -278,16 +276,6 @@ def _loaded(a_x: Symbol, p: Namespace) -> tuple[Symbol, Symbol, Symbol]:
     F_xr = driving + braking - F_xf
     left_f, left_r = (remaining((F_x / F_max) ** 2) for F_x, F_max in ((F_xf, p.mu_f * F_zf), (F_xr, p.mu_r * F_zr)))
     return F_zf * cs.sqrt(left_f), F_zr * cs.sqrt(left_r), F_xf
-
-
-def _force_error(recording: Recording, errors: Mapping[str, Array], p: Namespace, *, front: bool) -> Array | None:
-    """What an axle's force is off by [N], as Newton's laws have it, of what a_y and the change of the yaw rate are."""
-    if "a_y" not in errors or "yaw_rate" not in errors:
-        return None
-    across, turning = p.m * errors["a_y"], p.I_z * _rate(errors["yaw_rate"], recording)
-    if front:
-        return np.asarray((p.l_r * across + turning) / (p.l_f + p.l_r) / np.cos(recording["steer"] + p.steering_offset))
-    return np.asarray((p.l_f * across - turning) / (p.l_f + p.l_r))
 
 
 def _positive(z: Symbol) -> Symbol:
@@ -323,12 +311,8 @@ def _sideslip(recording: Recording) -> Array | None:
 
 def _yaw_acceleration(recording: Recording) -> Array:
     """Central differences of the yaw rate, run by run (Sec. 3.1)."""
-    return _rate(recording["yaw_rate"], recording)
-
-
-def _rate(values: Array, recording: Recording) -> Array:
     result = np.full(len(recording), np.nan)
     for start, stop in recording.runs:
         if stop - start > 2:
-            result[start:stop] = np.gradient(values[start:stop], recording.time[start:stop])
+            result[start:stop] = np.gradient(recording["yaw_rate"][start:stop], recording.time[start:stop])
     return result

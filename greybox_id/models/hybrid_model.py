@@ -122,9 +122,6 @@ class HybridModel(Model):
     estimates : quantities that an estimator is asked for, name -> SI unit.
     untold : estimate -> (quantity, least size of it): where that is smaller, the estimate means nothing.
     readings : state or output -> what it follows from where a recording does not hold it; None where it cannot.
-    told_by : estimate -> (recording, errors of outputs, physical parameters) -> how far it is off by what is known of
-        the physics, noise of readings and all, (n,); None where the outputs do not tell it. How wide an ensemble's
-        bands have to be is told by it.
     least : input -> its smallest value at which the physics hold.
     carried_on : parameters that are free where training is carried on for a vehicle that has changed.
     sample_time : s; recordings must have it.
@@ -145,9 +142,6 @@ class HybridModel(Model):
     estimates: Mapping[str, str]
     untold: Mapping[str, tuple[str, float]] = field(default_factory=lambda: MappingProxyType({}))
     readings: Mapping[str, Callable[[Recording], Array | None]] = field(default_factory=lambda: MappingProxyType({}))
-    told_by: Mapping[str, Callable[[Recording, Mapping[str, Array], Namespace], Array | None]] = field(
-        default_factory=lambda: MappingProxyType({})
-    )
     least: Mapping[str, float] = field(default_factory=lambda: MappingProxyType({}))
     carried_on: tuple[str, ...] = ()
     sample_time: float

@@ -8,11 +8,10 @@ from linear_bicycle import NOISE, VEHICLE, manoeuvres, recorded, sine, steps
 from windows_of import window_error
 
 from greybox_id.base.errors import BadInput
-from greybox_id.datasets.recording import Source, join
+from greybox_id.datasets.recording import join
 from greybox_id.engine.hybrid.stretches import stretches
 from greybox_id.fitting.adaptation.verb import adapt
 from greybox_id.fitting.how import FitOptions, quiet
-from greybox_id.fitting.provenance import data_record
 from greybox_id.fitting.saved_fit import load
 from greybox_id.fitting.scores.estimates import apply_hybrid
 from greybox_id.fitting.training import mirrored, update_hybrid
@@ -148,42 +147,6 @@ def test_an_ensemble_has_a_spread(stiffness):
     assert np.all(alike["F_yf_sd"] == 0.0)
     assert alike.units["F_yf_sd"] == "N"
     assert list(alike.table()[["time", "F_yf"]].columns) == ["time", "F_yf"]
-
-
-def stiffer(found, factor):
-    """The same network on tyres so much stiffer: what trainings have in common, put in by hand."""
-    model = found.model
-    scales = (f"stiffness_scale_{axle}" for axle in "fr")
-    return replace(found, model=model.with_parameters(*(model[name].with_value(factor) for name in scales)))
-
-
-def test_bands_are_as_wide_as_readings_say_that_members_are_off_together(stiffness):
-    members = [stiffer(stiffness, factor) for factor in (1.25, 1.26)]
-    new = [recorded(steps(0.03), 11.0, C_F, C_R, seed=40), recorded(sine(0.03, 0.6), 13.0, C_F, C_R, seed=41)]
-    other = recorded(steps(-0.03), 12.0, C_F, C_R)
-    alone, wider = apply_hybrid(members, other), apply_hybrid(members, other, new)
-    across, turning = 930.0 * other["a_y"], 700.0 * np.gradient(other["yaw_rate"], other.time)
-    for name, arm, sign in (("F_yf", 1.171, 1.0), ("F_yr", 1.175, -1.0)):
-        off = np.abs(alone[name] - (arm * across + sign * turning) / 2.346)
-        assert np.mean(off <= 2.0 * alone[name + "_sd"]) < 0.5
-        assert np.mean(off <= 2.0 * wider[name + "_sd"]) > 0.9
-        typical, band = np.sqrt(np.mean(off**2)), np.median(wider[name + "_sd"])
-        assert band < 3.0 * typical  # and no wider than that
-        assert np.array_equal(alone[name], wider[name])
-    assert np.array_equal(alone["sideslip_sd"], wider["sideslip_sd"], equal_nan=True)
-
-
-def test_bands_are_not_calibrated_on_what_was_trained_on(stiffness):
-    members = [stiffer(stiffness, factor) for factor in (1.0, 1.02)]
-    new = replace(recorded(steps(0.02), 12.0, C_F, C_R), source=Source("x.csv", "5eed", "canonical"))
-    seen = replace(members[0], data=(data_record(new, "train"),))
-    with pytest.raises(BadInput, match="was trained on"):
-        apply_hybrid([seen, members[1]], new, [new])
-    with pytest.raises(BadInput, match="several seeds"):
-        apply_hybrid(members[0], new, [new])
-    blind = replace(new, signals={name: new[name] for name in ("v_x", "steer", "v_y", "yaw_rate")})
-    with pytest.raises(BadInput, match="name more recordings"):
-        apply_hybrid(members, new, [blind])
 
 
 def test_progress_is_told_and_an_interruption_keeps_the_best():
