@@ -161,10 +161,6 @@ class LeastSquares(Protocol):
     copies: int
 
     @property
-    def sample_time(self) -> float:
-        """Time between rows, s."""
-
-    @property
     def start(self) -> Array:
         """Unknowns to start from."""
 

@@ -107,11 +107,6 @@ class Problem:
         return self._keep
 
     @property
-    def sample_time(self) -> float:
-        """Time between rows, s."""
-        return self.trace.model.sample_time
-
-    @property
     def start(self) -> Array:
         """Unknowns at the parameters' nominal values."""
         return self.unknowns(self.trace.model.values)

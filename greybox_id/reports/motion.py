@@ -185,7 +185,7 @@ def _not_determined(fit: Fit) -> str:
     result = left_open(fit)
     if result is None:
         return "how well its parameters are determined is not known, as the fit kept no covariance"
-    weak = [each.name for each in result.undetermined if each.name not in bound]
+    weak = [name for name in result.undetermined if name not in bound]
     pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
     clauses = [

@@ -125,7 +125,7 @@ def parameters_of(fit: Fit) -> list[dict[str, Any]]:
     """Single numbers of a fit that were estimated, and their identifiable combinations."""
     rows, notes = [], fit.notes()
     open_ = left_open(fit)
-    weak = {item.name for item in open_.undetermined} if open_ is not None else set()
+    weak = set(open_.undetermined) if open_ is not None else set()
     for p in _estimated(fit.model):
         sd = float(np.asarray(fit.sd.get(p.name, np.nan)))
         low, high = (float(end) for end in fit.interval(p.name))

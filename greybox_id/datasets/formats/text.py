@@ -25,12 +25,11 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from pandas.api.types import is_numeric_dtype
 
 from ...base.errors import BadInput
-from ...base.units import known_unit
 from ..column_map import SEPARATORS, ColumnMap
 from . import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, whole
+from .cells import DECIMAL_COMMA, NOTHING, as_numbers, is_value, stated_unit, unit_behind
 from .long_table import apart_by_name
 
 SPACE = " "
@@ -42,10 +41,6 @@ NAMED = 0.8
 HEADING_LINES = 4
 """Lines of words that may stand between a preamble and the values: names, units, sources, one more."""
 COMMENT = ("#", "%", "//")
-NOTHING = frozenset(("", "-", "--", "n/a", "na", "none", "#", "[]", "()", "?", "unitless", "no unit", "null"))
-"""What a row of units holds where a column has none."""
-MISSING = frozenset(NOTHING - {"#"} | {"---", "nan", "#n/a", "missing", "invalid"})
-"""What a cell holds that has no value."""
 STATISTICS = (
     "min", "max", "mean", "avg", "average", "minimum", "maximum", "median", "std", "stdev", "sigma", "mittel",
     "mittelwert", "maximal", "minimal",
@@ -53,14 +48,6 @@ STATISTICS = (
 """How a row begins that sums up the columns."""
 BETWEEN = 8
 """Rows of numbers that may stand between names and values: statistics, numbers of channels, rates."""
-_NUMBER = re.compile(r"[+-]?(\d+([.,]\d*)?|[.,]\d+)([eEdD][+-]?\d+)?|[+-]?(nan|inf|infinity)", re.IGNORECASE)
-_INSTANT = re.compile(
-    r"\d{4}[-/.]\d\d?[-/.]\d\d?([ T].*)?|\d{1,2}[./]\d{1,2}[./]\d{4}( .*)?|\d+:\d\d(:\d\d)?([.,]\d+)?"
-)
-_FORTRAN = re.compile(r"^([+-]?[\d.,]+)[dD]([+-]?\d+)$")
-_THREE_BEHIND = re.compile(r"[+-]?\d{1,3},\d{3}")
-_WITH_UNIT = re.compile(r"([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*([^\W\d][^\s]{0,10}|[°%][^\s]{0,10})")
-_DECIMAL_COMMA = re.compile(r"[+-]?\d+,\d+([eE][+-]?\d+)?")
 _DEVICE = re.compile(r"^\d+\s*:\s*")
 
 
@@ -117,12 +104,12 @@ def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout
     while names and not names[-1]:  # a comma at the end of each line
         names.pop()
     known, renamed = _told_apart(names, sources)
-    stated = tuple(_unit(units[k]) if k < len(units) else "" for k in range(len(names)))
+    stated = tuple(stated_unit(units[k]) if k < len(units) else "" for k in range(len(names)))
     start = max((header, *block, *between)) + 1 if block else header + 1
     if block:  # blank lines may stand between names and values
         start = next((k for k in range(start, len(rows)) if any(rows[k])), start)
     if not decimal:
-        comma = separator != "," and any(_DECIMAL_COMMA.fullmatch(c) for row in rows[start : start + 5] for c in row)
+        comma = separator != "," and any(DECIMAL_COMMA.fullmatch(c) for row in rows[start : start + 5] for c in row)
         decimal = "," if comma else "."
     return TableLayout(separator, decimal, header, start, known, stated, renamed, len(between))
 
@@ -159,13 +146,7 @@ def _split_numbers(lines: Sequence[str], separator: str) -> int:
     """Cells of a few lines that are no number, instant or word of their own: another separator stands in them."""
     cells = [cell for line in lines[:20] for cell in _cells(line, separator)]
     others = [item for item in (*SEPARATORS, SPACE) if item != separator]
-    return sum(1 for c in cells if not (_is_value(c) or _unit_behind(c)) and any(other in c for other in others))
-
-
-def _unit_behind(cell: str) -> str:
-    """What stands behind a number as its unit; empty where nothing does."""
-    parts = _WITH_UNIT.fullmatch(cell)
-    return parts[2] if parts and known_unit(parts[2]) else ""
+    return sum(1 for c in cells if not (is_value(c) or unit_behind(c)) and any(other in c for other in others))
 
 
 def _width(rows: Sequence[Sequence[str]]) -> int:
@@ -174,12 +155,8 @@ def _width(rows: Sequence[Sequence[str]]) -> int:
     return max(widths, key=lambda item: (widths[item], item)) if widths else 0
 
 
-def _is_value(cell: str) -> bool:
-    return bool(_NUMBER.fullmatch(cell) or _INSTANT.fullmatch(cell))
-
-
 def _words(row: Sequence[str]) -> int:
-    return sum(1 for cell in row if cell and not _is_value(cell))
+    return sum(1 for cell in row if cell and not is_value(cell))
 
 
 def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
@@ -187,7 +164,7 @@ def _first_values(rows: Sequence[Sequence[str]], width: int) -> int:
     wide = [row for row in rows[len(rows) // 2 :] if len(row) == width]
     usual = max((_words(row) for row in wide), default=0)  # labels among the values
     for k, row in enumerate(rows):
-        if len(row) >= width - 1 and len(row) > 0 and _words(row) <= usual and any(map(_is_value, row)):
+        if len(row) >= width - 1 and len(row) > 0 and _words(row) <= usual and any(map(is_value, row)):
             later = [row for row in rows[k + 1 : k + 11] if any(row)]
             alike = sum(1 for item in later if len(item) >= width - 1 and _words(item) <= usual)
             if alike >= 0.5 * len(later) and not any(_is_units(row) or _sums_up(row) for row in later[:BETWEEN]):
@@ -208,12 +185,12 @@ def _words_above(rows: Sequence[Sequence[str]], first: int, width: int) -> tuple
             row.pop()
         if not row:
             continue
-        numbers = sum(1 for cell in row if _is_value(cell) and cell != "1")
+        numbers = sum(1 for cell in row if is_value(cell) and cell != "1")
         if len(row) > width + 1 or len(row) < 0.3 * width or len(block) == HEADING_LINES:
             break
         if numbers > 0.2 * len(row):
             full = sum(map(bool, row)) >= NAMED * width and len(between) < BETWEEN
-            if not full or not (_sums_up(row) or all(map(_is_value, row))):
+            if not full or not (_sums_up(row) or all(map(is_value, row))):
                 break
             between.insert(0, k)
         else:
@@ -242,13 +219,7 @@ def _line_of_names(rows: Sequence[Sequence[str]], block: Sequence[int], width: i
 def _is_units(row: Sequence[str]) -> bool:
     """Whether most of a row's cells are units."""
     cells = [cell for cell in row if cell.strip("[]() ").lower() not in NOTHING]
-    return bool(cells) and sum(1 for cell in cells if _unit(cell)) >= 0.6 * len(cells)
-
-
-def _unit(cell: str) -> str:
-    """A unit as a column map writes it; empty where the cell is none."""
-    bare = cell.strip("[]() ")
-    return "" if bare.lower() in NOTHING else known_unit(bare)
+    return bool(cells) and sum(1 for cell in cells if stated_unit(cell)) >= 0.6 * len(cells)
 
 
 def _told_apart(names: Sequence[str], sources: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -358,7 +329,7 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     if not names:
         raise BadInput(f"{where}: row {layout.header + 1} is empty; it must hold the column names.")
     few_enough(len(names), where)
-    if len(names) > 1 and all(_is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
+    if len(names) > 1 and all(is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
         raise BadInput(f"{where}: row {layout.header + 1} holds values where names should stand. Write them above.")
     parts = _LINE_END.split(data, maxsplit=layout.first)
     body = _without_sums(parts[layout.first], layout.separator) if len(parts) > layout.first else b""
@@ -367,7 +338,7 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
     if not body.strip():
         return RawTable(where, names, tuple(pd.Series([], dtype=float) for _ in names), first_row, units), layout
-    frame, of_cells, words = _as_numbers(_frame(body, layout, where), layout)
+    frame, of_cells, words = as_numbers(_frame(body, layout, where), layout.decimal)
     layout = replace(layout, words=words)
     units |= {names[k]: unit for k, unit in of_cells.items()}
     filled = frame.notna().any(axis=1).to_numpy()
@@ -427,66 +398,6 @@ def _frame(body: bytes, layout: TableLayout, where: str) -> pd.DataFrame:
         raise BadInput(_too_long(where, layout.first + 1, names)) from error
     except (pd.errors.EmptyDataError, ValueError, OverflowError, csv.Error) as error:
         raise BadInput(f"{where} cannot be read as a table ({error}). Save it as plain CSV.") from error
-
-
-def _as_numbers(frame: pd.DataFrame, layout: TableLayout) -> tuple[pd.DataFrame, dict[int, str], int]:
-    """The rows with numbers where text is one, units that stand in cells, by column, and the number of rows of words.
-
-    Rows of words among numbers are blank: names that are repeated where a logger began anew, and what it writes at the
-    end.
-    """
-    texts: dict[Any, pd.Series[Any]] = {
-        k: _cells_of(column) for k, column in frame.items() if not is_numeric_dtype(column.dtype)
-    }
-    known = {k: _numbers_in(text, layout.decimal) for k, text in texts.items()}
-    mostly = {k: v for k, (v, _) in known.items() if v.notna().sum() > NAMED * texts[k].notna().sum()}
-    blank = np.empty(0, dtype=int)
-    if mostly:
-        words = np.any([(v.isna() & texts[k].notna()).to_numpy(dtype=bool) for k, v in mostly.items()], axis=0)
-        numbers = [v.notna().to_numpy() for v in mostly.values()]
-        numbers.append(frame.drop(columns=list(texts)).notna().any(axis=1).to_numpy())
-        blank = np.flatnonzero(words & ~np.any(numbers, axis=0))
-        others = [k for k in texts if k not in mostly]
-        blank = np.array(
-            [row for row in blank if not any(_is_value(str(texts[k].iloc[row])) for k in others)], dtype=int
-        )
-    if len(blank):
-        frame.iloc[blank] = None
-        for text in texts.values():
-            text.iloc[blank] = None
-    units = dict[Any, str]()
-    for k, text in texts.items():
-        if known[k][0].notna().sum() == text.notna().sum() > 0:
-            frame[k] = known[k][0].where(text.notna())
-            units |= {k: known[k][1]} if known[k][1] else {}
-    return frame, units, len(blank)
-
-
-def _cells_of(column: pd.Series[Any]) -> pd.Series[Any]:
-    """Texts of cells, missing where they stand for no value; Fortran's 1.0D+02 and the minus of print as in C."""
-    text = column.astype("string").str.strip().str.replace("\N{MINUS SIGN}", "-", regex=False)
-    text = text.str.replace(_FORTRAN, r"\1e\2", regex=True)
-    return text.mask(text.str.lower().isin(MISSING).fillna(False))
-
-
-def _numbers_in(text: pd.Series[Any], decimal: str) -> tuple[pd.Series[Any], str]:
-    """(n,) numbers of cells, NaN where one is none, and the unit that all have behind them.
-
-    Thousands are set apart by the mark that is not the decimal one, if a cell has both.
-    """
-    if text.dropna().str.fullmatch(_DECIMAL_COMMA).all() and not text.dropna().str.fullmatch(_THREE_BEHIND).all():
-        decimal = ","  # quoted, where commas stand between columns, too
-    unit, first = "", text.dropna().head(1)
-    behind = _unit_behind(first.iloc[0]) if len(first) else ""
-    if behind and text.dropna().str.endswith(behind).all():
-        text, unit = text.str.removesuffix(behind).str.strip(), known_unit(behind)
-    other = "." if decimal == "," else ","
-    thousands = rf"[+-]?(?:\d{{1,3}}(?:[{other}]\d{{3}})+|\d+)(?:[{decimal}]\d*)?"
-    both = text.str.contains(rf"\d[{other}]\d{{3}}[{decimal}]", regex=True).any()
-    if both and text.dropna().str.fullmatch(thousands).all():
-        text = text.str.replace(other, "", regex=False)
-    text = text.str.replace(",", ".", regex=False) if decimal == "," else text
-    return pd.to_numeric(text, errors="coerce").astype(float), unit
 
 
 def _notes(layout: TableLayout) -> tuple[str, ...]:

@@ -98,11 +98,6 @@ class Windows:
     outputs: Array
     starts: Array
 
-    @property
-    def count(self) -> int:
-        """How many there are."""
-        return int(self.inputs.shape[2])
-
 
 def windows(model: HybridModel, stretchs: Sequence[Stretch]) -> Windows:
     """Windows over stretches, each row but the first ones compared once; stretches shorter than a window are left out.

@@ -178,11 +178,6 @@ class MotionProblem:
         return self.targets.weight
 
     @property
-    def sample_time(self) -> float:
-        """Usual step of the recordings, s."""
-        return float(np.median([run.sample_time for run in self.runs]))
-
-    @property
     def start(self) -> Array:
         """Unknowns at the parameters' nominal values, starts at their readings."""
         return self.unknowns(self.model.values)

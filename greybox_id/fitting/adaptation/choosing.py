@@ -265,10 +265,6 @@ class LinearisedPart:
         square = np.mean(residuals**2, axis=1)
         return np.bincount(self.piece, square) / np.bincount(self.piece)
 
-    def stretches(self, residuals: Array) -> Array:
-        """Mean squares of stretches of several seconds, which hardly know of each other."""
-        return np.bincount(self.fold, np.mean(residuals**2, axis=1)) / np.bincount(self.fold)
-
 
 def _solved(H: Array, b: Array) -> Array:
     unit = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))

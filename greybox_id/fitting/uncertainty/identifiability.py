@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...base.numbers import number, percent, quantity, signed, with_unit
+from ...base.numbers import signed, with_unit
 from ...base.shorthands import Array
 from ...models.parameter import free_places
 from ..fit import Fit
@@ -29,40 +29,6 @@ TOGETHER = 0.95
 """Two parameters correlated more than this are identifiable only in combination."""
 NAMED, LEAST_NAMED = 4, 0.25
 """So many parameters are named of an open direction, if they move at least this share of the one that moves most."""
-
-
-@dataclass(frozen=True)
-class Undetermined:
-    """A weakly identifiable parameter: its standard deviation is large, or hardly less than its prior's.
-
-    Attributes
-    ----------
-    value, sd : estimate and standard deviation, in the parameter's unit.
-    relative_sd : as a share of the parameter's size.
-    prior_sd : standard deviation that was believed before; infinite for none.
-    unit : of the parameter.
-    """
-
-    name: str
-    value: float
-    sd: float
-    relative_sd: float
-    prior_sd: float
-    unit: str = "1"
-
-    def about(self) -> str:
-        """Why, in a plain sentence."""
-        if not np.isfinite(self.sd):
-            return f"{self.name} is not identifiable: neither the recording nor a prior informs it."
-        if self.sd > NO_NEWS * self.prior_sd:
-            share = f"{percent(self.sd / self.prior_sd)} of the prior's"
-            return f"{self.name} is dominated by the prior: its standard deviation is {share}."
-        if self.relative_sd > 1.0:
-            return (
-                f"The standard deviation of {self.name}, {quantity(self.sd, self.unit, 2)}, is larger than the "
-                f"estimate, {quantity(self.value, self.unit, 2)}."
-            )
-        return f"The standard deviation of {self.name} is {percent(self.relative_sd)} of its size."
 
 
 @dataclass(frozen=True)
@@ -90,14 +56,12 @@ class Direction:
     ----------
     names : of those that move most, the one that moves most first.
     moves : what one standard deviation along the direction moves each of them by, as shares of their sizes.
-    relative_sd : standard deviation along the direction, over all parameters.
     changes : the same moves in each one's unit, as text, for those whose estimates are about zero: per cent of it would
         say nothing. None for the others.
     """
 
     names: tuple[str, ...]
     moves: tuple[float, ...]
-    relative_sd: float
     changes: tuple[str | None, ...]
 
     def about(self) -> str:
@@ -117,26 +81,15 @@ class Identifiability:
 
     Attributes
     ----------
-    undetermined : weakly identifiable parameters, the worst first.
+    undetermined : names of weakly identifiable parameters, the worst first: their standard deviations are large, or
+        hardly less than their priors'.
     pairs : that stand for each other, the strongest correlation first.
     directions : open ones, the widest first; orthogonal in relative coordinates.
-    condition : number of the normal matrix scaled to a unit diagonal; infinite if something is not told at all.
     """
 
-    undetermined: tuple[Undetermined, ...]
+    undetermined: tuple[str, ...]
     pairs: tuple[CorrelatedPair, ...]
     directions: tuple[Direction, ...]
-    condition: float
-
-    def about(self) -> tuple[str, ...]:
-        """Everything in plain sentences."""
-        result = [each.about() for group in (self.undetermined, self.pairs, self.directions) for each in group]
-        known = (
-            f"The normal matrix has condition number {number(self.condition, 2)}."
-            if np.isfinite(self.condition)
-            else "The normal matrix is singular: this recording does not determine all parameters."
-        )
-        return (*(result or ["Every parameter is determined."]), known)
 
 
 def identifiability(
@@ -166,17 +119,13 @@ def identifiability(
     sd = np.sqrt(np.maximum(variance, 0.0))
     relative = np.divide(sd, size, out=np.where(sd > 0.0, np.inf, 0.0), where=(size > 0.0) & np.isfinite(sd))
     open_ = np.flatnonzero(((relative > HALF) & ~about_zero) | (sd > NO_NEWS * prior_sd) | np.isinf(sd))
-    undetermined = [
-        Undetermined(names[int(k)], float(x[k]), float(sd[k]), float(relative[k]), float(prior_sd[k]), units[int(k)])
-        for k in open_[np.argsort(-relative[open_], kind="stable")]
-    ]
     inner = np.flatnonzero((variance > 0.0) & np.isfinite(variance))
     C = covariance[np.ix_(inner, inner)]
     correlation = C / np.outer(sd[inner], sd[inner])
     scaled = np.flatnonzero(size[inner] > 0.0)
     unit = size[inner][scaled]
     return Identifiability(
-        tuple(undetermined),
+        tuple(names[int(k)] for k in open_[np.argsort(-relative[open_], kind="stable")]),
         _pairs([names[int(k)] for k in inner], correlation),
         _directions(
             [names[int(k)] for k in inner[scaled]],
@@ -185,7 +134,6 @@ def identifiability(
             np.abs(x[inner][scaled]),
             [units[int(k)] for k in inner[scaled]],
         ),
-        np.inf if np.any(np.isinf(variance)) else _condition(C),
     )
 
 
@@ -215,21 +163,8 @@ def _directions(
             with_unit(signed(move * size[k], 2), units[k]) if max(abs(move), 1.0) * size[k] > estimate[k] else None
             for k, move in zip(order, moves, strict=True)
         ]
-        result.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), spread, tuple(changes)))
+        result.append(Direction(tuple(names[k] for k in order), tuple(float(m) for m in moves), tuple(changes)))
     return tuple(result)
-
-
-def _condition(covariance: Array) -> float:
-    """Condition number of the inverse, scaled to a unit diagonal."""
-    if not len(covariance):
-        return 1.0
-    unit = 1.0 / np.sqrt(np.diag(covariance))
-    try:
-        normal = np.linalg.inv(covariance * np.outer(unit, unit))
-    except np.linalg.LinAlgError:
-        return np.inf
-    by = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
-    return float(np.linalg.cond(normal * np.outer(by, by)))
 
 
 def left_open(fit: Fit) -> Identifiability | None:

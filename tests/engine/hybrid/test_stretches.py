@@ -47,7 +47,7 @@ def test_a_steering_that_is_held_acts_as_half_its_step():
 def test_every_row_after_the_warm_up_is_compared():
     one = recorded(sine(0.02, 0.5, 333), 12.0, 5e4, 6e4)
     laid = windows(MODEL, stretches(MODEL, one))
-    assert laid.count == 8  # seven of 40 rows after 20, and one that ends with the recording
+    assert laid.inputs.shape[2] == 8  # seven of 40 rows after 20, and one that ends with the recording
     assert np.all(np.isnan(laid.outputs[: MODEL.warm_up]))
     compared = laid.outputs[MODEL.warm_up :, 0, :-1].T.ravel()
     assert np.array_equal(compared, one["a_y"][20 : 20 + len(compared)])

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from greybox_id.base.numbers import signed
-from greybox_id.fitting.uncertainty.identifiability import identifiability
+from greybox_id.fitting.uncertainty.identifiability import Identifiability, identifiability
 
 NAMES = ("mass", "stiffness", "offset", "length")
 X = np.array([1000.0, 8e4, 0.001, 2.5])
@@ -23,52 +23,43 @@ def covariance(relative_sd, **correlations):
 def test_where_everything_is_told_that_is_said():
     found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.2]))
     assert found.undetermined == found.pairs == found.directions == ()
-    assert found.condition == pytest.approx(1.0)
-    assert found.about() == ("Every parameter is determined.", "The normal matrix has condition number 1.0.")
 
 
 def test_a_parameter_known_to_less_than_half_its_size_is_not_determined():
     found = identifiability(NAMES, X, covariance([0.1, 0.6, 1e-4, 0.2]))
-    assert [each.name for each in found.undetermined] == ["stiffness"]
-    assert found.undetermined[0].about() == "The standard deviation of stiffness is 60 % of its size."
+    assert found.undetermined == ("stiffness",)
 
 
 def test_a_parameter_that_moved_little_from_its_prior_is_not_determined():
     prior = np.array([150.0, np.inf, np.inf, np.inf])
     found = identifiability(NAMES, X, covariance([0.12, 0.1, 1e-4, 0.2]), prior_sd=prior)
-    assert [each.about() for each in found.undetermined] == [
-        "mass is dominated by the prior: its standard deviation is 80 % of the prior's."
-    ]
+    assert found.undetermined == ("mass",)
 
 
 def test_an_offset_about_zero_is_measured_against_its_prior():
     C = covariance([0.1, 0.1, 0.002, 0.2])
     alone = identifiability(NAMES, X, C)
     believed = identifiability(NAMES, X, C, prior_sd=np.array([np.inf, np.inf, 0.02, np.inf]))
-    assert [each.name for each in alone.undetermined] == ["offset"]
+    assert alone.undetermined == ("offset",)
     assert believed.undetermined == ()
     assert believed.directions == ()
 
 
-def test_what_nothing_tells_comes_first_and_makes_the_matrix_singular():
+def test_what_nothing_tells_comes_first():
     C = covariance([0.1, 0.6, 1e-4, 0.2])
     C[3, 3] = np.inf
     found = identifiability(NAMES, X, C)
-    assert [each.name for each in found.undetermined] == ["length", "stiffness"]
-    assert found.about()[0] == "length is not identifiable: neither the recording nor a prior informs it."
-    assert found.condition == np.inf
-    assert "singular" in found.about()[-1]
+    assert found.undetermined == ("length", "stiffness")
 
 
 def test_what_is_held_is_left_out():
     C = covariance([0.1, 0.1, 0.0, 0.0])
     found = identifiability(NAMES, np.array([1000.0, 8e4, 0.0, 2.5]), C)
     assert found.undetermined == ()
-    assert found.condition == pytest.approx(1.0)
 
 
 def test_of_nothing_free_nothing_is_said():
-    assert identifiability(NAMES, X, np.zeros((4, 4))).about()[0] == "Every parameter is determined."
+    assert identifiability(NAMES, X, np.zeros((4, 4))) == Identifiability((), (), ())
 
 
 @pytest.mark.parametrize(("correlation", "word"), [(0.97, "difference"), (-0.97, "sum")])
@@ -81,25 +72,11 @@ def test_parameters_that_stand_for_each_other_are_named_in_pairs(correlation, wo
     )
 
 
-def test_the_condition_number_does_not_depend_on_units():
-    C = covariance([0.1, 0.2, 1e-4, 0.1], _01=0.99)
-    units = np.diag([1e3, 1e-3, 1.0, 60.0])
-    found, other = identifiability(NAMES, X, C), identifiability(NAMES, units @ X, units @ C @ units)
-    assert found.condition == pytest.approx(199.0)
-    assert other.condition == pytest.approx(199.0)
-
-
-def test_exactly_dependent_parameters_have_no_finite_condition():
-    found = identifiability(NAMES, X, covariance([0.1, 0.1, 1e-4, 0.1], _01=1.0))
-    assert found.condition > 1e12
-
-
 def test_a_direction_that_is_open_reads_as_parameters_moving_together():
     found = identifiability(NAMES, X, covariance([0.5, 0.4, 1e-4, 0.01], _01=0.999))
     (direction,) = found.directions
     assert direction.names == ("mass", "stiffness")
     np.testing.assert_allclose(direction.moves, [0.5, 0.4], rtol=0.01)
-    assert direction.relative_sd == pytest.approx(np.hypot(0.5, 0.4), rel=0.01)
     assert direction.about() == (
         "Changing mass by +50 % and stiffness by +40 % together (one standard deviation) hardly changes the residuals."
     )
@@ -122,5 +99,3 @@ def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in
     assert second.about() == (
         "Changing mass by +50 % and curve by +0.20 together (one standard deviation) hardly changes the residuals."
     )
-    (alone,) = identifiability(("offset",), np.array([0.01]), np.array([[0.04]]), units=("rad",)).undetermined
-    assert alone.about() == "The standard deviation of offset, 0.20 rad, is larger than the estimate, 0.010 rad."
