@@ -20,6 +20,7 @@ from ..datasets.checks.consistency import standing
 from ..datasets.checks.finding import Finding
 from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
+from ..engine.motion.traced import traced_once
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
 from .attempt import refitted
@@ -178,7 +179,7 @@ def fit(
     for recording in [*recordings, *([] if validate is None else [validate])]:
         recording.must_run()
     models = [model] if isinstance(model, Model) else list(model)
-    with threadpool_limits(1):  # the matrices are small: a second thread only waits for the first, at full power
+    with traced_once(), threadpool_limits(1):  # matrices are small: a second thread only waits, at full power
         task = FitTask(recordings, validate, how, say, models, pretraining)
         task, stood = _moving(models[0], task)
         result, task, held = _between_rows(estimated(models[0], task), task)

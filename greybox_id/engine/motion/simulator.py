@@ -26,7 +26,7 @@ from ..simulation import Prediction
 from ..virtual import SampledFunction
 from .lanes import Interval, lay
 from .schedule import MotionRun, Schedule, least_segment, longest_segment, motion_runs, schedule
-from .trace import MotionTrace
+from .traced import traced
 
 ALONE = 25
 """What one segment of a single trajectory costs the virtual machine, in lanes: 40 us, beside 1.5 us for each lane of
@@ -45,7 +45,7 @@ class Simulator:
     """
 
     def __init__(self, model: MotionModel, compiled: bool | None = None) -> None:
-        self.trace = MotionTrace(model)
+        self.trace = traced(model)
         self.kernel = Kernel(self.trace.step, self.trace.output, compiled=compiled)
         self.actuators = self._actuators() if model.actuators else None
         self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], SampledFunction] = {}
@@ -54,8 +54,7 @@ class Simulator:
     def of(self, model: MotionModel) -> Simulator:
         """The same of a model with the same equations, whose values, bounds and beliefs are others."""
         result = copy(self)
-        result.trace = copy(self.trace)
-        result.trace.model = model
+        result.trace = self.trace.of(model)
         return result
 
     def shifts(self, p: Array) -> Array:

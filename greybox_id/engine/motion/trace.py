@@ -14,6 +14,7 @@ Named quantities on the way from states to derivatives: where effects take hold,
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from math import factorial
 from types import SimpleNamespace
 from typing import Any
@@ -247,6 +248,13 @@ class MotionTrace:
         self.rates = cs.Function("rates", [z, s, p], [cs.vertcat(*rates)])
         A = cs.jacobian(cs.vertcat(*rates), z)[:, : len(model.states)]
         self.stiffness = SampledFunction(cs.Function("stiffness", [z, s, p], [cs.densify(cs.vec(A.T))]))
+        self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], cs.Function] = {}
+
+    def of(self, model: MotionModel) -> MotionTrace:
+        """The same of a model with the same equations, whose values, bounds and beliefs are others."""
+        result = copy(self)
+        result.model = model
+        return result
 
     def told(self, names: Sequence[str]) -> cs.Function:
         """(z, s, p) -> states, inputs, quantities and scaled combinations by name, just after a segment began.
@@ -295,6 +303,11 @@ class MotionTrace:
         what they see depends on the states so steeply that one reading's noise would come back amplified. What is not
         measured starts as its `State` says, actuators at their command, relaxed quantities where they would settle.
         """
+        if (measured, given) not in self._starts:
+            self._starts[measured, given] = self._start(measured, given)
+        return self._starts[measured, given]
+
+    def _start(self, measured: tuple[str, ...], given: tuple[str, ...]) -> cs.Function:
         model = self.model
         y, u, p = cs.SX.sym("y", len(measured)), cs.SX.sym("u", len(model.inputs)), cs.SX.sym("p", model.size)
         named = parameters(model, p)

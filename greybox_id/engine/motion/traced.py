@@ -1,0 +1,46 @@
+"""Equations traced once for all simulators of a task: one tracing takes as long as the search of many a fit."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import fields
+
+from ...models.motion_model import MotionModel
+from .trace import MotionTrace
+
+_KNOWN: ContextVar[list[MotionTrace] | None] = ContextVar("known", default=None)
+
+
+@contextmanager
+def traced_once() -> Iterator[None]:
+    """Within, equations are traced once, however many simulators of them are made.
+
+    For no longer than a task takes: equations are a user's functions, and what they read may change after it.
+    """
+    known = _KNOWN.set([])
+    try:
+        yield
+    finally:
+        _KNOWN.reset(known)
+
+
+def traced(model: MotionModel) -> MotionTrace:
+    """A model's trace; within `traced_once` that of an earlier model with the same equations."""
+    known = _KNOWN.get()
+    if known is None:
+        return MotionTrace(model)
+    result = next((one.of(model) for one in known if _same_equations(one.model, model)), None)
+    if result is None:
+        result = MotionTrace(model)
+        known.append(result)
+    return result
+
+
+def _same_equations(one: MotionModel, other: MotionModel) -> bool:
+    """Whether nothing was replaced but what parameters are worth."""
+    if type(one) is not type(other):
+        return False
+    alike = all(getattr(one, f.name) is getattr(other, f.name) for f in fields(one) if f.name != "parameters")
+    return alike and [(p.name, p.shape) for p in one.parameters] == [(p.name, p.shape) for p in other.parameters]
