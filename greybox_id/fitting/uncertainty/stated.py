@@ -5,7 +5,8 @@ is stated, I_z is as wrong as m is, and no interval that is taken from residuals
 and estimates move together there, and nothing that is predicted changes.
 
 Other stated values are determined beside the estimates: the first step towards the optimum with one more number free
-says how far the recording wants it changed, and blocks of the rows left out in turn (jackknife) how surely.
+says how far the recording wants it changed; blocks of the rows left out in turn (jackknife) and the tolerances that it
+rests on say how surely.
 """
 
 from __future__ import annotations
@@ -128,8 +129,9 @@ def _wanted(
         if whole[-1, -1] - whole[-1, :-1] @ taken_back < EXACTLY * whole[-1, -1]:
             continue  # nothing that is seen, nor a tolerance, tells it
         steps = [_solved(whole, gradient)[-1], *(_solved(whole - H[k], gradient - g[k])[-1] for k in range(BLOCKS))]
-        sd = float(np.sqrt((BLOCKS - 1) * np.var(steps[1:])))
-        result[fact] = (float(steps[0]), sd)
+        by_rows = (BLOCKS - 1) * float(np.var(steps[1:]))
+        follows_of = _solved(whole, np.eye(len(whole))[-1])  # what a tolerance's mean moves the fact by
+        result[fact] = (float(steps[0]), float(np.sqrt(by_rows + follows_of @ pull @ follows_of)))
     return result
 
 
