@@ -1,4 +1,4 @@
-"""What other fits of the same model say of a fit: to a recording it has not seen, to each half of its own, and without
+"""What other fits of the same model say of a fit: to a recording it has not seen, to parts of its own, and without
 the tolerances that are stated of the vehicle.
 
 Errors alone do not say whether a fit is as good as its model can be: one that was found on a straight road may beat
@@ -26,7 +26,7 @@ from .fit import CLEARLY, NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
 from .scores.motion import score_motion
 from .scores.verdict import WORSE, times_as_large
-from .uncertainty.halves import BLOCKS, mixed_halves, prediction_limit
+from .uncertainty.halves import BLOCKS, EIGHTHS, HALF, mixed_halves, prediction_limit
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0
@@ -86,12 +86,13 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
             )
     form = fit.how.get("form", {})
     if form.get("halves_gain", 0.0) > CLEARLY:
-        compared, halves = _Compared(simulator, opened, model.values), _halves(recording)
-        first = next(halves)
+        count = form.get("first", HALF)
+        compared, parts = _Compared(simulator, opened, model.values), _parts(recording, count)
+        first = next(parts)
         times = compared.apart(*first)
-        if times > WORSE and (form.get("apart") or _stands_out(times, (compared.apart(*mixed) for mixed in halves))):
+        if times > WORSE and (form.get("apart") or _stands_out(times, (compared.apart(*mixed) for mixed in parts))):
             stays = bool(fit.how.get("unfitted")) and compared.worst(_unfitted(model, fit), first) < times**0.5
-            yield Reason(NOT_USABLE, _halves_differ(times, stays))
+            yield Reason(NOT_USABLE, _parts_differ(times, stays, count))
 
 
 def _unfitted(model: MotionModel, fit: Fit) -> Array:
@@ -100,19 +101,21 @@ def _unfitted(model: MotionModel, fit: Fit) -> Array:
     return model.with_parameters(*(model[n].with_value(v) for n, v in before.items())).values
 
 
-def _halves_differ(times: float, stays: bool) -> str:
+def _parts_differ(times: float, stays: bool, count: int) -> str:
     """The sentence; of one vehicle where the numbers that were stated err less than half as much, in log, on both."""
+    half = "half" if count == HALF else "part"
+    one = "half of the data" if count == HALF else f"of the first {EIGHTHS[count]} of the data and the rest"
     result = (
-        f"Fitted to one half of the data, the model has {number(times, 2)} times the errors on the other half "
-        "that a fit to that half has, well above halves that mix early and late data: "
+        f"Fitted to one {one}, the model has {number(times, 2)} times the errors on the other {half} that a fit to "
+        f"that {half} has, well above {'halves' if count == HALF else 'parts'} that mix early and late data: "
     )
     if stays:
         return result + (
-            "as the vehicle stated is nearer on both, one half does not determine the parameters within such "
+            f"as the vehicle stated is nearer on both, one {half} does not determine the parameters within such "
             "tolerances; or the vehicle has changed. State narrower tolerances, or record more."
         )
     return result + (
-        "the vehicle has changed, or is not the same. Fit each half; greybox gap says what changed since the first."
+        f"the vehicle has changed, or is not the same. Fit each {half}; greybox gap says what changed since the first."
     )
 
 
@@ -154,12 +157,12 @@ def _stands_out(times: float, mixed: Iterable[float]) -> bool:
     return len(logs) < 2 or float(np.log(times)) > prediction_limit(np.array(logs))
 
 
-def _halves(recording: Recording) -> Iterator[tuple[Recording, Recording]]:
-    """The first and the second half, then such as have as many blocks of the one as of the other."""
+def _parts(recording: Recording, count: int) -> Iterator[tuple[Recording, Recording]]:
+    """The first blocks, so many, and the rest; then halves that mix both."""
     edges = [len(recording) * k // BLOCKS for k in range(BLOCKS + 1)]
     blocks = [_beginning(recording.rows(a, b), 2 * MOST_ROWS // BLOCKS) for a, b in pairwise(edges)]
     mixed = mixed_halves()
-    for one in (tuple(range(BLOCKS // 2)), *mixed[:: len(mixed) // MIXED][:MIXED]):
+    for one in (tuple(range(count)), *mixed[:: len(mixed) // MIXED][:MIXED]):
         other = (k for k in range(BLOCKS) if k not in one)
         yield join([blocks[k] for k in one], recording.name), join([blocks[k] for k in other], recording.name)
 

@@ -18,6 +18,7 @@ from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
 from ..fit import CLEARLY, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
+from ..uncertainty.halves import EIGHTHS, HALF
 
 TRAINED = "train"
 UNEXPLAINED = 0.5
@@ -104,13 +105,16 @@ def foreign_form(fit: Fit) -> bool:
 
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
-    """Whether the second half of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
+    """Whether a later part of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
     if form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES:
+        first = form.get("first", HALF)
+        later = "The second half of the data prefers other parameters than the first"
+        if first != HALF:
+            later = f"What comes after the first {EIGHTHS[first]} of the data prefers other parameters than these"
         yield Reason(
             WITH_CARE,
-            "The second half of the data prefers other parameters than the first "
-            f"(log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or be another. Fit "
-            "each half.",
+            f"{later} (log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or be "
+            "another. Fit each part.",
         )
 
 

@@ -27,7 +27,7 @@ from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..fit import CLEARLY
 from .evidence import SHARES, Joint, Squares, Starts, likeliest
-from .halves import BLOCKS, mixed_halves, prediction_limit
+from .halves import BLOCKS, HALF, SPLITS, mixed_halves, other_parts, prediction_limit
 
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
@@ -72,21 +72,23 @@ class FormError:
     outputs : name -> its residuals.
     covariance : (unknowns, unknowns) what the error of the form adds to the covariance of the unknowns.
     halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
-        functions of the drive.
+        functions of the drive; or in another later part, which gains more and is apart.
     halves_gain : log of how much likelier the residuals are with other parameters there.
-    apart : whether that is beyond the scatter between halves that mix early and late rows.
+    first : blocks before that part, of `BLOCKS`.
+    apart : whether that is beyond the scatter between parts that mix early and late rows.
     """
 
     outputs: Mapping[str, OutputForm]
     covariance: Array
     halves: float
     halves_gain: float
+    first: int
     apart: bool
 
     def as_dict(self) -> dict[str, Any]:
         """All but the covariance, as plain data."""
         outputs = {name: asdict(one) for name, one in self.outputs.items()}
-        return {"outputs": outputs, "halves": self.halves, "halves_gain": self.halves_gain, "apart": self.apart}
+        return {"outputs": outputs} | {n: getattr(self, n) for n in ("halves", "halves_gain", "first", "apart")}
 
 
 def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
@@ -106,16 +108,22 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     kept = problem.free & (x > low) & (x < high)
     kept[problem.parameters.size :] = False
     block = BLOCKS * np.arange(len(drives[0].error)) // len(drives[0].error)
-    H, g, alone = _normal_equations(problem, x, nodes, drives, passed, kept, every, (block >= BLOCKS // 2).astype(int))
+    by_block = _normal_equations(problem, x, nodes, drives, passed, kept, every, block)
     count, halves = int(np.sum(kept)), len(drives) + len(passed)
     sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
     owner = np.repeat(np.arange(halves + 1), sizes_of)
     unit = np.ones(len(owner))
+    H, g, alone = _of_two_parts(by_block, tuple(range(HALF)), count)
     power = np.diag(H)[-count:] if count else np.zeros(0)
     whole = sum(float(np.sum((one.columns**2).max(axis=1))) / one.alone for one in drives)
     unit[owner == halves] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
     joint = Joint(H, g, count)
     shares, gains = likeliest(joint, owner, unit, halves + 1)
+    first, apart = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
+    if first != HALF:
+        H, g, alone = _of_two_parts(by_block, tuple(range(first)), count)
+        joint = Joint(H, g, count)
+        shares, gains = likeliest(joint, owner, unit, halves + 1)
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
@@ -128,36 +136,61 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     siz = sizes[owner == halves]
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
     explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
-    gain, apart = float(gains[halves]), False
-    if gain > CLEARLY:
-        by_block = _normal_equations(problem, x, nodes, drives, passed, kept, every, block)[:2]
-        mixed = _gains_of_mixed(*by_block, count, shares, owner, unit)
-        apart = gain > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
-    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), gain, apart)
+    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), float(gains[halves]), first, apart)
 
 
-def _gains_of_mixed(H: Array, g: Array, count: int, shares: Array, owner: Index, unit: Array) -> Array:
-    """(halves,) what other parameters in one of mixed halves gain, in log, beside functions of these shares.
+_Normal = tuple[Array, Array, list[Squares]]
+
+
+def _changed(
+    by_block: _Normal, count: int, shares: Array, owner: Index, unit: Array, of_half: float
+) -> tuple[int, bool]:
+    """Blocks before the part that is of other parameters, and whether it stands out.
+
+    Halves do from mixed ones. Parts of another size, of which the best is looked at, gain more than any other blocks.
+    """
+    if count == 0:
+        return HALF, False
+    given = count, shares, owner, unit
+    gains = {k: _gain(by_block, tuple(range(k)), *given) for k in SPLITS} | {HALF: of_half}
+    best = max(gains, key=lambda k: gains[k])
+    if best != HALF and gains[best] > max(CLEARLY, *(_gain(by_block, one, *given) for one in other_parts(best))):
+        return best, True
+    if gains[HALF] > CLEARLY:
+        mixed = [_gain(by_block, one, *given) for one in mixed_halves()]
+        return HALF, gains[HALF] > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
+    return HALF, False
+
+
+def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array) -> float:
+    """What other parameters gain, in log, in all blocks but the first, beside functions of these shares.
 
     Parameters
     ----------
-    H, g : as of `_normal_equations`, each block but the first a part.
     count : how many parameters.
     shares, owner, unit : as of `likeliest`; the last group is that of the parameters.
     """
-    rest, gains, eye = len(owner), [], np.eye(count)
-    for one in mixed_halves():
-        other = [float(k not in one) for k in range(1, BLOCKS)]
-        both = np.zeros((len(g), rest + count))
-        both[:rest, :rest] = np.eye(rest)
-        both[rest:, rest:] = np.kron(np.array(other)[:, None], eye)
-        joint = Joint(both.T @ H @ both, both.T @ g, count)
-        tried = []
-        for share in SHARES:
-            of_group = np.append(shares[:-1], share)
-            tried.append(joint.evidence((of_group[owner] * unit) ** 2))
-        gains.append(max(tried) - tried[0])
-    return np.array(gains)
+    H, g, _ = _of_two_parts((*by_block[:2], []), first, count)
+    joint, tried = Joint(H, g, count), []
+    for share in SHARES:
+        of_group = np.append(shares[:-1], share)
+        tried.append(joint.evidence((of_group[owner] * unit) ** 2))
+    return max(tried) - tried[0]
+
+
+def _of_two_parts(by_block: _Normal, first: Sequence[int], count: int) -> _Normal:
+    """What `_normal_equations` gives for two parts of the rows, from those for each block.
+
+    Of two parts it is all one which has other parameters; here it is the one without the first block.
+    """
+    H, g, alone = by_block
+    rest = len(g) - count * (BLOCKS - 1)
+    other = [float((k in first) != (0 in first)) for k in range(1, BLOCKS)]
+    both = np.zeros((len(g), rest + count))
+    both[:rest, :rest] = np.eye(rest)
+    both[rest:, rest:] = np.kron(np.array(other)[:, None], np.eye(count))
+    of_outputs = [Squares(both.T @ one.H @ both, both.T @ one.g, one.total) for one in alone]
+    return both.T @ H @ both, both.T @ g, of_outputs
 
 
 @dataclass(frozen=True)
@@ -355,7 +388,7 @@ def _normal_equations(
     kept: Mask, every: int, part: Index,
 ) -> tuple[Array, Array, list[Squares]]:  # fmt: skip
     """Curvature and gradient by kept parameters, by the sizes of functions of the drive and of errors of inputs, and by
-    kept parameters of each part of the rows but the first, `part` (N,); and the squares of each output alone.
+    kept parameters of each of the `BLOCKS` parts of the rows but the first, `part` (N,); and each output's squares.
 
     Residuals count as so many independent ones. Starts of intervals are eliminated, interval by interval.
     """
@@ -363,7 +396,7 @@ def _normal_equations(
     firsts = count + np.concatenate([[0], np.cumsum([one.columns.shape[1] for one in drives])]).astype(int)
     common = np.dstack([one.effect for one in passed]) if passed else np.zeros((*nodes.y[::every].shape, 0))
     last = int(firsts[-1]) + common.shape[2]
-    size = last + count * int(np.max(part, initial=0))
+    size = last + count * (BLOCKS - 1)
     H, g = np.zeros((size, size)), np.zeros(size)
     H[:count, :count] = problem.believed[np.ix_(kept, kept)]
     g[:count] = problem.pull_of_priors(x)[kept]

@@ -48,15 +48,17 @@ def test_a_right_form_leaves_next_to_nothing_and_costs_no_width():
 
 
 @pytest.mark.parametrize(
-    ("softer", "apart"), [((4, 5, 6, 7), True), ((1, 3, 4, 6), False)], ids=["in the second half", "by turns"]
+    ("softer", "first", "apart"),
+    [((4, 5, 6, 7), 4, True), ((5, 6, 7), 5, True), ((2, 3, 4, 5, 6, 7), 2, True), ((1, 3, 4, 6), 4, False)],
+    ids=["in the second half", "in the last three eighths", "after the first quarter", "by turns"],
 )
-def test_two_vehicles_are_told_apart_where_the_second_half_gains_more_than_mixed_halves(softer, apart):
+def test_two_vehicles_are_told_apart_where_a_later_part_gains_more_than_mixed_ones(softer, first, apart):
     blocks = [
         driven(runs=1, seconds=5.0, seed=k, noise=0.1, values={"B_f": (0.5 if k in softer else 1.0) * truth("B_f")})
         for k in range(8)
     ]
     form = fit(model("B_f", "I_z"), [join(blocks, "eight")], how=QUICK).how["form"]
-    assert form["apart"] is apart
+    assert (form["first"], form["apart"]) == (first, apart)
     assert form["halves_gain"] > CLEARLY or not apart
 
 

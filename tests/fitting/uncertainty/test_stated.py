@@ -62,6 +62,13 @@ def test_a_mass_that_lateral_motion_told_scales_with_the_inertia_that_is_stated(
     assert found.how["scaling"] == {"I_z": ["m", "C_alpha_f", "C_alpha_r"]}
 
 
+def test_a_right_mass_is_not_contradicted_by_an_inertia_within_its_tolerance():
+    found = model(I_z=400.0)
+    right = found.with_parameters(found["m"].with_value(found["m"].array / OFF), found["I_z"].with_value(2900.0))
+    right = right.with_parameters(replace(right["I_z"], prior=Prior(sd=400.0, mean=2900.0)))
+    assert fit(right, [driven("lateral", runs=1, seconds=40.0, noise=0.1)], how=QUICK).how["contradicted"] == {}
+
+
 @pytest.mark.parametrize(("length", "inertia", "wrong"), [(1.0, None, ""), (1.15, None, "wheelbase"), (1.0, 30.0, "m")])
 def test_a_fact_that_the_recording_contradicts_is_named_with_its_size(length, inertia, wrong):
     """A wheelbase; and a mass beside a tolerance: lateral motion tells I_z / m."""
