@@ -9,9 +9,10 @@ from what is stated. It does not let the same model predict as well again as soo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -86,13 +87,29 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
             )
     form = fit.how.get("form", {})
     if form.get("halves_gain", 0.0) > CLEARLY:
-        count = form.get("first", HALF)
-        compared, parts = _Compared(simulator, opened, model.values), _parts(recording, count)
+        unfitted = _unfitted(model, fit) if fit.how.get("unfitted") else None
+        yield from _parts_apart(_Compared(simulator, opened, model.values), form, recording, unfitted)
+
+
+def _parts_apart(
+    compared: _Compared, form: Mapping[str, Any], recording: Recording, unfitted: Array | None
+) -> Iterator[Reason]:
+    """Whether two parts of a recording are of two vehicles: those that residuals name, or else halves."""
+    for count in dict.fromkeys((form.get("first", HALF), HALF)):
+        parts = _parts(recording, count)
         first = next(parts)
         times = compared.apart(*first)
-        if times > WORSE and (form.get("apart") or _stands_out(times, (compared.apart(*mixed) for mixed in parts))):
-            stays = bool(fit.how.get("unfitted")) and compared.worst(_unfitted(model, fit), first) < times**0.5
+        if count != HALF:
+            differ = times > LESS  # a fit to a quarter of a drive is less sure
+        else:
+            differ = times > WORSE and (
+                form.get("apart")
+                or (form.get("first", HALF) == HALF and _stands_out(times, (compared.apart(*mixed) for mixed in parts)))
+            )
+        if differ:
+            stays = unfitted is not None and compared.worst(unfitted, first) < times**0.5
             yield Reason(NOT_USABLE, _parts_differ(times, stays, count))
+            return
 
 
 def _unfitted(model: MotionModel, fit: Fit) -> Array:

@@ -31,6 +31,7 @@ from ..column_map import SEPARATORS, ColumnMap
 from . import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, whole
 from .cells import DECIMAL_COMMA, NOTHING, as_numbers, is_value, stated_unit, unit_behind
 from .long_table import apart_by_name
+from .raw_can import must_hold_signals
 
 SPACE = " "
 """Stands for any number of blanks between columns."""
@@ -321,6 +322,7 @@ def write(columns: Columns, path: Path) -> None:
 def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -> tuple[RawTable, TableLayout]:
     """The table in the text of a CSV file, and how it lies there. Raises `BadInput` where it forms none."""
     head = _head(data, separator, where)
+    must_hold_signals(head, where)
     try:
         layout = layout_of(head or [""], separator, decimal)
     except csv.Error as error:

@@ -72,10 +72,10 @@ class FormError:
     outputs : name -> its residuals.
     covariance : (unknowns, unknowns) what the error of the form adds to the covariance of the unknowns.
     halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
-        functions of the drive; or in another later part, which gains more and is apart.
+        functions of the drive; or in another later part, which gains more than any other blocks, as many.
     halves_gain : log of how much likelier the residuals are with other parameters there.
     first : blocks before that part, of `BLOCKS`.
-    apart : whether that is beyond the scatter between parts that mix early and late rows.
+    apart : whether what the second half gains is beyond the scatter between halves that mix early and late rows.
     """
 
     outputs: Mapping[str, OutputForm]
@@ -145,21 +145,21 @@ _Normal = tuple[Array, Array, list[Squares]]
 def _changed(
     by_block: _Normal, count: int, shares: Array, owner: Index, unit: Array, of_half: float
 ) -> tuple[int, bool]:
-    """Blocks before the part that is of other parameters, and whether it stands out.
+    """Blocks before the part that is of other parameters, and whether halves stand out from mixed ones.
 
-    Halves do from mixed ones. Parts of another size, of which the best is looked at, gain more than any other blocks.
+    Parts of another size, of which the best is looked at, have to gain more than any other blocks, as many.
     """
     if count == 0:
         return HALF, False
     given = count, shares, owner, unit
     gains = {k: _gain(by_block, tuple(range(k)), *given) for k in SPLITS} | {HALF: of_half}
-    best = max(gains, key=lambda k: gains[k])
-    if best != HALF and gains[best] > max(CLEARLY, *(_gain(by_block, one, *given) for one in other_parts(best))):
-        return best, True
+    first, apart, best = HALF, False, max(gains, key=lambda k: gains[k])
     if gains[HALF] > CLEARLY:
         mixed = [_gain(by_block, one, *given) for one in mixed_halves()]
-        return HALF, gains[HALF] > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
-    return HALF, False
+        apart = gains[HALF] > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
+    if best != HALF and gains[best] > max(CLEARLY, *(_gain(by_block, one, *given) for one in other_parts(best))):
+        first = best
+    return first, apart
 
 
 def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array) -> float:
