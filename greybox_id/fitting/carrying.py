@@ -23,11 +23,11 @@ from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
 from .attempt import refitted
-from .fit import CLEARLY, NOT_USABLE, WITH_CARE, Fit, Reason
+from .fit import CLEARLY, EIGHTHS, NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
 from .scores.motion import score_motion
 from .scores.verdict import WORSE, times_as_large
-from .uncertainty.halves import BLOCKS, EIGHTHS, HALF, mixed_halves, prediction_limit
+from .uncertainty.halves import BLOCKS, HALF, mixed_halves, prediction_limit
 
 HORIZONS = (0.5, 1.0, 2.0)
 AHEAD = 1.0

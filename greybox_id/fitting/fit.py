@@ -154,7 +154,9 @@ MOST_COVARIANCES = 200
 DOMINATED, SURPRISING = 0.7, 3.0
 """A posterior spread above this share of the prior's is no news; so many prior spreads away is suspicious."""
 CLEARLY = 10.0
-"""Log of how much likelier other parameters in the second half of the data have to be before they are told."""
+"""Log of how much likelier other parameters in a later part of the data have to be before they are told."""
+EIGHTHS = {2: "quarter", 3: "three eighths", 4: "half", 5: "five eighths", 6: "three quarters"}
+"""What the part of the data before that is called, which need not be half."""
 FREE_RUN = "free run"
 """The protocol under which every model is scored that moves on by itself."""
 UNTOLD = 0.5

@@ -17,8 +17,7 @@ from ...datasets.checks.drive import FEWEST_ROWS, MOVES, SHORTEST, moves
 from ...datasets.recording import Recording
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ..fit import CLEARLY, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
-from ..uncertainty.halves import EIGHTHS, HALF
+from ..fit import CLEARLY, EIGHTHS, NOT_USABLE, USABLE, WITH_CARE, Fit, Reason
 
 TRAINED = "train"
 UNEXPLAINED = 0.5
@@ -107,10 +106,10 @@ def foreign_form(fit: Fit) -> bool:
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
     """Whether a later part of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
     if form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES:
-        first = form.get("first", HALF)
+        first = EIGHTHS[form.get("first", 4)]
         later = "The second half of the data prefers other parameters than the first"
-        if first != HALF:
-            later = f"What comes after the first {EIGHTHS[first]} of the data prefers other parameters than these"
+        if first != "half":
+            later = f"What comes after the first {first} of the data prefers other parameters than these"
         yield Reason(
             WITH_CARE,
             f"{later} (log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or be "

@@ -18,8 +18,6 @@ vehicle's drive stand out from those."""
 HALF = BLOCKS // 2
 SPLITS = tuple(range(2, BLOCKS - 1))
 """Of how many blocks the first part may be: a vehicle need not have changed half way."""
-EIGHTHS = {2: "quarter", 3: "three eighths", 4: "half", 5: "five eighths", 6: "three quarters"}
-"""What it is called."""
 
 
 def mixed_halves() -> list[tuple[int, ...]]:
