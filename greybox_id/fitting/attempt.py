@@ -283,6 +283,7 @@ def misfit(
     """The objective where an attempt ended, under another noise where one is given: several compare only under one."""
     noise = attempt.problem.noise if noise is None else noise
     p = attempt.problem.shared(attempt.solution.x)
+    attempt.problem.forget_targets()
     problem = _problem(simulator, recordings, noise, how, p, attempt.problem)
     x = attempt.solution.x if len(attempt.solution.x) == problem.layout.size else problem.unknowns(p)
     return problem.objective(x, problem.simulated_nodes(x))

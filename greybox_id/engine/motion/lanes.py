@@ -315,6 +315,7 @@ class Chain:
             if not size < SHRINKS * before:
                 return None
             before = size
+            del z, y  # of hours, readings are large
             carried = np.zeros(starts.shape[1])
             for lane in np.flatnonzero(~lanes.first):
                 carried = gaps[lane] + (0.0 if lanes.first[lane - 1] else self.ends[lane - 1] @ carried)

@@ -241,8 +241,10 @@ def schedule(
     instant = np.maximum.accumulate(instant)
     fixed = [k for k in cuts if k >= delays and moving is not None and not moving[k]]
     same = np.append(False, np.diff(instant) <= AT_ONCE) & np.isin(kind, fixed)  # read with what is there already
-    held, taker, late_kind, late_row = ~same, np.cumsum(~same) - 1, kind, row
-    instant, kind, row = instant[held], kind[held], row[held]
+    taker, late_kind, late_row = np.cumsum(~same) - 1, kind, row
+    if np.any(same):
+        instant, kind, row = (values[~same] for values in (instant, kind, row))
+    del steps, every, order  # of hours, each is large
 
     count = len(shifts)
     sign = np.zeros((len(kind), count))

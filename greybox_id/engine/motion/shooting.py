@@ -237,7 +237,7 @@ class MotionProblem:
         lanes = self._whole(x[0])
         count, segments = len(self.intervals), lanes.segments.shape[1]
         at_once = max(1, MOST_SEGMENTS // max(count * segments, 1))
-        result = np.empty((len(x), *self.target.shape))
+        result = np.empty((len(x) if len(x) > at_once else 0, *self.target.shape))
         for first in range(0, len(x), at_once):
             value = x[first : first + at_once]
             per_run = value[:, np.array(self.parameters.index)]
@@ -250,12 +250,14 @@ class MotionProblem:
             elif self._tiled is None or self._tiled[0] is not lanes or len(self._tiled[1]) != len(value) * count:
                 self._tiled = (lanes, np.tile(lanes.segments, (len(value), 1, 1)))
             with np.errstate(over="ignore", invalid="ignore"):
-                _, y = self.simulator.kernel.simulate(
-                    z0.reshape(len(value) * count, -1), self._tiled[1], p.reshape(len(value) * count, -1), lanes.reads
-                )
+                z0, p = (item.reshape(len(value) * count, -1) for item in (z0, p))
+                _, y = self.simulator.kernel.simulate(z0, self._tiled[1], p, lanes.reads, lanes.ends)
             read = y.reshape(len(value), -1)
             read = (read if lanes.in_order else read[:, lanes.flat]).reshape(len(value), *self.target.shape)
-            result[first : first + at_once] = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
+            read = read if lanes.complete else np.where(lanes.lane >= 0, read, np.nan)
+            if len(x) <= at_once:  # perhaps of hours: no second copy
+                return read
+            result[first : first + at_once] = read
         return result
 
     def objective(self, x: Array, nodes: SimulatedRuns) -> float:

@@ -292,22 +292,36 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
         if promised > SAME_STEP * refused:
             memory.damping *= 10.0
             continue
-        trial = _at(problem, _moved(problem, point.x, step))
+        trial = _tried(problem, point, step, promised, curved, equations, memory.damping)
         gain = (point.objective - trial.objective) / promised
-        if gain < 0.75:  # the valley bends: follow it
-            bend = _bend(problem, point, curved, step, equations, memory.damping)
-            if np.any(bend):
-                bent = _at(problem, _moved(problem, point.x, step + bend))
-                trial = bent if bent.objective < trial.objective else trial
-                gain = (point.objective - trial.objective) / promised
         if gain > 1e-3:
             if gain > 0.75:
                 memory.damping *= 0.1
             elif gain < 0.25:
                 memory.damping *= 4.0
             return trial
+        del trial  # of hours, what it simulated is large
         memory.damping, refused = 10.0 * memory.damping, promised
     return None
+
+
+def _tried(
+    problem: LeastSquares,
+    point: _Point,
+    step: Array,
+    promised: float,
+    curved: NormalEquations,
+    equations: NormalEquations,
+    damping: float,
+) -> _Point:
+    """Where a step leads, bent where it gains less than promised and that is lower."""
+    trial = _at(problem, _moved(problem, point.x, step))
+    if (point.objective - trial.objective) / promised < 0.75:  # the valley bends: follow it
+        bend = _bend(problem, point, curved, step, equations, damping)
+        if np.any(bend):
+            bent = _at(problem, _moved(problem, point.x, step + bend))
+            return bent if bent.objective < trial.objective else trial
+    return trial
 
 
 def _moved(problem: LeastSquares, x: Array, step: Array) -> Array:

@@ -341,6 +341,7 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
             moved[:, k] += STEP * spread / power * values
             other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
             change = (other.predicted_readings(x[None])[0, ::every] - nodes.y[::every]) / STEP
+            del other, moved  # of hours, what is laid out for each is large
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))
         if effects:
