@@ -15,12 +15,13 @@ NOTHING_ELSE = Recording("drive", 0.02 * np.arange(3000), {})
 MODEL = SimpleNamespace(inputs=("steer", "v_x"), outputs=("yaw_rate", "a_y"), aliases={})
 
 
-def tracked(recording=NOTHING_ELSE, **channels):
+def tracked(recording=NOTHING_ELSE, walk=0.01, origin="tuned", **channels):
     """What a filter leaves of channels: innovations (n,) of each, where it expected a standard deviation of one."""
     judged = {name: consistency(off, np.ones(len(off)), 100, 5.0) for name, off in channels.items()}
     return SimpleNamespace(
         consistency=judged, innovations=channels, expected={name: np.ones(len(off)) for name, off in channels.items()},
         sentences=(), widened=widening(judged.values()), recording=recording, model=MODEL,
+        tracked=("stiffness_r",), noise={"walk_stiffness_r": walk}, noise_from={"walk_stiffness_r": origin},
     )  # fmt: skip
 
 
@@ -60,6 +61,15 @@ def test_a_filter_that_has_lost_the_vehicle_is_not_usable():
     found = verdict(tracked(yaw_rate=white(1.0), a_y=6.0 + white(1.0)))
     assert found.usability == NOT_USABLE
     assert "lost the vehicle" in found.reasons[0]
+
+
+@pytest.mark.parametrize(
+    ("walk", "origin", "due"), [(0.02, "tuned", USABLE), (0.09, "tuned", WITH_CARE), (0.09, "stated", USABLE)]
+)
+def test_a_stiffness_that_is_tuned_to_walk_further_than_tyres_do_is_told(walk, origin, due):
+    found = verdict(tracked(walk=walk, origin=origin, yaw_rate=white(1.0)))
+    assert found.usability == due
+    assert ("C_alpha_r is tuned to change by 70 % in a minute" in found.reasons[0]) is (due == WITH_CARE)
 
 
 FAULTS = {

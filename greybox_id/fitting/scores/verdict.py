@@ -46,6 +46,9 @@ MEAN = 1.0
 FOREIGN_PRIOR, FARTHEST = 8.0, 10.0
 """Estimates so many prior standard deviations off, and three of their own, are not of the vehicle that was stated; nor
 are those beyond the second, however uncertain. Within tolerances, what a model lacks moves them by up to six."""
+ANOTHER = 0.14
+"""Relative change of a wheelbase or a steering ratio from which another vehicle was stated: twice as far as what models
+lacked moved true wheelbases (`uncertainty/stated.py`)."""
 CORNER = 0.5
 """An optimum with more than this share of its free numbers at bounds is no vehicle's."""
 MOST_RUNS, MOST_PREDICTIONS = 0.5, 0.1
@@ -230,7 +233,7 @@ def _facts(fit: Fit) -> Iterator[Reason]:
         other = ", or steering that turns the wheels otherwise than stated" if name == "wheelbase" else ""
         size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
         yield Reason(
-            WITH_CARE,
+            NOT_USABLE if name != "m" and abs(change) > ANOTHER else WITH_CARE,
             f"The recording contradicts the stated {name}: one {size} explains it better{other}. Check what is stated; "
             "or the model lacks an effect.",
         )

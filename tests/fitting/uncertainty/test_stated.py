@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 from driven import driven
 
-from greybox_id.fitting.fit import USABLE
+from greybox_id.fitting.fit import NOT_USABLE, USABLE
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
@@ -82,3 +82,11 @@ def test_a_fact_that_the_recording_contradicts_is_named_with_its_size(length, in
         assert change == pytest.approx(1 / (length if wrong == "wheelbase" else OFF) - 1, abs=0.03)
     said = [reason for reason in found.verdict.reasons if "contradicts the stated" in reason]
     assert [wrong in reason for reason in said] == ([True] if wrong else [])
+
+
+def test_a_wheelbase_that_is_far_off_is_of_another_vehicle():
+    found = model()
+    long = found.with_parameters(*(found[name].with_value(1.4 * found[name].array) for name in ("l_f", "l_r")))
+    found = fit(long, [driven("lateral", runs=1, seconds=40.0, noise=0.1)], how=QUICK)
+    assert found.verdict.usability == NOT_USABLE
+    assert any("contradicts the stated wheelbase" in reason for reason in found.verdict.reasons)
