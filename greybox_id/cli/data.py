@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import sys
 from collections.abc import Sequence
 from itertools import count
@@ -9,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
+from rich.text import Text
 
 from ..base.errors import BadInput
 from ..base.files import write_atomically
@@ -19,7 +21,7 @@ from ..datasets.clocks import at_rate
 from ..datasets.column_map import column_map
 from ..datasets.formats import WRITTEN, write
 from ..datasets.joining import join_files
-from ..datasets.repair import map_text, mended
+from ..datasets.repair import map_text, mended, repaired
 from ..reports.text.recordings import as_dict, header, proposal_as_dict, show_findings, show_proposal
 from .commands import CommandGroup, Guarded
 from .options import ABOVE_ZERO, COLUMNS, FILE, JSON, argument, command, option, part_asked, read_part
@@ -102,7 +104,17 @@ def check_command(
             console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
             if kept:
                 console().print(f"written  {kept}: the map as it was")
+        elif any(repaired(column_map(columns), findings) for _, findings in results):
+            wheels = ["--wheelbase", f"{wheelbase:g}"] if wheelbase else []
+            again = ["greybox", "data", "check", *files, "--columns", columns, *wheels, "--repair", _free_name()]
+            console().print(Text(f"repair the map: {shlex.join(again)}"), soft_wrap=True)
     sys.exit(1 if any(distrusted(findings) for _, findings in results) else 0)
+
+
+def _free_name() -> str:
+    """A name for a mended map that no file has here."""
+    names = (f"mended{number or ''}.toml" for number in count())
+    return next(name for name in names if not Path(name).exists())
 
 
 def _kept_beside(columns: str, repair: str) -> Path | None:

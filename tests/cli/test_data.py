@@ -54,6 +54,23 @@ def test_the_command_that_leaves_rows_out_is_printed_and_does(lap):
     assert "stuck" not in {finding["kind"] for finding in again["findings"]}
 
 
+def test_the_command_that_repairs_the_map_is_printed_where_a_finding_has_a_repair(lap, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = Path(lap())
+    table = np.loadtxt(path, delimiter=",", skiprows=1)
+    header = "time,v_x,steer,yaw_rate,a_y"
+    a_y = table[:, 1] * table[:, 3]
+    turned = np.column_stack([table[:, :3], np.degrees(table[:, 3]), a_y])
+    np.savetxt(path, turned, delimiter=",", header=header, comments="", fmt="%.6f")
+    shown = greybox("data", "check", path).out
+    (command,) = (line for line in shown.split("\n") if line.startswith("repair the map: greybox "))
+    again = greybox(*shlex.split(command.removeprefix("repair the map: greybox "))).out
+    assert "written  mended.toml: " in again
+    assert "repair the map" not in again
+    np.savetxt(path, np.column_stack([table, a_y]), delimiter=",", header=header, comments="", fmt="%.6f")
+    assert "repair the map" not in greybox("data", "check", path).out
+
+
 def test_json_is_one_object_on_standard_output(lap):
     result = CliRunner().invoke(data, ["check", lap(-1), "--json"])
     (file,) = json.loads(result.stdout)["files"]
