@@ -21,6 +21,7 @@ from ...engine.motion.schedule import MotionRun, Schedule, longest_segments, mot
 from ...engine.motion.simulator import Simulator
 from ...models.motion_model import MotionModel
 from .calibration import CAL
+from .stable_slip import with_step_lengths
 from .unknown_forces import knows_unknown_forces
 
 
@@ -118,6 +119,7 @@ class Bench:
         if len(self.time) * CAL.lanes > PAYS:  # as it will be asked for: what is not compiled takes long until it is
             self.simulator.kernel.prepare()
         self.longest = longest_segments(self.simulator.trace, self.runs, model.values)
+        self.runs = [with_step_lengths(model, run, each) for run, each in zip(self.runs, self.longest, strict=True)]
         self.loose: tuple[int, ...] = ()
         if not knows_unknown_forces(model) or len(self.runs) <= CAL.few_runs:
             self.loose = tuple(k for k, state in enumerate(model.states) if state.name in model.outputs)

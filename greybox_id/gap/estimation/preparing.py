@@ -24,6 +24,7 @@ from .bench import Bench
 from .calibration import CAL
 from .memory_bench import MemoryBench
 from .observer import SEEN, observed, with_seen
+from .stable_slip import with_stable_slip
 from .unknown_forces import with_unknown_forces
 
 OBSERVED = {"v_x": 0.3, "yaw_rate": 0.0}
@@ -239,6 +240,7 @@ def _observed(model: Diagnosed, recordings: Sequence[Recording]) -> Diagnosed:
         if state in states and state in model.outputs and all(state in recording for recording in recordings):
             model = observed(model, state, rate)
     model = replace(model, passes=min(model.passes, CAL.passes))
+    model = with_stable_slip(model)
     return model if model.learnt else with_unknown_forces(model)  # its network took up what forces lack
 
 

@@ -1,0 +1,71 @@
+"""Slip angles that steps can follow, however slow or stiff a simulated vehicle becomes.
+
+Sideslip and yaw rate settle at a rate that goes with stiffness over inertia and speed. Runs are cut into steps by
+speeds that were read and parameters that are stated; a simulation that is slower, or stiffer, would need shorter ones:
+an explicit method is unstable there, tyres saturate, and what is left is noise that any change rolls anew. So slip
+angles are those of a vehicle no slower than its steps are stable at. It settles within about a step in place of less;
+where it settles stays the same.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import casadi as cs
+import numpy as np
+
+from ...base.shorthands import Array
+from ...engine.motion.schedule import STABLE, MotionRun, segments_of_rows
+from ...models.model import Combination, Symbol
+from ...models.motion_model import MotionModel, Quantities
+from ...models.smooth import forward_speed
+
+STEP = "step_length"
+"""Name of the input that carries how long the steps of a row are, s."""
+SLIPS = ("alpha_f", "alpha_r")
+
+
+def with_stable_slip(model: MotionModel) -> MotionModel:
+    """The model with slip angles that steps can follow; the same where it has none, or no stiffness that is known.
+
+    Steps of no length, which is what a recording without `STEP` has, change nothing.
+    """
+    combinations = {item.name: item for item in model.combinations}
+    if not {*SLIPS, "stiffness_f", "stiffness_r"} <= {*model.quantities} or "I_z" not in model:
+        return model
+    if not {"C_alpha_f", "C_alpha_r"} <= combinations.keys():
+        return model
+
+    def followed(alpha: Symbol, q: Quantities) -> Symbol:
+        speed = forward_speed(q.x.v_x if hasattr(q.x, "v_x") else q.u.v_x)
+        return alpha * speed / cs.fmax(speed, _rate(combinations, q) * getattr(q.u, STEP) / STABLE)
+
+    result = model.altered(**dict.fromkeys(SLIPS, followed))
+    defaults = MappingProxyType({**result.defaults, STEP: 0.0})
+    return replace(result, inputs=(*result.inputs, STEP), defaults=defaults)
+
+
+def _rate(combinations: Mapping[str, Combination], q: Quantities) -> Symbol:
+    """How fast the faster mode of sideslip and yaw rate settles, times the speed, m/s^2."""
+    p = q.p
+    front, rear = (
+        combinations[f"C_alpha_{axle}"].of(p)
+        * cs.fmax(getattr(q.before, f"stiffness_{axle}"), 1)
+        * cs.fmax(getattr(q.before, f"grip_{axle}"), 1)  # of some tyres it raises the slope, too
+        for axle in "fr"
+    )
+    slides, turns = (front + rear) / p.m, (p.l_f**2 * front + p.l_r**2 * rear) / p.I_z
+    coupled = (p.l_f * front - p.l_r * rear) ** 2 / (p.m * p.I_z)
+    return (slides + turns) / 2 + cs.sqrt(((slides - turns) / 2) ** 2 + coupled)
+
+
+def with_step_lengths(model: MotionModel, run: MotionRun, longest: float | Array) -> MotionRun:
+    """The run with the length of the steps that each of its rows is cut into, no longer than this, s."""
+    if STEP not in model.inputs:
+        return run
+    at, inputs, held = model.inputs.index(STEP), run.inputs.copy(), run.held.copy()
+    steps = np.append(np.diff(run.time), run.sample_time)
+    inputs[:, at], held[at] = steps / segments_of_rows(run, longest), True
+    return replace(run, inputs=inputs, held=held)
