@@ -72,8 +72,9 @@ class FormError:
     outputs : name -> its residuals.
     covariance : (unknowns, unknowns) what the error of the form adds to the covariance of the unknowns.
     halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
-        functions of the drive; or in another later part, which gains more than any other blocks, as many.
-    halves_gain : log of how much likelier the residuals are with other parameters there.
+        functions of the drive.
+    halves_gain : log of how much likelier the residuals are with other parameters there; or in another later part,
+        where it gains more than any other blocks, as many.
     first : blocks before that part, of `BLOCKS`.
     apart : whether what the second half gains is beyond the scatter between halves that mix early and late rows.
     """
@@ -119,11 +120,8 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     unit[owner == halves] = np.sqrt(whole / np.maximum(power, 1e-300)) * (power > 0.0)
     joint = Joint(H, g, count)
     shares, gains = likeliest(joint, owner, unit, halves + 1)
-    first, apart = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
-    if first != HALF:
-        H, g, alone = _of_two_parts(by_block, tuple(range(first)), count)
-        joint = Joint(H, g, count)
-        shares, gains = likeliest(joint, owner, unit, halves + 1)
+    # which part changed is told; intervals are of halves: the best of five splits would widen those of any drive
+    first, gain, apart = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
@@ -136,7 +134,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     siz = sizes[owner == halves]
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
     explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
-    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), float(gains[halves]), first, apart)
+    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), gain, first, apart)
 
 
 _Normal = tuple[Array, Array, list[Squares]]
@@ -144,13 +142,13 @@ _Normal = tuple[Array, Array, list[Squares]]
 
 def _changed(
     by_block: _Normal, count: int, shares: Array, owner: Index, unit: Array, of_half: float
-) -> tuple[int, bool]:
-    """Blocks before the part that is of other parameters, and whether halves stand out from mixed ones.
+) -> tuple[int, float, bool]:
+    """Blocks before the part that is of other parameters, what these gain, whether halves stand out from mixed ones.
 
     Parts of another size, of which the best is looked at, have to gain more than any other blocks, as many.
     """
     if count == 0:
-        return HALF, False
+        return HALF, of_half, False
     given = count, shares, owner, unit
     gains = {k: _gain(by_block, tuple(range(k)), *given) for k in SPLITS} | {HALF: of_half}
     first, apart, best = HALF, False, max(gains, key=lambda k: gains[k])
@@ -159,7 +157,7 @@ def _changed(
         apart = gains[HALF] > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
     if best != HALF and gains[best] > max(CLEARLY, *(_gain(by_block, one, *given) for one in other_parts(best))):
         first = best
-    return first, apart
+    return first, gains[first], apart
 
 
 def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array) -> float:
