@@ -166,10 +166,14 @@ def verdict(track: Track) -> Verdict:
 
 def _restless(track: Track) -> Iterator[Reason]:
     """Stiffnesses whose walk was tuned so large that innovations are what is expected of any vehicle."""
-    sizes = {own: track.noise.get(f"walk_{own}", 0.0) * A_MINUTE**0.5 for own in track.tracked if own in STIFFNESSES}
-    sizes = {own: size for own, size in sizes.items() if track.noise_from[f"walk_{own}"] == "tuned"}
+    sizes = {
+        walking: track.noise.get(f"walk_{walking}", 0.0) * A_MINUTE**0.5
+        for walking in track.tracked
+        if walking in STIFFNESSES
+    }
+    sizes = {walking: size for walking, size in sizes.items() if track.noise_from[f"walk_{walking}"] == "tuned"}
     if sizes and (most := max(sizes.values())) > RESTLESS:
-        name = STIFFNESSES[max(sizes, key=lambda own: sizes[own])]
+        name = STIFFNESSES[max(sizes, key=lambda walking: sizes[walking])]
         yield Reason(
             WITH_CARE,
             f"{name} is tuned to change by {100 * most:.0f} % in a minute, more than tyres do: it makes up for what "

@@ -25,6 +25,8 @@ from ...models.smooth import forward_speed
 STEP = "step_length"
 """Name of the input that carries how long the steps of a row are, s."""
 SLIPS = ("alpha_f", "alpha_r")
+NEEDED = ("stiffness_f", "stiffness_r", "grip_f", "grip_r", "C_alpha_f", "C_alpha_r", "m", "I_z", "l_f", "l_r")
+"""What tells how fast a vehicle settles: quantities, combinations and parameters."""
 
 
 def with_stable_slip(model: MotionModel) -> MotionModel:
@@ -33,9 +35,8 @@ def with_stable_slip(model: MotionModel) -> MotionModel:
     Steps of no length, which is what a recording without `STEP` has, change nothing.
     """
     combinations = {item.name: item for item in model.combinations}
-    if not {*SLIPS, "stiffness_f", "stiffness_r"} <= {*model.quantities} or "I_z" not in model:
-        return model
-    if not {"C_alpha_f", "C_alpha_r"} <= combinations.keys():
+    known = {*model.quantities, *combinations, *(parameter.name for parameter in model.parameters)}
+    if not {*SLIPS, *NEEDED} <= known:
         return model
 
     def followed(alpha: Symbol, q: Quantities) -> Symbol:
