@@ -58,10 +58,12 @@ def test_additions_beyond_the_paper_help_where_they_should(recordings):
 
 
 @pytest.mark.slow
-def test_a_car_of_guesses_has_an_answer_and_nothing_is_applied_that_closes_nothing(real_data):
+@pytest.mark.parametrize("quarters", [1, pytest.param(4, marks=pytest.mark.examination)])
+def test_a_car_of_guesses_has_an_answer_and_nothing_is_applied_that_closes_nothing(recordings, quarters):
     """Its tyres are guesses, and a search passes by cars that spin."""
-    train, valid = (real_data / "roboracer" / f"{name}.csv" for name in ("train", "valid"))
-    gap = gb.diagnose("single_track", train, vehicle="roboracer", columns="roboracer", held_out=valid)
+    train, valid = recordings
+    part = train.rows(0, round(quarters / 4 * len(train)))
+    gap = gb.diagnose("single_track", part, vehicle="roboracer", held_out=valid)
     assert gap.gap_detected
     assert gap.unknown_probability > 0.9
     assert not gap.applied or gap.held_out.closed > 0.1

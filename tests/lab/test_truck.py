@@ -139,6 +139,7 @@ def test_bridging_does_not_know_left_from_right():
     np.testing.assert_array_equal(_bridged(-steer), -_bridged(steer))
 
 
+@pytest.mark.examination
 @pytest.mark.slow
 def test_the_gap_beside_table_one_is_the_arm_of_the_speed_sensor(real_data, tmp_path):
     """Of the shipped truck the arm and the steering's effects are taken out; 4.7 m is what people measured."""
