@@ -32,7 +32,6 @@ from greybox_id.filters.verb import track
 from greybox_id.fitting.requested_model import RequestedModel, named_vehicle
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.motion_model import MotionModel
-from greybox_id.models.parameter import Parameter
 from greybox_id.models.registry import build
 
 SKIPPED = 2.0
@@ -138,7 +137,7 @@ def speed_rows() -> list[dict[str, Any]]:
     recording = Recording("speed", t, signals)
     model = build("lateral", {"tyre": "linear"})
     assert isinstance(model, MotionModel)
-    model = model.with_parameters(*(_certain(own) for own in model.parameters))
+    model = model.with_parameters(*(replace(own, fixed=True, prior=None) for own in model.parameters))
     rows = []
     for kind in ("ekf", "ukf"):
         filterpy = _filterpy_speed(kind, signals)
@@ -156,10 +155,6 @@ def speed_rows() -> list[dict[str, Any]]:
                 }
             )
     return rows
-
-
-def _certain(own: Parameter) -> Parameter:
-    return replace(own, fixed=True, prior=None)
 
 
 def _filterpy_speed(kind: str, signals: dict[str, Array]) -> float:

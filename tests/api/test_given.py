@@ -86,14 +86,14 @@ def test_one_may_hand_over_a_recording_a_list_a_path_or_a_pattern(tmp_path, lap)
     lap.to_pandas()[["time", "v_x", "steer", "yaw_rate"]].to_csv(tmp_path / "lap1.csv", index=False)
     lap.to_pandas()[["time", "v_x", "steer", "yaw_rate"]].to_csv(tmp_path / "lap2.csv", index=False)
     assert len(gb.read(tmp_path / "lap1.csv")) == len(lap)
-    assert [own.name for own in gb.read(str(tmp_path / "lap*.csv"))] == ["lap1", "lap2"]
+    assert [recording.name for recording in gb.read(str(tmp_path / "lap*.csv"))] == ["lap1", "lap2"]
     options = gb.FitOptions(solver="gauss-newton")
     one, several = (
         gb.fit("kinematic", given, vehicle="roboracer", options=options)
         for given in (str(tmp_path / "lap*.csv"), gb.read([tmp_path / "lap1.csv", tmp_path / "lap2.csv"]))
     )
     assert one.params.equals(several.params)
-    assert [own.name for own in one.data] == ["lap1", "lap2"]
+    assert [record.name for record in one.data] == ["lap1", "lap2"]
 
 
 def test_numbers_may_carry_units_and_priors_are_pairs(lap):

@@ -53,7 +53,7 @@ def test_they_go_all_the_way_in_python(folder, lap):
     assert again.model["soft_steering"].null == 0.0
     gap = gb.diagnose(gb.fit(model, lap), lap, effects=[soft, *OTHERS])
     assert gap.ranking
-    assert {own.effect for own in gap.ranking} <= {"soft_steering", *OTHERS, "timestamp_jitter", "held_samples"}
+    assert {cause.effect for cause in gap.ranking} <= {"soft_steering", *OTHERS, "timestamp_jitter", "held_samples"}
     assert gb.report(fit, "fit.html").read_text(encoding="utf-8").count("slow_turner")
     assert gb.report(gap, "gap.html", effects=[soft]).exists()
     assert (folder / "car" / "car.c") in [file.resolve() for file in gb.export(fit, "car")]
@@ -86,7 +86,7 @@ def test_the_gap_of_an_own_model_is_closed_by_an_own_effect_on_the_command_line(
     registry.MODELS.pop("slow_turner")
     called = greybox("gap", "lap.csv", "--fit", "run/fit.json", *OWN, "--out", "gap", "--json")
     assert called.code == 0, called.err
-    assert "soft_steering" in {own["effect"] for own in called.told["ranking"]} | {*called.told["not_excited"]} | {
+    assert "soft_steering" in {cause["effect"] for cause in called.told["ranking"]} | {*called.told["not_excited"]} | {
         *called.told["absorbed"]
     }
     assert greybox("report", "gap/gap.json", *OWN, "--out", "gap.html").code == 0

@@ -51,10 +51,10 @@ def test_every_name_is_documented_with_an_example_that_runs(name, tmp_path, monk
     thing = getattr(gb, name)
     module = thing if isinstance(thing, ModuleType) else import_module(thing.__module__)
     tests = [own for own in doctest.DocTestFinder().find(thing, name, module=module, globs={}) if own.examples]
-    assert name in [own.name for own in tests]
+    assert name in [test.name for test in tests]
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
-    for own in tests:
-        runner.run(own)
+    for test in tests:
+        runner.run(test)
     assert runner.failures == 0
 
 

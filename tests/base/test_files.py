@@ -51,10 +51,10 @@ def _as_at_the_start():
 def test_what_a_killed_process_leaves_is_swept_at_the_next_start(what, tmp_path):
     (tmp_path / "lap.csv").write_text("old")
     killed(tmp_path, what)
-    assert any(NAME.fullmatch(own.name) for own in tmp_path.iterdir())
+    assert any(NAME.fullmatch(path.name) for path in tmp_path.iterdir())
     assert (tmp_path / "lap.csv").read_text() == "old"
     ensure_writable(tmp_path)
-    assert [own.name for own in tmp_path.iterdir()] == ["lap.csv"]
+    assert [path.name for path in tmp_path.iterdir()] == ["lap.csv"]
 
 
 def test_what_a_living_process_is_at_is_left_alone(tmp_path):
@@ -97,8 +97,8 @@ def test_a_folder_is_replaced_in_one_step(tmp_path, monkeypatch):
         for text in ("one", "two"):
             with new_folder(folder) as made:
                 (made / text).write_text(text)
-            assert [own.name for own in folder.iterdir()] == [text]
-        assert [own.name for own in tmp_path.iterdir()] == ["car"]
+            assert [path.name for path in folder.iterdir()] == [text]
+        assert [path.name for path in tmp_path.iterdir()] == ["car"]
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="the system call is Linux's")
@@ -135,7 +135,7 @@ def test_files_written_together_leave_others_in_their_folder(tmp_path):
         write_atomically(tmp_path / "gap.json", "new")
         write_atomically(tmp_path / "more" / "closed.toml", "new")
     assert (tmp_path / "notes.txt").read_text() == "mine"
-    assert {own.name for own in tmp_path.iterdir()} == {"notes.txt", "gap.json", "more"}
+    assert {path.name for path in tmp_path.iterdir()} == {"notes.txt", "gap.json", "more"}
 
 
 def test_a_whole_folder_of_files_is_exchanged_in_one_step(tmp_path, monkeypatch):
@@ -149,7 +149,7 @@ def test_a_whole_folder_of_files_is_exchanged_in_one_step(tmp_path, monkeypatch)
             write_atomically(folder / name, "new")
     assert steps == [folder]
     assert {file.read_text() for file in folder.iterdir()} == {"new"}
-    assert [own.name for own in tmp_path.iterdir()] == ["gap"]
+    assert [path.name for path in tmp_path.iterdir()] == ["gap"]
 
 
 def test_what_is_written_is_on_the_disk_before_it_takes_its_place(tmp_path, monkeypatch):

@@ -51,9 +51,9 @@ class LinearCase:
     """
 
     def __init__(self, T=None, colour=True, throughout=False):
-        own = Tracked("d", "rad", 0.05, 0.2, logarithmic=False, returns=T is not None)
-        self.space = StateSpace(linear_model(), (own,), ("a_y",) if colour else (), throughout=throughout)
-        self.T, self.start, self.colour = T, own.value, colour
+        tracked = Tracked("d", "rad", 0.05, 0.2, logarithmic=False, returns=T is not None)
+        self.space = StateSpace(linear_model(), (tracked,), ("a_y",) if colour else (), throughout=throughout)
+        self.T, self.start, self.colour = T, tracked.value, colour
         sizes = {"walk_v_y": 0.3, "walk_yaw_rate": 0.1, "walk_d": 0.2, "memory_d": T, "noise_yaw_rate": 0.05,
                  "noise_a_y": 0.2, "colour_a_y": 0.4, "memory_a_y": 0.7}  # fmt: skip
         self.sizes = sizes
@@ -127,7 +127,7 @@ def assert_close(found, expected, close):
 def car(name="single_track", effects=None, settings=None, **values):
     """A model of the full-size car, whose numbers are certain."""
     model = build(name, settings, effects or {}, vehicle("full_size_car"))
-    model = model.with_parameters(*(replace(own, fixed=True, prior=None) for own in model.parameters))
+    model = model.with_parameters(*(replace(parameter, fixed=True, prior=None) for parameter in model.parameters))
     return model.with_parameters(*(model[n].with_value(v) for n, v in values.items()))
 
 
@@ -169,7 +169,7 @@ def driving(space, p, rows=200, seed=0, h=0.02, missing=0.2, glitches=0):
 def simrod(name="lateral", **stated):
     """The linear single track of the recordings below."""
     model = build(name, {"tyre": "linear"}, None, VEHICLE)
-    model = model.with_parameters(*(replace(own, fixed=True, prior=None) for own in model.parameters))
+    model = model.with_parameters(*(replace(parameter, fixed=True, prior=None) for parameter in model.parameters))
     return model.with_parameters(*(model[n].with_value(v) for n, v in stated.items()))
 
 

@@ -48,7 +48,9 @@ def test_sideslip_is_as_near_as_wanted_on_both_halves(halves, kind, smooth, rmse
 
 
 def test_three_spikes_of_the_steering_are_reported(halves):
-    said = [sentence for own in halves for sentence in tracked(blind(own)).sentences if sentence.startswith("steer: ")]
+    said = [
+        sentence for half in halves for sentence in tracked(blind(half)).sentences if sentence.startswith("steer: ")
+    ]
     assert len(said) == 2
     assert "0.1356 rad at t = 207.27 s" in said[0]
     assert "0.1496 rad at t = 503.49 s" in said[1]

@@ -114,10 +114,10 @@ def test_colour_keeps_its_size_and_joins_its_reading_alone():
 
 
 def test_what_is_positive_walks_in_its_logarithm_and_stays_positive():
-    own = Tracked("I_z", "kg m^2", 2000.0, 400.0, logarithmic=True)
-    assert own.start == pytest.approx(np.log(2000.0))
-    assert own.start_sd == pytest.approx(0.2)
-    space = StateSpace(car(), (own,))
+    tracked = Tracked("I_z", "kg m^2", 2000.0, 400.0, logarithmic=True)
+    assert tracked.start == pytest.approx(np.log(2000.0))
+    assert tracked.start_sd == pytest.approx(0.2)
+    space = StateSpace(car(), (tracked,))
     p = np.concatenate([space.model.values, np.ones(len(space.noises))])
     seen = space.seen(("I_z",))
     for at in (-30.0, 0.0, 30.0):

@@ -103,7 +103,7 @@ def test_an_effect_walks_without_being_in_the_model():
 def test_what_is_positive_walks_in_shares_of_itself():
     """A parameter that may be negative, or is zero, does not."""
     model = car().with_parameters(Parameter("one", "1", 2.0, (-5.0, 5.0)), Parameter("none", "1", 0.0, (0.0, 5.0)))
-    assert [own.logarithmic for own in walks("m", "one", "none", model=model)[1]] == [True, False, False]
+    assert [walk.logarithmic for walk in walks("m", "one", "none", model=model)[1]] == [True, False, False]
 
 
 @pytest.mark.parametrize(

@@ -59,10 +59,10 @@ def test_what_a_unit_tells_is_heard_while_it_goes_on(nursery):
 
 
 def test_a_nursery_that_is_closed_meanwhile_begins_nothing_more():
-    own = Nursery()
-    threading.Timer(3.0, own.close).start()
+    nursery = Nursery()
+    threading.Timer(3.0, nursery.close).start()
     began = time.monotonic()
-    assert done(own, "sleeping", seconds=300.0).how != "done"
+    assert done(nursery, "sleeping", seconds=300.0).how != "done"
     assert time.monotonic() - began < 60
 
 
@@ -85,9 +85,9 @@ def test_a_nursery_that_is_killed_is_started_again(nursery):
 
 
 def test_nothing_is_left_where_a_nursery_ends():
-    own = Nursery()
-    assert done(own, "well").how == "done"
-    pid = own._held._process.pid
-    own.close()
+    nursery = Nursery()
+    assert done(nursery, "well").how == "done"
+    pid = nursery._held._process.pid
+    nursery.close()
     with pytest.raises(ProcessLookupError):
         os.kill(pid, 0)
