@@ -94,7 +94,7 @@ def _sections(
         ),
         learned=(*titled("What the model has learned", *_learned(model, fit, drives)), *_equations(model)),
         fitted=titled(
-            "How it was fitted", stages(fit, lambda stage: _stage_name(stage, fit)), Text(OBJECTIVE),
+            "How it was fitted", stages(fit, lambda stage: f"{stage.model}, {_horizon(fit)}"), Text(OBJECTIVE),
             _convergence(last), starts_table(fit, last), _starts(fit, last),
         ),
         beside="; the free run starts at the start of the run, before this stretch",
@@ -234,10 +234,6 @@ def _starts_from(how: Mapping[str, Any]) -> str:
     robust = how.get("robust")
     loss = f"; residuals beyond {robust:g} standard deviations count linearly" if robust else ""
     return f"{words.get(how.get('start_from', ''), 'not recorded')}{loss}"
-
-
-def _stage_name(stage: Stage, fit: Fit) -> str:
-    return f"{stage.model}, {_horizon(fit)}"
 
 
 def estimates(fit: Fit) -> tuple[Part, ...]:

@@ -86,8 +86,8 @@ def test_fits_judged_on_other_files_are_not_compared(two):
 
 def test_horizons_are_drawn_in_their_order_and_outputs_that_several_fits_predict(two, small_fit, train, validate):
     (drawing,) = (own for own in comparison(two).drawings if own.name == "comparison")
-    assert [own.get_text() for own in drawing.figure.first().get_xticklabels()] == ["0.1", "0.5", "1", "2", "free"]
+    assert [tick.get_text() for tick in drawing.figure.first().get_xticklabels()] == ["0.1", "0.5", "1", "2", "free"]
     assert [ax.get_title() for ax in drawing.figure.axes] == ["v_y", "yaw rate", "a_y"]
     maps = [NamedFit(name, small_fit, (train, validate)) for name in ("one", "other")]
     (drawing,) = comparison(maps).drawings
-    assert [own.get_text() for own in drawing.figure.first().get_xticklabels()] == ["0.05"]
+    assert [tick.get_text() for tick in drawing.figure.first().get_xticklabels()] == ["0.05"]

@@ -126,7 +126,8 @@ def test_the_typesetter_takes_them_all():
 
 def test_a_delay_an_offset_and_a_bias_show_in_them():
     lines = [
-        in_typst(own) for own in motion_equations(car("lateral", "steering_delay", "steering_offset", "yaw_rate_bias"))
+        in_typst(equation)
+        for equation in motion_equations(car("lateral", "steering_delay", "steering_offset", "yaw_rate_bias"))
     ]
     assert 'δ^prime = δ^"late" + "steering offset"' in lines
     assert any(line.startswith('δ^"late" = δ lr((t - "steering delay"') for line in lines)

@@ -103,14 +103,14 @@ def test_the_map_is_grey_where_nothing_was_driven_and_says_where_there_is_no_gap
 
 
 def test_the_stretch_that_holds_half_of_the_gap_is_shaded():
-    own = clear()
-    ax = strips(own.strip, own.where.time, True).first()
+    gap = clear()
+    ax = strips(gap.strip, gap.where.time, True).first()
     (shade,) = ax.collections
     assert (shade.get_paths()[0].get_extents().intervalx == [31.5, 40.0]).all()
     _, before, after = ax.lines
-    assert (before.get_ydata() == own.strip.before).all()
-    assert (after.get_ydata() == own.strip.after).all()
-    assert not strips(own.strip, {}, False).first().collections
+    assert (before.get_ydata() == gap.strip.before).all()
+    assert (after.get_ydata() == gap.strip.after).all()
+    assert not strips(gap.strip, {}, False).first().collections
 
 
 def corners(cells):
@@ -139,8 +139,8 @@ def test_letters_do_not_overlap_nor_leave_the_figure(case):
 
 @pytest.mark.parametrize("names", [tuple(EFFECTS)[k : k + 6] for k in range(0, len(EFFECTS), 6)])
 def test_every_effects_name_stands_whole_beside_its_bar(names):
-    own = clear(ranking=tuple(replace(DELAY, effect=name) for name in names))
-    (causes,) = (one for one in drawings(own) if one.name == "gap_ranking")
+    gap = clear(ranking=tuple(replace(DELAY, effect=name) for name in names))
+    (causes,) = (one for one in drawings(gap) if one.name == "gap_ranking")
     words = {name.replace("_", " ") for name in names}
     beside = [(own, box[2] - drawn(own, SMALL)) for own, box in boxes(causes.svg)[0] if own in words]
     assert len(beside) == len(names)

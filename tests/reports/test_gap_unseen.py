@@ -46,19 +46,19 @@ def test_effects_that_would_not_show_and_regimes_hardly_driven_are_said():
 
 
 def none_driven():
-    own = none()
-    return replace(own, where=replace(own.where, regimes={"braking": (0.01, 0.0), "lateral": (0.6, 0.0)}))
+    gap = none()
+    return replace(gap, where=replace(gap.where, regimes={"braking": (0.01, 0.0), "lateral": (0.6, 0.0)}))
 
 
 def test_errors_beside_noise_say_where_in_frequency_they_are_largest():
-    own = clear()
+    gap = clear()
     peak = np.ones(40)
     peak[7], peak[0] = 9.0, 50.0
-    shown = replace(own, strip=replace(own.strip, spectrum_before={"yaw_rate": peak}))
+    shown = replace(gap, strip=replace(gap.strip, spectrum_before={"yaw_rate": peak}))
     found = {row[0]: row[1:] for row in channels(shown).rows}
-    assert found["yaw rate"] == ("3.1", f"{own.strip.frequency[7]:.2f} Hz", "9.0")
+    assert found["yaw rate"] == ("3.1", f"{gap.strip.frequency[7]:.2f} Hz", "9.0")
     assert found["v_x"] == ("1.0", "–", "–")
-    assert {row[2] for row in channels(replace(own, strip=None)).rows} == {"–"}
+    assert {row[2] for row in channels(replace(gap, strip=None)).rows} == {"–"}
 
 
 def test_what_was_stated_is_told_with_its_tolerance_and_source():
@@ -71,9 +71,9 @@ def test_what_was_stated_is_told_with_its_tolerance_and_source():
 
 
 def test_without_a_gap_limits_take_the_place_of_probabilities():
-    assert [own.name for own in drawings(none())][1] == "gap_limits"
-    assert [own.name for own in drawings(clear())][1] == "gap_ranking"
-    assert [own.name for own in drawings(replace(none(), limits={}))][1] == "gap_ranking"
+    assert [drawing.name for drawing in drawings(none())][1] == "gap_limits"
+    assert [drawing.name for drawing in drawings(clear())][1] == "gap_ranking"
+    assert [drawing.name for drawing in drawings(replace(none(), limits={}))][1] == "gap_ranking"
 
 
 def test_bars_reach_from_the_axis_to_the_size_over_the_usual_one():

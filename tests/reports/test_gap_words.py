@@ -148,7 +148,7 @@ def test_parameters_beyond_their_tolerances_are_no_agreement_within_these():
 def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     gap = replace(clear(), moved=())
     assert as_it_stands(gap, gap.held_out) == ""
-    free = next(own for own in gap.held_out.errors if own.horizon is None)
+    free = next(error for error in gap.held_out.errors if error.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
     assert "than the model had before: mean square error 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
     assert as_it_stands(gap, replace(worse, closed=-0.2)) == ""  # how far it closes has said it

@@ -160,7 +160,7 @@ def asked_for(file, folder):
     )  # fmt: skip
     lines = (line for line in log.read_text("utf-8", errors="replace").splitlines() if '"initiator"' in line)
     events = [json.loads(line.rstrip(","))["params"] for line in lines]
-    asked = [own for own in events if own["initiator"] != OWN]
+    asked = [event for event in events if event["initiator"] != OWN]
     return {own["url"] for own in asked if not own["url"].startswith("file:")}, picture.stat().st_size
 
 

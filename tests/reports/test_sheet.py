@@ -35,7 +35,9 @@ ENDS = [(0.0, 1.0), (-3.7, 12.9), (1e-7, 4e-7), (-2e6, 5e6), (0.499, 0.501), (7.
 
 def ticks_of(axis):
     low, high = axis.get_view_interval()
-    found = [(at, own.get_text()) for at, own in zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True)]
+    found = [
+        (at, label.get_text()) for at, label in zip(axis.get_majorticklocs(), axis.get_majorticklabels(), strict=True)
+    ]
     return [(at, words) for at, words in found if low <= at <= high]
 
 
@@ -148,7 +150,7 @@ def test_a_long_curve_is_thinned_without_losing_its_peaks():
     svg = sheet.svg()
     assert len(svg) < 100_000
     (line,) = re.findall(r'<path d="([^"]*)" clip-path="[^"]*" style="[^"]*#0072b2', svg)
-    heights = [float(own) for own in re.findall(r"[ML] [\d.]+ ([\d.]+)", line)]
+    heights = [float(match) for match in re.findall(r"[ML] [\d.]+ ([\d.]+)", line)]
     assert max(heights) - min(heights) == pytest.approx(100.0 * 7.1 / (1.08 * 7.1), rel=0.01)
 
 

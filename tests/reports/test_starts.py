@@ -53,9 +53,9 @@ def test_a_single_start_and_files_that_kept_none_have_no_picture(motion_fit, thr
 def test_what_is_far_off_lies_at_the_edge_beside_an_arrow(motion_fit, three):
     figure = picture(motion_fit, three)
     (ax,) = figure.axes
-    assert [own.get_text() for own in ax.get_yticklabels()] == ["steering delay", "I_z"]
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == ["steering delay", "I_z"]
     _, other, same = ax.lines
     assert (-REACH, 0.0) in zip(*other.get_data(), strict=True)
     assert sorted(same.get_xdata()) == pytest.approx([0, 0, 0, 2.5], abs=1e-9)
-    assert [own.get_text() for own in ax.texts] == ["<"]
+    assert [text.get_text() for text in ax.texts] == ["<"]
     assert troubles(figure.svg()) == []

@@ -68,7 +68,7 @@ def test_estimates_are_drawn_run_by_run_with_what_was_measured(told, found, lap)
 def test_runs_whose_clocks_begin_anew_are_drawn_one_behind_the_other(told, found):
     assert np.any(np.diff(found.time) < 0)
     assert np.all(np.diff(told.course.time) > 0)
-    assert all(np.all(np.diff(own.time) > 0) for own in told.innovations.values())
+    assert all(np.all(np.diff(channel.time) > 0) for channel in told.innovations.values())
 
 
 def test_stiffness_and_forces_have_a_panel_each(told):
@@ -96,11 +96,11 @@ def test_what_does_not_move_is_not_drawn(found, lap):
 def test_a_model_without_axle_forces_has_no_picture_of_them(found, lap):
     bare = digest(replace(found, values={n: v for n, v in found.values.items() if not n.startswith("F_y")}), lap, MADE)
     assert forces_over_slip(bare.course.values) is None
-    assert [own.name for own in drawings(bare)] == ["estimates", "innovations", "whiteness"]
+    assert [drawing.name for drawing in drawings(bare)] == ["estimates", "innovations", "whiteness"]
 
 
 def test_innovations_are_drawn_as_means_over_two_seconds(found, told):
-    figure = next(own for own in drawings(told) if own.name == "innovations").figure
+    figure = next(drawing for drawing in drawings(told) if drawing.name == "innovations").figure
     assert len(figure.axes) == len(found.innovations) == 2
     off, expected = found.innovations["yaw_rate"], found.expected["yaw_rate"]
     (line,) = figure.first().lines
