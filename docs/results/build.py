@@ -1,6 +1,7 @@
-"""docs/results.md from the JSON beside this file; `--run NAME OPTIONS...` measures a bench again and keeps its JSON.
+"""The pages of results from the JSON beside this file; `--run NAME OPTIONS...` measures a bench again and keeps its JSON.
 
-`python docs/results/build.py` writes the page, `--check` exits with 1 where it is not current.
+`python docs/results/build.py` writes the pages, `--check` exits with 1 where one is not current.
+The first digit of a file's name says on which page it is.
 A file is either a table as its script printed it, or what `greybox bench NAME --json` printed, with when and with what.
 """
 
@@ -20,27 +21,47 @@ from greybox_id.base.numbers import number
 from greybox_id.base.version import __version__
 
 HERE = Path(__file__).parent
-PAGE = HERE.parent / "results.md"
-HEAD = """# Results
+HEADS = {
+    "results": """# Results
 
 What was measured, and the commands that measure it again. The line below a table says when, with which version, from
 which seed and on how many cases (n). `DIR` holds recordings of others (`greybox datasets list`). CPU seconds are of one
 core at 3.1 GHz. Bars that are missed are marked. What was tried and failed is in the [decision
 notes](decisions/README.md).
-"""
+
+This page is about the diagnosis. Others: [recordings of others](results_recordings.md), [intervals, verdicts and
+designed manoeuvres](results_uncertainty.md), [speed, sizes and damage](results_speed.md).
+""",
+    "results_recordings": """# Results on recordings of others
+
+Data and baselines that others published. How to read the tables: [results](results.md).
+""",
+    "results_uncertainty": """# Results: intervals, verdicts, designed manoeuvres
+
+How to read the tables: [results](results.md).
+""",
+    "results_speed": """# Results: speed, sizes, damage
+
+How to read the tables: [results](results.md).
+""",
+}
+"""Of each page, in the order of the first digits of files."""
 MOST_TASKS = 1
 """A bench with more shows the first one alone; the file has all."""
 STAYS = ("title", "commands", "about", "answer")
 """Of a bench's file, when it is measured again; the first answer is shown where `answer` is true."""
 
 
-def page() -> str:
-    """The text of the page."""
-    parts = [HEAD]
-    for file in sorted(HERE.glob("*.json")):
-        kept = json.loads(file.read_text(encoding="utf-8"))
-        parts.append(section(of_bench(kept) if "result" in kept else kept))
-    return "\n".join(parts)
+def pages() -> dict[Path, str]:
+    """Every page and its text."""
+    result = {}
+    for digit, (name, head) in enumerate(HEADS.items(), 1):
+        parts = [head]
+        for file in sorted(HERE.glob(f"{digit}*.json")):
+            kept = json.loads(file.read_text(encoding="utf-8"))
+            parts.append(section(of_bench(kept) if "result" in kept else kept))
+        result[HERE.parent / f"{name}.md"] = "\n".join(parts)
+    return result
 
 
 def section(kept: dict[str, Any]) -> str:
@@ -117,14 +138,15 @@ def keep(file: Path, before: dict[str, Any], result: dict[str, Any]) -> None:
 def main() -> int:
     """Write, check or measure."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--check", action="store_true", help="exit with 1 where the page is not current")
+    parser.add_argument("--check", action="store_true", help="exit with 1 where a page is not current")
     parser.add_argument("--run", nargs=argparse.REMAINDER, help="a bench with its options, to be measured again")
     words = parser.parse_args()
     if words.run:
         run(words.run[0], words.run[1:])
     if words.check:
-        return 0 if PAGE.read_text(encoding="utf-8") == page() else 1
-    PAGE.write_text(page(), encoding="utf-8")
+        return 0 if all(page.read_text(encoding="utf-8") == text for page, text in pages().items()) else 1
+    for page, text in pages().items():
+        page.write_text(text, encoding="utf-8")
     return 0
 
 

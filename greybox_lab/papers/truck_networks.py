@@ -71,7 +71,7 @@ LESSONS: Mapping[str, tuple[Callable[[MotionModel], MotionModel], Any]] = {
 FASTER = "the fitted bicycle, driven faster too"
 """The same, which goes on teaching what happens at higher speeds than recorded."""
 BEYOND = 1.5
-"""How much higher: chosen on a simulated truck, see docs/results.md."""
+"""How much higher: chosen on a simulated truck, see docs/results_recordings.md."""
 
 
 def lesson(name: str, bicycle: MotionModel) -> Pretraining:
