@@ -1,4 +1,4 @@
-"""The pages of results from the JSON beside this file; `--run NAME OPTIONS...` measures a bench again and keeps its JSON.
+"""The pages of results from the JSON beside this file; `--run NAME OPTIONS...` measures a bench again, keeps its JSON.
 
 `python docs/results/build.py` writes the pages, `--check` exits with 1 where one is not current.
 The first digit of a file's name says on which page it is.
