@@ -286,6 +286,9 @@ class Calibration:
     as_rough_again: int = _known(2, "times at most", SEARCHED)
     second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
     still: float = _known(0.05, "of its scale, below which nothing moves any more", SEARCHED)
+    stride_together: float = _known(
+        1.0, "sds, or usual sizes, that a step of everything goes: 3 and 19 led nowhere", "the shipped racer, guesses"
+    )
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
     moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
     second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)
@@ -304,6 +307,9 @@ class Calibration:
     shy: float = _known(0.3, "of its stride that what shapes curves goes, once that was too far", SEARCHED)
     stride: float = _known(3.0, "sds that it goes in a step: curves are not linear in it", SEARCHED)
     at_once: float = _known(0.02, "of an abrupt tolerance that stands for the least there can be of it", SEARCHED)
+    within_delay: float = _known(
+        0.9, "of a delay, to either side, its derivative is of: at none readings jump", SEARCHED
+    )
     shift_beside: float = _known(0.3, "of an abrupt tolerance, how far beside its derivative is taken", SEARCHED)
     beside: float = _known(1e-3, "of its scale, how far beside a magnitude's derivative is taken", SEARCHED)
     shifted: float = _known(1e-4, "the same of delays, s", SEARCHED)

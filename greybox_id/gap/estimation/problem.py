@@ -200,8 +200,14 @@ class JointProblem:
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
         jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
         requested: list[tuple[Array, float]] = [(p, 1.0)]
+        shifted = dict[int, Array]()  # of what moves in time, to either side
         for k in ons:
-            requested.append(self._beside(p, state, k))
+            if self.causes[k].main.shift:
+                below, above, step = self._about(p, state, k)
+                shifted[len(requested)] = below
+                requested.append((above, step))
+            else:
+                requested.append(self._beside(p, state, k))
         for k in jumps:
             q = p.copy()
             q[self.causes[k].main.index] = CAL.at_once * self.zone[k]
@@ -217,10 +223,11 @@ class JointProblem:
             q = p.copy()
             self._place(q, k, f, cause.forms[f].starts[s])
             requested.append((q, cause.forms[f].starts[s][0] - cause.main.null))
-        e = self.residuals([q for q, _ in requested])
-        slopes = np.stack([(item - e[0]) / step for item, (_, step) in zip(e, requested, strict=True)], axis=2)[
-            :, :, 1:
-        ]
+        e = self.residuals([*(q for q, _ in requested), *shifted.values()])
+        e, before = e[: len(requested)], dict(zip(shifted, e[len(requested) :], strict=True))
+        slopes = np.stack([(item - before.get(place, e[0])) / step
+                           for place, (item, (_, step)) in enumerate(zip(e, requested, strict=True))],
+                          axis=2)[:, :, 1:]  # fmt: skip
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         a, b, c = len(ons), len(ons) + len(jumps), len(ons) + len(jumps) + len(self.shifts)
         every = np.concatenate([
@@ -255,12 +262,25 @@ class JointProblem:
         """A vector beside a cause that is there, and how far."""
         cause, m = self.causes[k], float(state.m[k])
         size = max(abs(m - cause.main.null), 0.3 * cause.usual)
-        step = max(self.bench.sample_time, 0.1 * size) if cause.main.shift else 0.02 * size
+        step = 0.02 * size
         if m + step > self.high[k]:
             step = -step
         q = p.copy()
         q[cause.main.index] = cause.main.value(m + step)
         return q, step
+
+    def _about(self, p: Array, state: JointState, k: int) -> tuple[Array, Array, float]:
+        """Vectors half a row to either side of a delay that is there, or as far as it is one, and how far apart.
+
+        One to one side alone says what would be a row later: a step that follows it may lead uphill, and all else stays
+        where it is as well.
+        """
+        axis, m = self.causes[k].main, float(state.m[k])
+        half = min(max(0.5 * self.bench.sample_time, 0.05 * (m - axis.null)), CAL.within_delay * (m - axis.null))
+        start, end = m - half, min(m + max(half, CAL.shifted), float(self.high[k]))
+        below, above = p.copy(), p.copy()
+        below[axis.index], above[axis.index] = axis.value(start), axis.value(end)
+        return below, above, max(end - start, CAL.shifted)
 
     def _starts(self, state: JointState, k: int, look: bool) -> list[tuple[int, int]]:
         """From where a cause that is not there is looked at."""

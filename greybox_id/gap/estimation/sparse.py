@@ -50,12 +50,13 @@ class Quadratic:
         sd[self.about.main] = np.sqrt(variance)
         return np.asarray(1 / np.maximum(sd, 1e-150) ** 2)
 
-    def best(self, variance: Array) -> tuple[Array, Array]:
-        """(K,) the best coordinates within bounds, and their marginal variances."""
+    def best(self, variance: Array, stride: float | Array = np.inf) -> tuple[Array, Array]:
+        """(K,) the best coordinates within bounds and no further than a stride, and their marginal variances."""
         value, prec = self.about, self.precision(variance)
         H = self.G + np.diag(prec)
         slope = self.g + prec * (value.at - value.mean)
-        step = least_within(H, slope, value.low - value.at, value.high - value.at, np.ones(len(H), dtype=bool))
+        low, high = np.maximum(value.low - value.at, -stride), np.minimum(value.high - value.at, stride)
+        step = least_within(H, slope, low, high, np.ones(len(H), dtype=bool))
         return value.at + step, np.diag(inverse(H))
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:

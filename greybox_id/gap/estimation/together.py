@@ -15,10 +15,10 @@ from functools import partial
 import numpy as np
 
 from ...base.shorthands import Array, Mask
-from ...engine.solvers.gauss_newton import least_within
 from .bench import Bench
 from .calibration import CAL
 from .constancy import steadily
+from .first_order import FirstOrder
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
 from .problem import JointProblem, JointState, Linear
@@ -437,7 +437,7 @@ class JointSearch:
     ) -> tuple[JointState, float]:  # fmt: skip
         """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
         problem, value = self.problem, squares.about
-        x, _ = squares.best(variance)
+        x, _ = squares.best(variance, self._stride(value))
         off = np.abs(x - value.mean)[value.main]
         if there is None:
             there = (off > self._switched_at) & (variance > 4 * problem.zone**2)
@@ -448,7 +448,7 @@ class JointSearch:
             back = replace(state, on=state.on & on)
         new: JointState | None = None
         for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to be nearer first
-            first = _FirstOrder(value, prec, self._switched_at, goes & ~state.on)
+            first = FirstOrder(value, prec, self._switched_at, goes & ~state.on)
             objective = partial(self._objective, first=first, whitener=whitener, prec=prec, linear=value)
             here = objective(back)
             tried = (problem.moved(state, x, share, goes) for share in CAL.step_shares)
@@ -464,8 +464,14 @@ class JointSearch:
             problem.forget()
         return new, far
 
+    def _stride(self, linear: Linear) -> Array:
+        """(K,) how far a step goes at most: farther off, simulations are not what they are to first order."""
+        scale = np.full(len(linear.at), np.inf)
+        scale[: len(self.problem.theta_sd)], scale[linear.main] = self.problem.theta_sd, self.problem.usual
+        return np.where(linear.moved, CAL.stride_together * scale, np.inf)
+
     def _objective(
-        self, state: JointState, first: _FirstOrder, whitener: Whitener, prec: Array, linear: Linear
+        self, state: JointState, first: FirstOrder, whitener: Whitener, prec: Array, linear: Linear
     ) -> float:
         problem = self.problem
         (e,) = problem.residuals([problem.vector(state)])
@@ -484,31 +490,3 @@ class JointSearch:
                     extra += ((at - axis.mean) / axis.sd) ** 2
         total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
         return total if np.isfinite(total) else np.inf
-
-
-class _FirstOrder:
-    """Coordinates that simulations do not have, at their best wherever a step leads.
-
-    Causes among them go no further than they would without being simulated: columns that were taken elsewhere would
-    make up for whatever a simulation does.
-
-    Parameters
-    ----------
-    linear, prec : the problem, and beliefs.
-    switched_at : (causes,) how far off one is that simulations have.
-    switched : (causes,) those that simulations have from this step on.
-    """
-
-    def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Mask) -> None:
-        here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
-        reach = np.append(switched_at, np.inf)[linear.cause[here]]  # of what is no cause, -1, all of it
-        self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
-        self._low = np.maximum((linear.low - linear.at)[here], -reach - self._off)
-        self._high = np.minimum((linear.high - linear.at)[here], reach - self._off)
-        self._H = self._A.T @ self._A + np.diag(self._prec)
-
-    def left(self, r: Array) -> float:
-        """What is left of residuals, with the charge."""
-        g = self._A.T @ r + self._prec * self._off
-        step = least_within(self._H, g, self._low, self._high, np.ones(len(g), dtype=bool))
-        return float(r @ r + self._off @ (self._prec * self._off) + 2 * g @ step + step @ self._H @ step)

@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, linear_bench, smooth_columns
 
+from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.causes import Form, PossibleCause
+from greybox_id.gap.estimation.first_order import FirstOrder
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.estimation.problem import JointProblem
-from greybox_id.gap.estimation.together import JointSearch, JointWhitening, _FirstOrder
+from greybox_id.gap.estimation.together import JointSearch, JointWhitening
 
 SD = np.array([0.1, 0.1])
 
@@ -120,14 +122,14 @@ def test_what_is_not_simulated_makes_up_for_no_more_than_it_may_without_being_si
     whitener, variance = search.whitening.usual(None, 1.0), search.variance(there)
     _, squares = search._linear(problem.begin(), whitener, True, variance)
     prec, linear = squares.precision(variance), squares.about
-    first = _FirstOrder(linear, prec, search._switched_at, np.zeros(2, dtype=bool))
+    first = FirstOrder(linear, prec, search._switched_at, np.zeros(2, dtype=bool))
     column = linear.A[:, linear.main][:, 1]
     left = first.left(linear.r + 0.7 * column)  # a simulation that is off by what 0.7 of it would explain
     sizes = np.linspace(-1.0, 1.0, 4001)[:, None] * search._switched_at[1]
     best = np.min(np.sum((linear.r + (0.7 + sizes) * column) ** 2, axis=1) + prec[linear.main][1] * sizes[:, 0] ** 2)
     assert left == pytest.approx(best, rel=1e-6)
     assert left > 0.5 * np.sum((linear.r + 0.7 * column) ** 2)
-    simulated = _FirstOrder(linear, prec, search._switched_at, np.array([False, True]))
+    simulated = FirstOrder(linear, prec, search._switched_at, np.array([False, True]))
     assert simulated.left(linear.r) == pytest.approx(float(linear.r @ linear.r))
 
 
@@ -161,3 +163,38 @@ def test_a_cause_is_worth_adding_whatever_size_it_was_looked_at():
     stage = search.settled(search.problem.begin(), 1.0, search.variance(first), there=first)
     assert stage.sets.score(np.ones(2, dtype=bool)) == -np.inf
     assert search._worth_adding(stage, np.full(2, 8.0), np.zeros(2, dtype=bool)) == 1
+
+
+@pytest.mark.parametrize(("size", "slope"), [(0.6, 1.2), (0.4, 0.8), (0.2, 0.4)])
+def test_the_derivative_of_a_delay_is_of_both_sides(size, slope):
+    """One to its one side tells what it does a row later, and may lead uphill; at none readings jump."""
+    X = smooth_columns(1)
+
+    def respond(p):  # with its square, and with a jump where there is one at all
+        return X[:, :, 0] * (p[0] ** 2 + (5.0 if p[0] > 0 else 0.0))
+
+    bench = GivenBench(respond, respond([0.5]), 1, dt=0.5)
+    search = together(bench, [cause(0, gradual=False, low=0.0, high=0.7, shift=True)])
+    state = replace(search.problem.begin(), m=np.array([size]), on=np.array([True]))
+    whitener = search.whitening.usual(None, 1.0)
+    _, linear = search.problem.linearise(state, whitener, False, np.ones(1))
+    width = min(0.25, 0.9 * size)
+    beyond = max(size + width - 0.7, 0.0)  # one side ends at the bound
+    column = whitener.white(X).reshape(-1)
+    assert linear.A[:, 0] == pytest.approx(column * (slope - beyond), rel=1e-9)
+
+
+def test_a_step_goes_no_further_than_what_is_usual():
+    """Steps of many usual sizes lead to where simulations are nothing like what they are to first order."""
+    X = smooth_columns(2)
+    search = together(linear_bench(X, [5.0, 0.0], SD), [cause(0), cause(1)], (axis(1, sd=0.3),))
+    problem, every = search.problem, np.ones(2, dtype=bool)
+    whitener, variance = search.whitening.usual(None, 1.0), search.variance(every)
+    state, far = problem.begin(), []
+    for _ in range(8):
+        state, squares = search._linear(state, whitener, False, variance)
+        state, went = search._stepped(state, squares, variance, whitener, every)
+        far.append(went)
+    assert max(far) == pytest.approx(CAL.stride_together)
+    assert far[-1] < CAL.still
+    assert state.m[0] == pytest.approx(5.0, abs=0.1)

@@ -1,0 +1,37 @@
+"""Coordinates that simulations do not have, at their best wherever a step of all others leads."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.shorthands import Array, Mask
+from ...engine.solvers.gauss_newton import least_within
+from .problem import Linear
+
+
+class FirstOrder:
+    """Coordinates that simulations do not have, at their best wherever a step leads.
+
+    Causes among them go no further than they would without being simulated: columns that were taken elsewhere would
+    make up for whatever a simulation does.
+
+    Parameters
+    ----------
+    linear, prec : the problem, and beliefs.
+    switched_at : (causes,) how far off one is that simulations have.
+    switched : (causes,) those that simulations have from this step on.
+    """
+
+    def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Mask) -> None:
+        here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
+        reach = np.append(switched_at, np.inf)[linear.cause[here]]  # of what is no cause, -1, all of it
+        self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
+        self._low = np.maximum((linear.low - linear.at)[here], -reach - self._off)
+        self._high = np.minimum((linear.high - linear.at)[here], reach - self._off)
+        self._H = self._A.T @ self._A + np.diag(self._prec)
+
+    def left(self, r: Array) -> float:
+        """What is left of residuals, with the charge."""
+        g = self._A.T @ r + self._prec * self._off
+        step = least_within(self._H, g, self._low, self._high, np.ones(len(g), dtype=bool))
+        return float(r @ r + self._off @ (self._prec * self._off) + 2 * g @ step + step @ self._H @ step)
