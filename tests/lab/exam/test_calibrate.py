@@ -68,7 +68,7 @@ def test_numbers_of_the_search_are_halved_and_doubled_in_processes_of_their_own(
     assert found["numbers"] == sum(data == SEARCHED for _, _, data in provenance().values())
     assert found["cases"] == 2
     assert found["of"] == 6
-    halved = {own["draw"] for own in found["rows"]}
+    halved = {row["draw"] for row in found["rows"]}
     assert found["verdicts changed"] == 2 * len(halved)
     assert 0 < len(halved) < 3
     assert CAL.refits == Calibration.refits  # here nothing was changed

@@ -122,7 +122,7 @@ def test_measures_count_what_they_say():
         finding(DOUBLE, says("imu_mount_roll", "accel_bias_x")),
         finding(OUTSIDE, diagnosis(unknown_probability=0.9)),
     ]
-    told = {own.key: own for own in measures(found, "clean")}
+    told = {measure.key: measure for measure in measures(found, "clean")}
     assert (told["false_alarms"].value, told["false_alarms"].of, told["false_alarms"].passed) == (0.0, 1, True)
     assert (told["detection"].value, told["detection"].of) == (1.0, 3)  # a small one need not be detected
     assert (told["first"].value, told["first_strictly"].value, told["among_three"].value) == (0.5, 0.0, 0.5)
@@ -141,9 +141,9 @@ def test_measures_count_what_they_say():
 
 def test_workshop_bars_are_wider():
     errors = [finding(NULL, says("grip_scale") if k == 0 else diagnosis()) for k in range(25)]
-    assert {own.key: own.passed for own in measures(errors, "clean")}["false_alarms"] is False
-    assert {own.key: own.passed for own in measures(errors, "workshop")}["false_alarms"] is True
-    assert all(own.key != "false_alarms" for own in measures(errors, "rough"))
+    assert {measure.key: measure.passed for measure in measures(errors, "clean")}["false_alarms"] is False
+    assert {measure.key: measure.passed for measure in measures(errors, "workshop")}["false_alarms"] is True
+    assert all(measure.key != "false_alarms" for measure in measures(errors, "rough"))
 
 
 def test_names_that_are_applied_and_not_there_are_counted():
@@ -153,7 +153,9 @@ def test_names_that_are_applied_and_not_there_are_counted():
     assert (more.first, more.beside) == (True, ("yaw_inertia",))
     assert finding(SINGLE, says("accel_bias_x", "yaw_inertia", applied=["accel_bias_x"])).beside == ()
     null = finding(NULL, says("grip_scale", applied=["grip_scale"]))
-    found = {own.key: own for own in measures([right, more, null, finding(OUTSIDE, says("puncture"))], "foreign")}
+    found = {
+        measure.key: measure for measure in measures([right, more, null, finding(OUTSIDE, says("puncture"))], "foreign")
+    }
     assert (found["beside"].value, found["beside"].of, found["beside"].passed) == (0.5, 2, False)
     assert found["null_names"].value == 1.0
 
@@ -195,11 +197,11 @@ def test_of_many_effects_each_needs_a_name_of_its_own():
 def test_a_class_of_causes_is_right_where_a_likely_member_is_there():
     late = {"members": ["tyre_relaxation", "steering_delay"], "probability": 0.98, "applied": "tyre_relaxation",
             "each": {"tyre_relaxation": 0.6, "steering_delay": 0.38}}  # fmt: skip
-    own = finding(MANY, says(applied=["tyre_relaxation"], classes=[late]))
-    assert (own.applied_right, own.beside, own.classes) == (1, (), ((0.98, True),))
+    exam_finding = finding(MANY, says(applied=["tyre_relaxation"], classes=[late]))
+    assert (exam_finding.applied_right, exam_finding.beside, exam_finding.classes) == (1, (), ((0.98, True),))
     hardly = late | {"each": {"tyre_relaxation": 0.97, "steering_delay": 0.01}}
-    own = finding(MANY, says(applied=["tyre_relaxation"], classes=[hardly]))
-    assert (own.applied_right, own.beside) == (0, ("tyre_relaxation",))
+    exam_finding = finding(MANY, says(applied=["tyre_relaxation"], classes=[hardly]))
+    assert (exam_finding.applied_right, exam_finding.beside) == (0, ("tyre_relaxation",))
 
 
 def test_what_a_vehicle_has_by_nature_is_neither_right_nor_wrong():
@@ -222,7 +224,7 @@ def test_many_effects_are_counted_one_by_one():
         finding(MANY, says(applied=["steering_lag", "grip_scale", "accel_bias_y"]), 0.8, 0.8),
         finding(MANY, says(applied=["cog_shift"]), 0.0, 0.8),
     ]
-    told = {own.key: own for own in measures(found, "many")}
+    told = {measure.key: measure for measure in measures(found, "many")}
     assert (told["causes"].value, told["causes"].of) == (pytest.approx(5 / 9), 9)
     assert told["everything"].value == pytest.approx(1 / 3)
     assert told["extra"].value == pytest.approx(1 / 3)
@@ -232,8 +234,8 @@ def test_many_effects_are_counted_one_by_one():
 
 def test_what_scatters_readings_counts_as_applied_where_it_is_named():
     shaky = Answer("s", "single", "clean", {"timestamp_jitter": 0.004}, {"timestamp_jitter": 0.0})
-    own = finding(shaky, says("timestamp_jitter"))
-    assert (own.applied, own.right) == (("timestamp_jitter",), True)
+    exam_finding = finding(shaky, says("timestamp_jitter"))
+    assert (exam_finding.applied, exam_finding.right) == (("timestamp_jitter",), True)
     unsure = finding(shaky, diagnosis(gap_detected=True, ranking=[ranked("timestamp_jitter", probability=0.3)]))
     assert unsure.applied == ()
     assert finding(NULL, says("timestamp_jitter")).beside == ("timestamp_jitter",)

@@ -65,10 +65,13 @@ def test_what_calibrates_never_examines():
 def test_what_lacks_nothing_has_hardly_anything_that_could_be_named(family):
     traces = {"load_exponent": "load_sensitivity", "height": "longitudinal_load_transfer", "ellipse": "combined_slip"}
     for number in range(8):
-        own = drawn(family, number)
-        assert all(0.0 <= own.numbers[key] <= 0.1 * EFFECTS[name].low for key, name in traces.items())
-        assert own.numbers.get("relaxation", 0.0) <= 0.3 * EFFECTS["tyre_relaxation"].sizes(own.about.size, "car")[0]
-        assert own.numbers.get("steer_time", 0.0) <= 0.2 * EFFECTS["steering_lag"].low
+        foreign = drawn(family, number)
+        assert all(0.0 <= foreign.numbers[key] <= 0.1 * EFFECTS[name].low for key, name in traces.items())
+        assert (
+            foreign.numbers.get("relaxation", 0.0)
+            <= 0.3 * EFFECTS["tyre_relaxation"].sizes(foreign.about.size, "car")[0]
+        )
+        assert foreign.numbers.get("steer_time", 0.0) <= 0.2 * EFFECTS["steering_lag"].low
 
 
 def test_no_diagnosis_knows_a_foreign_simulator():
@@ -80,8 +83,8 @@ def test_no_diagnosis_knows_a_foreign_simulator():
 
 def test_cases_are_dealt_to_families_that_can_be_made_to_have_them():
     cases = dealt_out(Counts(nulls=5, singles=60, pairs=30, outside=20), "foreign", 3, ())
-    assert all(own.family in able(EXAMINATION, own.effects) for own in cases)
-    assert {own.family for own in cases} == set(EXAMINATION)
+    assert all(case.family in able(EXAMINATION, case.effects) for case in cases)
+    assert {case.family for case in cases} == set(EXAMINATION)
     of_one = dealt_out(Counts(nulls=0, singles=40, pairs=5, outside=5), "foreign", 3, ("slipx",))
     assert {name for own in of_one for name in own.effects} <= {*FAMILIES["slipx"].effects, *FAMILIES["slipx"].outside}
     with pytest.raises(BadInput, match="at least one case"):
@@ -90,14 +93,14 @@ def test_cases_are_dealt_to_families_that_can_be_made_to_have_them():
 
 def test_many_effects_are_dealt_to_virtual_and_foreign_vehicles_alike():
     cases = dealt_out(Counts(0, 0, 0, 0, many=80), "many", 4, ())
-    assert {own.family for own in cases} == {"", *EXAMINATION}
-    assert 0.4 < np.mean([not own.family for own in cases]) < 0.8
-    for own in cases:
-        groups = Counter(map(group_of, own.effects))
-        assert 3 <= len(own.effects) <= 6
+    assert {case.family for case in cases} == {"", *EXAMINATION}
+    assert 0.4 < np.mean([not case.family for case in cases]) < 0.8
+    for case in cases:
+        groups = Counter(map(group_of, case.effects))
+        assert 3 <= len(case.effects) <= 6
         assert max(groups.values()) <= 2
-        assert not any(other in always_alike(name) for name in own.effects for other in own.effects)
-    assert {own.family for own in dealt_out(Counts(0, 0, 0, 0, many=8), "many", 4, ("workshop",))} == {""}
+        assert not any(other in always_alike(name) for name in case.effects for other in case.effects)
+    assert {case.family for case in dealt_out(Counts(0, 0, 0, 0, many=8), "many", 4, ("workshop",))} == {""}
 
 
 def test_a_rough_file_is_off_in_its_peaks_and_not_in_its_slopes():
@@ -106,7 +109,7 @@ def test_a_rough_file_is_off_in_its_peaks_and_not_in_its_slopes():
         off, named = roughened(stated, np.random.default_rng(seed))
         p, q = stated.parameters, off.parameters
         peaks = [q[f"D_{axle}"] / p[f"D_{axle}"] - 1.0 for axle in "fr"]
-        assert all(0.05 <= abs(own) <= 0.1 for own in peaks)
+        assert all(0.05 <= abs(peak) <= 0.1 for peak in peaks)
         assert all(q[f"B_{a}"] * q[f"D_{a}"] == pytest.approx(p[f"B_{a}"] * p[f"D_{a}"], rel=1e-4) for a in "fr")
         assert ("grip_scale" in named) == (np.sign(peaks[0]) == np.sign(peaks[1]))
         longer = (q["l_f"] + q["l_r"]) / (p["l_f"] + p["l_r"])
@@ -115,32 +118,32 @@ def test_a_rough_file_is_off_in_its_peaks_and_not_in_its_slopes():
 
 @pytest.mark.slow
 def test_a_car_on_springs_leans_out_of_a_turn_and_loads_its_outer_wheels():
-    own = drawn("suspended", 4)
-    found = ride(own, 20.0)
+    foreign = drawn("suspended", 4)
+    found = ride(foreign, 20.0)
     at = found.truth()
     lean = np.polyfit(at["a_y"], at["roll"], 1)[0]
-    assert 0.3 * own.numbers["gradient"] < lean < 3.0 * own.numbers["gradient"]
+    assert 0.3 * foreign.numbers["gradient"] < lean < 3.0 * foreign.numbers["gradient"]
     assert np.corrcoef(at["a_y"], at["roll"])[0, 1] > 0.9
-    car = own.about
+    car = foreign.about
     # little steer: the yaw rate of a linear single track, from its understeer gradient
     v, delta, rows = 0.4 * car.top_speed, 0.004, 600
     commands = np.stack([np.full(rows, delta), np.zeros(rows)], axis=1)
-    free = own.numbers | {"c_0": 0.0, "c_1": 0.0, "c_2": 0.0, "bump_steer": 0.0}
+    free = foreign.numbers | {"c_0": 0.0, "c_1": 0.0, "c_2": 0.0, "bump_steer": 0.0}
     turned = replayed(FAMILIES["suspended"].build(free, np.zeros(1)), car, commands, 0.01,
                       {"v_x": v, "v_y": 0.0, "yaw_rate": 0.0}).truth()  # fmt: skip
-    L = own.numbers["l_f"] + own.numbers["l_r"]
-    gradient = (1.0 / own.numbers["slope_f"] - 1.0 / own.numbers["slope_r"]) / 9.81
+    L = foreign.numbers["l_f"] + foreign.numbers["l_r"]
+    gradient = (1.0 / foreign.numbers["slope_f"] - 1.0 / foreign.numbers["slope_r"]) / 9.81
     speed = turned["v_x"][-1]
     assert turned["yaw_rate"][-1] == pytest.approx(speed * delta / (L + gradient * speed**2), rel=0.04)
 
 
 def test_a_wheel_leaves_the_ground_where_the_road_cannot_hold_it():
-    own = drawn("suspended", 4)
-    tall = own.numbers | {"h_cg": 4.0 * own.numbers["h_cg"]}
+    foreign = drawn("suspended", 4)
+    tall = foreign.numbers | {"h_cg": 4.0 * foreign.numbers["h_cg"]}
     commands = np.stack([np.full(300, 0.12), np.zeros(300)], axis=1)
-    start = {"v_x": 0.6 * own.about.top_speed, "v_y": 0.0, "yaw_rate": 0.0}
-    found = replayed(SuspendedCar(tall), own.about, commands, 0.01, start).truth()
-    flat = replayed(SuspendedCar(own.numbers), own.about, commands, 0.01, start).truth()
+    start = {"v_x": 0.6 * foreign.about.top_speed, "v_y": 0.0, "yaw_rate": 0.0}
+    found = replayed(SuspendedCar(tall), foreign.about, commands, 0.01, start).truth()
+    flat = replayed(SuspendedCar(foreign.numbers), foreign.about, commands, 0.01, start).truth()
     assert np.max(found["roll"]) > 3.0 * np.max(flat["roll"])  # beyond what springs alone would do
 
 
@@ -166,9 +169,9 @@ def test_a_double_track_without_width_and_height_is_the_single_track():
 @pytest.mark.slow
 @pytest.mark.parametrize("family", ["tmeasy", pytest.param("slipx", marks=needs_slipx)])
 def test_what_is_identified_fits_what_lacks_nothing(family):
-    own = drawn(family, 4)
-    stated = identified(own.about, [ride(own, 40.0, seed) for seed in (1, 2)])
-    proof = ride(own, 30.0, 3)
+    foreign = drawn(family, 4)
+    stated = identified(foreign.about, [ride(foreign, 40.0, seed) for seed in (1, 2)])
+    proof = ride(foreign, 30.0, 3)
     flat = DoubleTrack(single_track(stated, proof.linear_hold))
     model = replayed(flat, stated, proof.commands, proof.period, proof.start)
     real, said_ = readings(proof, stated, {}, 0), readings(model, stated, {}, 0)
@@ -178,29 +181,31 @@ def test_what_is_identified_fits_what_lacks_nothing(family):
 
 @pytest.mark.parametrize("name", sorted({*EFFECTS, *OUTSIDE} - set(OF_SENSORS)))
 def test_every_effect_of_the_vehicle_changes_how_it_moves(name):
-    own = drawn(number=0)
-    size = magnitude(name, own.about, np.random.default_rng(4))
-    base = ride(own, 25.0)
+    foreign = drawn(number=0)
+    size = magnitude(name, foreign.about, np.random.default_rng(4))
+    base = ride(foreign, 25.0)
 
     def again(effects):
-        numbers = withheld(own.numbers, effects, own.about)
+        numbers = withheld(foreign.numbers, effects, foreign.about)
         gusts = np.random.default_rng(1).standard_normal(3000)
-        found = replayed(DoubleTrack(numbers, gusts), own.about, base.commands, base.period, base.start)
-        return readings(found, own.about, effects, 0)
+        found = replayed(DoubleTrack(numbers, gusts), foreign.about, base.commands, base.period, base.start)
+        return readings(found, foreign.about, effects, 0)
 
     with_it, without = again({name: size}), again({})
-    shows = max(np.sqrt(np.mean((with_it[c] - without[c]) ** 2)) / sd for c, sd in own.about.noise.items())
+    shows = max(np.sqrt(np.mean((with_it[c] - without[c]) ** 2)) / sd for c, sd in foreign.about.noise.items())
     assert shows > 0.1
 
 
 def test_a_delay_moves_the_motion_by_itself():
-    own = drawn(number=0)
-    base = ride(own, 10.0)
-    late = withheld(own.numbers, {"steering_delay": 0.04}, own.about)
-    found = replayed(DoubleTrack(late), own.about, base.commands, base.period, base.start)
-    straight = own.numbers | {"force_per_unit": 1e-9, "c_0": 0.0, "c_2": 0.0}
-    at_once = replayed(DoubleTrack(straight), own.about, base.commands, base.period, base.start)
-    later = replayed(DoubleTrack(straight | {"steer_delay": 0.04}), own.about, base.commands, base.period, base.start)
+    foreign = drawn(number=0)
+    base = ride(foreign, 10.0)
+    late = withheld(foreign.numbers, {"steering_delay": 0.04}, foreign.about)
+    found = replayed(DoubleTrack(late), foreign.about, base.commands, base.period, base.start)
+    straight = foreign.numbers | {"force_per_unit": 1e-9, "c_0": 0.0, "c_2": 0.0}
+    at_once = replayed(DoubleTrack(straight), foreign.about, base.commands, base.period, base.start)
+    later = replayed(
+        DoubleTrack(straight | {"steer_delay": 0.04}), foreign.about, base.commands, base.period, base.start
+    )
     assert np.all(np.isfinite(found.truth()["yaw_rate"]))
     a, b = at_once.truth()["yaw_rate"], later.truth()["yaw_rate"]
     shift = [np.sum((a[5 : 100 - k] - b[5 + k : 100]) ** 2) for k in range(5)]
@@ -215,16 +220,16 @@ def test_a_simulator_that_is_not_installed_is_told(monkeypatch):
             raise ImportError(name)
         return real(name, *rest, **more)
 
-    own = drawn("slipx")
+    foreign = drawn("slipx")
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(BadInput, match=r"greybox-id\[exam\]"):
-        FAMILIES["slipx"].build(withheld(own.numbers, {}, own.about), np.zeros(1))
+        FAMILIES["slipx"].build(withheld(foreign.numbers, {}, foreign.about), np.zeros(1))
 
 
 @needs_slipx
 def test_slipx_follows_its_commands():
-    own = drawn("slipx")
-    found = ride(own, 6.0)
+    foreign = drawn("slipx")
+    found = ride(foreign, 6.0)
     at = found.truth()
     assert np.all(np.isfinite(at["yaw_rate"]))
     turns = np.abs(found.commands[:, 0]) > 0.05

@@ -115,12 +115,12 @@ def test_numbers_of_a_diagnosis_were_chosen_on_no_recording_that_is_diagnosed():
 
 def test_pairs_that_numbers_were_chosen_on_are_no_cases_of_known_changes():
     told = [(frozenset(own.before), own.after, own.held_out) for own in changed.DEVELOPMENT.values()]
-    assert not {(frozenset(own.before), own.after, own.held_out) for own in changed.CASES.values()} & set(told)
+    assert not {(frozenset(case.before), case.after, case.held_out) for case in changed.CASES.values()} & set(told)
     assert not any(own.grip or own.fault for own in changed.DEVELOPMENT.values())
-    for own in changed.CASES.values():
-        if own.grip:  # no change was ever seen
+    for case in changed.CASES.values():
+        if case.grip:  # no change was ever seen
             before, after = ({part.partition("/")[0] for part in parts if part}
-                             for parts in (own.before, (own.after, own.held_out)))  # fmt: skip
+                             for parts in (case.before, (case.after, case.held_out)))  # fmt: skip
             for pair in changed.DEVELOPMENT.values():
                 parts = {part.partition("/")[0] for part in pair.recordings}
                 assert not (parts & before and parts & after)
@@ -134,7 +134,7 @@ def test_recordings_that_are_not_there_are_told(tmp_path):
     with pytest.raises(BadInput, match=r'no case "slipery".*Did you mean slippery'):
         changed.make_changed(tmp_path / "exam", tmp_path, 1, ["slipery"], 1, quiet)
     assert not (tmp_path / "exam").exists()
-    assert {own.columns for own in SOURCES.values()} >= {"roboracer", "truck"}
+    assert {source.columns for source in SOURCES.values()} >= {"roboracer", "truck"}
 
 
 def test_altered_recordings_stand_beside_themselves_unaltered(tmp_path, real_data):
@@ -142,18 +142,18 @@ def test_altered_recordings_stand_beside_themselves_unaltered(tmp_path, real_dat
     assert exam.counts == {"single": 2, "null": 2}
     assert unbroken(exam.folder) == exam.seal
     answers = [read_answer(file) for file in sorted(exam.folder.glob("sealed/*/answer.json"))]
-    for own in answers:
-        given = sorted(file.name for file in (exam.folder / "cases" / own.case).iterdir())
+    for answer in answers:
+        given = sorted(file.name for file in (exam.folder / "cases" / answer.case).iterdir())
         assert given == ["after.csv", "before_1.csv", "before_2.csv", "before_3.csv", "columns.toml", "recording.csv",
                          "vehicle.toml"]  # fmt: skip
-        (beside,) = [other for other in answers if other.about == own.about and other.kind != own.kind]
-        assert bool(own.effects) != bool(beside.effects)
-        if own.kind == "single":
-            (name,), (sd,) = own.effects, own.scatter.values()
+        (beside,) = [other for other in answers if other.about == answer.about and other.kind != answer.kind]
+        assert bool(answer.effects) != bool(beside.effects)
+        if answer.kind == "single":
+            (name,), (sd,) = answer.effects, answer.scatter.values()
             null = INJECTIONS[name].null
-            away = abs(np.log(own.effects[name])) if null == 1.0 else abs(own.effects[name])
+            away = abs(np.log(answer.effects[name])) if null == 1.0 else abs(answer.effects[name])
             assert min(3.0 * sd, INJECTIONS[name].most) - 1e-12 <= away <= 8.0 * sd
-            assert own.above == (away >= 4.0 * sd)
+            assert answer.above == (away >= 4.0 * sd)
     again = make_injected(tmp_path / "again", real_data, 3, 2, ["ferrari"], 1, quiet)
     assert again.seal == exam.seal
 

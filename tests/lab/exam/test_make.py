@@ -33,23 +33,23 @@ def test_the_examiner_knows_every_effect():
 
 def test_cases_are_dealt_out_evenly():
     cases = planned()
-    assert Counter(own.kind for own in cases) == {"single": 171, "double": 75, "outside": 54, "null": 50}
-    singles = Counter(own.effects[0] for own in cases if own.kind == "single")
+    assert Counter(case.kind for case in cases) == {"single": 171, "double": 75, "outside": 54, "null": 50}
+    singles = Counter(case.effects[0] for case in cases if case.kind == "single")
     assert set(singles) == set(EFFECTS)
     assert max(singles.values()) - min(singles.values()) <= 1
-    outside = Counter(own.effects[0] for own in cases if own.kind == "outside")
+    outside = Counter(case.effects[0] for case in cases if case.kind == "outside")
     assert set(outside) == set(OUTSIDE)
 
 
 def test_two_effects_are_mostly_of_different_groups_and_never_always_alike():
-    pairs = [own.effects for own in planned(1000) if own.kind == "double"]
+    pairs = [case.effects for case in planned(1000) if case.kind == "double"]
     assert all(a != b and b not in always_alike(a) for a, b in pairs)
     assert np.mean([group_of(a) != group_of(b) for a, b in pairs]) > 0.85
 
 
 def test_names_tell_nothing():
-    kinds = [own.kind for own in planned()]
-    assert [own.case for own in planned()] == [f"case_{k:03d}" for k in range(350)]
+    kinds = [case.kind for case in planned()]
+    assert [case.case for case in planned()] == [f"case_{k:03d}" for k in range(350)]
     assert 3 < sum(kind == "null" for kind in kinds[:70]) < 20
     assert planned(seed=1) == planned(seed=1) != planned(seed=2)
 

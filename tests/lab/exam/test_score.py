@@ -35,14 +35,14 @@ def verify(case, held_out, told):
 
 def test_the_score_counts_and_is_kept(diagnosed):
     body, again = score(diagnosed, quiet, verify=verify)
-    told = {own["key"]: own for own in body["measures"]}
+    told = {measure["key"]: measure for measure in body["measures"]}
     assert not again
     assert told["first"]["value"] == 1.0
     assert told["doubles"]["value"] == 0.0
     assert told["unknown"]["value"] == 1.0
     assert (told["closed"]["value"], told["claim"]["value"]) == (0.96, pytest.approx(0.02))
     assert told["cpu"]["value"] == 1.5
-    assert [own["case"] for own in body["findings"] if own["wrong"]] == ["case_002"]
+    assert [finding["case"] for finding in body["findings"] if finding["wrong"]] == ["case_002"]
     assert json.loads((diagnosed / "score.json").read_text())["cases"] == 4
 
 

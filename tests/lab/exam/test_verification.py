@@ -39,8 +39,12 @@ def test_a_model_survives_being_written_down(closed):
     again = model_from(json.loads(json.dumps(without_nan(plain_model(closed)))))
     assert again.name == closed.name
     assert tuple(again.effects) == tuple(closed.effects)
-    assert [own.name for own in again.parameters] == [own.name for own in closed.parameters]
-    assert np.allclose([own.array for own in again.parameters], [own.array for own in closed.parameters], rtol=1e-14)
+    assert [parameter.name for parameter in again.parameters] == [parameter.name for parameter in closed.parameters]
+    assert np.allclose(
+        [parameter.array for parameter in again.parameters],
+        [parameter.array for parameter in closed.parameters],
+        rtol=1e-14,
+    )
 
 
 def test_the_closed_model_is_compared_with_that_of_the_vehicle_file(case, closed, monkeypatch):
@@ -59,7 +63,7 @@ def test_the_closed_model_is_compared_with_that_of_the_vehicle_file(case, closed
     assert float(before["m"].array) == 1500.0
     assert not before.effects
     assert float(after["steering_delay"].array) == pytest.approx(0.031 * 1.01)
-    assert [len(own) for own in recordings] == [2]
+    assert [len(recording) for recording in recordings] == [2]
     assert dict(stated.noise) == {"yaw_rate": 0.01}
 
 

@@ -39,7 +39,7 @@ def test_other_optima_are_set_apart_and_move_nothing(seed):
     truth, seen, order, x = fleet(seed, wrong=WRONG)
     found = drifted(seen, order, x)
     assert {(int(j) // 8, int(j) % 8) for j in np.flatnonzero(found.apart)} == WRONG
-    assert not any(own.drifts for own in found.changes)
+    assert not any(change.drifts for change in found.changes)
     _, clean, _, _ = fleet(seed)
     assert np.max(np.abs(found.population.vehicle - truth)) < 0.06
     assert np.allclose(found.population.spread, population(clean).spread, rtol=0.1)
@@ -62,8 +62,8 @@ def test_a_vehicle_that_lies_apart_as_a_whole_keeps_its_recordings():
 def test_a_large_step_is_a_change_and_sets_nothing_apart():
     _, seen, order, x = fleet(6, each=10, step=1.0)
     found = drifted(seen, order, x)
-    changes = [own for own in found.changes if own.drifts]
-    assert [(own.vehicle, own.parameter, own.kind, own.at) for own in changes] == [(0, 2, "step", 5)]
+    changes = [change for change in found.changes if change.drifts]
+    assert [(change.vehicle, change.parameter, change.kind, change.at) for change in changes] == [(0, 2, "step", 5)]
     assert not found.apart.any()
 
 

@@ -49,9 +49,9 @@ def test_two_changes_of_one_vehicle_are_both_found():
     vector = seen.vector.copy()
     late = order[0][10:]
     vector[late] += seen.information[late][:, :, 2] * 0.2
-    changes = [own for own in drifted(Informed(seen.information, vector, seen.vehicle, seen.vehicles), order, x).changes
-               if own.drifts and own.vehicle == 0]  # fmt: skip
-    assert {own.parameter for own in changes} >= {0, 2}
+    changes = drifted(Informed(seen.information, vector, seen.vehicle, seen.vehicles), order, x).changes
+    changes = [change for change in changes if change.drifts and change.vehicle == 0]
+    assert {change.parameter for change in changes} >= {0, 2}
 
 
 def test_a_vehicle_of_few_recordings_is_not_tested():
@@ -80,13 +80,13 @@ def test_the_interval_of_a_date_holds():
     within, found, widths = 0, 0, []
     for seed in range(12):
         truth, given = moving(seed, lambda rng, n: 0.25 * (np.arange(n) >= rng.integers(3, n - 3)))
-        for own in drifted(*given).changes:
-            if own.drifts and own.kind == "step" and own.vehicle < 4:
-                at = int(np.flatnonzero(truth[own.vehicle])[0])
+        for change in drifted(*given).changes:
+            if change.drifts and change.kind == "step" and change.vehicle < 4:
+                at = int(np.flatnonzero(truth[change.vehicle])[0])
                 found += 1
-                assert own.earliest <= own.at <= own.latest
-                within += own.earliest <= at <= own.latest
-                widths.append(own.latest - own.earliest)
+                assert change.earliest <= change.at <= change.latest
+                within += change.earliest <= at <= change.latest
+                widths.append(change.latest - change.earliest)
     assert found >= 25
     assert within >= 0.9 * found
     assert np.mean(widths) < 4  # of sixteen recordings

@@ -45,11 +45,11 @@ def begun(plan, out, *options):
 def below(root):
     """Number and command of all processes that one started, and those that did."""
     told = {}
-    for own in Path("/proc").iterdir():
-        if own.name.isdigit():
+    for path in Path("/proc").iterdir():
+        if path.name.isdigit():
             with suppress(OSError, ValueError, IndexError):
-                parent = int((own / "stat").read_text().rpartition(")")[2].split()[1])
-                told[int(own.name)] = parent, (own / "cmdline").read_bytes().decode()
+                parent = int((path / "stat").read_text().rpartition(")")[2].split()[1])
+                told[int(path.name)] = parent, (path / "cmdline").read_bytes().decode()
     found, layer = {}, [root]
     while layer:
         layer = [pid for pid, (parent, _) in told.items() if parent in layer]
@@ -59,7 +59,7 @@ def below(root):
 
 def results_of(out):
     """How many results there are, in the journal and in parts."""
-    lines = sum(own.read_bytes().count(b"\n") for own in (out / "journal").glob("*.jsonl"))
+    lines = sum(path.read_bytes().count(b"\n") for path in (out / "journal").glob("*.jsonl"))
     with suppress(OSError, ValueError):
         lines += len(pd.read_parquet(out / "recordings", columns=["key"]))
     return lines
@@ -116,16 +116,16 @@ def test_workers_that_come_later_are_given_work_too(monkeypatch):
             yield json.dumps({"key": f"k{k}"})
 
     with distributed.LocalCluster(n_workers=1, **quiet) as cluster, distributed.Client(cluster) as client:
-        own = engines.Distributed(client, cluster.scheduler_address)
-        assert own.lacks == ""
-        results = own.results(jobs())
+        engine = engines.Distributed(client, cluster.scheduler_address)
+        assert engine.lacks == ""
+        results = engine.results(jobs())
         found = [next(results)["key"]]
         assert handed_out == engines.AHEAD
         cluster.scale(3)
         client.wait_for_workers(3, timeout=60)
         found += [next(results)["key"], next(results)["key"]]
         assert handed_out == 3 * engines.AHEAD + 2  # what was returned, and four for each worker
-        found += [own["key"] for own in results]
+        found += [result["key"] for result in results]
     assert sorted(found) == sorted(f"k{k}" for k in range(60))
 
 
@@ -138,12 +138,12 @@ def test_a_result_whose_worker_died_before_it_was_fetched_is_waited_for():
         distributed.wait(future)
         future._state.lose()
         threading.Timer(0.3, client.loop.add_callback, [future._state.finish]).start()
-        own = engines.Distributed(client, None)
+        engine = engines.Distributed(client, None)
         assert future.status == "lost"
-        assert own._taken(future) == {"key": "k"}
+        assert engine._taken(future) == {"key": "k"}
         future.cancel()
         with pytest.raises(gb.BadInput, match="is gone"):
-            own._taken(future)
+            engine._taken(future)
 
 
 def test_a_scheduler_without_workers_is_told():

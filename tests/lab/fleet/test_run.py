@@ -159,8 +159,8 @@ def test_a_journal_left_by_a_killed_run_is_read_and_becomes_a_part_once(copied):
     key = rows[rows["status"] == "failed"]["key"].iloc[0]
     lost = rows[rows["key"] == key].iloc[0]
     kept = pq.read_table(results / "recordings").filter(pq.read_table(results / "recordings")["key"].to_numpy() != key)
-    for own in (results / "recordings").iterdir():
-        own.unlink()
+    for path in (results / "recordings").iterdir():
+        path.unlink()
     pq.write_table(kept, results / "recordings" / "part-000001.parquet")
     line = json.dumps({"recordings": [{"key": key, "status": lost["status"], "path": lost["path"]}]})
     (results / "journal" / "000009.jsonl").write_text(f"{line}\n{line}\n{line[:20]}")
