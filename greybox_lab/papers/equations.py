@@ -28,10 +28,11 @@ def inverse_steering() -> MemoryModel:
 
     It runs on a recording turned round in time, so that what is to come is its past. The path's curvature is read
     twice, as it was recorded and as a_y / v_x²: their noise differs, and so do they where the car slides. Beside
-    geometry there is the rate of turning in, understeer that braking brings, oversteer under power, slip of the tyres,
-    a self-steer that saturates on straights, and a pull that a_x makes now and half a second later. The car answers
-    late and smoothly: paths are weighed by a bell over the samples to come, forces by an exponential. Scales: 10 m/s²
-    for accelerations, 40 m/s, 1/40 m for curvature.
+    geometry there is the rate of turning in, understeer that braking brings, oversteer under power and more where the
+    car slides, slip of the tyres, a self-steer that saturates on straights, and a pull that a_x makes now and half a
+    second later. The car answers late and smoothly: paths are weighed by a bell over the samples to come, forces by an
+    exponential; which side the self-steer takes is read off the mean curvature of all samples. Scales: 10 m/s² for
+    accelerations, 40 m/s, 1/40 m for curvature.
     """
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
@@ -46,13 +47,14 @@ def inverse_steering() -> MemoryModel:
         rate = past(turning, [w * (float(k) - middle) for k, w in zip(age, bell, strict=True)])
         v, a_x, a_y = (past(own, fade) / unit for own, unit in ((u.v_x, 40.0), (u.a_x, 10.0), (u.a_y, 10.0)))
         beyond = past(u.a_y - u.v_x**2 * u.curvature, fade) / 10.0
+        straight = past(u.curvature, [1.0 / AHEAD] * AHEAD)
         later = past(u.a_x, [1.0] + [0.0] * (AHEAD - 1)) / 10.0
-        brake, load = cs.fmin(a_x, 0.0), cs.sqrt(a_y**2 + 1e-4)
+        brake, drive, load = cs.fmin(a_x, 0.0), cs.fmax(a_x, 0.0), cs.sqrt(a_y**2 + 1e-4)
         return {
-            "steering": p.geometry * path + p.balance * turn + p.turn_in * rate + p.sliding * beyond
-            + p.straight * cs.tanh(bend / (40.0 * p.bend)) * v + p.pull * a_x + p.pull_later * later
+            "steering": p.geometry * path + p.balance * turn + p.turn_in * rate
+            + p.straight * cs.tanh(straight / p.bend) * v + p.pull * a_x + p.pull_later * later
             + p.brake_path * bend * brake + p.brake_turn * turn * brake
-            + p.power * a_y * cs.fmax(a_x, 0.0) * v + p.slip * turn * load
+            + p.power * a_y * drive * v + p.sliding * beyond * drive + p.slip * turn * load
         }  # fmt: skip
 
     def weight(name: str, value: float, about: str) -> Parameter:
@@ -65,11 +67,11 @@ def inverse_steering() -> MemoryModel:
             Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which the path follows the steering"),
             Parameter("width", "1", 1.3, (0.3, 8.0), about="their spread, samples"),
             Parameter("force_lag", "1", 2.4, (0.3, 20.0), about="samples over which forces fade in"),
-            Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="curvature at which self-steer saturates"),
+            Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="mean curvature at which self-steer saturates"),
             weight("geometry", 3.1 / 40.0, "steering per curvature of 1/40 m: wheelbase over 40 m"),
             weight("balance", 0.0, "the same per a_y / v_x²"),
             weight("turn_in", 0.0, "steering per change of a_y / v_x² in a sample"),
-            weight("sliding", 0.0, "steering per a_y beyond v_x² times curvature"),
+            weight("sliding", 0.0, "steering per a_y beyond v_x² times curvature, under power"),
             weight("straight", 0.0, "steering that holds the car straight, at 40 m/s"),
             weight("pull", 0.0, "steering per a_x"), weight("pull_later", 0.0, "steering per a_x half a second later"),
             weight("brake_path", 0.0, "steering per curvature, under braking"),
