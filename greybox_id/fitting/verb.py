@@ -248,7 +248,7 @@ def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reas
     if last.null is None:
         return None
     without = fit.model.with_parameters(replace(last.with_value(last.null), fixed=True, prior=None))
-    task.say(f"{fit.model.name}: the same without {last.name}, for comparison")
+    task.say(f"{fit.model.name}: refitting without {last.name}, for comparison")
     once = replace(task.how, starts=1, solver="gauss-newton")
     p = refitted(Simulator(without), task.recordings, without.values, once)
     if p is None:

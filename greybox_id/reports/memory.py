@@ -96,9 +96,9 @@ ERRORS = (
     "variance that the error has."
 )
 EQUATIONS = (
-    "Written down from the model itself: next is one sample, T, after the newest input, w an abbreviation of a "
-    "repeated term. A bracket holds at the time written below it, so that a sum over n is a window of past samples. "
-    "Long sums show their first terms and the last."
+    "Derived from the model: next is one sample, T, after the newest input; w is an abbreviation of a repeated term. "
+    "A bracket holds at the time written below it, so that a sum over n is a window of past samples. Long sums show "
+    "their first terms and the last."
 )
 PROTOCOL_WORDS = {"honest": "one sample ahead", "published": "as published", "closed_loop": "closed loop"}
 PROTOCOL_MEANING = {

@@ -69,9 +69,9 @@ ERRORS = (
     "standard deviation of the fit's residuals over its horizon: sensor noise and all that the model lacks."
 )
 EQUATIONS = (
-    "Written down from the model itself, with the effects added to it. A dot is a derivative by time, w an "
-    "abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads where that "
-    "is not the quantity itself. Quantities that are constant or lead to nothing that is predicted are left out."
+    "Derived from the model, with the added effects. A dot is a time derivative; w is an abbreviation. A prime marks a "
+    "quantity that an effect alters, late a delayed one, read the reading of a sensor that differs from the quantity "
+    "itself. Constants and quantities that do not influence an output are left out."
 )
 
 

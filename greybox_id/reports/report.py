@@ -40,7 +40,7 @@ from .html import write_html
 from .pdf import write_pdf
 from .recordings import Seen, matched, noise, shown_first
 
-EQUATIONS = "Written down from the model itself, with the effects added to it."
+EQUATIONS = "Derived from the model, with the added effects."
 
 
 @dataclass(frozen=True)

@@ -109,11 +109,11 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
         first = EIGHTHS[form.get("first", 4)]
         later = "The second half of the data prefers other parameters than the first"
         if first != "half":
-            later = f"What comes after the first {first} of the data prefers other parameters than these"
+            later = f"The data after the first {first} of the drive prefer other parameters than these"
         yield Reason(
             WITH_CARE,
-            f"{later} (log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or be "
-            "another. Fit each part.",
+            f"{later} (log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or "
+            "be a different one. Fit each part by itself.",
         )
 
 

@@ -52,16 +52,16 @@ LEAST_TOLD = 0.01
 ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
-    "Probability: that the effect is present. Gain: of the log-likelihood over the model without it, beside the "
-    "other applied effects. Effects that cannot be distinguished share the evidence."
+    "Probability: that the effect is present. Gain: how much higher the log-likelihood is with the effect than without "
+    "it, with the other applied effects in the model. Effects that cannot be distinguished share the evidence."
 )
 CLOSURE = (
-    "Mean squares of the errors over those of the noise, all channels alike. The excess is what lies above the floor, "
-    "the error of a model that fits as well as noise lets it; intervals of 95 % are from paired blocks of time."
+    "Mean square errors divided by that of the noise; every channel has the same weight. The floor is the error that "
+    "noise alone leaves, and the excess is what lies above it. 95 % intervals come from paired blocks of time."
 )
 MATHEMATICS = (
-    "The equations that change where an effect is added, written down from the model itself. A dot is a derivative by "
-    "time, w an abbreviation; a prime marks what an effect alters, late what a delay leaves, read what a sensor reads."
+    "The equations that an added effect changes, derived from the model. A dot is a time derivative; w is an "
+    "abbreviation. A prime marks a quantity that an effect alters, late a delayed one, read the reading of a sensor."
 )
 METHOD = (
     (
@@ -78,8 +78,8 @@ METHOD = (
     ),
     (
         "How far",
-        "Tolerances are refitted before and after. Recordings that chose the effects give a share that is too high; "
-        "held-out recordings do not.",
+        "Parameters with tolerances are refitted without the effects and with them. On the recordings from which the "
+        "effects were chosen the share is too high; on held-out recordings it is not.",
     ),
     (
         "Unknown",
@@ -90,10 +90,10 @@ METHOD = (
 ERRORS = "RMSE before → after (noise), from measured states over each horizon, and in free run."
 ERRORS_ALONE = "RMSE (noise), from measured states over each horizon, and in free run."
 LIMITS = (
-    "Would show from: twice the standard deviation that an effect's magnitude would have here, to first order, once "
-    "all that is stated with a tolerance is refitted; not absorbed: the share of the information on it that "
-    "parameter tolerances do not absorb. Effects whose size has a threshold, such as plays, are found by refits "
-    "alone and left out."
+    "Would show from: the size from which an effect would be detected here, twice the standard deviation of its "
+    "estimate, to first order and with all parameters that have a tolerance refitted. Not absorbed: the share of the "
+    "information on the effect that these parameters cannot absorb. Effects with a threshold, such as plays, are "
+    "found by refits alone and are not listed."
 )
 CHANNELS = (
     "An error over noise of 1 means that only noise is left. The last two columns give the frequency at which the "
@@ -103,7 +103,7 @@ STATED = (
     "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; what this "
     "explains is not counted as a gap."
 )
-EQUATIONS = "The simulation that was compared, written down from the model itself, with the effects it has."
+EQUATIONS = "The equations of the simulation that was compared, with its effects, derived from the model."
 
 
 def write_report(gap: Gap, made: Made, out: str | Path) -> Path:
@@ -189,7 +189,7 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
     about = known.parameter.about if known is not None else ""
     one = [
         f"{capital(about)}: {magnitude_words(value)}." if about else f"{magnitude_words(value)}.",
-        f"It belongs to {known.group} and acts on {listed([*known.touches])}." if known is not None else "",
+        f"It is of the group {known.group} and changes {listed([*known.touches])}." if known is not None else "",
         f"It is present with probability {probability_words(value.probability)}"
         + (" and was applied." if value.effect in gap.applied else "."),
         f"With it the log-likelihood gains {number(value.gain)}"
@@ -249,9 +249,7 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
 def _absorbed(gap: Gap) -> str:
     if not gap.absorbed:
         return ""
-    return (
-        f"Stated tolerances or free parameters would absorb {listed([*gap.absorbed])}, which therefore leaves no gap."
-    )
+    return f"Stated tolerances or free parameters would absorb {listed([*gap.absorbed])}, which therefore {'leaves' if len(gap.absorbed) == 1 else 'leave'} no gap."
 
 
 def unseen(gap: Gap) -> list[str]:
@@ -266,10 +264,9 @@ def _could_be(gap: Gap) -> str:
     unseen = [name for name, limit in gap.limits.items() if limit.share >= 1.0]
     if not unseen:
         return f"Each of {len(gap.limits)} effects would be detected here in its usual size."
-    return (
-        f"Of {len(gap.limits)} effects, {len(unseen)} could be present in their usual size without being detected "
-        f"here: {listed(unseen)}."
-    )
+    leave = "leaves" if len(gap.absorbed) == 1 else "leave"
+    names = listed([*gap.absorbed])
+    return f"Stated tolerances or free parameters would absorb {names}, which therefore {leave} no gap."
 
 
 def _hardly_driven(gap: Gap) -> str:

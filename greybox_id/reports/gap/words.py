@@ -329,7 +329,7 @@ def budget(gap: Gap) -> str:
         f"{share.effect} {whole_percent(share.share)} % [{whole_percent(share.low)}, {whole_percent(share.high)}]"
         for share in (*gap.budget.shares, gap.budget.unnamed)
     ]
-    place = "held out" if gap.budget.held_out else "which chose the effects"
+    place = "held out" if gap.budget.held_out else "from which the effects were chosen"
     return f"of the excess error on {listed([*gap.budget.recordings])} ({place}): {listed(shares)}"
 
 
@@ -341,7 +341,7 @@ def judged(gap: Gap) -> tuple[Closure, bool]:
 def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     """How far a gap shrinks on some recordings, with its interval; honest where it does not."""
     names = listed([*closure.recordings]) or listed([*gap.recordings])
-    chose = ", which chose " + ("it" if len(gap.applied) == 1 else "them") if gap.applied else ""
+    chose = ", from which " + ("it was" if len(gap.applied) == 1 else "they were") + " chosen" if gap.applied else ""
     place = f"on {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
         if not gap.gap_detected and not gap.moved:

@@ -327,9 +327,9 @@ BANDS = (
 )
 RANGE = "Beyond the ranges given in What went in, this track says nothing about the vehicle."
 EQUATIONS = (
-    "Written down from the model itself, with tracked parameters as states. A dot is a derivative by time, w an "
-    "abbreviation; a prime marks what an effect or a tracked parameter alters, late what a delay leaves, read what a "
-    "sensor reads."
+    "Derived from the model, with tracked parameters as states. A dot is a time derivative; w is an abbreviation. A "
+    "prime marks a quantity that an effect or a tracked parameter alters, late a delayed one, read the reading of a "
+    "sensor."
 )
 
 
