@@ -249,7 +249,9 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
 def _absorbed(gap: Gap) -> str:
     if not gap.absorbed:
         return ""
-    return f"Stated tolerances or free parameters would absorb {listed([*gap.absorbed])}, which therefore {'leaves' if len(gap.absorbed) == 1 else 'leave'} no gap."
+    leave = "leaves" if len(gap.absorbed) == 1 else "leave"
+    names = listed([*gap.absorbed])
+    return f"Stated tolerances or free parameters would absorb {names}, which therefore {leave} no gap."
 
 
 def unseen(gap: Gap) -> list[str]:
@@ -264,9 +266,10 @@ def _could_be(gap: Gap) -> str:
     unseen = [name for name, limit in gap.limits.items() if limit.share >= 1.0]
     if not unseen:
         return f"Each of {len(gap.limits)} effects would be detected here in its usual size."
-    leave = "leaves" if len(gap.absorbed) == 1 else "leave"
-    names = listed([*gap.absorbed])
-    return f"Stated tolerances or free parameters would absorb {names}, which therefore {leave} no gap."
+    return (
+        f"Of {len(gap.limits)} effects, {len(unseen)} could be present in their usual size without being detected "
+        f"here: {listed(unseen)}."
+    )
 
 
 def _hardly_driven(gap: Gap) -> str:
