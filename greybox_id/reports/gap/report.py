@@ -375,7 +375,7 @@ def channels(gap: Gap) -> Table:
     rows = []
     for name, ratio in gap.where.channels.items():
         rows.append((signal_words(name), number(ratio, 2), *_loudest(gap, name)))
-    head = ("channel", "error over noise in free run", "most at", "there, density over noise's")
+    head = ("channel", "error over noise in free run", "largest at", "PSD there over the noise's")
     return Table(head, tuple(rows), "lRRR")
 
 
