@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...base.numbers import exact, number, quantity, with_unit
-from ...base.shorthands import Array
+from ...base.shorthands import Array, Index
 from ...base.signals import ANGLES_AROUND, COMMANDS, SIGNALS
 from ...base.statistics import median_of_five, moving_maximum
 from ..recording import Recording
@@ -312,20 +312,25 @@ def check_time(recording: Recording) -> list[Finding]:
     starts = [] if recording.source.where else [start for start, _ in recording.runs[1:]]  # a part's gaps are asked for
     steps = {row: float(time[row] - time[row - 1]) for row in starts if np.isfinite(time[row - 1 : row + 1]).all()}
     still = [row for row, step in steps.items() if step == 0]
-    disordered = [r for r, s in steps.items() if s < 0 and -s < RESTART_SECONDS and -s < RESTART_SAMPLES * dt]
+    back = _set_back(recording, steps)
+    disordered = [
+        r for r, s in steps.items() if r not in back and s < 0 and -s < RESTART_SECONDS and -s < RESTART_SAMPLES * dt
+    ]
     gaps = [row for row, step in steps.items() if step > 1.5 * dt]
-    joins = [row for row in steps if row not in {*still, *disordered, *gaps}]
+    joins = [row for row in steps if row not in {*still, *disordered, *gaps, *back}]
     if still:
         severity = Severity.DISTRUST if len(still) > BROKEN_SHARE * len(recording) else Severity.WARNING
         sentence = f"time stands still at {file_rows(recording, still)}; remove the doubled rows."
         findings.append(_clock("still", severity, sentence, still, float(len(still))))
     if disordered:
-        back = max(-steps[row] for row in disordered)
+        most = max(-steps[row] for row in disordered)
         sentence = (
-            f"time runs backwards by up to {number(back)} s at {file_rows(recording, disordered)}, too little for a "
+            f"time runs backwards by up to {number(most)} s at {file_rows(recording, disordered)}, too little for a "
             "new recording: rows are out of order. Sort them, or write the file again."
         )
-        findings.append(_clock("backwards", Severity.DISTRUST, sentence, disordered, back, "s"))
+        findings.append(_clock("backwards", Severity.DISTRUST, sentence, disordered, most, "s"))
+    if back and len(back) <= BROKEN_SHARE * len(recording):
+        findings.append(_clock_set_back(recording, back, even=not (gaps or disordered or still or missing.size)))
     if gaps and len(gaps) <= BROKEN_SHARE * len(recording):
         longest = max(gaps, key=lambda row: steps[row])
         sentence = (
@@ -342,6 +347,48 @@ def check_time(recording: Recording) -> list[Finding]:
     elif joins:
         findings.append(_joins(recording, joins, steps))
     return findings + _jitter(recording, dt)
+
+
+def _set_back(recording: Recording, steps: dict[int, float]) -> dict[int, float]:
+    """Rows at which the clock was set back, and by how many s: stamps come again, while what is measured goes on.
+
+    Rows out of order have each stamp once. Another recording begins anew, or at a time of its own: its readings jump.
+    """
+    time, dt = recording.time, recording.sample_time
+    if not any(step < 0 for step in steps.values()) or np.min(np.diff(np.sort(time[np.isfinite(time)]))) > 0.5 * dt:
+        return {}
+    starts = {stop: start for start, stop in recording.runs}
+    inside = np.setdiff1d(np.arange(1, len(time)), [start for start, _ in recording.runs])
+    return {
+        row: dt - step
+        for row, step in steps.items()
+        if step < 0 and time[row] > time[starts[row]] and _goes_on(recording, row, inside)
+    }
+
+
+def _goes_on(recording: Recording, row: int, inside: Index) -> bool:
+    """Whether no signal changes more at a row than it does between others, `inside` unbroken runs."""
+    for values in recording.signals.values():
+        changes = np.abs(np.diff(values, prepend=np.nan))
+        usual = changes[inside][np.isfinite(changes[inside])]
+        if usual.size and changes[row] > np.max(usual):
+            return False
+    return True
+
+
+def _clock_set_back(recording: Recording, back: dict[int, float], even: bool) -> Finding:
+    """`even`: whether all other rows follow each other in the usual step."""
+    rows, dt = list(back), recording.sample_time
+    by = number(max(back.values()), 2)
+    where = file_row(recording, rows[0]) if len(rows) == 1 else file_rows(recording, rows)
+    sentence = f"the clock was set back by {'' if len(rows) == 1 else 'up to '}{by} s at {where}, and readings go on. "
+    sentence += "Rows are in order, do not sort them; a new run begins there, and nothing has to be mended."
+    if even:
+        sentence += (
+            f" Where no row is missing, rate = {exact(1 / dt, 4)} in the column map, in place of [time], "
+            "reads all as one run."
+        )
+    return _clock("set_back", Severity.WARNING, sentence, rows, max(back.values()), "s")
 
 
 def _joins(recording: Recording, joins: list[int], steps: dict[int, float]) -> Finding:

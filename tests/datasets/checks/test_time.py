@@ -41,6 +41,26 @@ def test_swapped_rows_are_time_running_backwards():
     assert found["backwards"].severity is Severity.DISTRUST
 
 
+@pytest.mark.parametrize("step", [0.05, 0.02, 0.01])
+def test_a_clock_that_was_set_back_is_told_with_its_row_and_how_far(step):
+    time = np.arange(400) * step
+    going = {"v_x": 10.0 + np.sin(time), "yaw_rate": 0.2 * np.cos(time)}
+    time[250:] -= 1.0
+    (found,) = check_time(Recording("clock", time, going))
+    assert found.kind == "set_back"
+    assert found.where.rows == (250,)
+    assert found.value == pytest.approx(1.0)
+    assert found.severity is Severity.WARNING
+    assert "the clock was set back by 1.0 s at row 250, counted from 0" in found.sentence
+    assert f"rate = {1 / step:g} in the column map" in found.sentence
+
+
+def test_another_recording_whose_stamps_come_again_is_no_clock_that_was_set_back():
+    time = np.r_[np.arange(200) * 0.02, 1.0 + np.arange(200) * 0.02]
+    jumps = Recording("clock", time, {"v_x": np.where(np.arange(400) < 200, 5.0, 9.0) + np.sin(time)})
+    assert {found.kind for found in check_time(jumps)} == {"join"}
+
+
 def test_doubled_rows_are_time_standing_still():
     time = np.arange(200) * 0.05
     found = kinds(np.insert(time, 60, time[60]))
