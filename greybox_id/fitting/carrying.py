@@ -19,6 +19,7 @@ import numpy as np
 from ..base.errors import BadInput
 from ..base.numbers import number
 from ..base.shorthands import Array
+from ..datasets.checks.drive import FEWEST_ROWS, SHORTEST
 from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
@@ -85,10 +86,31 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
                 f"The errors are {number(times, 2)} times those of the same model with tolerances {OPEN:g} times as "
                 "wide: the vehicle is not the one stated. State wider tolerances, or none.",
             )
+    compared = _Compared(simulator, opened, model.values)
+    yield from _piece_apart(compared, recording)
     form = fit.how.get("form", {})
     if form.get("halves_gain", 0.0) > CLEARLY:
         unfitted = _unfitted(model, fit) if fit.how.get("unfitted") else None
-        yield from _parts_apart(_Compared(simulator, opened, model.values), form, recording, unfitted)
+        yield from _parts_apart(compared, form, recording, unfitted)
+
+
+def _piece_apart(compared: _Compared, recording: Recording) -> Iterator[Reason]:
+    """Whether an eighth of a recording, if it can carry a fit, needs other parameters: however often vehicles change,
+    and whatever functions of the drive take up of it.
+    """
+    times = [
+        compared.worst(compared.start, [piece])
+        if len(piece) >= FEWEST_ROWS and piece.duration >= SHORTEST
+        else float("nan")
+        for piece in _blocks(recording)
+    ]
+    if np.isfinite(times).any() and (most := float(np.nanmax(times))) > LESS:
+        yield Reason(
+            NOT_USABLE,
+            f"In part {times.index(most) + 1} of {BLOCKS} equal parts of the data, errors are {number(most, 2)} times "
+            "those of the same model fitted to that part: the vehicle has changed, or is not the same throughout. Fit "
+            "each.",
+        )
 
 
 def _parts_apart(
@@ -176,12 +198,16 @@ def _stands_out(times: float, mixed: Iterable[float]) -> bool:
 
 def _parts(recording: Recording, count: int) -> Iterator[tuple[Recording, Recording]]:
     """The first blocks, so many, and the rest; then halves that mix both."""
-    edges = [len(recording) * k // BLOCKS for k in range(BLOCKS + 1)]
-    blocks = [_beginning(recording.rows(a, b), 2 * MOST_ROWS // BLOCKS) for a, b in pairwise(edges)]
-    mixed = mixed_halves()
+    blocks, mixed = _blocks(recording), mixed_halves()
     for one in (tuple(range(count)), *mixed[:: len(mixed) // MIXED][:MIXED]):
         other = (k for k in range(BLOCKS) if k not in one)
         yield join([blocks[k] for k in one], recording.name), join([blocks[k] for k in other], recording.name)
+
+
+def _blocks(recording: Recording) -> list[Recording]:
+    """Its eighths, of each the beginning."""
+    edges = [len(recording) * k // BLOCKS for k in range(BLOCKS + 1)]
+    return [_beginning(recording.rows(a, b), 2 * MOST_ROWS // BLOCKS) for a, b in pairwise(edges)]
 
 
 def _opened(model: MotionModel) -> MotionModel:

@@ -91,6 +91,15 @@ def test_halves_that_differ_no_more_than_mixed_ones_tell_of_no_other_vehicle():
     assert not any("Fitted to one half of the data" in one for one in sentences)
 
 
+@pytest.mark.slow
+def test_a_piece_of_another_vehicle_is_told_though_no_halves_are():
+    right = float(stated()["B_f"].array)
+    pieces = [driven(runs=1, seconds=4.0, seed=k, noise=0.1, values={"B_f": (0.4 if k == 4 else 1.0) * right})
+              for k in range(8)]  # fmt: skip
+    sentences = against(stated(), join(pieces, "eight"))
+    assert any("In part 5 of 8 equal parts of the data" in one for one in sentences)
+
+
 @pytest.mark.parametrize(
     ("times", "mixed", "out"),
     [
