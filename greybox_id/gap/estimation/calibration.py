@@ -307,9 +307,7 @@ class Calibration:
     shy: float = _known(0.3, "of its stride that what shapes curves goes, once that was too far", SEARCHED)
     stride: float = _known(3.0, "sds that it goes in a step: curves are not linear in it", SEARCHED)
     at_once: float = _known(0.02, "of an abrupt tolerance that stands for the least there can be of it", SEARCHED)
-    within_delay: float = _known(
-        0.9, "of a delay, to either side, its derivative is of: at none readings jump", SEARCHED
-    )
+    within_delay: float = _known(0.9, "of a delay, to either side, its derivative is of: at none readings jump")
     shift_beside: float = _known(0.3, "of an abrupt tolerance, how far beside its derivative is taken", SEARCHED)
     beside: float = _known(1e-3, "of its scale, how far beside a magnitude's derivative is taken", SEARCHED)
     shifted: float = _known(1e-4, "the same of delays, s", SEARCHED)
