@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from toys import TINY, drive, joined, linear_toy, scattered, speed_toy, tiny
 
+from greybox_id.engine.series import Run
 from greybox_id.engine.shooting import Problem
 from greybox_id.engine.trace import Trace
 from greybox_id.models.effects import sensor_latency_imu, steering_rate_limit
@@ -120,6 +121,7 @@ def test_a_problem_counted_otherwise_is_the_one_made_so():
     keep = [(np.arange(60) < 30).astype(float), np.ones(40)]
     F, noise = np.array([0.7, -0.3]), np.array([0.11])
     plain = problem_of(linear_toy(2, prior), recording)
+    plain.objective(F, [])
     plain.normal_equations(F, [])
     other = plain.counted(noise=noise, strengths={"held": 3.0}, keep=keep)
     made = Problem(Trace(linear_toy(2, prior)), [recording], noise=noise, strengths={"held": 3.0}, keep=keep)
@@ -141,6 +143,31 @@ def test_what_was_linearised_still_holds_where_strengths_alone_change():
     kept = other.normal_equations(x, nodes)
     np.testing.assert_allclose(kept.H, fresh.H, rtol=1e-9, atol=1e-9 * np.max(np.abs(fresh.H)))
     np.testing.assert_allclose(kept.g, fresh.g, rtol=1e-9, atol=1e-9 * np.max(np.abs(fresh.g)))
+
+
+def test_the_misfit_of_a_point_is_kept_where_strengths_alone_change(monkeypatch):
+    prior, F = Prior(0.5, mean=0.2, strength="held"), np.array([0.7, -0.3])
+    plain, asked = problem_of(linear_toy(2, prior)), []
+    made = problem_of(linear_toy(2, prior), strengths={"held": 3.0}).objective(F, [])
+    predict = Run.predict
+    monkeypatch.setattr(Run, "predict", lambda run, p: asked.append(1) or predict(run, p))
+    plain.objective(F, [])
+    once = len(asked)
+    assert plain.counted(strengths={"held": 3.0}).objective(F, []) == made
+    assert len(asked) == once > 0
+    assert plain.objective(2.0 * F, []) == problem_of(linear_toy(2, prior)).objective(2.0 * F, [])
+
+
+def test_predictions_before_and_after_a_linearisation_elsewhere_are_those_of_fresh_runs():
+    """What windows looked at is kept for one point alone."""
+    first, second = (problem_of(lat).start + step for step in (0.0, 0.01))
+    kept = problem_of(lat)
+    for x in (first, first, second, first):
+        assert kept.misfit(x, []) == problem_of(lat).misfit(x, [])
+        expected = problem_of(lat).normal_equations(x, []).H
+        np.testing.assert_allclose(
+            kept.normal_equations(x, []).H, expected, rtol=1e-12, atol=1e-12 * np.max(np.abs(expected))
+        )
 
 
 def test_folds_linearised_together_are_those_linearised_one_by_one():
