@@ -109,7 +109,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     while set(best.names) - doubtful:  # beside what is there rather than not
         shared = shared_out(it, best, held_out, tell)
         telling = shared if shared is not None and shared.shows and (shared.held_out or stated) else None
-        leaving = refused(it, best.only(set(best.names) - doubtful), telling)
+        leaving = refused(it, set(best.names) - doubtful, telling)
         little = {name: by.share for name in leaving if telling is not None and (by := weak(telling, name)) is not None}
         if len(little) > 1:  # the least of them leaves first: it may hide what the others close
             least = min(little, key=lambda name: little[name])

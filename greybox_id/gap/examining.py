@@ -40,7 +40,7 @@ from .evidence import Evidence, costs, evidence, heaviest, plainly, tempering
 from .gap import Closure, Unnamed
 from .regimes import signals
 from .selection import Selection, select
-from .unknown import Signs, beyond_what_may_be, of_strained, signs, unnamed
+from .unknown import Signs, beyond_what_may_be, left_where_it_acts, of_strained, signs, unnamed
 
 TINY = 1e-12
 MOVING = ("steering", "drive", "tyres", "body", "road")
@@ -134,6 +134,11 @@ class Examined:
     def of_strained(self) -> Mapping[str, float]:
         """How much of what each effect of the best explanation does, strained tolerances do."""
         return of_strained(self.selection.search, self.best)
+
+    @cached_property
+    def beside_it(self) -> Mapping[str, float]:
+        """What driving still explains where each effect of the best explanation acts."""
+        return left_where_it_acts(self.selection.search, self.best, self.seen)
 
 
 def examine(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import exp, log
@@ -56,31 +56,36 @@ def _without_forces(examined: Examined) -> float:
     return p if examined.best.candidates or scattered else max(p, CAL.nameless)
 
 
-def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str, str]:
-    """Effects of a hypothesis that are not called causes, and why, by name.
+def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dict[str, str]:
+    """Effects of the best explanation that are not called causes, and why, by name.
 
     Parameters
     ----------
     one : what was examined.
-    some : the best hypothesis, or what is left of it.
+    names : those that are judged.
     shared : what these close; None where that tells nothing: of next to no gap, which tolerances may close by chance.
     """
-    best, reasons, varying = one.best, dict[str, str](), one.varying
+    best, reasons, varying, limit = one.best, dict[str, str](), one.varying, may_vary(one)
     for candidate, at in best.parts:
         name, axis, m = candidate.effect, candidate.axes[0], best.m[at.start]
-        if name not in some.names:
+        if name not in names:
             continue
         share = weak(shared, name) if shared is not None else None
         sure = of_class(one, name)
         spread = varying.get(name)
         if not one.stands:
             reasons[name] = "with it, free runs still spin where the vehicle did not"
-        elif spread is not None and spread.relative > CAL.varies:
+        elif spread is not None and spread.relative > limit:
             reasons[name] = (
                 f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
                 f"{spread.place}, which the estimate of a true cause would not"
             )
-        elif one.unnamed is not None and _mimics(one, best, name) > CAL.present:
+        elif _beside_unknown(one, best, name) > CAL.present:
+            reasons[name] = (
+                "another effect may mimic it: what no effect explains is as large where it acts (it gains "
+                f"{number(gain_of(one, best, name), 2)} nats, {number(one.beside_it[name], 2)} are left)"
+            )
+        elif _strains(one, best, name) > CAL.present:
             reasons[name] = (
                 "another effect may mimic it: it needs parameters beyond their stated tolerances (chi-square "
                 f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
@@ -102,7 +107,7 @@ def refused(one: Examined, some: Hypothesis, shared: Budget | None) -> dict[str,
             entry = (1.0 - CAL.nothing_unknown) * sure * itself(one, best, name, spread) * closes(shared, name)
             if entry <= CAL.present:
                 reasons[name] = f"its probability is {entry:.2f}, not more than one half"
-    return reasons | _beside_mimics(one, some, reasons)
+    return reasons
 
 
 def next_to_nothing(shared: Budget) -> str:
@@ -211,23 +216,6 @@ def witnesses(one: Examined, hypothesis: Hypothesis) -> list[Witness]:
     return result
 
 
-def _beside_mimics(one: Examined, best: Hypothesis, reasons: Mapping[str, str]) -> dict[str, str]:
-    """Why effects beside others whose sizes are refuted are no causes, by name, where equations are exact.
-
-    These have an unknown cause to share among them: what more of it went to refuted names than to one may go to it too.
-    """
-    varies = [name for name, spread in one.varying.items() if spread.relative > CAL.varies and name in reasons]
-    refuted = sum(gain_of(one, best, name) for name in varies)
-    if not refuted or one.rough:
-        return {}
-    beside = f"beside {listed(varies)}, whose {'size differs' if len(varies) == 1 else 'sizes differ'} between parts"
-    return {
-        name: f"another effect may mimic it: it explains less than the rest {beside}"
-        for name in best.names
-        if name not in reasons and gain_of(one, best, name) < refuted
-    }
-
-
 def by_no_name(examined: Examined) -> float:
     """The probability that an effect of the best explanation is there and is not what it is called."""
     varying, tried = examined.varying, examined.selection.tried
@@ -241,15 +229,37 @@ def by_no_name(examined: Examined) -> float:
 def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
     """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
     stands = 1.0 if examined.stands else 1.0 - CAL.present
-    return stands * _constant(spread) * (1.0 - _mimics(examined, hypothesis, name))
+    other = max(_strains(examined, hypothesis, name), _beside_unknown(examined, hypothesis, name))
+    return stands * _constant(spread, may_vary(examined)) * (1.0 - other)
 
 
-def _mimics(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
+def may_vary(examined: Examined) -> float:
+    """By how much an effect's size may differ between parts of a drive: less, the likelier something unnamed is."""
+    if examined.unnamed is None:
+        return CAL.varies
+    return CAL.varies + something_unnamed(examined) * (CAL.varies_beside_unknown - CAL.varies)
+
+
+def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     """The probability that an effect stands for one without a name, which strains tolerances where it is none."""
-    if examined.unnamed is None or examined.unnamed.strain == 0.0:
+    if examined.unnamed is None:
         return 0.0
     strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
-    x = CAL.mimic_slope * log(CAL.mimic * strain / max(gain_of(examined, hypothesis, name), TINY))
+    return _mimics(gain_of(examined, hypothesis, name), strain)
+
+
+def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
+    """The probability that an effect stands for one without a name, which is left where it acts."""
+    if examined.unnamed is None:
+        return 0.0
+    return _mimics(gain_of(examined, hypothesis, name), examined.beside_it.get(name, 0.0))
+
+
+def _mimics(gain: float, left: float) -> float:
+    """The probability that an effect which gains so much is one of those that something unknown, so large, leads to."""
+    if left <= 0.0:
+        return 0.0
+    x = CAL.mimic_slope * log(CAL.mimic * left / max(gain, TINY))
     return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
 
 
@@ -281,11 +291,11 @@ def alike_of(examined: Examined, name: str, within: float) -> tuple[str, ...]:
     return tuple(dict.fromkeys(alike))
 
 
-def _constant(spread: Spread | None) -> float:
+def _constant(spread: Spread | None, limit: float) -> float:
     """The probability that a magnitude that differs so between parts of a recording is a cause's."""
     if spread is None:
         return 1.0
-    x = (spread.relative - CAL.varies) / CAL.varies_width
+    x = (spread.relative - limit) / CAL.varies_width
     return float(1 / (1 + exp(min(x, 30.0))))
 
 

@@ -13,7 +13,7 @@ from scipy.linalg import cho_factor, cho_solve
 from ..base.shorthands import Array
 from ..engine.simulation import FreeRuns
 from .estimation.calibration import CAL
-from .estimation.constancy import varies
+from .estimation.constancy import acts_on, varies
 from .estimation.hypothesis import Hypothesis
 from .estimation.model_error import Amplitudes
 from .estimation.search import Search
@@ -70,7 +70,7 @@ def signs(
     scatter : log-likelihood that effects of variance gain.
     alone : sum of what each effect of the best hypothesis takes off the base's cost by itself; zero if not known.
     """
-    gained, expected = left_gain(search, best, seen)
+    gained, expected = (float(np.sum(each)) for each in left_gain(search, best, seen))
     over = max(gained - expected - CAL.surely * np.sqrt(expected), 0.0)
     gain = (base.cost - best.cost) / search.trust + scatter
     rest = after - 1.0 - CAL.surely * np.sqrt(2.0 / max(search.colour.readings, 1))
@@ -156,8 +156,8 @@ def unknown_probability(signs: Signs, told: bool = True) -> float:
     return 1 / (1 + exp(-max(min(x, 30.0), -30.0)))
 
 
-def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[float, float]:
-    """Log-likelihood that a regression on how the vehicle is driven would still gain, and what noise alone would give.
+def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array]) -> tuple[Array, Array]:
+    """(channels,) log-likelihood that a regression on what is driven would still gain, and what noise alone would give.
 
     Parameters
     ----------
@@ -165,8 +165,8 @@ def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array])
     seen : signals per row.
     """
     features = _features(search.bench, seen)
-    gain, expected = 0.0, 0.0
     r = search.colour.white(hypothesis.e[:, :, None])[:, :, 0]
+    gain, expected = np.zeros(r.shape[1]), np.zeros(r.shape[1])
     for c in range(r.shape[1]):
         use = search.colour.usable[:, c]
         if np.count_nonzero(use) < 4 * features.shape[1]:
@@ -174,9 +174,24 @@ def left_gain(search: Search, hypothesis: Hypothesis, seen: Mapping[str, Array])
         X = features[use]
         G = X.T @ X + 1e-6 * len(X) * np.eye(X.shape[1])
         b = X.T @ r[use, c]
-        gain += 0.5 * float(b @ cho_solve(cho_factor(G), b))
-        expected += 0.5 * X.shape[1]
+        gain[c] = 0.5 * float(b @ cho_solve(cho_factor(G), b))
+        expected[c] = 0.5 * X.shape[1]
     return gain, expected
+
+
+def left_where_it_acts(search: Search, best: Hypothesis, seen: Mapping[str, Array]) -> dict[str, float]:
+    """Effect -> log-likelihood that driving still explains in the channels it acts on, beside all named effects.
+
+    Zero where noise alone may gain as much. What has no name is at least that large: it may have taken as much under
+    the name of an effect, too.
+    """
+    gained, expected = left_gain(search, best, seen)
+    result = {}
+    for candidate, at in best.parts:
+        here = acts_on(search, best, at.start)
+        over, usual = float(np.sum((gained - expected)[here])), float(np.sum(expected[here]))
+        result[candidate.effect] = over if over > CAL.surely * np.sqrt(usual) else 0.0
+    return result
 
 
 def _features(bench: FreeRuns, seen: Mapping[str, Array]) -> Array:

@@ -19,7 +19,7 @@ from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.estimation.constancy import Spread
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
-from greybox_id.gap.judging import _mimics, by_no_name, something_unnamed
+from greybox_id.gap.judging import _beside_unknown, _strains, by_no_name, may_vary, something_unnamed
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle
@@ -302,7 +302,7 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     closes = Share(own.effect, share, low, 2 * share - low)
     shared = Budget((closes,), Share("unnamed", 1 - share, 0.0, 1.0), ("lap",), True, beside=(closes,))
-    assert (judging.refused(found, best, shared) == {}) == applied
+    assert (judging.refused(found, best.names, shared) == {}) == applied
 
 
 def test_model_error_that_a_vehicle_file_states_is_nothing_unnamed():
@@ -332,7 +332,7 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
         tried = [SimpleNamespace(names=("lag",), cost=-gain)]
         selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
         found = SimpleNamespace(unnamed=own, selection=selection, of_strained={"lag": of_it})
-        return _mimics(found, tried[0], "lag")
+        return _strains(found, tried[0], "lag")
 
     assert mimics(calm, 30.0) == 0.0
     assert mimics(strained, 30.0) > 0.9
@@ -340,8 +340,35 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
     assert mimics(strained, 30.0, of_it=0.05) < 0.05  # what is strained acts on other channels
 
 
+def test_an_effect_that_gains_little_more_than_what_is_left_where_it_acts_is_a_mimic():
+    def mimics(gain, left):
+        tried = [SimpleNamespace(names=("lag",), cost=-gain)]
+        selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
+        found = SimpleNamespace(unnamed=object(), selection=selection, beside_it={"lag": left})
+        return _beside_unknown(found, tried[0], "lag")
+
+    assert mimics(30.0, 0.0) == 0.0
+    assert mimics(30.0, 30.0) > 0.9
+    assert mimics(CAL.mimic * 30.0, 30.0) == pytest.approx(0.5)
+    assert mimics(3000.0, 30.0) < 0.01
+
+
+def test_a_size_may_vary_less_beside_something_unnamed():
+    usual = believed(np.ones(1), told=True, exact=False, stated={})
+    calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
+    limits = [
+        may_vary(
+            SimpleNamespace(unnamed=replace(calm, share_y=times * usual.median.share_y), told=True, expected=usual)
+        )
+        for times in (0.5, 20.0)
+    ]
+    assert limits == pytest.approx([CAL.varies, CAL.varies_beside_unknown], abs=0.01)
+    assert may_vary(SimpleNamespace(unnamed=None)) == CAL.varies
+
+
 def test_what_a_refused_name_explains_is_unnamed():
     """Nothing contradicts itself: a gap whose only name is a mimic's is there by no name."""
+    usual = believed(np.ones(1), told=True, exact=False, stated={})
     calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
     best = SimpleNamespace(names=("lag",), cost=-30.0)
     selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=[best])
@@ -357,6 +384,9 @@ def test_what_a_refused_name_explains_is_unnamed():
                 evidence=evidence,
                 stands=True,
                 of_strained={},
+                beside_it={},
+                told=True,
+                expected=usual,
             )
         )
 
@@ -603,7 +633,7 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
     monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
-    assert judging.refused(found, best, None) == {}
+    assert judging.refused(found, best.names, None) == {}
     spread = Spread("along speed", CAL.varies - 1e-6, 0.0, (), 1.0)  # one half, and 0.9 of that
     found.varying = {own.effect: spread}
-    assert judging.refused(found, best, None) == {own.effect: "its probability is 0.45, not more than one half"}
+    assert judging.refused(found, best.names, None) == {own.effect: "its probability is 0.45, not more than one half"}

@@ -11,6 +11,7 @@ from greybox_id.gap.unknown import (
     Signs,
     beyond_what_may_be,
     left_gain,
+    left_where_it_acts,
     of_strained,
     unknown_probability,
     without_a_name,
@@ -121,7 +122,7 @@ def left(structure=0.0, seed=0, seen=None, rows=DRIVEN):
     search = search_on(bench, SDS)
     found = search.at_means()
     found = found.__class__(found.candidates, found.m, found.theta, found.linear, 0.0, -noise, found.J)
-    gained, expected = left_gain(search, found, SEEN if seen is None else seen)
+    gained, expected = (np.sum(each) for each in left_gain(search, found, SEEN if seen is None else seen))
     return gained, expected, (gained - expected) / np.sqrt(max(expected, 1e-9))
 
 
@@ -149,6 +150,20 @@ def test_a_residual_that_goes_with_lateral_acceleration_times_speed_is_found():
 )  # fmt: skip
 def test_other_shapes_are_found(structure):
     assert left(0.2 * SDS[1] * structure / np.std(structure))[2] > 10
+
+
+def test_what_is_left_counts_for_effects_that_act_there():
+    noise = SDS * np.random.default_rng(0).standard_normal((DRIVEN, 2))
+    structure = 0.2 * SDS[1] * SEEN["a_y"] * SEEN["a_x"]
+    X = np.zeros((DRIVEN, 2, 2))
+    X[:, 0, 0], X[:, 1, 1] = SEEN["a_x"], SEEN["a_y"]
+    search = search_on(GivenBench(lambda p: np.zeros((DRIVEN, 2)), noise, 0, channels=("a_x", "a_y")), SDS)
+    calm = replace(search.at_means(), candidates=(candidate(0), candidate(1)), m=np.zeros(2), e=-noise, J=X)
+    assert left_where_it_acts(search, calm, SEEN) == {"effect_0": 0.0, "effect_1": 0.0}
+    noise[:, 1] += structure
+    loud = left_where_it_acts(search, replace(calm, e=-noise), SEEN)
+    assert loud["effect_0"] == 0.0
+    assert loud["effect_1"] == pytest.approx(0.5 * np.sum((structure / SDS[1]) ** 2), rel=0.3)
 
 
 def test_what_has_nothing_to_do_with_driving_is_not_found():

@@ -19,6 +19,7 @@ RUNS = "prototype's EM over unchanged recordings of the DART 1:10 car (free, ram
 PAIRS = "changed tier, development: DART, 18 pairs without a change, 7 of them driven alike"
 CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off, magic formulas not at all"
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
+OUTSIDE = "clean tier, seeds 918273 (30), 5151 (33 outside the vocabulary), 6161 (20 with one outside and one inside)"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
 BEGUN = "foreign tier, fiala and exponential, seed 5501 (12 nulls), benchmarks/beginnings.py, seeds 71, 72"
 DEFINED = "by definition: says what the words of an answer mean"
@@ -85,6 +86,9 @@ class Calibration:
     twins: float = _known(0.5, "nats apart, two names are one cause: exact aliases differ by 0.1 at most", AGAIN)
     varies: float = _known(
         0.12, "spread of a size between thirds of a drive, channels: causes 0 to .05, others .2", DRAWN
+    )
+    varies_beside_unknown: float = _known(
+        0.05, "the same beside something unnamed: causes, with or without it, 0 to .04, mimics .04 to .45", OUTSIDE
     )
     varies_width: float = _known(0.02, "width of that threshold", DRAWN)
     surely_varies: float = _known(

@@ -132,10 +132,15 @@ def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array],
         return []
     informs = np.sum(alone.itself**2, axis=1)
     cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
-    does = np.sum((hypothesis.J[:, :, at] / search.colour.stationary_sd) ** 2, axis=0)
-    acted_on = does > CAL.acts**2 * np.sum(does)  # what a sensor does is not for other channels' errors to judge
-    cuts[BETWEEN_CHANNELS] = np.eye(len(does))[:, acted_on]
+    here = acts_on(search, hypothesis, at)  # what a sensor does is not for other channels' errors to judge
+    cuts[BETWEEN_CHANNELS] = np.eye(len(here))[:, here]
     return _spreads(alone, hypothesis, cuts, at)
+
+
+def acts_on(search: Search, hypothesis: Hypothesis, at: int) -> NDArray[np.bool_]:
+    """(channels,) whether one coordinate of a hypothesis acts on a channel, beside what it does to all of them."""
+    does = np.sum((hypothesis.J[:, :, at] / search.colour.stationary_sd) ** 2, axis=0)
+    return np.asarray(does > CAL.acts**2 * np.sum(does))
 
 
 def _spreads(alone: _Alone, hypothesis: Hypothesis, cuts: Mapping[str, Array], at: int) -> list[Spread]:
