@@ -195,7 +195,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         moved=moved(it, best, closed),
         tried={item.candidate.effect: item.gain for item in selection.promised},
         held=_held(it),
-        classes=_classes(it, ranking, applied),
+        classes=_classes(it, ranking, applied, reasons, telling),
     )
 
 
@@ -211,16 +211,22 @@ def _held(examined: Examined) -> str:
     )
 
 
-def _classes(examined: Examined, ranking: Sequence[Ranked], applied: Sequence[str]) -> tuple[CauseClass, ...]:
-    """Of every effect of the best explanation, what acts as it does."""
-    classes, known = [], 1.0 - CAL.nothing_unknown
+def _classes(
+    examined: Examined,
+    ranking: Sequence[Ranked],
+    applied: Sequence[str],
+    reasons: Mapping[str, str],
+    shared: Budget | None,
+) -> tuple[CauseClass, ...]:
+    """Of every effect of the best explanation, what acts as it does; doubts of one are those of all."""
+    classes = []
     tried = examined.selection.tried
     for name in examined.best.names:
         if not any(item.effect == name for item in ranking):
             continue
         members = (name, *alike_of(examined, name, CAL.alike))
         alone = {member: probability(examined.evidence, tried, member) for member in members}
-        whole = known * of_class(examined, name)
+        whole = _less_doubts(examined, examined.best, name, of_class(examined, name), reasons, shared)
         total = sum(alone.values()) or 1.0
         each = {member: whole * p / total for member, p in sorted(alone.items(), key=lambda item: -item[1])}
         each = {member: p for member, p in each.items() if p >= CAL.told_probability or member == name}
@@ -237,7 +243,7 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
     reasons : why effects of the best hypothesis are not applied, by name.
     shared : what these close.
     """
-    known, varying = 1.0 - CAL.nothing_unknown, examined.varying
+    known = 1.0 - CAL.nothing_unknown
     selection, weighed = examined.selection, examined.evidence
     tried = selection.tried
     names = list(dict.fromkeys(name for item in tried for name in item.names))
@@ -248,12 +254,11 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         magnitude, interval = _magnitude(examined, most, name)
         part = next(candidate.part for candidate in most.candidates if candidate.effect == name)
         by = 1.0 if name in examined.best.names else weighed.outdone.get(name, 1.0)
-        p = known * probability(weighed, tried, name) * itself(examined, most, name, varying.get(name))
-        p *= closes(shared, name)
+        p = _less_doubts(examined, most, name, probability(weighed, tried, name), reasons, shared)
         ranked.append(
             Ranked(
                 name,
-                min(p, np.nextafter(1.0 - CAL.present, 0.0)) if name in reasons else p,  # refused: below one half
+                p,
                 magnitude,
                 most.main(name)[0].unit,
                 interval,
@@ -279,6 +284,20 @@ def _ranking(examined: Examined, reasons: Mapping[str, str], shared: Budget | No
         return -float(f"{p:.6g}") if p >= CAL.told_probability else 0.0, -nearest.get(ranked.effect, 0.0), -ranked.gain
 
     return sorted(ranked, key=order)[: CAL.ranked]
+
+
+def _less_doubts(
+    examined: Examined,
+    hypothesis: Hypothesis,
+    name: str,
+    p: float,
+    reasons: Mapping[str, str],
+    shared: Budget | None,
+) -> float:
+    """The probability that an effect is there and is itself; below one half where it is refused."""
+    itself_too = itself(examined, hypothesis, name, examined.varying.get(name)) * closes(shared, name)
+    p *= (1.0 - CAL.nothing_unknown) * itself_too
+    return min(p, float(np.nextafter(1.0 - CAL.present, 0.0))) if name in reasons else p
 
 
 def _of_sets(examined: Examined, ranked: Sequence[Ranked], known: float) -> dict[str, float]:

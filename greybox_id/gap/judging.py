@@ -85,7 +85,7 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
                 "another effect may mimic it: what no effect explains is as large where it acts (it gains "
                 f"{number(gain_of(one, best, name), 2)} nats, {number(one.beside_it[name], 2)} are left)"
             )
-        elif _strains(one, best, name) > CAL.present:
+        elif one.unnamed is not None and _strains(one, best, name) > CAL.present:
             reasons[name] = (
                 "another effect may mimic it: it needs parameters beyond their stated tolerances (chi-square "
                 f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
