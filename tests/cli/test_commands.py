@@ -63,7 +63,7 @@ def test_options_of_one_name_are_alike_everywhere():
     assert {own.is_flag for own in shared["--json"].values()} == {True}
     for name in ("--seed", "--jobs"):
         assert {type(own.type) for own in shared[name].values()} == {click.IntRange}
-    assert {own.metavar for own in shared["--columns"].values()} == {"MAP"}
+    assert {option.metavar for option in shared["--columns"].values()} == {"MAP"}
     assert {own.metavar for own in shared["--out"].values()} == {"FILE", "FOLDER", "MAP.toml"}
 
 

@@ -43,7 +43,7 @@ def test_a_plan_is_written_driven_and_written_again(folder):
     told = called.told
     before, after = told["predicted_sd"]["I_z"]
     assert after < before
-    assert sorted(own.name for own in (folder / "next").iterdir()) == ["design.json", "plan.csv", "plan.svg"]
+    assert sorted(path.name for path in (folder / "next").iterdir()) == ["design.json", "plan.csv", "plan.svg"]
     saved = json.loads((folder / "next" / "design.json").read_text())
     assert saved["sentence"] == told["sentence"]
     assert (folder / "next" / "plan.svg").read_text().startswith("<svg")

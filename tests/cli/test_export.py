@@ -41,7 +41,9 @@ def test_a_fit_is_exported_with_where_it_comes_from(fit, tmp_path):
     assert manifest["source"] == str(fit)
     assert manifest["command"].startswith("greybox export")
     assert set(manifest["files"]) | {"manifest.json"} == {file.name for file in (tmp_path / "net").iterdir()}
-    assert all({"unit", "value", "interval", "constant"} <= set(own) for own in manifest["parameters"].values())
+    assert all(
+        {"unit", "value", "interval", "constant"} <= set(parameter) for parameter in manifest["parameters"].values()
+    )
 
 
 def test_effects_are_added_and_what_nobody_told_is_said(tmp_path):
@@ -118,7 +120,7 @@ def test_an_export_says_in_which_unit_the_drive_was_recorded(tmp_path, monkeypat
 def test_every_key_of_a_parameter_file_is_told(tmp_path):
     asked = ("--vehicle", "full_size_car", "--with", "steering_lag=50ms", "--target", "autoware", "--json")
     told = greybox("export", *asked, "--out", tmp_path / "aw").told
-    keys = {(own["file"], own["key"]): own for own in told["keys"]}
+    keys = {(key["file"], key["key"]): key for key in told["keys"]}
     assert keys["simulator_model.param.yaml", "steer_time_constant"]["from"] == "steering_lag"
     assert "default" in keys["simulator_model.param.yaml", "steer_time_delay"]
     manifest = json.loads((tmp_path / "aw" / "manifest.json").read_text())
@@ -129,7 +131,7 @@ def test_every_key_of_a_parameter_file_is_told(tmp_path):
 def test_a_unit_may_be_named_by_itself(tmp_path):
     call = ("export", "--vehicle", "full_size_car", "--target", "fmu", "--out", tmp_path / "my car.fmu", "--json")
     assert greybox(*call).told["written"] == [str(tmp_path / "my car.fmu")]
-    assert [own.name for own in tmp_path.iterdir()] == ["my car.fmu"]
+    assert [path.name for path in tmp_path.iterdir()] == ["my car.fmu"]
     with zipfile.ZipFile(tmp_path / "my car.fmu") as held:
         assert 'modelName="my_car"' in held.read("modelDescription.xml").decode()
     assert greybox(*call).code == 0  # the same bytes

@@ -22,7 +22,7 @@ CALLS = {
     "data map": "data map {lap} --out {out}/map.toml --overwrite",
     "make": "datasets make virtual_lap --out {out} --overwrite",
     **{f"convert to {end}": f"data convert {{lap}} --out {{out}}/lap{end} --overwrite" for end in WRITTEN},
-    **{f"export to {own}": f"export {{fit}} --target {own} --out {{out}}/car" for own in TARGETS},
+    **{f"export to {target}": f"export {{fit}} --target {target} --out {{out}}/car" for target in TARGETS},
 }
 
 

@@ -78,7 +78,7 @@ def test_json_is_one_object_with_what_was_found(laps, asked):
     assert "ranking 3 effects" in called.err
     assert asked.options == {"seed": 3, "horizons": False}
     assert asked.model.name == "single_track"
-    assert [own.name for own in asked.recordings] == ["lap7"]
+    assert [recording.name for recording in asked.recordings] == ["lap7"]
     assert [own.name for own in asked.held_out] == ["lap8"]
     assert asked.effects == vocabulary()
 
@@ -187,11 +187,11 @@ def test_the_vehicle_s_own_model_is_taken_unless_another_is_named(laps, asked, t
 def test_a_vehicle_beside_a_fit_states_its_sensors(laps, asked, fitted):
     called = greybox("gap", laps[0], "--fit", fitted, "--vehicle", "full_size_car", "--json")
     assert called.code == 0, called.err
-    file, own = read_vehicle("full_size_car"), asked.vehicle
-    assert own.noise == file.noise
-    assert set(own.effects) == set(file.effects)
-    assert own.values["I_z"].value != file.values["I_z"].value
-    assert own.model.effects.keys() == {"yaw_rate_bias"}
+    file, car = read_vehicle("full_size_car"), asked.vehicle
+    assert car.noise == file.noise
+    assert set(car.effects) == set(file.effects)
+    assert car.values["I_z"].value != file.values["I_z"].value
+    assert car.model.effects.keys() == {"yaw_rate_bias"}
 
 
 def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
@@ -284,7 +284,7 @@ def test_a_simulation_that_diverges_is_identifiable_in_words():
     """An error of 10^5 m/s is none: predictions that leave the range of the readings tenfold diverge."""
     found = clear()
     assert found.held_out is not None
-    errors = tuple(replace(own, before=np.inf) for own in found.held_out.errors)
+    errors = tuple(replace(error, before=np.inf) for error in found.held_out.errors)
     screen = Console(width=160, record=True)
     with screen.capture() as shown:
         show(screen, replace(found, held_out=replace(found.held_out, errors=errors)))
@@ -300,7 +300,7 @@ def test_what_changed_is_printed_and_written(laps, tmp_path, monkeypatch):
     assert "Changed" in said
     assert "Same" in said
     told = greybox("gap", after, *options, "--json").told
-    assert {own["effect"] for own in told["changed"]} == set(told["applied"])
+    assert {change["effect"] for change in told["changed"]} == set(told["applied"])
     assert {"since", "scatter", "drift", "changed", "not_changed"} <= set(told)
 
 

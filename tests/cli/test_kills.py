@@ -78,7 +78,7 @@ def spent_by(process):
 
 def seen(folder):
     """Visible file -> content; of a fit, whether it is whole."""
-    files = {own.relative_to(folder): own for own in folder.rglob("*") if own.is_file()}
+    files = {path.relative_to(folder): path for path in folder.rglob("*") if path.is_file()}
     return {str(name): content(own) for name, own in files.items() if not any(p.startswith(".") for p in name.parts)}
 
 
@@ -111,7 +111,7 @@ def test_a_killed_command_leaves_the_old_files_or_the_new_ones(name, versions, t
         now = seen(out)
         assert now.keys() == before.keys()
         for file, content in now.items():
-            assert content in [own[file] for own in results], f"{file} after kill {k}"
+            assert content in [result[file] for result in results], f"{file} after kill {k}"
         if name.startswith("export"):
             assert now in results
         before = now
@@ -120,7 +120,7 @@ def test_a_killed_command_leaves_the_old_files_or_the_new_ones(name, versions, t
     assert killed == KILLS
     assert run(calls[0])[0] == 0
     assert seen(out) == results[0]
-    left = [own for own in tmp_path.rglob(".*") if NAME.fullmatch(own.name)]
+    left = [path for path in tmp_path.rglob(".*") if NAME.fullmatch(path.name)]
     assert left == []
 
 
@@ -165,4 +165,4 @@ def test_ctrl_c_ends_a_command_within_two_seconds(name, long, tmp_path, monkeypa
             errors.read_text()
         )  # the last while modules are imported, or the interpreter ends
         assert spent < 2.0 * processors or code == 0  # a command that had ended was not interrupted
-        assert not [own for own in tmp_path.rglob(".*") if NAME.fullmatch(own.name)]
+        assert not [path for path in tmp_path.rglob(".*") if NAME.fullmatch(path.name)]

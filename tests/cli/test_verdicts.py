@@ -77,7 +77,7 @@ def test_what_is_not_usable_is_written_and_ends_with_3(nonsense, tmp_path):
 def test_numbers_have_seven_digits_at_most(nonsense, tmp_path):
     shown = greybox("fit", nonsense, *FIT, "--out", tmp_path).out
     numbers = [word.strip("[],()").replace("−", "").replace(".", "") for word in shown.split()]
-    assert max(len(own.lstrip("0")) for own in numbers if own.isdigit()) <= 7
+    assert max(len(number.lstrip("0")) for number in numbers if number.isdigit()) <= 7
 
 
 @pytest.mark.parametrize("rows", [slice(0, 1), slice(None, None, -1)], ids=["one row", "reversed"])
@@ -96,7 +96,7 @@ def test_a_fit_that_was_interrupted_or_is_not_confirmed_has_no_intervals(laps, t
     called = greybox("fit", laps[0], *FIT, "--out", tmp_path, "--json")
     told = called.told
     assert told["verdict"] == "usable with care"
-    assert any("not confirmed" in own for own in told["reasons"])
+    assert any("not confirmed" in reason for reason in told["reasons"])
     assert told["covariance"] is None
     assert told["combinations"] == []
     for name in told["free"]:

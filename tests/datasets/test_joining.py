@@ -136,11 +136,11 @@ def test_stamps_may_be_split_or_dates_or_counts(topics, kind):
 
 
 def test_files_as_spreadsheets_write_them_are_read(topics):
-    own = parse_column_map(
+    mapping = parse_column_map(
         'separator = ";"\ndecimal = ","\n' + MAP.replace("{time}", "t").replace("{more}", ""), "m.toml"
     )
     files = topics(0.05, sep=";", decimal=",", encoding="utf-16", quoting=1)
-    recording, (imu, _) = join_files(files, own)
+    recording, (imu, _) = join_files(files, mapping)
     assert imu.taken_off
     assert np.mean(recording["v_x"]) == pytest.approx(5.0, abs=0.1)
 
@@ -170,8 +170,8 @@ def test_poses_keep_their_own_clock(tmp_path):
     pd.DataFrame({"time": fast, "steer": 0.1 + 0 * fast}).to_csv(tmp_path / "commands.csv", index=False)
     signals = {"x": "m", "y": "m", "yaw": "rad", "steer": "rad"}
     text = "".join(f'[signals.{name}]\nunit="{unit}"\n' for name, unit in signals.items())
-    own = parse_column_map(f'[poses]\nforward=0.0\n[time]\nunit="s"\n{text}', "own.toml")
-    recording, _ = join_files([tmp_path / "poses.csv", tmp_path / "commands.csv"], own)
+    mapping = parse_column_map(f'[poses]\nforward=0.0\n[time]\nunit="s"\n{text}', "own.toml")
+    recording, _ = join_files([tmp_path / "poses.csv", tmp_path / "commands.csv"], mapping)
     assert recording.sample_time == pytest.approx(0.05)
     assert np.median(recording["yaw_rate"]) == pytest.approx(0.8, abs=0.02)
     np.testing.assert_allclose(recording["steer"], 0.1)

@@ -41,15 +41,15 @@ def conditioned(rows, variances, axes):
     n, count = 3 * axes, len(rows)
     C = np.zeros((n * count, n * count))
     for k, row in enumerate(rows):
-        own = slice(n * k, n * k + n)
+        part = slice(n * k, n * k + n)
         if row[1]:
-            C[own, own] = np.diag(loose)
+            C[part, part] = np.diag(loose)
             continue
         F, Q = moved(row, q, axes)
         before = slice(n * k - n, n * k)
-        C[own, : n * k] = F @ C[before, : n * k]
-        C[: n * k, own] = C[own, : n * k].T
-        C[own, own] = F @ C[before, before] @ F.T + Q
+        C[part, : n * k] = F @ C[before, : n * k]
+        C[: n * k, part] = C[part, : n * k].T
+        C[part, part] = F @ C[before, before] @ F.T + Q
     at = [(k, axis) for k in range(count) if rows[k, 2] for axis in range(axes)]
     H = np.zeros((len(at), n * count))
     H[np.arange(len(at)), [n * k + axis for k, axis in at]] = 1.0

@@ -229,23 +229,23 @@ def test_a_file_without_columns_is_told(tmp_path):
 
 
 def test_a_column_may_have_other_names_in_other_files(write):
-    own = parse_column_map(
+    mapping = parse_column_map(
         '[time]\ncolumn=["t", "s"]\nunit="s"\n[signals.v_x]\ncolumn=["v", "speed"]\nunit="m/s"', "m.toml"
     )
-    assert read(write("s,speed\n0,1\n1,2\n"), own)["v_x"][1] == 2.0
-    assert read(write("t,speed,v\n0,1,3\n1,2,4\n"), own)["v_x"][1] == 4.0
-    assert 'no column "v"' in sentence(write("t,w\n0,1\n1,2\n"), own)
+    assert read(write("s,speed\n0,1\n1,2\n"), mapping)["v_x"][1] == 2.0
+    assert read(write("t,speed,v\n0,1,3\n1,2,4\n"), mapping)["v_x"][1] == 4.0
+    assert 'no column "v"' in sentence(write("t,w\n0,1\n1,2\n"), mapping)
 
 
 def test_rows_before_the_start_are_left_out_and_counted(write):
-    own = parse_column_map(
+    mapping = parse_column_map(
         '[start]\ncolumn="n"\n[time]\ncolumn="t"\nunit="s"\n[signals.v_x]\ncolumn="v"\nunit="m/s"', "m.toml"
     )
-    found = read(write("t,n,v\n0,0,9\n1,0,9\n2,3,1\n3,0,2\n"), own)
+    found = read(write("t,n,v\n0,0,9\n1,0,9\n2,3,1\n3,0,2\n"), mapping)
     np.testing.assert_array_equal(found["v_x"], [1.0, 2.0])
     assert '2 rows before "n"' in found.notes[0]
-    assert "is zero in all rows" in sentence(write("t,n,v\n0,0,9\n1,0,9\n"), own)
-    assert 'no column "n"' in sentence(write("t,v\n0,9\n1,9\n"), own)
+    assert "is zero in all rows" in sentence(write("t,n,v\n0,0,9\n1,0,9\n"), mapping)
+    assert 'no column "n"' in sentence(write("t,v\n0,9\n1,9\n"), mapping)
 
 
 @pytest.mark.parametrize("encoding", ["utf-16", "utf-16-le", "utf-16-be"])
@@ -256,12 +256,12 @@ def test_utf_16_is_read(write, encoding):
 
 
 def test_seconds_and_nanoseconds_may_stand_apart(write):
-    own = parse_column_map(
+    mapping = parse_column_map(
         '[time]\ncolumn="s"\nnanoseconds="n"\nunit="s"\n[signals.v_x]\ncolumn="v"\nunit="m/s"', "m.toml"
     )
     rows = "".join(f"{1_731_000_000 + k // 4},{k % 4 * 250_000_001},{k}\n" for k in range(9))
-    np.testing.assert_allclose(np.diff(read(write("s,n,v\n" + rows), own).time), 0.25, atol=4e-9)
-    assert 'no column "n"' in sentence(write("s,v\n1,2\n"), own)
+    np.testing.assert_allclose(np.diff(read(write("s,n,v\n" + rows), mapping).time), 0.25, atol=4e-9)
+    assert 'no column "n"' in sentence(write("s,v\n1,2\n"), mapping)
 
 
 LINES = [f"{0.02 * k:.2f},{5 + 0.1 * k:.1f},0.{k % 7}\n" for k in range(40)]

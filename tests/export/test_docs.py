@@ -25,7 +25,7 @@ def example(of, target, tmp_path, monkeypatch, needs=None):
     if importlib.util.find_spec(needs or of) is None:
         pytest.skip(f"{needs or of} is not installed; it is no dependency")
     blocks = [own.text for own in indented(page("export.md"))]
-    (code,) = [own for own in blocks if re.search(rf"^(import|from) {of}\b", own, re.MULTILINE)]
+    (code,) = [block for block in blocks if re.search(rf"^(import|from) {of}\b", block, re.MULTILINE)]
     model = build("single_track", vehicle=SMALL)
     export(Subject(model, "car", source="a test"), target, tmp_path / "car")
     monkeypatch.chdir(tmp_path / "car")

@@ -37,7 +37,7 @@ def test_no_lag_at_all_stays_finite():
 def test_parameters_that_do_not_move_are_constants():
     model = motion("single_track on pacejka")
     few, whole = Equations(model, ["I_z", "B_f"]), Equations(model)
-    assert [own.name for own in few.parameters] == ["I_z", "B_f"]
+    assert [parameter.name for parameter in few.parameters] == ["I_z", "B_f"]
     x, u = [12.0, 0.1, 0.2], [0.04, 0.5]
     np.testing.assert_array_equal(few.step(x, u, few.values, 0.02), whole.step(x, u, whole.values, 0.02))
     assert few.step.n_instructions() < whole.step.n_instructions()
@@ -53,5 +53,5 @@ def test_late_commands_and_readings_are_named():
 
 def test_entries_have_units():
     e = Equations(motion("single_track on pacejka", ["steering_lag", "tyre_relaxation"]))
-    assert [own.unit for own in e.states] == ["m/s", "m/s", "rad/s", "rad", "rad", "rad"]
+    assert [state.unit for state in e.states] == ["m/s", "m/s", "rad/s", "rad", "rad", "rad"]
     assert all(own.unit for own in (*e.inputs, *e.parameters, *e.outputs))

@@ -31,9 +31,9 @@ def rows_of(model, recording):
 def state_at(equations, row, seen, outputs):
     """x at a row whose past is as recorded."""
     found = []
-    for own in equations.states:
+    for state in equations.states:
         name, _, rest = (
-            own.name.partition("_ago")[0].rpartition("_") if own.name.endswith("_ago") else (own.name, "", "0")
+            state.name.partition("_ago")[0].rpartition("_") if state.name.endswith("_ago") else (state.name, "", "0")
         )
         then = row - int(rest)
         if "_actuator_" in name:
@@ -52,7 +52,7 @@ def driven(equations, recording):
     recorded, seen, outputs = rows_of(model, recording)
     x, found = state_at(equations, first - 1, seen, outputs), []
     for row in range(first - 1, len(recording) - 1):
-        u = np.array([recorded[own.name][row] for own in equations.inputs])
+        u = np.array([recorded[signal.name][row] for signal in equations.inputs])
         x = np.array(equations.step(x, u, model.values)).ravel()
         found.append(np.array(equations.output(x, u, model.values)).ravel())
     return np.array(found)
@@ -87,23 +87,28 @@ def test_pushing_readings_fills_the_window(name):
     recorded, seen, outputs = rows_of(equations.model, recording)
     x = np.zeros(len(equations.states))
     for row in range(59):
-        u = [recorded[own.name][row] for own in equations.inputs]
-        y = [outputs[own.name][row + 1] for own in equations.outputs]
+        u = [recorded[signal.name][row] for signal in equations.inputs]
+        y = [outputs[output.name][row + 1] for output in equations.outputs]
         x = equations.push(x, u, y, equations.model.values)
     np.testing.assert_allclose(np.array(x).ravel(), state_at(equations, 59, seen, outputs), rtol=1e-12, atol=1e-12)
 
 
 def test_only_what_the_equations_look_at_is_remembered():
     equations = MemoryEquations(linear_toy(4))
-    assert [own.name for own in equations.states] == ["predicted_yaw_rate", "steer_3_ago", "steer_2_ago", "steer_1_ago"]
-    assert {own.unit for own in equations.states[1:]} == {"rad"}
+    assert [state.name for state in equations.states] == [
+        "predicted_yaw_rate",
+        "steer_3_ago",
+        "steer_2_ago",
+        "steer_1_ago",
+    ]
+    assert {state.unit for state in equations.states[1:]} == {"rad"}
 
 
 @pytest.mark.parametrize("name", MEMORY)
 def test_inputs_that_are_fed_back_are_no_inputs(name):
     equations = MemoryEquations(memory(name))
     fed = Trace(equations.model).fed_back
-    assert {own.name for own in equations.inputs} == set(equations.model.inputs) - set(fed)
+    assert {signal.name for signal in equations.inputs} == set(equations.model.inputs) - set(fed)
 
 
 def test_every_kind_of_model_has_its_functions_or_a_sentence():

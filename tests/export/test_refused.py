@@ -15,7 +15,7 @@ NO_MOTION = [(target, "msnn_lat") for target in ("fmu", "ros2", "simulink")]
 
 @pytest.mark.parametrize(
     ("target", "name", "words"),
-    [(*own, "has no tyres") for own in WITHOUT_TYRES] + [(*own, "no model of motion") for own in NO_MOTION],
+    [(*case, "has no tyres") for case in WITHOUT_TYRES] + [(*case, "no model of motion") for case in NO_MOTION],
 )
 def test_a_model_that_is_none_for_a_target_is_refused(target, name, words):
     with pytest.raises(BadInput, match=words):

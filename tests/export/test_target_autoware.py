@@ -39,8 +39,8 @@ EFFECTS = {
 
 
 def subject(effects, fit=None):
-    own = vehicle("full_size_car")
-    return Subject(build("single_track", {}, effects, own), "car", None, fit, source="a test", vehicle=own)
+    car = vehicle("full_size_car")
+    return Subject(build("single_track", {}, effects, car), "car", None, fit, source="a test", vehicle=car)
 
 
 def tables(meant):
@@ -91,7 +91,7 @@ def test_geometry_mass_and_tyres_are_the_models():
 
 
 def test_every_key_says_what_is_behind_it_or_why_it_stands_at_its_default():
-    found = {(own.file, own.key): own for own in origins(subject({"steering_lag": 0.05}))}
+    found = {(origin.file, origin.key): origin for origin in origins(subject({"steering_lag": 0.05}))}
     assert {(file, key) for file, keys in SCHEMA.items() for key in keys} == set(found)
     assert found["simulator_model.param.yaml", "steer_time_constant"].behind == "steering_lag"
     assert found["simulator_model.param.yaml", "steer_time_delay"].why == "the model has no steering_delay"
@@ -122,7 +122,7 @@ def test_pedals_are_mapped_where_the_fit_has_seen_a_throttle():
         assert [float(row[0]) for row in rows[1:]] == list(PEDALS)
         table = np.array([row[1:] for row in rows[1:]], dtype=float)
         assert np.all(sign * np.diff(table, axis=0) >= 0)
-    p = {own.name: float(own.array) for own in model.parameters}
+    p = {parameter.name: float(parameter.array) for parameter in model.parameters}
     v = SPEEDS[5]
     force = (p["force_per_unit"] * 0.5) - p["motor_damping"] * v * 0.5
     assert p["dead_band"] == 0.0

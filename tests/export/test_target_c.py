@@ -87,7 +87,7 @@ def equal_at_random_points(model, folder, count, seed):
         whole = cs.Function("all", symbols, [cs.vertcat(at, *slopes)])
         columns = [own[:, None] if own.ndim == 1 else own for own in given]
         true = values(whole, *columns)
-        last_digits = [1 + np.finfo(float).eps * rng.choice([-1, 0, 1], own.shape) for own in columns]
+        last_digits = [1 + np.finfo(float).eps * rng.choice([-1, 0, 1], column.shape) for column in columns]
         magnified = np.abs(values(whole, *map(np.multiply, columns, last_digits)) - true)
         found = library(f"{name}_jacobian", given, (rows, rows * n, rows * m))
         close(np.hstack(found), true, spared=magnified)

@@ -36,7 +36,7 @@ def test_functions_of_a_map_with_memory_are_the_models(name, tmp_path):
     np.testing.assert_array_equal(values(module.step, x, u, module.P), values(equations.step, x, u, model.values))
     np.testing.assert_array_equal(values(module.output, x, u, module.P), values(equations.output, x, u, model.values))
     assert model.sample_time == module.SAMPLE_TIME
-    assert [own.unit for own in module.PARAMETERS] == [own.unit for own in equations.parameters]
+    assert [parameter.unit for parameter in module.PARAMETERS] == [parameter.unit for parameter in equations.parameters]
 
 
 def test_jacobians_are_derivatives(tmp_path):
@@ -95,8 +95,8 @@ def test_parameters_that_are_to_stay_are_constants(name, tmp_path):
     whole = equations_of(subject(model))
     x, u = points(whole, 20)
     dt = [] if name in MEMORY else [[0.02]]
-    assert {own.name.partition("[")[0] for own in module.PARAMETERS} == set(FEW[name])
-    p, names = np.array(module.P).ravel() * 1.1, [own.name for own in whole.parameters]
+    assert {parameter.name.partition("[")[0] for parameter in module.PARAMETERS} == set(FEW[name])
+    p, names = np.array(module.P).ravel() * 1.1, [parameter.name for parameter in whole.parameters]
     moved = [p[module.p_index[n]] if n in module.p_index else v for n, v in zip(names, model.values, strict=True)]
     expected = values(whole.step, x, u, moved, *dt)
     np.testing.assert_allclose(values(module.step, x, u, p, *dt), expected, rtol=1e-11, atol=1e-13)

@@ -162,7 +162,7 @@ def test_directional_derivatives_are_those_of_the_equations(bare, tmp_path, file
     by = [0.3, -0.2, 0.1, 0.05, -0.4]
     for of, names in (
         (e.output, unit.outputs),
-        (e.ode, [f"der(state.{own.name})" for own in e.states]),
+        (e.ode, [f"der(state.{state.name})" for state in e.states]),
     ):
         value = of(e.x, e.u, e.p)
         slope = cs.Function("slope", [e.x, e.u, e.p], [cs.jtimes(value, cs.vertcat(e.x), cs.DM(by[:3]))])
@@ -204,7 +204,10 @@ def test_units_and_intervals_are_in_the_description(tmp_path):
     held = files(Subject(model, "car", tuple(free), fit, source="a test"))
     for file, place in (("car.fmu", "Tool"), ("car_fmi3.fmu", "Annotation")):
         (tmp_path / file).write_bytes(held[file])
-        units = {own.name: own.baseUnit for own in fmpy.read_model_description(str(tmp_path / file)).unitDefinitions}
+        units = {
+            definition.name: definition.baseUnit
+            for definition in fmpy.read_model_description(str(tmp_path / file)).unitDefinitions
+        }
         assert (units["kg m^2"].kg, units["kg m^2"].m, units["kg m^2"].s) == (1, 2, 0)
         assert units["N/unit"] is None
         with zipfile.ZipFile(tmp_path / file) as opened:

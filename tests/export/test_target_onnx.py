@@ -32,7 +32,9 @@ def session(graph):
 
 def ran(graph, **given):
     made = session(graph)
-    known = {own.name for own in made.get_inputs()} | {own.name for own in made.get_overridable_initializers()}
+    known = {tensor.name for tensor in made.get_inputs()} | {
+        initializer.name for initializer in made.get_overridable_initializers()
+    }
     return made.run(None, {name: value for name, value in given.items() if name in known})[0]
 
 
@@ -76,7 +78,7 @@ def test_parameters_that_are_to_stay_are_constants(name, moving):
     dt = [[0.02]] if "dt" in equations.step.name_in() else []
     expected = values(equations.step, x, u, equations.values, *dt)
     assert_close(ran(graphs["car_step.onnx"], x=x, u=u, dt=np.full((1, 1), 0.02)), expected)
-    assert {own.name.partition("[")[0] for own in equations.parameters} == set(moving)
+    assert {parameter.name.partition("[")[0] for parameter in equations.parameters} == set(moving)
 
 
 def test_precision_opset_and_names_are_identifiable_in_graph_and_manifest(tmp_path):

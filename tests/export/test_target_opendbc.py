@@ -11,8 +11,8 @@ from greybox_id.models.vehicle import vehicle
 
 
 def made(effects, source="a test"):
-    own = vehicle("full_size_car")
-    return Subject(build("single_track", {}, effects, own), "car", None, source=source, vehicle=own)
+    car = vehicle("full_size_car")
+    return Subject(build("single_track", {}, effects, car), "car", None, source=source, vehicle=car)
 
 
 @pytest.mark.parametrize("source", ["a test", "evil\nimport os", 'x"""\u2028y = 1'])
@@ -22,7 +22,7 @@ def test_the_snippet_sets_what_is_known(source):
     exec(files(meant)["car_opendbc.py"].decode(), space)  # our own text
     ret = space["vehicle_params"](SimpleNamespace())
     own = vehicle("full_size_car").values
-    assert set(vars(ret)) == {own.key for own in origins(meant) if own.value is not None}
+    assert set(vars(ret)) == {origin.key for origin in origins(meant) if origin.value is not None}
     assert (ret.steerActuatorDelay, ret.rotationalInertia, ret.centerToFront) == (
         0.12,
         own["I_z"].value,

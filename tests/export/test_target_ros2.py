@@ -12,18 +12,18 @@ from greybox_id.models.vehicle import vehicle
 
 
 def test_parameters_and_intervals_come_back_exactly():
-    own = vehicle("full_size_car")
-    model = build("single_track", {}, {"steering_delay": 0.037, "steering_rate_limit": float("inf")}, own)
+    car = vehicle("full_size_car")
+    model = build("single_track", {}, {"steering_delay": 0.037, "steering_rate_limit": float("inf")}, car)
     sd = {p.name: 0.05 * np.abs(p.array) for p in model.parameters if not p.fixed and np.isfinite(p.array)}
     fit = Fit(model=model, sd=sd, stages=(), metrics={}, data=(), mode="given", seed=0)
-    meant = Subject(model, "car", None, fit, source="a test", vehicle=own)
+    meant = Subject(model, "car", None, fit, source="a test", vehicle=car)
     (text,) = files(meant).values()
     found = yaml.safe_load(text)["/**"]["ros__parameters"]
     assert found["parameters"] == {p.name: float(p.array) for p in model.parameters}
     assert found["intervals"]["I_z"] == [float(end) for end in fit.interval("I_z")]
     assert (found["model"], found["frame_id"], found["steer_max"]) == ("single_track", "base_link", 0.5)
     assert "REP-103" in text.decode()
-    assert {own.key.partition(".")[2] for own in origins(meant) if own.key.startswith("parameters.")} == set(
+    assert {origin.key.partition(".")[2] for origin in origins(meant) if origin.key.startswith("parameters.")} == set(
         found["parameters"]
     )
 

@@ -23,9 +23,9 @@ HARNESS = Path(__file__).with_name("harness")
 
 
 def written(folder, effects=None, moving=None, fit=None, source="a test"):
-    own = vehicle("full_size_car")
-    model = build("single_track", {}, effects or {}, own)
-    meant = Subject(model, "car", moving, None if fit is None else fit(model), source=source, vehicle=own)
+    car = vehicle("full_size_car")
+    model = build("single_track", {}, effects or {}, car)
+    meant = Subject(model, "car", moving, None if fit is None else fit(model), source=source, vehicle=car)
     folder.mkdir(exist_ok=True)
     for name, content in files(meant).items():
         (folder / name).write_bytes(content)
@@ -48,7 +48,7 @@ def test_the_mat_file_holds_parameters_and_their_covariance(tmp_path):
     names = [p.name for p in meant.model.parameters]
     rows = [names.index(name) for name in moving]
     np.testing.assert_array_equal(car["covariance"], meant.fit.covariance[np.ix_(rows, rows)])
-    assert [own.key for own in origins(meant)] == [f"car.parameters.{name}" for name in moving]
+    assert [origin.key for origin in origins(meant)] == [f"car.parameters.{name}" for name in moving]
 
 
 def test_the_same_subject_makes_the_same_bytes_and_no_time(tmp_path):
@@ -81,7 +81,7 @@ def test_the_function_that_idnlgrey_calls_is_the_models(tmp_path, effects):
     given = [held([0.0]), held(x), held(u), *(held([value]) for value in p), held([])]
     results, arguments = (ctypes.POINTER(Held) * 2)(), (ctypes.POINTER(Held) * len(given))(*map(ctypes.pointer, given))
     library.mexFunction(2, results, len(given), arguments)
-    found = [[own[0].values[k] for k in range(own[0].count)] for own in results]
+    found = [[result[0].values[k] for k in range(result[0].count)] for result in results]
     np.testing.assert_allclose(found[0], np.array(e.ode(x, u, p)).ravel(), rtol=1e-10, atol=1e-12)
     np.testing.assert_allclose(found[1], np.array(e.output(x, u, p)).ravel(), rtol=1e-10, atol=1e-12)
     library.mexFunction(1, results, 3, arguments)
@@ -124,8 +124,8 @@ def test_the_s_function_steps_as_the_model_does(tmp_path, effects, starts):
 def test_the_model_file_has_every_parameter_with_bounds(tmp_path):
     meant = written(tmp_path, {"steering_rate_limit": float("inf")}, source="it's\n% mine")
     text = (tmp_path / "car_idnlgrey.m").read_text()
-    for own in meant.equations.parameters:
-        assert f"    '{own.name}', '{own.unit}', " in text
+    for parameter in meant.equations.parameters:
+        assert f"    '{parameter.name}', '{parameter.unit}', " in text
     assert "'steering_rate_limit', 'rad/s', Inf, 0.1, Inf, " in text
     assert "'m', 'kg', 1457.2, 0.5, 60000.0, false" in text
     assert "'l_f', 'm', 1.296, 0.05, 8.0, true" in text

@@ -15,10 +15,10 @@ EFFECTS = {"grip_scale": 0.87, "front_stiffness": 1.13, "mass_change": 1.1}
 
 
 def written(effects, **values):
-    own = vehicle("full_size_car")
-    model = build("single_track", {}, effects, own)
+    car = vehicle("full_size_car")
+    model = build("single_track", {}, effects, car)
     model = model.with_parameters(*(model[name].with_value(value) for name, value in values.items()))
-    meant = Subject(model, "car", None, source="a test", vehicle=own)
+    meant = Subject(model, "car", None, source="a test", vehicle=car)
     texts = {name: text.decode() for name, text in files(meant).items()}
     return meant, {name: parse_tyre_file(text, name) for name, text in texts.items()}
 
@@ -76,7 +76,7 @@ def test_relaxation_length_is_held():
 
 def test_every_line_says_what_is_behind_it():
     meant, _ = written(EFFECTS)
-    found = {own.key: own for own in origins(meant) if own.file == "car_front.tir"}
+    found = {origin.key: origin for origin in origins(meant) if origin.file == "car_front.tir"}
     assert found["PDY1"].behind == "D_f, grip_scale"
     assert found["PKY1"].behind == "B_f C_f D_f, front_stiffness, grip_scale"
     assert found["WIDTH"].why
@@ -97,12 +97,12 @@ def test_other_tyres_are_refused(name, settings, said):
 
 
 def test_a_fit_with_the_error_of_its_form_is_held_as_the_nearest_formula_and_says_so():
-    own = vehicle("full_size_car")
-    model = build("single_track", {"form": "uncertain"}, {}, own)
+    car = vehicle("full_size_car")
+    model = build("single_track", {"form": "uncertain"}, {}, car)
     meant = Subject(
-        model.with_parameters(model["curve_2_f"].with_value(0.04)), "car", None, source="a test", vehicle=own
+        model.with_parameters(model["curve_2_f"].with_value(0.04)), "car", None, source="a test", vehicle=car
     )
-    plain = Subject(build("single_track", {}, {}, own), "car", None, source="a test", vehicle=own)
+    plain = Subject(build("single_track", {}, {}, car), "car", None, source="a test", vehicle=car)
     assert any("form=uncertain" in line for line in cautions(meant))
     assert not any("form=uncertain" in line for line in cautions(plain))
     held, same = (parse_tyre_file(files(one)["car_front.tir"].decode(), "car_front.tir").at() for one in (meant, plain))

@@ -21,7 +21,7 @@ CURVES = [name for name in TYRES if name != "linear"]
 
 def forces(model, z=TURNING, steer=0.1, **given):
     """F_yf (along the car's y) and F_yr."""
-    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    p = {parameter.name: float(parameter.array) for parameter in model.parameters if parameter.shape == ()}
     found = rates(model, z, p=vector(model, **given), steer=steer, drive=0.0)
     across, turning = p["m"] * (found["v_y"] + z[2] * z[0]), found["yaw_rate"] * p["I_z"]
     L = p["l_f"] + p["l_r"]
@@ -47,7 +47,7 @@ def test_it_is_rebuilt_from_its_settings_as_json():
 
 def sliding(model, slips, **given):
     """F_yr over F_z at these slips, in units of the rear curve's own."""
-    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    p = {parameter.name: float(parameter.array) for parameter in model.parameters if parameter.shape == ()}
     load = p["m"] * 9.81 * p["l_f"] / (p["l_f"] + p["l_r"])
     v_y = [-20.0 * np.tan(s * p["curve_slip_r"]) for s in slips]
     z = np.stack([np.full(len(v_y), 20.0), v_y, np.zeros(len(v_y))])
@@ -100,7 +100,7 @@ def test_wheels_slip_where_they_stand_and_weigh_as_their_loads_and_the_outer_fro
     """Four wheels written out; the force of an axle is that at the mean slip of its wheels, along their mean angle."""
     model = build("single_track", {"form": "uncertain"})
     given = {"ackermann": ackermann, "steered_wheels": 1.0, "turning_wheels": 0.03}
-    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()} | given
+    p = {parameter.name: float(parameter.array) for parameter in model.parameters if parameter.shape == ()} | given
     L, side, v_x = p["l_f"] + p["l_r"], np.sign(steer), 12.0
     v_y, yaw_rate = -0.2 * side, 0.4 * side
     force, toe, weights = {}, 0.5 * p["track_f"] * ackermann * steer**2 / L, {}

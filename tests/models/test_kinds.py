@@ -219,4 +219,4 @@ def test_commands_take_it_from_its_file(fit, tmp_path):
     assert "turning" in refused("validate", path, lap, "--columns", "roboracer")
     with known():  # no longer than for this
         done = greybox("validate", path, lap, "--columns", "roboracer", "--own", f"{__file__}:turning", "--json")
-    assert [list(own) for own in done.told["metrics"].values()] == [["free run"]], done.err
+    assert [list(metric) for metric in done.told["metrics"].values()] == [["free run"]], done.err

@@ -35,7 +35,7 @@ def test_a_symmetric_network_is_odd_and_another_is_not():
 def test_weights_of_zero_leave_the_bicycle(lap):
     """Against the lateral model, which has the same equations but for its care at standstill."""
     network, plain = build("bicycle_mlp"), build("lateral")
-    of_network = {own.name: own for own in network.parameters}
+    of_network = {parameter.name: parameter for parameter in network.parameters}
     plain = plain.with_parameters(
         *(p.with_value(of_network[p.name].array) for p in plain.parameters if p.name in of_network)
     )
@@ -52,9 +52,9 @@ def test_equations_of_motion_run_as_the_hybrid_does(lap, name, hold):
     lap = replace(lap, hold=hold)
     model = prepared(name, lap, {"hidden": [6]})
     model = model.with_values(drawn(model, 1))
-    own, other = free_run(model, lap), simulate(as_motion(model), lap)
+    simulated, other = free_run(model, lap), simulate(as_motion(model), lap)
     for k, output in enumerate(model.outputs):
-        assert own[output][other.rows] == pytest.approx(other.predicted[:, k], abs=1e-12)
+        assert simulated[output][other.rows] == pytest.approx(other.predicted[:, k], abs=1e-12)
 
 
 def test_a_network_is_linearised_as_the_motion_that_it_amounts_to(lap):

@@ -41,17 +41,17 @@ def named(**values):
 @pytest.mark.parametrize("name", ["single_track", "lateral"])
 def test_errors_of_form_are_relative_to_the_force_and_grow_with_how_one_drives(name):
     model = rough(name)
-    forms = [own for own in model.effects if own.startswith("form_")]
+    forms = [effect for effect in model.effects if effect.startswith("form_")]
     drives = {"single_track": 6, "lateral": 3}[name]
-    assert len([own for own in forms if "F_yf" in own]) == drives
-    assert all(model[own].prior.sd == 0.01 for own in forms)
+    assert len([form for form in forms if "F_yf" in form]) == drives
+    assert all(model[form].prior.sd == 0.01 for form in forms)
 
 
 def test_an_error_of_the_front_force_by_steering_is_that_share_of_it_at_the_usual_angle():
     model = rough()
     given = {"steer": 0.1, "drive": 0.0}
     without, with_it = (rates(model, TURNING, p=vector(model, form_F_yf_steer=k), **given) for k in (0.0, 0.1))
-    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    p = {parameter.name: float(parameter.array) for parameter in model.parameters if parameter.shape == ()}
     before, after = (p["m"] * (own["v_y"] + TURNING[2] * TURNING[0]) for own in (without, with_it))
     turning = without["yaw_rate"] * p["I_z"]
     F_yf = (p["l_r"] * before + turning) / (p["l_f"] + p["l_r"])
@@ -117,7 +117,7 @@ def test_steered_wheels_turn_the_car_back_as_two_wheels_do_that_share_force_as_t
     z = TURNING if steer > 0 else (TURNING[0], -TURNING[1], -TURNING[2])
     given = {"steer": steer, "drive": 0.0}
     without, with_it = (rates(model, z, p=vector(model, steered_wheels=k), **given) for k in (0.0, 1.0))
-    p = {own.name: float(own.array) for own in model.parameters if own.shape == ()}
+    p = {parameter.name: float(parameter.array) for parameter in model.parameters if parameter.shape == ()}
     L = p["l_f"] + p["l_r"]
     turning = without["yaw_rate"] * p["I_z"]
     across = p["m"] * (without["v_y"] + z[2] * z[0])

@@ -96,13 +96,13 @@ def test_a_vehicle_file_takes_its_tyres_from_beside_it(tmp_path):
     (tmp_path / "car.toml").write_text(
         'tyre_file = "front.tir"\n[parameters]\nm = 1500\nD_r = { value = 0.9, sd = 0.1 }\n'
     )
-    own = vehicle(tmp_path / "car.toml")
-    assert own.values["C_f"].value == 1.3507
-    assert own.values["D_r"].value == 0.9  # what the file states itself stands
+    car = vehicle(tmp_path / "car.toml")
+    assert car.values["C_f"].value == 1.3507
+    assert car.values["D_r"].value == 0.9  # what the file states itself stands
     # half of what half the nominal load more and less make of it, and the belt's friction
-    assert own.values["D_f"].sd == pytest.approx(np.hypot(0.075, 0.3 * own.values["D_f"].value))
-    assert own.values["C_f"].sd is None
-    assert own.values["B_f"].source == "front.tir: Magic Formula 5.2 at 4850 N"
+    assert car.values["D_f"].sd == pytest.approx(np.hypot(0.075, 0.3 * car.values["D_f"].value))
+    assert car.values["C_f"].sd is None
+    assert car.values["B_f"].source == "front.tir: Magic Formula 5.2 at 4850 N"
 
 
 HOSTILE = {

@@ -119,7 +119,7 @@ def test_all_models_of_a_vehicle_turn_alike(tyre):
 def test_every_model_takes_every_shipped_vehicle(name, model, settings):
     stated = vehicle(name, vehicle_parameters(), tuple(EFFECTS))
     made = with_tolerances(build(model, settings, vehicle=stated), stated, EFFECTS)
-    assert all(own.source for own in made.parameters if own.name in stated.values)
+    assert all(parameter.source for parameter in made.parameters if parameter.name in stated.values)
     assert set(made.effects) <= set(stated.effects)
 
 

@@ -82,7 +82,7 @@ def vector(prefix: str, letter: str, about: str, entries: Sequence[Named]) -> st
         if array in known:
             continue
         known.add(array)
-        name, size = constant(prefix, letter, array), _entries_of(array, entries)
+        name, size = constant(prefix, letter, array), sum(entry.name.partition("[")[0] == array for entry in entries)
         current = ", ".join(filter(None, [entry.unit, entry.about, f"{size} entries, row by row" if size > 1 else ""]))
         lines.append(f"{f'#define {name}':<{width}} {place} /* {c_comment(current)} */")
         lines.append(f"{f'#define {name}_UNIT':<{width}} {c_string(entry.unit)}")
@@ -106,10 +106,6 @@ def number(value: float) -> str:
     if value in (float("inf"), float("-inf")):
         return "INFINITY" if value > 0 else "-INFINITY"
     return repr(value)
-
-
-def _entries_of(array: str, entries: Sequence[Named]) -> int:
-    return sum(entry.name.partition("[")[0] == array for entry in entries)
 
 
 def _rows(words: Sequence[str], width: int = 96) -> str:

@@ -86,7 +86,7 @@ def test_a_fault_is_named_first_with_its_size(name):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_nothing_is_said_of_a_clean_drive(seed):
-    assert not [own for own in check(drive(seed)) if own.severity is Severity.DISTRUST]
+    assert not [finding for finding in check(drive(seed)) if finding.severity is Severity.DISTRUST]
 
 
 @pytest.mark.slow
@@ -146,6 +146,6 @@ def test_steering_of_another_drive_of_the_same_frequencies_is_told(seed):
 def test_a_contradiction_that_a_wrong_sign_explains_is_said_once():
     r = drive(1)
     turn = Recording("drive", r.time, {n: -r[n] if n == "yaw_rate" else r[n] for n in ("v_x", "steer", "yaw_rate")})
-    (one,) = (own for own in check(turn) if own.severity is Severity.DISTRUST)
+    (one,) = (finding for finding in check(turn) if finding.severity is Severity.DISTRUST)
     assert "steer has the wrong sign" in one.sentence
     assert "yaw_rate has the wrong sign" in one.sentence

@@ -82,7 +82,7 @@ def test_whatever_ends_a_reader_is_a_sentence_and_leaves_no_file(file, question,
     with pytest.raises(BadInput, match=sentence):
         reader.answer(question, *of)
     del reader
-    assert sorted(own.name for own in file.parent.rglob("*")) == ["lap.strange", "temporary"]
+    assert sorted(path.name for path in file.parent.rglob("*")) == ["lap.strange", "temporary"]
 
 
 def test_a_reader_that_hangs_is_ended(file):

@@ -27,7 +27,7 @@ def _new(value, fresh):
 
 def function_of(body, word):
     """The function whose source holds a word."""
-    return next(own for own in body["Functions"].values() if word in str(own.get("code")))
+    return next(function for function in body["Functions"].values() if word in str(function.get("code")))
 
 
 def of(body, operation):
@@ -78,8 +78,8 @@ def test_a_local_model_in_other_words_is_the_same(tmp_path, code):
 )
 def test_another_local_model_is_refused_with_the_form_that_is_read(tmp_path, change):
     body = body_of("lat_small")
-    own = function_of(body, "curvature")
-    own["code"] = own["code"].replace(*change)
+    function = function_of(body, "curvature")
+    function["code"] = function["code"].replace(*change)
     with pytest.raises(BadInput, match=r"local model ParamFun\d+ is not of the form v_x \(k1 \+ k2"):
         imported(tmp_path, body)
 
@@ -98,9 +98,13 @@ def test_newtons_law_in_other_words_is_the_same(tmp_path):
 def test_factors_of_newtons_terms_go_into_the_numbers(tmp_path):
     body = body_of("long")
     before = imported(tmp_path, body).fit.model
-    own = function_of(body, "newton")
-    own["code"] = own["code"].replace("k_a * v**2", "0.5 * k_a * v**2").replace("2 * (torque", "torch.neg(torque")
-    own["code"] = own["code"].replace("(torch.neg(torque / r)", "(torch.neg(torque / r)").replace("- F_y", "+ 3 * F_y")
+    function = function_of(body, "newton")
+    function["code"] = (
+        function["code"].replace("k_a * v**2", "0.5 * k_a * v**2").replace("2 * (torque", "torch.neg(torque")
+    )
+    function["code"] = (
+        function["code"].replace("(torch.neg(torque / r)", "(torch.neg(torque / r)").replace("- F_y", "+ 3 * F_y")
+    )
     after = imported(tmp_path, body).fit.model
     assert float(after["k_a"].array) == pytest.approx(0.5 * float(before["k_a"].array), rel=1e-12)
     np.testing.assert_allclose(after["G_2t"].array, -0.5 * before["G_2t"].array, rtol=1e-12)
@@ -112,8 +116,8 @@ def test_factors_of_newtons_terms_go_into_the_numbers(tmp_path):
 )
 def test_another_law_is_refused_by_its_relation(tmp_path, change):
     body = body_of("long")
-    own = function_of(body, "newton")
-    own["code"] = own["code"].replace(*change)
+    function = function_of(body, "newton")
+    function["code"] = function["code"].replace(*change)
     output = body["Outputs"]["acceleration"]
     with pytest.raises(BadInput, match=f"relation {output} is not Newton's law of the family"):
         imported(tmp_path, body)
@@ -122,19 +126,19 @@ def test_another_law_is_refused_by_its_relation(tmp_path, change):
 def test_the_numbers_are_told_apart_in_any_order(tmp_path):
     wanted = imported(tmp_path, body_of("long")).fit.model
     body = body_of("long")
-    own = function_of(body, "newton")
-    own["params_and_consts"].reverse()
-    own["code"] = own["code"].replace("r, m, k_a, c_l, c_r, I_w", "I_w, c_r, c_l, k_a, m, r")
+    function = function_of(body, "newton")
+    function["params_and_consts"].reverse()
+    function["code"] = function["code"].replace("r, m, k_a, c_l, c_r, I_w", "I_w, c_r, c_l, k_a, m, r")
     np.testing.assert_array_equal(imported(tmp_path, body).fit.model.values, wanted.values)
 
 
 def _current(body):
-    own = function_of(body, "driving")
-    own["code"] = own["code"].replace(", 0)", ", 1)")
+    function = function_of(body, "driving")
+    function["code"] = function["code"].replace(", 0)", ", 1)")
 
 
 def _centres(body):
-    own = [own for own in body["Functions"].values() if own.get("centers", [0])[0] == -0.3]
+    own = [function for function in body["Functions"].values() if function.get("centers", [0])[0] == -0.3]
     own[0]["centers"] = [-0.4, 3.9]
 
 
@@ -203,7 +207,9 @@ def test_what_is_no_network_of_the_family_is_refused(tmp_path, name, change, wor
 def test_memberships_of_another_form_are_refused(tmp_path):
     for form, word in (("Rectangular", "rectangular"), ("def f(x):\n  return x\n", "membership functions of its own")):
         body = body_of("lat_small")
-        next(own for own in body["Functions"].values() if len(own.get("centers", ())) > 1)["functions"] = form
+        next(function for function in body["Functions"].values() if len(function.get("centers", ())) > 1)[
+            "functions"
+        ] = form
         with pytest.raises(BadInput, match=word):
             imported(tmp_path, body)
 

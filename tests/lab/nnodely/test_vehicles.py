@@ -41,20 +41,20 @@ def imported(tmp_path, text, name="x.yaml"):
 
 def test_autowares_vehicle_info(tmp_path):
     found = imported(tmp_path, AUTOWARE, "vehicle_info.param.yaml")
-    own = found.vehicle
-    assert own.values["l_f"].value + own.values["l_r"].value == pytest.approx(2.79)
-    assert (own.values["l_f"].min, own.values["l_f"].max) == (0.0, 2.79)
-    assert (own.values["track_f"].value, own.values["wheel_radius"].value, own.steer_max) == (1.64, 0.383, 0.7)
-    assert own.values["track_f"].source == "Autoware vehicle_info.param.yaml: wheel_tread"
+    car = found.vehicle
+    assert car.values["l_f"].value + car.values["l_r"].value == pytest.approx(2.79)
+    assert (car.values["l_f"].min, car.values["l_f"].max) == (0.0, 2.79)
+    assert (car.values["track_f"].value, car.values["wheel_radius"].value, car.steer_max) == (1.64, 0.383, 0.7)
+    assert car.values["track_f"].source == "Autoware vehicle_info.param.yaml: wheel_tread"
     assert "ignored: front_overhang, wheel_width" in found.notes
 
 
 def test_f1tenth_gyms_parameters(tmp_path):
-    own = imported(tmp_path, GYM).vehicle
+    car = imported(tmp_path, GYM).vehicle
     load = 3.74 * 9.81 * 0.17145 / (0.15875 + 0.17145)
-    assert own.values["C_alpha_f"].value == pytest.approx(1.0489 * 4.718 * load)
-    assert own.model.effects["steering_rate_limit"].value == 3.2
-    assert (own.model.settings["tyre"], own.steer_max, own.values["I_z"].value) == ("linear", 0.4189, 0.04712)
+    assert car.values["C_alpha_f"].value == pytest.approx(1.0489 * 4.718 * load)
+    assert car.model.effects["steering_rate_limit"].value == 3.2
+    assert (car.model.settings["tyre"], car.steer_max, car.values["I_z"].value) == ("linear", 0.4189, 0.04712)
 
 
 @pytest.mark.parametrize("number", [1, 2, 3])
@@ -63,9 +63,9 @@ def test_commonroads_vehicles(number):
     module = __import__(f"vehiclemodels.parameters_vehicle{number}", fromlist=["x"])
     p = getattr(module, f"parameters_vehicle{number}")()
     folder = resources.files(models).joinpath("parameters")
-    own = import_vehicle(str(folder.joinpath(f"parameters_vehicle{number}.yaml"))).vehicle
-    assert [own.values[name].value for name in ("m", "I_z", "l_f", "l_r")] == [p.m, p.I_z, p.a, p.b]
-    assert (own.steer_max, own.model.effects["steering_rate_limit"].value) == (p.steering.max, p.steering.v_max)
+    car = import_vehicle(str(folder.joinpath(f"parameters_vehicle{number}.yaml"))).vehicle
+    assert [car.values[name].value for name in ("m", "I_z", "l_f", "l_r")] == [p.m, p.I_z, p.a, p.b]
+    assert (car.steer_max, car.model.effects["steering_rate_limit"].value) == (p.steering.max, p.steering.v_max)
     tyres = import_vehicle(str(folder.joinpath("parameters_tire.yaml"))).vehicle.values
     assert tyres["B_f"].value == pytest.approx(abs(p.tire.p_ky1) / (p.tire.p_cy1 * p.tire.p_dy1))
     assert (tyres["C_r"].value, tyres["D_r"].value, tyres["E_r"].value) == (p.tire.p_cy1, p.tire.p_dy1, p.tire.p_ey1)

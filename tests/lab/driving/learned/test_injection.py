@@ -104,8 +104,8 @@ def test_lateral_speed_is_that_of_a_network_that_says_it(car):
 def test_the_injection_is_no_empty_one(car):
     """What the published code computes and never uses."""
     for variant in ("paper", "abstract", "residual"):
-        own = network(variant, car if variant == "residual" else None, size=0.3)
-        plain, learned = Period(car, STEP), stage(injected(car, own), STEP)
+        net = network(variant, car if variant == "residual" else None, size=0.3)
+        plain, learned = Period(car, STEP), stage(injected(car, net), STEP)
         acting, r = wiggling(plain, 30, 2), plain.states.index("yaw_rate")
         apart = np.abs(driven(plain, acting)[..., r] - driven(learned, acting)[..., r])
         assert np.max(apart) > 0.05, variant
@@ -146,8 +146,8 @@ def test_several_networks_that_part_leave_the_model_as_it_is(car):
 
 
 def test_a_world_drives_with_it_and_a_lane_is_the_same_alone_or_among_others(car):
-    own = injected(car, network("abstract", size=0.02, members=2))
-    many, alone = (world(n, model=own, action="speed", randomise="hand", noise=True) for n in (4, 1))
+    twin = injected(car, network("abstract", size=0.02, members=2))
+    many, alone = (world(n, model=twin, action="speed", randomise="hand", noise=True) for n in (4, 1))
     many.reset(np.ones(4, dtype=bool), [20, 21, 22, 23])
     alone.reset(np.ones(1, dtype=bool), [22])
     for k in range(60):
@@ -167,39 +167,39 @@ def test_a_network_of_a_shorter_step_acts_several_times_a_period(car):
 
 
 def test_what_does_not_go_together_is_said(car):
-    own = network("paper")
+    net = network("paper")
     with pytest.raises(BadInput, match=r"steps by 0\.02 s, and a period of 0.05 s is no whole number"):
-        world(1, model=injected(car, own), period=0.05)
+        world(1, model=injected(car, net), period=0.05)
     with pytest.raises(BadInput, match="no whole number"):
-        world(1, model=injected(car, own), period=0.01)
+        world(1, model=injected(car, net), period=0.01)
     with pytest.raises(BadInput, match=r"delays commands .delay of steer 30 ms"):
-        injected(with_effects(car, {"steering_delay": 0.03}), own)
+        injected(with_effects(car, {"steering_delay": 0.03}), net)
     with pytest.raises(BadInput, match="has a network already"):
-        injected(injected(car, own), own)
+        injected(injected(car, net), net)
     with pytest.raises(BadInput, match="has other parameter values"):
         injected(with_effects(car, {"grip_scale": 0.8}), network("residual", car))
     with pytest.raises(BadInput, match="cannot drive along a track"):
-        injected(RequestedModel("lateral", vehicle("roboracer")).model(), own)
+        injected(RequestedModel("lateral", vehicle("roboracer")).model(), net)
     with pytest.raises(BadInput, match="has no equations of motion"):
-        injected(RequestedModel("msnn_lat", None).model(), own)
+        injected(RequestedModel("msnn_lat", None).model(), net)
     with pytest.raises(BadInput, match="from 0 to 1"):
-        injected(car, own, 1.5)
+        injected(car, net, 1.5)
     with pytest.raises(BadInput, match="one network has no spread"):
-        injected(car, own, "spread")
+        injected(car, net, "spread")
     with pytest.raises(BadInput, match="reads ax_force"):
         injected(car, replace(network("abstract"), channel="ax_force"))
 
 
 def test_whatever_needs_continuous_time_refuses_it_and_its_physics_is_the_model(car, lap):
-    own = injected(car, network("paper"))
-    assert own.effects == (*car.effects, LEARNED)
-    assert repr(own).startswith("Model single_track + learned_yaw")
+    twin = injected(car, network("paper"))
+    assert twin.effects == (*car.effects, LEARNED)
+    assert repr(twin).startswith("Model single_track + learned_yaw")
     with pytest.raises(BadInput, match="no equations in continuous time"):
-        simulate(own, lap)
-    assert own.physics == car
-    late = with_effects(own, {"grip_scale": 0.9})
+        simulate(twin, lap)
+    assert twin.physics == car
+    late = with_effects(twin, {"grip_scale": 0.9})
     assert late.physics.effects == ("grip_scale",)
-    assert late.net is own.net
+    assert late.net is twin.net
 
 
 def test_open_loop_is_the_models_free_run_and_needs_what_was_before(car, lap):
@@ -226,9 +226,9 @@ def test_open_loop_delays_commands_as_the_model_does(car, lap):
 
 def test_gymnasium_makes_environments_of_it(car):
     gymnasium = pytest.importorskip("gymnasium")
-    own = injected(car, network("paper", size=0.05))
-    env = gymnasium.make("greybox/Track-v0", vehicle="roboracer", model=own)
-    cars = gymnasium.make_vec("greybox/Track-v0", num_envs=2, vehicle="roboracer", model=own)
+    twin = injected(car, network("paper", size=0.05))
+    env = gymnasium.make("greybox/Track-v0", vehicle="roboracer", model=twin)
+    cars = gymnasium.make_vec("greybox/Track-v0", num_envs=2, vehicle="roboracer", model=twin)
     first, _ = env.reset(seed=3)
     many, _ = cars.reset(seed=3)
     assert np.array_equal(first, many[0])

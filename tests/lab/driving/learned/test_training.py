@@ -164,8 +164,8 @@ def test_what_cannot_be_learned_is_said(car, lap):
 
 
 def test_a_residual_network_learns_what_the_model_lacks_in_the_same_steps_it_acts_in(car, slow, lap):
-    own = OpenLoop(slow, lap)
-    assert np.all(np.isnan(own.foretold[0]))
-    error = own.foretold[1:, 2] - lap["yaw_rate"][1:]
+    open_loop = OpenLoop(slow, lap)
+    assert np.all(np.isnan(open_loop.foretold[0]))
+    error = open_loop.foretold[1:, 2] - lap["yaw_rate"][1:]
     assert 1e-3 < np.std(error) < np.std(lap["yaw_rate"])
     assert np.nanmax(np.abs(OpenLoop(car, lap).foretold[:, 2] - lap["yaw_rate"])) < 1e-9

@@ -89,7 +89,7 @@ def test_a_policy_drives_where_the_twin_says_nothing_against_it(result, refused_
     (training,) = found.body["trainings"]
     assert refused_because in training["refused"]
     assert bool(training["refused"]) == bool(refused_because)
-    assert [own["rows"] for own in found.body["drives"]] == [300, 300, 300]
+    assert [drive["rows"] for drive in found.body["drives"]] == [300, 300, 300]
     if not refused_because:
         last = found.body["drives"][-1]
         assert last["path_error_foretold"] == pytest.approx({0.48: 0.024, 0.6: 0.03}[round(last["cap"], 2)])

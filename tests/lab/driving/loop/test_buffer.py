@@ -18,40 +18,40 @@ def drive(rows, begins=0.0, runs=()):
 
 
 def test_parts_are_one_drive_again_and_runs_stay_apart(tmp_path):
-    own = RowBuffer(tmp_path)
-    own.add(drive(1230), "a" * 64, 0.6)
-    own.add(drive(500, runs=((0, 200), (200, 500))), "b" * 64, 0.66)
-    assert [part.rows for part in own.parts] == [410, 410, 410, 200, 300]
-    first, second, third = own.recordings(own.last)
+    buffer = RowBuffer(tmp_path)
+    buffer.add(drive(1230), "a" * 64, 0.6)
+    buffer.add(drive(500, runs=((0, 200), (200, 500))), "b" * 64, 0.66)
+    assert [part.rows for part in buffer.parts] == [410, 410, 410, 200, 300]
+    first, second, third = buffer.recordings(buffer.last)
     assert np.array_equal(first["v_x"], np.arange(1230))
     assert np.allclose(np.diff(first.time), 0.02)
     assert (len(second), len(third)) == (200, 300)
     assert second.time[0] == pytest.approx(first.time[-1] + room.PAUSE)
-    assert len(own.recordings(3)) == 1
+    assert len(buffer.recordings(3)) == 1
     told = json.loads((tmp_path / "buffer.json").read_text())
     assert (told[-1]["policy"], told[-1]["cap"], told[-1]["sent"]) == ("b" * 64, 0.66, False)
 
 
 def test_the_oldest_rows_go_where_there_are_too_many(tmp_path, monkeypatch):
     monkeypatch.setattr(room, "MOST", 1000)
-    own = RowBuffer(tmp_path)
+    buffer = RowBuffer(tmp_path)
     for _ in range(3):
-        own.add(drive(400), "a", 0.6)
-    assert [part.number for part in own.parts] == [2, 3]
+        buffer.add(drive(400), "a", 0.6)
+    assert [part.number for part in buffer.parts] == [2, 3]
     assert sorted(file.name for file in tmp_path.glob("*.csv")) == ["rows_000002.csv", "rows_000003.csv"]
 
 
 def test_what_a_broken_connection_left_is_sent_the_next_time_by_another_process_too(tmp_path):
-    own, had = RowBuffer(tmp_path), []
+    buffer, had = RowBuffer(tmp_path), []
 
     def post(body):
         if len(had) == 1:
             raise Unanswered("nobody")
         had.append(body)
 
-    own.add(drive(1000), "a", 0.6)
+    buffer.add(drive(1000), "a", 0.6)
     with pytest.raises(Unanswered):
-        own.send(post)
+        buffer.send(post)
     again = RowBuffer(tmp_path)
     again.send(had.append)
     again.send(had.append)
@@ -59,12 +59,12 @@ def test_what_a_broken_connection_left_is_sent_the_next_time_by_another_process_
 
 
 def test_a_drive_that_is_done_once_more_has_the_same_bytes(tmp_path):
-    own = RowBuffer(tmp_path)
-    own.add(drive(400), "a", 0.6)
-    own.add(drive(300), "a", 0.6)
+    buffer = RowBuffer(tmp_path)
+    buffer.add(drive(400), "a", 0.6)
+    buffer.add(drive(300), "a", 0.6)
     before = (tmp_path / "rows_000002.csv").read_bytes()
-    own.forget(1)
-    own.add(drive(300), "a", 0.6)
+    buffer.forget(1)
+    buffer.add(drive(300), "a", 0.6)
     assert (tmp_path / "rows_000002.csv").read_bytes() == before
 
 

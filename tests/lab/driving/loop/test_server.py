@@ -91,9 +91,9 @@ def begun(client, policy):
 def state(server):
     """Everything on disk but what is under way."""
     return {
-        str(own.relative_to(server.folder)): own.read_bytes()
-        for own in server.folder.rglob("*")
-        if own.is_file() and not own.name.startswith(".greybox-")
+        str(path.relative_to(server.folder)): path.read_bytes()
+        for path in server.folder.rglob("*")
+        if path.is_file() and not path.name.startswith(".greybox-")
     }
 
 

@@ -65,9 +65,9 @@ def test_what_would_not_have_shown_is_drawn_up_to_where_it_would():
 
 
 def test_a_fit_is_drawn_with_its_covariance():
-    numbers = sum(own.array.size for own in CAR.parameters)
-    at = {own.name: k for k, own in enumerate(CAR.parameters)}  # all of them are single numbers
-    free = [own.name for own in CAR.parameters if not own.fixed][:2]
+    numbers = sum(parameter.array.size for parameter in CAR.parameters)
+    at = {parameter.name: k for k, parameter in enumerate(CAR.parameters)}  # all of them are single numbers
+    free = [parameter.name for parameter in CAR.parameters if not parameter.fixed][:2]
     covariance = np.full((numbers, numbers), np.nan)
     sd = [0.05 * abs(float(CAR[name].array)) for name in free]
     rows = [at[name] for name in free]

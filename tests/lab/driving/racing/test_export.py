@@ -33,10 +33,10 @@ def file(policy, tmp_path_factory):
 
 def seen_while_driving(policy):
     """2 560 observations of driving, some of them hasty."""
-    own, rows = world(64, action="speed", usage=(0.5, 0.95), noise=True), []
+    racing, rows = world(64, action="speed", usage=(0.5, 0.95), noise=True), []
     for k in range(40):
-        rows.append(own.observe())
-        own.step(policy.act(rows[-1]) + np.random.default_rng(k).normal(size=(64, 2)) * 0.1)
+        rows.append(racing.observe())
+        racing.step(policy.act(rows[-1]) + np.random.default_rng(k).normal(size=(64, 2)) * 0.1)
     return np.concatenate(rows)
 
 
@@ -47,7 +47,7 @@ def test_the_graph_does_what_the_policy_does_on_10_000_observations(policy, tmp_
     path = tmp_path / "racer" / "racer.onnx"
     model = onnx.load(path)
     assert model.opset_import[0].version >= 17
-    assert {own.data_type for own in model.graph.initializer} == {onnx.TensorProto.FLOAT}
+    assert {weights.data_type for weights in model.graph.initializer} == {onnx.TensorProto.FLOAT}
     told = {own.key: own.value for own in model.metadata_props}
     assert json.loads(told["seen"]) == [name.replace("sin_e_psi", "e_psi") for name in SEEN]
     assert json.loads(told["units"]) == policy.about["units"]
@@ -119,21 +119,21 @@ def test_what_a_policy_is_not_written_for_is_refused(file, policy, tmp_path):
 
 
 def test_laps_are_counted_timed_and_lost(policy):
-    own = world(4, action="speed")
-    found = drive(own, policy, 6, seed=3)
+    racing = world(4, action="speed")
+    found = drive(racing, policy, 6, seed=3)
     assert found.tried == 6
     assert len(found.lap_times) == 6
-    ideal = own.track.length * float(np.mean(1.0 / own.track.speed))
+    ideal = racing.track.length * float(np.mean(1.0 / racing.track.speed))
     assert ideal < found.lap_time < 1.2 * ideal
-    assert found.speed == pytest.approx(own.track.length / found.lap_time, rel=0.02)
+    assert found.speed == pytest.approx(racing.track.length / found.lap_time, rel=0.02)
     assert found.path_error_rms < found.path_error_p95
 
     class Blind:
         def act(self, seen):
             return np.tile([0.0, 1.0], (len(seen), 1))
 
-    lost = drive(own, Blind(), 6, seed=3)
+    lost = drive(racing, Blind(), 6, seed=3)
     assert (lost.crashes, len(lost.lap_times)) == (6, 0)
     assert np.isnan(lost.lap_time)
     with pytest.raises(BadInput, match="laps"):
-        drive(own, policy, 0)
+        drive(racing, policy, 0)

@@ -30,8 +30,8 @@ SMALL = Settings(rollout=16, epochs=2, batch=64)
 
 def network(seed=0, sizes=(5, 8, 7, 2), activation="tanh"):
     """In double precision, so that finite differences mean something."""
-    own = drawn(sizes, 1.0, np.random.default_rng(seed))
-    return Perceptron(*([part.astype(float) for part in parts] for parts in (own.weights, own.biases)), activation)
+    net = drawn(sizes, 1.0, np.random.default_rng(seed))
+    return Perceptron(*([part.astype(float) for part in parts] for parts in (net.weights, net.biases)), activation)
 
 
 def differences(loss, vector, step=1e-6):
@@ -54,22 +54,22 @@ def batch(seed=1, count=40):
 
 @pytest.mark.parametrize("activation", ["tanh", "elu"])
 def test_gradients_of_a_network_are_its_finite_differences(activation):
-    own, (seen, done, _) = network(activation=activation), batch()
+    net, (seen, done, _) = network(activation=activation), batch()
 
     def loss():
-        return float(0.5 * np.sum((own.forward(seen)[-1] - done) ** 2))
+        return float(0.5 * np.sum((net.forward(seen)[-1] - done) ** 2))
 
-    layers = own.forward(seen)
-    found = own.backward(layers, layers[-1] - done).copy()
-    np.testing.assert_allclose(found, differences(loss, own.vector), rtol=1e-6, atol=1e-7)
+    layers = net.forward(seen)
+    found = net.backward(layers, layers[-1] - done).copy()
+    np.testing.assert_allclose(found, differences(loss, net.vector), rtol=1e-6, atol=1e-7)
 
 
 def test_gradients_of_the_clipped_objective_are_its_finite_differences():
-    own, log_sd, settings = network(), np.log([0.5, 0.8]), Settings(entropy=0.01)
+    net, log_sd, settings = network(), np.log([0.5, 0.8]), Settings(entropy=0.01)
     seen, done, advantages = batch()
 
     def densities():
-        off = (done - own.forward(seen)[-1]) / np.exp(log_sd)
+        off = (done - net.forward(seen)[-1]) / np.exp(log_sd)
         return -0.5 * np.sum(off**2, axis=1) - np.sum(log_sd)
 
     before = densities() + np.random.default_rng(2).normal(size=len(seen)) * 0.3
@@ -83,21 +83,21 @@ def test_gradients_of_the_clipped_objective_are_its_finite_differences():
     ratio = np.exp(densities() - before)
     clipped = np.where(scaled > 0, ratio > 1 + settings.clip, ratio < 1 - settings.clip)
     assert 5 < np.sum(clipped) < 35
-    by_mean, by_log_sd, divergence, layers = surrogate(own, log_sd, seen, done, before, advantages, settings)
-    by_weights = own.backward(layers, by_mean).copy()
-    np.testing.assert_allclose(by_weights, differences(loss, own.vector), rtol=1e-5, atol=1e-7)
+    by_mean, by_log_sd, divergence, layers = surrogate(net, log_sd, seen, done, before, advantages, settings)
+    by_weights = net.backward(layers, by_mean).copy()
+    np.testing.assert_allclose(by_weights, differences(loss, net.vector), rtol=1e-5, atol=1e-7)
     np.testing.assert_allclose(by_log_sd, differences(loss, log_sd), rtol=1e-5, atol=1e-7)
     assert divergence == pytest.approx(np.mean(ratio - 1 - np.log(ratio)))
 
 
 def test_adam_goes_down_a_bowl_and_cuts_long_gradients():
     vector = np.array([3.0, -2.0], dtype=np.float32)
-    own = Adam(vector, 0.5)
-    own.step(np.array([1e6, 0.0], dtype=np.float32), 0.01)
+    optimizer = Adam(vector, 0.5)
+    optimizer.step(np.array([1e6, 0.0], dtype=np.float32), 0.01)
     assert vector[0] == pytest.approx(2.99, abs=1e-4)
-    assert own._mean[0] == pytest.approx(0.1 * 0.5)
+    assert optimizer._mean[0] == pytest.approx(0.1 * 0.5)
     for _ in range(2000):
-        own.step(vector * np.array([1.0, 10.0], dtype=np.float32), 0.01)
+        optimizer.step(vector * np.array([1.0, 10.0], dtype=np.float32), 0.01)
     np.testing.assert_allclose(vector, 0.0, atol=1e-2)
 
 
@@ -109,10 +109,10 @@ def test_advantages_are_sums_of_surprises_until_episodes_end_and_go_on_where_the
     assert np.any(cut)
     reward, values, beyond = generator.normal(size=(T, L)), generator.normal(size=(T + 1, L)), np.zeros((T, L))
     beyond[cut] = generator.normal(size=int(np.sum(cut)))
-    own = Settings(discount=0.9, trace=0.8)
+    settings = Settings(discount=0.9, trace=0.8)
     nothing = np.empty(0)
     rollout = Rollout(nothing, nothing, nothing, reward, ended, cut, nothing)
-    found, returns = estimated(rollout, values, own, beyond)
+    found, returns = estimated(rollout, values, settings, beyond)
     for lane in range(L):
         for t in range(T):
             expected, weight = 0.0, 1.0
@@ -129,13 +129,13 @@ def test_advantages_are_sums_of_surprises_until_episodes_end_and_go_on_where_the
 
 
 def test_a_rollout_shows_where_episodes_were_cut_off_and_where_the_next_begin():
-    own = world(6, action="speed", seconds=0.1)
-    own.reset(np.ones(6, dtype=bool), list(range(6)))
-    still = Perceptron([np.zeros((own.size, 2), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
-    found = rollout_of(own, still, np.log(np.full(2, 0.01)), own.observe(), SMALL, np.random.default_rng(0))
+    racing = world(6, action="speed", seconds=0.1)
+    racing.reset(np.ones(6, dtype=bool), list(range(6)))
+    still = Perceptron([np.zeros((racing.size, 2), dtype=np.float32)], [np.zeros(2, dtype=np.float32)])
+    found = rollout_of(racing, still, np.log(np.full(2, 0.01)), racing.observe(), SMALL, np.random.default_rng(0))
     assert np.array_equal(np.flatnonzero(found.cut[:, 0]), [4, 9, 14])
     assert not np.any(found.ended)
-    assert found.at_cut.shape == (18, own.size)
+    assert found.at_cut.shape == (18, racing.size)
     begun = found.seen[5]
     assert np.all(begun[:, 5:7] == 0)  # last actions of an episode that begins
     assert np.all(found.at_cut[:6, 6] == found.done[4, :, 1])
@@ -152,15 +152,15 @@ def test_the_same_seed_gives_the_same_bytes_and_another_one_others():
 
 
 def test_its_file_is_that_of_a_policy_with_which_learning_goes_on(tmp_path):
-    own = world(4, action="speed")
-    learned = learn(own, 128, settings=SMALL)
+    racing = world(4, action="speed")
+    learned = learn(racing, 128, settings=SMALL)
     learned.save(tmp_path / "learned.json")
     again = load_learned(tmp_path / "learned.json")
     assert again.text() == learned.text()
     assert load_policy(tmp_path / "learned.json").text() == learned.policy.text()
-    further = [learn(own, 128, start=start, settings=SMALL, seed=5).text() for start in (learned, again)]
+    further = [learn(racing, 128, start=start, settings=SMALL, seed=5).text() for start in (learned, again)]
     assert further[0] == further[1]
-    about = learn(own, 64, start=again).policy.about
+    about = learn(racing, 64, start=again).policy.about
     assert about["start"]["steps"] == 128
     assert about["steps"] == FINE_TUNING.rollout * 4  # filled up to a rollout
     assert about["settings"]["kl_stop"] == 0.02
@@ -195,9 +195,9 @@ def test_damaged_files_are_refused(tmp_path):
 
 
 def test_what_makes_no_sense_is_refused():
-    own = world(2, action="speed")
+    racing = world(2, action="speed")
     with pytest.raises(BadInput, match="steps"):
-        learn(own, 0)
+        learn(racing, 0)
     for wrong in (
         {"rate": 0.0},
         {"rollout": 0},
@@ -208,10 +208,10 @@ def test_what_makes_no_sense_is_refused():
     ):
         with pytest.raises(BadInput, match=next(iter(wrong))):
             Settings(**wrong)
-    other = learn(own, 32, settings=SMALL)
-    own.size += 1
+    other = learn(racing, 32, settings=SMALL)
+    racing.size += 1
     with pytest.raises(BadInput, match="takes 27 numbers, the track gives 28"):
-        learn(own, 32, start=other)
+        learn(racing, 32, start=other)
     with pytest.raises(BadInput, match="No policy is shipped"):
         shipped_learned("bicycle")
 
@@ -239,9 +239,9 @@ def test_a_shipped_policy_is_learned_with_what_it_was_made_with():
 @pytest.mark.examination
 @pytest.mark.slow
 def test_drivers_get_better_within_100_000_steps():
-    own = world(32, action="speed", reward="path")
+    racing = world(32, action="speed", reward="path")
     before, after = (
-        drive(world(8, action="speed"), learn(own, steps, seed=3).policy, 8, seed=50) for steps in (32, 100_000)
+        drive(world(8, action="speed"), learn(racing, steps, seed=3).policy, 8, seed=50) for steps in (32, 100_000)
     )
     assert len(before.lap_times) == 0
     assert len(after.lap_times) == 8

@@ -38,18 +38,18 @@ def test_ranges_are_those_to_the_walls():
         yaw = float(np.interp(s[0] % track.length, track.s, track.yaw))
         x, y = x - place[1] * np.sin(yaw), y + place[1] * np.cos(yaw)
         found = lidar.scan(np.array([place]))[0]
-        errors.append(found - [walled(track, x, y, yaw + place[2] + own) for own in ANGLES])
+        errors.append(found - [walled(track, x, y, yaw + place[2] + angle) for angle in ANGLES])
     assert np.quantile(np.abs(errors), 0.95) < 0.005
     assert np.mean(np.abs(errors) > 0.05) < 0.002  # a beam that grazes a wall passes it or does not
 
 
 def test_the_published_observation_has_112_numbers_and_no_step_of_yaw_where_a_lap_ends():
-    own = world(2, observation="lidar", action="speed")
-    assert own.size == 112
-    seen = own.observe()
+    racing = world(2, observation="lidar", action="speed")
+    assert racing.size == 112
+    seen = racing.observe()
     assert seen.shape == (2, 112)
     assert np.all((seen[:, :108] >= 0) & (seen[:, :108] <= 1))
-    lidar, end = Lidar(own.track), own.track.length
+    lidar, end = Lidar(racing.track), racing.track.length
     around = lidar.scan(np.array([[end + off, 0.0, 0.0] for off in (-0.02, -0.01, 0.0, 0.01)]))
     assert np.max(np.abs(np.diff(around, axis=0))) < 0.1
 

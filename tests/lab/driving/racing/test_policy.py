@@ -18,17 +18,17 @@ def drawn(sizes=SIZES):
 
 
 def test_a_policy_is_layers_of_tanh_clamped():
-    own, seen = drawn(), DRAWN.normal(size=(5, 27)).astype(np.float32)
-    expected = np.tanh(seen @ own.weights[0] + own.biases[0]) @ own.weights[1] + own.biases[1]
+    policy, seen = drawn(), DRAWN.normal(size=(5, 27)).astype(np.float32)
+    expected = np.tanh(seen @ policy.weights[0] + policy.biases[0]) @ policy.weights[1] + policy.biases[1]
     assert np.any(np.abs(expected) > 1)
-    assert np.array_equal(own.act(seen), np.clip(expected, -1, 1))
+    assert np.array_equal(policy.act(seen), np.clip(expected, -1, 1))
 
 
 def test_its_file_gives_the_same_bytes_back(tmp_path):
-    own = drawn()
-    own.save(tmp_path / "policy.json")
+    policy = drawn()
+    policy.save(tmp_path / "policy.json")
     again = load_policy(tmp_path / "policy.json")
-    assert again.text() == own.text()
+    assert again.text() == policy.text()
     assert again.about == {"seed": 1}
 
 
@@ -38,8 +38,8 @@ def test_shapes_that_do_not_follow_are_refused(sizes, tmp_path):
         with pytest.raises(ValueError, match="3 actions"):
             drawn(sizes)
         return
-    own = drawn(sizes)
-    own.save(tmp_path / "policy.json")
+    policy = drawn(sizes)
+    policy.save(tmp_path / "policy.json")
     body = json.loads((tmp_path / "policy.json").read_text())
     body["layers"][0]["biases"].append(0.0)
     (tmp_path / "policy.json").write_text(json.dumps(body))

@@ -59,11 +59,11 @@ def test_an_episode_ends_and_begins_in_one_step():
 
 @needed
 def test_a_crash_is_no_cut():
-    own = vehicles(1)
-    own.seed(0)
-    own.reset()
+    racing = vehicles(1)
+    racing.seed(0)
+    racing.reset()
     for _ in range(600):
-        _, reward, done, told = own.step(np.float32([[1.0, 1.0]]))
+        _, reward, done, told = racing.step(np.float32([[1.0, 1.0]]))
         if done[0]:
             break
     assert reward[0] == -10.0

@@ -17,21 +17,21 @@ def circle(file, radius=5.0, points=40, widths=True, head="# x_m, y_m, w_tr_righ
 
 
 def test_a_circle_has_one_curvature_and_one_speed(tmp_path):
-    own = read_track(circle(tmp_path / "circle.csv"), LIMITS)
-    assert own.half_width == pytest.approx(0.9)
-    assert own.length == pytest.approx(2 * np.pi * 5.0, rel=1e-3)
-    np.testing.assert_allclose(own.curvature, 0.2, rtol=5e-3)  # by differences
-    np.testing.assert_allclose(own.speed, np.sqrt(8.0 / 0.2), rtol=3e-3)
+    circuit = read_track(circle(tmp_path / "circle.csv"), LIMITS)
+    assert circuit.half_width == pytest.approx(0.9)
+    assert circuit.length == pytest.approx(2 * np.pi * 5.0, rel=1e-3)
+    np.testing.assert_allclose(circuit.curvature, 0.2, rtol=5e-3)  # by differences
+    np.testing.assert_allclose(circuit.speed, np.sqrt(8.0 / 0.2), rtol=3e-3)
 
 
 def test_the_shipped_track_is_closed_and_as_narrow_as_asked():
-    own = track(2.0, 1.0, LIMITS)
-    assert np.max(np.abs(own.curvature)) == pytest.approx(0.5)
-    turned = own.yaw[-1] - own.yaw[0]
+    circuit = track(2.0, 1.0, LIMITS)
+    assert np.max(np.abs(circuit.curvature)) == pytest.approx(0.5)
+    turned = circuit.yaw[-1] - circuit.yaw[0]
     assert abs(abs(turned) - 2 * np.pi) < 0.05
-    gaps = np.hypot(own.x - np.roll(own.x, 1), own.y - np.roll(own.y, 1))
-    np.testing.assert_allclose(gaps, own.spacing, rtol=0.02)
-    lateral = own.speed**2 * np.abs(own.curvature)
+    gaps = np.hypot(circuit.x - np.roll(circuit.x, 1), circuit.y - np.roll(circuit.y, 1))
+    np.testing.assert_allclose(gaps, circuit.spacing, rtol=0.02)
+    lateral = circuit.speed**2 * np.abs(circuit.curvature)
     assert np.max(lateral) <= 8.0 + 1e-9
 
 

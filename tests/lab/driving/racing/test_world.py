@@ -39,20 +39,20 @@ def driven(own, periods, again=True):
 
 
 def test_a_simple_driver_gets_around_and_is_paid_for_it():
-    own = world(16, action="speed")
-    own.reset(np.ones(16, dtype=bool), list(range(16)))
-    rewards, ends, cuts = driven(own, 1000)
+    racing = world(16, action="speed")
+    racing.reset(np.ones(16, dtype=bool), list(range(16)))
+    rewards, ends, cuts = driven(racing, 1000)
     assert not np.any(ends)
     assert not np.any(cuts)
     assert 0.3 < np.mean(rewards) < 0.7
-    assert np.all(own.situation()["s"] - own._from > 60.0)
+    assert np.all(racing.situation()["s"] - racing._from > 60.0)
 
 
 def test_who_does_not_steer_leaves_the_track_and_is_told():
-    own = world(8)
+    racing = world(8)
     ended = np.zeros(8, dtype=bool)
     for _ in range(500):
-        reward, over, _ = own.step(np.tile([0.0, 0.6], (8, 1)), still=ended)
+        reward, over, _ = racing.step(np.tile([0.0, 0.6], (8, 1)), still=ended)
         assert np.all(reward[over] == -10.0)
         assert np.all(reward[ended] == 0.0)
         ended |= over
@@ -60,8 +60,8 @@ def test_who_does_not_steer_leaves_the_track_and_is_told():
 
 
 def test_who_brakes_has_halted_and_time_and_laps_cut_an_episode_off():
-    own = world(2)
-    ends = [own.step(np.tile([0.0, -1.0], (2, 1)))[1] for _ in range(150)]
+    racing = world(2)
+    ends = [racing.step(np.tile([0.0, -1.0], (2, 1)))[1] for _ in range(150)]
     assert np.all(np.any(ends, axis=0))
     short = world(4, action="speed", seconds=1.0)
     cuts = driven(short, 50, again=False)[2]
@@ -87,21 +87,21 @@ def test_it_drives_as_an_independent_car_does(tmp_path):
     (tmp_path / "car.toml").write_text(vehicle_file_text(car))
     stated = vehicle(str(tmp_path / "car.toml"))
     model = RequestedModel("single_track", stated).model()
-    own = World(model, 1, Rules(), steer_max=stated.steer_max)
-    v_x, nominal = 3.0, own.stage.equations.values
-    own.z[0] = [*own.stage.begun(v_x, nominal)[0], 0.0, 0.0, 0.0]
-    own._from[:] = 0.0
+    racing = World(model, 1, Rules(), steer_max=stated.steer_max)
+    v_x, nominal = 3.0, racing.stage.equations.values
+    racing.z[0] = [*racing.stage.begun(v_x, nominal)[0], 0.0, 0.0, 0.0]
+    racing._from[:] = 0.0
     ride = SteppedCar(car, v_x, 3.0, 50.0)
     place = 0.0
     for k in range(100):
         action = np.array([0.35 * np.sin(0.12 * k), 0.25])
-        own.step(action[None])
-        ride.step(action[0] * stated.steer_max, action[1] * own._drives[1])
+        racing.step(action[None])
+        ride.step(action[0] * stated.steer_max, action[1] * racing._drives[1])
         now = ride.motion
-        place, e_y, _ = own.track.project(now["x"], now["y"], now["yaw"], place)
-        assert abs(own.z[0, own.stage.states.index("yaw_rate")] - now["yaw_rate"]) < 0.01
-        assert abs(own.z[0, -2] - e_y) < 2e-3
-        assert abs(own.z[0, -3] - place) < 1e-2
+        place, e_y, _ = racing.track.project(now["x"], now["y"], now["yaw"], place)
+        assert abs(racing.z[0, racing.stage.states.index("yaw_rate")] - now["yaw_rate"]) < 0.01
+        assert abs(racing.z[0, -2] - e_y) < 2e-3
+        assert abs(racing.z[0, -3] - place) < 1e-2
 
 
 def test_a_late_command_acts_as_late_as_it_is():
@@ -119,41 +119,41 @@ def test_a_late_command_acts_as_late_as_it_is():
 
 def test_a_late_sensor_is_seen_as_late_as_it_is():
     """Of 30 ms and periods of 20 ms: the middle between one and two periods ago; v_x is read at once."""
-    own = world(2, effects="sensor_latency_yaw=30ms", action="speed")
-    own.reset(np.ones(2, dtype=bool), [3, 4])
-    begun, motion = own.observe()[0, :3], []
+    racing = world(2, effects="sensor_latency_yaw=30ms", action="speed")
+    racing.reset(np.ones(2, dtype=bool), [3, 4])
+    begun, motion = racing.observe()[0, :3], []
     still = np.array([False, True])
     for k in range(6):
-        motion.append(own.z[:, own._plane].copy())
-        own.step(np.array([[0.3 * np.sin(k), 0.2]] * 2), still=still)
-    now, seen = own.z[:, own._plane], own.observe()
-    assert begun[2] == pytest.approx(motion[0][0, 2] / own._turning, abs=1e-6)
-    assert seen[0, 2] == pytest.approx(0.5 * (motion[-1] + motion[-2])[0, 2] / own._turning, rel=1e-5)
-    assert seen[0, 0] == pytest.approx(now[0, 0] / own._top, rel=1e-6)
-    assert seen[1, 2] == pytest.approx(now[1, 2] / own._turning, abs=1e-6)
+        motion.append(racing.z[:, racing._plane].copy())
+        racing.step(np.array([[0.3 * np.sin(k), 0.2]] * 2), still=still)
+    now, seen = racing.z[:, racing._plane], racing.observe()
+    assert begun[2] == pytest.approx(motion[0][0, 2] / racing._turning, abs=1e-6)
+    assert seen[0, 2] == pytest.approx(0.5 * (motion[-1] + motion[-2])[0, 2] / racing._turning, rel=1e-5)
+    assert seen[0, 0] == pytest.approx(now[0, 0] / racing._top, rel=1e-6)
+    assert seen[1, 2] == pytest.approx(now[1, 2] / racing._turning, abs=1e-6)
     drawn = pd.DataFrame({"sensor_latency_yaw": [0.0, 0.06]})
     found = world(8, effects="sensor_latency_yaw=1e-6", randomise=drawn)
     assert set(np.round(found._unseen[:, 2], 9)) == {0.0, 0.06}
 
 
 def test_what_is_drawn_stays_in_its_range_and_changes_with_every_episode():
-    own = world(64, randomise="hand")
-    columns = dict(zip(own._moving, own._p.T, strict=True))
+    racing = world(64, randomise="hand")
+    columns = dict(zip(racing._moving, racing._p.T, strict=True))
     for name, (low, high) in HAND.items():
         assert np.min(columns[name]) >= low
         assert np.max(columns[name]) <= high
         assert np.std(columns[name]) > 0.15 * (high - low)
-    before = own._p.copy()
-    own.reset(np.ones(64, dtype=bool))
-    assert not np.any(np.all(before == own._p, axis=1))
+    before = racing._p.copy()
+    racing.reset(np.ones(64, dtype=bool))
+    assert not np.any(np.all(before == racing._p, axis=1))
 
 
 def test_draws_of_a_posterior_weigh_as_they_say(tmp_path):
     table = pd.DataFrame({"I_z": [0.03, 0.05], "m": [3.0, 4.0], "weight": [0.0, 1.0], "chain": [0, 1]})
     table.to_parquet(tmp_path / "posterior.parquet")
-    own = world(16, randomise=tmp_path / "posterior.parquet")
-    assert dict(zip(own._moving, own._p[0], strict=True)) == {"I_z": 0.05, "m": 4.0}
-    assert np.ptp(own._p, axis=0).max() == 0.0
+    racing = world(16, randomise=tmp_path / "posterior.parquet")
+    assert dict(zip(racing._moving, racing._p[0], strict=True)) == {"I_z": 0.05, "m": 4.0}
+    assert np.ptp(racing._p, axis=0).max() == 0.0
 
 
 @pytest.mark.parametrize(
@@ -179,16 +179,16 @@ def test_what_makes_no_world_is_a_sentence(options, said):
 
 
 def test_actions_that_are_no_numbers_do_no_harm():
-    own = world(3)
+    racing = world(3)
     for action in ([np.nan, np.inf], [1e9, -1e9], [0.0, np.nan]):
-        own.step(np.tile(action, (3, 1)))
-        assert np.all(np.isfinite(own.observe()))
+        racing.step(np.tile(action, (3, 1)))
+        assert np.all(np.isfinite(racing.observe()))
 
 
 def begun(**rules):
-    own = world(8, action="speed", **rules)
-    own.reset(np.ones(8, dtype=bool), list(range(8)))
-    return own
+    racing = world(8, action="speed", **rules)
+    racing.reset(np.ones(8, dtype=bool), list(range(8)))
+    return racing
 
 
 def test_the_speed_that_is_shown_is_of_the_grip_that_is_asked_for_and_under_the_cap():
@@ -207,28 +207,28 @@ def test_the_speed_that_is_shown_is_of_the_grip_that_is_asked_for_and_under_the_
 
 
 def test_a_pair_of_shares_is_drawn_in_each_episode():
-    own = begun(usage=(0.4, 0.9))
-    first = own._pace.copy()
+    racing = begun(usage=(0.4, 0.9))
+    first = racing._pace.copy()
     assert len(set(first)) == 8
-    own.reset(np.array([True] + [False] * 7))
-    assert own._pace[0] != first[0]
-    assert np.array_equal(own._pace[1:], first[1:])
-    assert np.all((own._pace**2 * 0.8 >= 0.4) & (own._pace**2 * 0.8 <= 0.9))
+    racing.reset(np.array([True] + [False] * 7))
+    assert racing._pace[0] != first[0]
+    assert np.array_equal(racing._pace[1:], first[1:])
+    assert np.all((racing._pace**2 * 0.8 >= 0.4) & (racing._pace**2 * 0.8 <= 0.9))
 
 
 def test_the_reward_of_the_path_is_one_for_who_drives_it_as_fast_as_is_shown():
-    own = begun(reward="path")
-    straight = int(np.argmin(np.abs(own.track.curvature) + 10.0 * (own.track.speed < 5.0)))
-    s, wanted = own.track.s[straight], own.track.speed[straight]
-    before, after = own.z.copy(), own.z.copy()
+    racing = begun(reward="path")
+    straight = int(np.argmin(np.abs(racing.track.curvature) + 10.0 * (racing.track.speed < 5.0)))
+    s, wanted = racing.track.s[straight], racing.track.speed[straight]
+    before, after = racing.z.copy(), racing.z.copy()
     after[:, -3], after[:, -2], after[:, -1] = s, 0.0, 0.0
-    after[:, own._plane] = [wanted, 0.0, 0.0]
-    after[1, own._plane[0]] = 0.9 * wanted
-    after[2, -2] = 0.1 * own.track.half_width
+    after[:, racing._plane] = [wanted, 0.0, 0.0]
+    after[1, racing._plane[0]] = 0.9 * wanted
+    after[2, -2] = 0.1 * racing.track.half_width
     after[3, -1] = np.pi / 3
-    after[4, -2] = own.edge + 0.01
-    before[:, own._plane] = after[:, own._plane]
-    reward, ended, _ = own._judged(before, after, own._last, np.zeros(8, dtype=bool))
+    after[4, -2] = racing.edge + 0.01
+    before[:, racing._plane] = after[:, racing._plane]
+    reward, ended, _ = racing._judged(before, after, racing._last, np.zeros(8, dtype=bool))
     np.testing.assert_allclose(reward[:5], [1.0, 0.9, 1.0 - 0.1 / 1.1, 0.5, -10.0], rtol=1e-5)
     assert np.array_equal(np.flatnonzero(ended), [4])
 

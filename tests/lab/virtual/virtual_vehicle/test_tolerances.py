@@ -18,11 +18,11 @@ from greybox_lab.virtual.virtual_vehicle import (
 @pytest.mark.parametrize("seed", range(8))
 def test_a_vehicle_file_says_what_the_vehicle_is(seed, tmp_path):
     car = random_vehicle(seed)
-    own = tolerances(car)
-    read = parse_vehicle(vehicle_file_text(car, own), tmp_path / "car.toml", tuple(car.parameters), tuple(OF_MODELS))
+    spread = tolerances(car)
+    read = parse_vehicle(vehicle_file_text(car, spread), tmp_path / "car.toml", tuple(car.parameters), tuple(OF_MODELS))
     assert {name: stated.value for name, stated in read.values.items()} == dict(car.parameters)
-    assert {name: stated.sd for name, stated in read.values.items() if stated.sd is not None} == own.parameters
-    assert {name: stated.sd for name, stated in read.effects.items()} == own.effects
+    assert {name: stated.sd for name, stated in read.values.items() if stated.sd is not None} == spread.parameters
+    assert {name: stated.sd for name, stated in read.effects.items()} == spread.effects
     assert read.noise == dict(car.noise)
     assert read.steer_max == car.steer_max
     assert all(stated.source for stated in read.values.values() if stated.sd is not None)
@@ -36,13 +36,13 @@ def test_where_all_is_known_no_tolerance_is_stated(tmp_path):
 
 def test_true_vehicles_scatter_as_stated():
     car, rng = random_vehicle(3), np.random.default_rng(0)
-    own = tolerances(car)
+    spread = tolerances(car)
     drawn = [toleranced(car, rng) for _ in range(600)]
-    for name, sd in own.parameters.items():
+    for name, sd in spread.parameters.items():
         values = np.array([true.parameters[name] for true in drawn])
         assert np.mean(values) == pytest.approx(car.parameters[name], abs=0.15 * sd)
         assert np.std(values) == pytest.approx(sd, rel=0.12)
-    for name, sd in own.effects.items():
+    for name, sd in spread.effects.items():
         off = np.array([true.small[name] for true in drawn]) - EFFECTS[name].null
         assert np.sqrt(np.mean(off**2)) == pytest.approx(sd, rel=0.12)
     assert all(true.small["steering_delay"] >= 0.0 for true in drawn)
