@@ -1,14 +1,12 @@
 """What all tests share: the folder of real recordings, and the --slow option."""
 
-import hashlib
-import math
 import os
 import signal
-from collections import defaultdict
 from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, settings
+from order import slow_first, third
 
 # how long an example takes, or drawing one, is a matter of the machine and what else runs on it; fixtures that tests
 # with examples share are folders that every example may write over
@@ -36,31 +34,14 @@ def pytest_addoption(parser):
 def pytest_collection_modifyitems(config, items):
     if config.getoption("--slow"):
         if config.getoption("--sample"):
-            keep_a_third(config, items, config.getoption("--sample"))
+            kept = third(items, config.getoption("--sample"))
+            config.hook.pytest_deselected(items=[item for item in items if item not in kept])
+            items[:] = [item for item in items if item in kept]
+        items[:] = slow_first(items, int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1")))
         return
     for item in items:
         if "slow" in item.keywords:
             item.add_marker(pytest.mark.skip(reason="slow; run with --slow"))
-
-
-def keep_a_third(config, items, text):
-    """Of a slow check repeated over three cases or more, and of all marked `examination`, a third stays.
-
-    Which third is drawn by the text: every case is run by one commit in three, and the same commit runs the same.
-    """
-    families = defaultdict(list)
-    for item in items:
-        if "examination" in item.keywords:
-            families["examinations"].append(item)
-        elif "slow" in item.keywords:
-            families[item.nodeid.partition("[")[0]].append(item)
-    dropped = set()
-    for cases in families.values():
-        if len(cases) > 2:
-            drawn = sorted(cases, key=lambda item: hashlib.sha256((text + item.nodeid).encode()).digest())
-            dropped |= set(drawn[math.ceil(len(cases) / 3) :])
-    config.hook.pytest_deselected(items=[item for item in items if item in dropped])
-    items[:] = [item for item in items if item not in dropped]
 
 
 @pytest.fixture(scope="module")
