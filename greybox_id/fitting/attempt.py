@@ -22,7 +22,7 @@ from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..engine.solvers.ipopt import CONFIRMED_WITHIN, SAME, ipopt
 from ..engine.solvers.quasi_newton import refine, settle
 from ..models.motion_model import MotionModel
-from ..models.parameter import free_places, unpack
+from ..models.parameter import free_places
 from .how import FitOptions, Say, quiet
 from .provenance import Certificate
 
@@ -239,8 +239,8 @@ def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float,
 
 def _place(problem: MotionProblem, x: Array) -> str:
     """Where a search is: what it moves, in SI units, as options of the command line write it."""
-    moved = unpack(problem.model.parameters, problem.shared(x))
-    return " ".join(f"{each.name}={float(each.array):.6g}" for each in moved if each.shape == () and not each.fixed)
+    p = problem.shared(x)
+    return " ".join(f"{name}={p[place]:.6g}" for name, place in free_places(problem.model.parameters).items())
 
 
 def _walled(problem: MotionProblem, solution: Solution) -> bool:
