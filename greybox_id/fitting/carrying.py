@@ -9,7 +9,7 @@ from what is stated. It does not let the same model predict as well again as soo
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
@@ -87,48 +87,62 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
                 "wide: the vehicle is not the one stated. State wider tolerances, or none.",
             )
     compared = _Compared(simulator, opened, model.values)
-    yield from _piece_apart(compared, recording)
     form = fit.how.get("form", {})
+    yield from _piece_apart(compared, recording, form.get("odd", ()))
     if form.get("halves_gain", 0.0) > CLEARLY:
         unfitted = _unfitted(model, fit) if fit.how.get("unfitted") else None
         yield from _parts_apart(compared, form, recording, unfitted)
 
 
-def _piece_apart(compared: _Compared, recording: Recording) -> Iterator[Reason]:
-    """Whether an eighth of a recording, if it can carry a fit, needs other parameters: however often vehicles change,
-    and whatever functions of the drive take up of it.
+def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]) -> Iterator[Reason]:
+    """Whether an eighth of a recording, if it can carry a fit, needs other parameters; or all do, each its own.
+
+    A model that lacks something has more errors where the drive shows it: a piece is of another vehicle where its
+    residuals say so, too (`odd`).
     """
-    times = [
-        compared.worst(compared.start, [piece])
+    times = {
+        k: compared.worst(compared.start, [piece])
+        for k, piece in enumerate(_blocks(recording))
         if len(piece) >= FEWEST_ROWS and piece.duration >= SHORTEST
-        else float("nan")
-        for piece in _blocks(recording)
-    ]
-    if np.isfinite(times).any() and (most := float(np.nanmax(times))) > LESS:
+    }
+    times = {k: ratio for k, ratio in times.items() if ratio > 0.0}
+    each = float(np.exp(np.mean(np.log([*times.values()])))) if times else 0.0
+    apart = {k: ratio for k, ratio in times.items() if ratio > LESS and k in odd}
+    if apart:
+        where = max(apart, key=lambda k: apart[k])
         yield Reason(
             NOT_USABLE,
-            f"In part {times.index(most) + 1} of {BLOCKS} equal parts of the data, errors are {number(most, 2)} times "
+            f"In part {where + 1} of {BLOCKS} equal parts of the data, errors are {number(apart[where], 2)} times "
             "those of the same model fitted to that part: the vehicle has changed, or is not the same throughout. Fit "
             "each.",
+        )
+    elif each > LESS:
+        yield Reason(
+            NOT_USABLE,
+            f"In {BLOCKS} equal parts of the data, errors are {number(each, 2)} times those of the same model fitted "
+            "to that part alone: the vehicle is not the same throughout, or the model lacks an effect. Fit each part; "
+            "greybox gap looks for the cause.",
         )
 
 
 def _parts_apart(
     compared: _Compared, form: Mapping[str, Any], recording: Recording, unfitted: Array | None
 ) -> Iterator[Reason]:
-    """Whether two parts of a recording are of two vehicles: those that residuals name, or else halves."""
-    for count in dict.fromkeys((form.get("first", HALF), HALF)):
+    """Whether two parts of a recording are of two vehicles: those that residuals name, or else halves.
+
+    Where residuals say so of halves, little more is asked of refits; else errors must be as much larger as nothing but
+    another vehicle makes them, for a fit to a quarter of a drive is less sure.
+    """
+    named = form.get("first", HALF)
+    for count in dict.fromkeys((named, HALF)):
         parts = _parts(recording, count)
         first = next(parts)
         times = compared.apart(*first)
-        if count != HALF:
-            differ = times > LESS  # a fit to a quarter of a drive is less sure
-        else:
-            differ = times > WORSE and (
-                form.get("apart")
-                or (form.get("first", HALF) == HALF and _stands_out(times, (compared.apart(*mixed) for mixed in parts)))
-            )
-        if differ:
+        apart = form.get("apart", False) and count == named
+        beyond = apart or (count == HALF and form.get("mixed", False))
+        if times > (WORSE if apart and count == HALF else LESS) and (
+            beyond or _stands_out(times, (compared.apart(*mixed) for mixed in parts))
+        ):
             stays = unfitted is not None and compared.worst(unfitted, first) < times**0.5
             yield Reason(NOT_USABLE, _parts_differ(times, stays, count))
             return
@@ -146,7 +160,7 @@ def _parts_differ(times: float, stays: bool, count: int) -> str:
     one = "half of the data" if count == HALF else f"of the first {EIGHTHS[count]} of the data and the rest"
     result = (
         f"Fitted to one {one}, the model has {number(times, 2)} times the errors on the other {half} that a fit to "
-        f"that {half} has, well above {'halves' if count == HALF else 'parts'} that mix early and late data: "
+        f"that {half} has, more than {'halves' if count == HALF else 'parts'} of one vehicle's drive do by chance: "
     )
     if stays:
         return result + (

@@ -33,9 +33,9 @@ def stated(**values):
     )
 
 
-def against(model, recording, gain=0.0, apart=False):
+def against(model, recording, gain=0.0, apart=False, odd=(), **form):
     found = fit(model, [recording], how=QUICK)
-    found = replace(found, how={**found.how, "form": {"halves_gain": gain, "apart": apart}})
+    found = replace(found, how={**found.how, "form": {"halves_gain": gain, "apart": apart, "odd": odd, **form}})
     return [reason.sentence for reason in withstands(found.model, found, recording)]
 
 
@@ -91,13 +91,47 @@ def test_halves_that_differ_no_more_than_mixed_ones_tell_of_no_other_vehicle():
     assert not any("Fitted to one half of the data" in one for one in sentences)
 
 
-@pytest.mark.slow
-def test_a_piece_of_another_vehicle_is_told_though_no_halves_are():
+def pieces(factors):
+    """Eight short drives, B_f so many times the stated one in each."""
     right = float(stated()["B_f"].array)
-    pieces = [driven(runs=1, seconds=4.0, seed=k, noise=0.1, values={"B_f": (0.4 if k == 4 else 1.0) * right})
-              for k in range(8)]  # fmt: skip
-    sentences = against(stated(), join(pieces, "eight"))
-    assert any("In part 5 of 8 equal parts of the data" in one for one in sentences)
+    return join(
+        [
+            driven(runs=1, seconds=4.0, seed=k, noise=0.1, values={"B_f": times * right})
+            for k, times in enumerate(factors)
+        ],
+        "eight",
+    )
+
+
+@pytest.mark.slow
+def test_a_piece_of_another_vehicle_is_told_where_residuals_say_so_though_no_halves_are():
+    drive = pieces([0.4 if k == 4 else 1.0 for k in range(8)])
+    (sentence,) = against(stated(), drive, odd=(4,))
+    assert "In part 5 of 8 equal parts of the data" in sentence
+
+
+@pytest.mark.slow
+def test_two_vehicles_that_take_turns_are_told_though_neither_halves_nor_a_piece_stands_out():
+    sentences = against(stated(), pieces([0.4, 1.0] * 4))
+    assert any("In 8 equal parts of the data, errors are" in one for one in sentences)
+
+
+@pytest.mark.parametrize(
+    ("form", "times", "told"),
+    [
+        ({"apart": True}, 1.2, True),
+        ({"mixed": True}, 1.2, False),
+        ({"mixed": True}, 1.4, True),
+        ({}, 1.4, False),
+        ({"apart": True, "first": 3}, 1.2, False),
+        ({"apart": True, "first": 3}, 1.4, True),
+    ],
+)
+def test_refits_of_parts_need_not_differ_as_much_where_residuals_tell_them_apart(monkeypatch, form, times, told):
+    monkeypatch.setattr(carrying._Compared, "apart", lambda self, one, other: times)
+    monkeypatch.setattr(carrying._Compared, "worst", lambda self, p, parts: 1.0)
+    sentences = against(stated(), driven(runs=2, seconds=4.0), gain=100.0, **form)
+    assert any(f"{times} times the errors on the other" in one for one in sentences) is told
 
 
 @pytest.mark.parametrize(

@@ -105,16 +105,24 @@ def foreign_form(fit: Fit) -> bool:
 
 def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
     """Whether a later part of the data prefers other parameters; whether it needs them, refits say (`carrying`)."""
-    if form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES:
-        first = EIGHTHS[form.get("first", 4)]
-        later = "The second half of the data prefers other parameters than the first"
-        if first != "half":
-            later = f"The data after the first {first} of the drive prefer other parameters than these"
+    if not (form.get("halves_gain", 0.0) > CLEARLY and form.get("halves", 0.0) ** 0.5 * error > SMALL_HALVES):
+        return
+    gain = f"(log-likelihood higher by {form['halves_gain']:.0f})"
+    if not (form.get("apart") or form.get("mixed")):
         yield Reason(
             WITH_CARE,
-            f"{later} (log-likelihood higher by {form['halves_gain']:.0f}): the vehicle may have changed, or "
-            "be a different one. Fit each part by itself.",
+            f"Parts of the data prefer other parameters {gain}, early and late ones alike: the model lacks an effect "
+            "that acts in some of them. Intervals include it; greybox gap looks for the cause.",
         )
+        return
+    first = EIGHTHS[form.get("first", 4)]
+    later = "The second half of the data prefers other parameters than the first"
+    if first != "half":
+        later = f"The data after the first {first} of the drive prefer other parameters than these"
+    yield Reason(
+        WITH_CARE,
+        f"{later} {gain}: the vehicle may have changed, or be a different one. Fit each part by itself.",
+    )
 
 
 def _short(fit: Fit) -> Iterator[Reason]:

@@ -27,7 +27,7 @@ from ...base.statistics import correlation_time, white_noise_sd
 from ...engine.motion.shooting import MotionProblem, SimulatedRuns
 from ..fit import CLEARLY
 from .evidence import SHARES, Joint, Squares, Starts, likeliest
-from .halves import BLOCKS, HALF, SPLITS, mixed_halves, other_parts, prediction_limit
+from .halves import BLOCKS, BY_CHANCE, HALF, OTHERS, Deviations, mixed_halves, prediction_limit
 
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
@@ -72,11 +72,12 @@ class FormError:
     outputs : name -> its residuals.
     covariance : (unknowns, unknowns) what the error of the form adds to the covariance of the unknowns.
     halves : part of the residuals' mean square that other parameters in the second half of the rows explain, beside
-        functions of the drive.
-    halves_gain : log of how much likelier the residuals are with other parameters there; or in another later part,
-        where it gains more than any other blocks, as many.
+        functions of the drive; or in another later part, where that differs by more than chance.
+    halves_gain : log of how much likelier the residuals are with other parameters there.
     first : blocks before that part, of `BLOCKS`.
-    apart : whether what the second half gains is beyond the scatter between halves that mix early and late rows.
+    apart : whether that part differs by more than chance, beside what blocks on the same side of it differ by.
+    mixed : whether the second half gains more than chance gives beside halves that mix early and late rows.
+    odd : blocks, counted from 0, that differ from all others by more than these among themselves.
     """
 
     outputs: Mapping[str, OutputForm]
@@ -85,11 +86,14 @@ class FormError:
     halves_gain: float
     first: int
     apart: bool
+    mixed: bool
+    odd: tuple[int, ...]
 
     def as_dict(self) -> dict[str, Any]:
         """All but the covariance, as plain data."""
         outputs = {name: asdict(one) for name, one in self.outputs.items()}
-        return {"outputs": outputs} | {n: getattr(self, n) for n in ("halves", "halves_gain", "first", "apart")}
+        names = ("halves", "halves_gain", "first", "apart", "mixed", "odd")
+        return {"outputs": outputs} | {name: getattr(self, name) for name in names}
 
 
 def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
@@ -121,7 +125,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
     joint = Joint(H, g, count)
     shares, gains = likeliest(joint, owner, unit, halves + 1)
     # which part changed is told; intervals are of halves: the best of five splits would widen those of any drive
-    first, gain, apart = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
+    change = _changed(by_block, count, shares, owner, unit, float(gains[halves]))
     widened, moved, sizes = joint.beside((shares[owner] * unit) ** 2)
     covariance = np.zeros((len(x), len(x)))
     covariance[np.ix_(kept, kept)] = widened + np.outer(moved, moved)
@@ -132,32 +136,67 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormEr
         for k, one in enumerate(drives)
     }
     siz = sizes[owner == halves]
+    if change.first != HALF:
+        H, siz = _of_part(by_block, tuple(range(change.first)), count, shares, owner, unit)
     total = sum(float(np.sum((one.error * one.weight) ** 2)) / one.alone for one in drives)
     explained = float(siz @ H[-count:, -count:] @ siz) / max(total, 1e-300) if count else 0.0
-    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), gain, first, apart)
+    return FormError(outputs, covariance, float(np.clip(explained, 0.0, 1.0)), **vars(change))
 
 
 _Normal = tuple[Array, Array, list[Squares]]
 
 
-def _changed(
-    by_block: _Normal, count: int, shares: Array, owner: Index, unit: Array, of_half: float
-) -> tuple[int, float, bool]:
-    """Blocks before the part that is of other parameters, what these gain, whether halves stand out from mixed ones.
+@dataclass(frozen=True)
+class _Change:
+    """See `FormError`."""
 
-    Parts of another size, of which the best is looked at, have to gain more than any other blocks, as many.
+    halves_gain: float
+    first: int = HALF
+    apart: bool = False
+    mixed: bool = False
+    odd: tuple[int, ...] = ()
+
+
+def _changed(by_block: _Normal, count: int, shares: Array, owner: Index, unit: Array, of_half: float) -> _Change:
+    """Which part of the rows has other parameters, what these gain, and whether that is more than chance.
+
+    Of several parts the one counts that chance would give most seldom, as seldom as one of so many may be; not where a
+    single block explains more: then the vehicle was another there, or its error is, and not from there on.
     """
     if count == 0:
-        return HALF, of_half, False
+        return _Change(of_half)
+    H, g, _ = by_block
     given = count, shares, owner, unit
-    gains = {k: _gain(by_block, tuple(range(k)), *given) for k in SPLITS} | {HALF: of_half}
-    first, apart, best = HALF, False, max(gains, key=lambda k: gains[k])
-    if gains[HALF] > CLEARLY:
-        mixed = [_gain(by_block, one, *given) for one in mixed_halves()]
-        apart = gains[HALF] > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
-    if best != HALF and gains[best] > max(CLEARLY, *(_gain(by_block, one, *given) for one in other_parts(best))):
-        first = best
-    return first, gains[first], apart
+    functions = len(g) - count * BLOCKS
+    deviations = Deviations.of(H, g, (shares[owner[:functions]] * unit[:functions]) ** 2, unit[-count:])
+    chances = {k: deviations.chance(range(k)) for k in (*OTHERS, HALF)}
+    alone = [deviations.chance([k]) for k in range(BLOCKS)]
+    odd = tuple(k for k, chance in enumerate(alone) if chance < BY_CHANCE / BLOCKS)
+    best = min(chances, key=lambda k: chances[k])
+    if best != HALF and chances[best] < min(BY_CHANCE / len(OTHERS), *alone):
+        gain = _gain(by_block, tuple(range(best)), *given)
+        if gain > CLEARLY:
+            return _Change(gain, best, apart=True, odd=odd)
+    if not of_half > CLEARLY:
+        return _Change(of_half, odd=odd)
+    mixed = [_gain(by_block, one, *given) for one in mixed_halves()]
+    beyond = of_half > prediction_limit(np.sqrt(mixed)) ** 2  # roots of such gains are near normal
+    return _Change(of_half, apart=chances[HALF] < BY_CHANCE, mixed=beyond, odd=odd)
+
+
+def _of_part(
+    by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array
+) -> tuple[Array, Array]:
+    """Curvature of all where some blocks, not the first, have other parameters, and how far these are from the rest's.
+
+    Parameters
+    ----------
+    count, shares, owner, unit : as of `_gain`.
+    """
+    H, g, _ = _of_two_parts((*by_block[:2], []), first, count)
+    joint = Joint(H, g, count)
+    variances = [(np.append(shares[:-1], share)[owner] * unit) ** 2 for share in SHARES]
+    return H, joint.beside(max(variances, key=joint.evidence))[2][-count:]
 
 
 def _gain(by_block: _Normal, first: Sequence[int], count: int, shares: Array, owner: Index, unit: Array) -> float:

@@ -248,10 +248,26 @@ def test_many_missing_readings_are_no_traceback():
 @pytest.mark.parametrize(("by_drive", "first"), [(0.5, "the sign of drive"), (0.1, "second half of the data")])
 def test_what_explains_most_of_the_residuals_is_named_first(good, by_drive, first):
     one = {"residual": 0.2, "spread": 1.0, "noise": 0.02, "explained": 0.6, "on": {"the sign of drive": by_drive}}
-    form = {"outputs": {"a_x": one}, "halves": 0.3, "halves_gain": 40.0}
+    form = {"outputs": {"a_x": one}, "halves": 0.3, "halves_gain": 40.0, "apart": True}
     sentences = [reason.sentence for reason in misfit(replace(good, how={**good.how, "form": form}))]
     assert len(sentences) == 2
     assert first in sentences[0]
+
+
+@pytest.mark.parametrize(
+    ("form", "words"),
+    [
+        ({"mixed": True}, "The second half of the data prefers other parameters than the first"),
+        ({"apart": True, "first": 3}, "The data after the first three eighths of the drive prefer other parameters"),
+        ({}, "early and late ones alike: the model lacks an effect"),
+    ],
+)
+def test_a_change_is_spoken_of_where_early_and_late_parts_differ_by_more_than_others(good, form, words):
+    one = {"residual": 0.2, "spread": 1.0, "noise": 0.02, "explained": 0.6, "on": {}}
+    form = {"outputs": {"a_x": one}, "halves": 0.3, "halves_gain": 40.0, **form}
+    sentences = [reason.sentence for reason in misfit(replace(good, how={**good.how, "form": form}))]
+    assert any(words in sentence for sentence in sentences)
+    assert any("vehicle may have changed" in sentence for sentence in sentences) is (len(form) > 3)
 
 
 def test_a_recording_is_not_blamed_for_what_the_model_lacks(good):
