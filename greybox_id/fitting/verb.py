@@ -7,7 +7,7 @@ The result is judged on what it saw and on what is new: by errors beside those o
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,8 @@ from threadpoolctl import threadpool_limits
 from ..base.errors import BadInput
 from ..base.numbers import number
 from ..datasets.checks.consistency import standing
-from ..datasets.checks.finding import Finding
+from ..datasets.checks.finding import Finding, FoundAt, Severity
+from ..datasets.checks.repeats import check_repeats, seen
 from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
 from ..engine.motion.traced import traced_once
@@ -31,7 +32,17 @@ from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
 from .scores.metrics import Scores, as_dict, score, score_beside_hold, unfitted_scores
 from .scores.timing import calibrated_errors, calibrated_seconds, calibrated_timing, calibration_words, must_have_timing
-from .scores.verdict import HELD_OUT, TRAINED, WORSE, conditional, distrust, judged, times_as_large, used_signals
+from .scores.verdict import (
+    HELD_OUT,
+    TRAINED,
+    WORSE,
+    conditional,
+    distrust,
+    fitted_to,
+    judged,
+    times_as_large,
+    used_signals,
+)  # fmt: skip
 from .training import TrainedBefore
 
 
@@ -273,8 +284,23 @@ def _calibrated(fit: Fit, validate: Recording, seconds: float) -> Fit:
 def _findings(fit: Fit, recordings: Sequence[Recording], validate: Recording | None) -> dict[str, list[Finding]]:
     """What the checks hold against the data of a fit, by role."""
     used = used_signals(fit.model)
+    trained = join(recordings, "training data")
     result = {"train": [item for recording in recordings for item in distrust(used, recording, faults=True)]}
-    return result if validate is None else result | {"validate": distrust(used, validate, faults=True)}
+    result["train"] += check_repeats(trained)
+    if validate is None:
+        return result
+    return result | {"validate": [*distrust(used, validate, faults=True), *_seen(fit, validate, trained)]}
+
+
+def _seen(fit: Fit, validate: Recording, trained: Recording) -> Iterator[Finding]:
+    """Whether rows that were held out are rows of the training data, under another name or on another clock."""
+    share = seen(validate, trained)
+    if share > 0.0 and not any(fitted_to(fit, fit.data)):  # which says so of one file
+        sentence = (
+            f"{100 * share:.0f} % of its rows are rows that the model was fitted to: errors there are no proof. Hold "
+            "out another recording."
+        )
+        yield Finding("seen", Severity.WARNING, FoundAt("time"), sentence, share)
 
 
 def _records(recordings: Sequence[Recording], validate: Recording | None) -> tuple[DataRecord, ...]:

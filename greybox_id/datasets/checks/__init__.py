@@ -17,6 +17,7 @@ from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
+from .repeats import check_repeats
 from .values import check_placeholders, check_reading, check_time, check_values, sample_time_believable
 
 __all__ = ["Finding", "FoundAt", "Severity", "check", "distrusted"]
@@ -49,7 +50,7 @@ def check(recording: Recording, wheelbase: float | None = None) -> list[Finding]
 def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     measured = {name: values for name, values in recording.signals.items() if not name.startswith(SD)}
     recording = replace(recording, signals=measured)
-    findings = [*check_reading(recording), *check_time(recording)]
+    findings = [*check_reading(recording), *check_time(recording), *check_repeats(recording)]
     blank: set[str] = set()
     for finding in (*check_placeholders(recording), *check_asleep(recording)):
         names = finding.where.channel.split(", ")

@@ -253,6 +253,12 @@ def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Re
 
 def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
     """Whether what was held out is part of what the fit was trained on."""
+    for one, trained in fitted_to(fit, data):
+        yield Reason(WITH_CARE, f"{one.name} is data it was fitted to ({trained.name}): nothing was held out.")
+
+
+def fitted_to(fit: Fit, data: Sequence[DataRecord]) -> Iterator[tuple[DataRecord, DataRecord]]:
+    """What was held out but is, by its file, what the fit was trained on, and that."""
     trained = [item for item in fit.data if item.role == TRAINED and item.sha256]
     for one in data:
         part = [
@@ -261,7 +267,7 @@ def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
             if item.sha256 == one.sha256 and (item.between, item.where) in (("", ""), (one.between, one.where))
         ]
         if one.role != TRAINED and part:
-            yield Reason(WITH_CARE, f"{one.name} is data it was fitted to ({part[0].name}): nothing was held out.")
+            yield one, part[0]
 
 
 def _rows(fit: Fit, role: str) -> int:
