@@ -24,6 +24,7 @@ from scipy.linalg import lapack
 
 from ...base.shorthands import Array, Mask
 from ..least_squares import LeastSquares, Matched, NormalEquations
+from .secant import LeftOut
 
 LEAST_RIDGE = 1e-12
 """Share of an unknown's own curvature that is always added to it: what rounding leaves of a singular one."""
@@ -198,6 +199,8 @@ def gauss_newton(
             if not (np.all(np.isfinite(equations.H)) and np.all(np.isfinite(equations.g))):
                 status = Status.STALLED if steps else Status.NOT_FINITE
                 break
+            if search == "levenberg_marquardt":
+                memory.left_out.learn(point.x, equations)
             tried, size = memory.first(problem, point.x, equations), max(point.objective, 1e-300)
             decrement = _least_decrease(problem, point.x, equations, tried) / size
             if decrement <= tolerance:
@@ -238,12 +241,13 @@ def _at(problem: LeastSquares, x: Array) -> _Point:
 
 
 class _Search:
-    """What the search for a step learned from the last one: the share of a step taken, and the damping."""
+    """What the search for a step learned from the last: the share taken, the damping, what the curvature lacks."""
 
     def __init__(self, kind: Search) -> None:
         self.kind = kind
         self.share = 1.0
         self.damping = LEAST_DAMPING if kind == "line_search" else FIRST_DAMPING
+        self.left_out = LeftOut()
 
     def first(self, problem: LeastSquares, x: Array, equations: NormalEquations) -> Array | None:
         """The step that a line search tries first, None for another search."""
@@ -280,28 +284,43 @@ def _shortened(
 def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
     """A step damped until the objective falls by a fair part of what the quadratic model promises.
 
+    The model is Gauss-Newton's, or the one with what that leaves out where it foretold the last step better.
+
     Positive unknowns step in their logarithms: factors such as B C D, which is all that a recording tells of a tyre at
     small slip, are then straight lines, and the valley along them is no longer bent.
     """
-    by = np.where(_positive(problem, point.x), point.x, 1.0)
+    by, left_out = np.where(_positive(problem, point.x), point.x, 1.0), memory.left_out
     curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
+    whole = left_out.added(curved, by, problem.free)
     refused = np.inf
     while memory.damping < MOST_DAMPING:
-        step = _step(problem, point.x, curved, memory.damping, logarithmic=True)
-        promised = max(_decrease(curved, step), 1e-300)
+        second = left_out.trusted and whole is not None
+        model = whole if second and whole is not None else curved
+        step = _step(problem, point.x, model, memory.damping, logarithmic=True)
+        promised = max(_decrease(model, step), 1e-300)
         if promised > SAME_STEP * refused:
             memory.damping *= 10.0
             continue
-        trial = _tried(problem, point, step, promised, curved, equations, memory.damping)
-        gain = (point.objective - trial.objective) / promised
-        if gain > 1e-3:
-            if gain > 0.75:
+        trial = (
+            _at(problem, _moved(problem, point.x, step))
+            if second
+            else _tried(problem, point, step, promised, curved, equations, memory.damping)
+        )
+        fallen = point.objective - trial.objective
+        if fallen > 1e-3 * promised:
+            if fallen > 0.75 * promised:
                 memory.damping *= 0.1
-            elif gain < 0.25:
+            elif fallen < 0.25 * promised:
                 memory.damping *= 4.0
+            if whole is not None:
+                taken = _taken(problem, point.x, trial.x)
+                left_out.compare(fallen, _decrease(whole, taken), _decrease(curved, taken))
             return trial
         del trial  # of hours, what it simulated is large
-        memory.damping, refused = 10.0 * memory.damping, promised
+        if second:  # once more without
+            left_out.trusted = False
+        else:
+            memory.damping, refused = 10.0 * memory.damping, promised
     return None
 
 
@@ -328,6 +347,14 @@ def _moved(problem: LeastSquares, x: Array, step: Array) -> Array:
     """Where a step leads that is taken in logarithms of the positive unknowns."""
     with np.errstate(over="ignore", invalid="ignore"):  # zero times infinity, of unknowns that add their step
         return _within(problem, np.where(_positive(problem, x), x * np.exp(step), x + step))
+
+
+def _taken(problem: LeastSquares, x: Array, there: Array) -> Array:
+    """The step that led there, in logarithms of the positive unknowns."""
+    step, positive, moved = np.zeros_like(x), _positive(problem, x), there != x
+    np.subtract(there, x, out=step, where=moved & ~positive)
+    step[moved & positive] = np.log(there[moved & positive] / x[moved & positive])
+    return step
 
 
 def _within(problem: LeastSquares, x: Array) -> Array:
