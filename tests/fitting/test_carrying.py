@@ -17,8 +17,6 @@ from greybox_id.models.vehicle import vehicle
 
 QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
 
 def stated(**values):
     """The full-size car's, B_f and I_z stated to 2 %, at other values where they are given."""

@@ -22,8 +22,6 @@ from greybox_id.models.vehicle import vehicle
 
 QUICK = FitOptions(solver="gauss-newton", horizon=1.0, start_from="measured")
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
 
 def model(*free):
     """The full-size car's, a few numbers of it free."""

@@ -12,7 +12,6 @@ from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
 from greybox_id.models.vehicle import vehicle
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
 QUICK = FitOptions(horizon=1.0, start_from="measured")
 OFF = 1.09
 
