@@ -6,8 +6,6 @@ from driven import driven, written
 
 import greybox_id as gb
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):

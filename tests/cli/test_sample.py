@@ -5,8 +5,6 @@ import pytest
 from calling import greybox, refused
 from driven import driven, written
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):

@@ -19,7 +19,6 @@ from greybox_id.fitting.verb import fit
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
 FREE = ("I_z", "C_alpha_f", "C_alpha_r")
 
 

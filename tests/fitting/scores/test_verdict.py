@@ -22,9 +22,6 @@ from greybox_id.models.vehicle import vehicle
 QUICK = FitOptions(horizon=1.0, start_from="measured")
 
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
-
 def model():
     """The full-size car's, but for its front tyres; few numbers are free."""
     found = build("lateral", None, {}, vehicle("full_size_car"))
