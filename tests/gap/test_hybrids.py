@@ -15,8 +15,6 @@ from greybox_id.gap.diagnosis import diagnose
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, prepared
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
 
 def trained_on(laps, name):
     model = prepared(name, laps, {"hidden": [8]})

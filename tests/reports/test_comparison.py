@@ -9,8 +9,6 @@ from report_parts import tables
 from greybox_id.reports.comparison import NamedFit, common_role, comparison, paired
 from greybox_id.reports.html import page
 
-pytestmark = pytest.mark.usefixtures("_uncompiled")
-
 
 def coloured(rng, n, rho=0.9):
     values = np.zeros(n)
