@@ -124,8 +124,6 @@ class Examined:
     @cached_property
     def varying(self) -> Mapping[str, Spread]:
         """How the magnitudes of the best explanation's effects differ between parts of the recordings."""
-        if self.rough:  # paid for already
-            return {}
         if self.unnamed is None:  # equations of maps with memory are told by it already, see `unknown`
             return {}
         return varies(self.selection.search, self.best, self.seen)

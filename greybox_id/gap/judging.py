@@ -234,8 +234,11 @@ def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread
 
 
 def may_vary(examined: Examined) -> float:
-    """By how much an effect's size may differ between parts of a drive: less, the likelier something unnamed is."""
-    if examined.unnamed is None:
+    """By how much an effect's size may differ between parts of a drive.
+
+    Less where equations are exact, the likelier something unnamed is: that alone moves sizes then.
+    """
+    if examined.unnamed is None or examined.rough:
         return CAL.varies
     return CAL.varies + something_unnamed(examined) * (CAL.varies_beside_unknown - CAL.varies)
 

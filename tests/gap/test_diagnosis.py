@@ -358,12 +358,15 @@ def test_a_size_may_vary_less_beside_something_unnamed():
     calm = Unnamed(0.01, 0.01, 0.02, 0.02, 0.5, 0.5, 44.0, ("I_z", 0.0), {"yaw_rate": 1.0}, 32.0)
     limits = [
         may_vary(
-            SimpleNamespace(unnamed=replace(calm, share_y=times * usual.median.share_y), told=True, expected=usual)
+            SimpleNamespace(
+                unnamed=replace(calm, share_y=times * usual.median.share_y), told=True, expected=usual, rough=False
+            )
         )
         for times in (0.5, 20.0)
     ]
     assert limits == pytest.approx([CAL.varies, CAL.varies_beside_unknown], abs=0.01)
     assert may_vary(SimpleNamespace(unnamed=None)) == CAL.varies
+    assert may_vary(SimpleNamespace(unnamed=calm, rough=True)) == CAL.varies  # errors of form move sizes, too
 
 
 def test_what_a_refused_name_explains_is_unnamed():
@@ -387,6 +390,7 @@ def test_what_a_refused_name_explains_is_unnamed():
                 beside_it={},
                 told=True,
                 expected=usual,
+                rough=True,
             )
         )
 
