@@ -236,9 +236,12 @@ def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread
 def may_vary(examined: Examined) -> float:
     """By how much an effect's size may differ between parts of a drive.
 
-    Less where equations are exact, the likelier something unnamed is: that alone moves sizes then.
+    More where equations are rough, for their errors move sizes, too; less where they are exact, the likelier something
+    unnamed is: that alone moves sizes then.
     """
-    if examined.unnamed is None or examined.rough:
+    if examined.rough:
+        return CAL.varies_rough
+    if examined.unnamed is None:
         return CAL.varies
     return CAL.varies + something_unnamed(examined) * (CAL.varies_beside_unknown - CAL.varies)
 

@@ -297,7 +297,9 @@ def test_of_what_was_held_out_a_cause_is_expected_to_close_a_share(monkeypatch, 
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
+    found = SimpleNamespace(
+        best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True, rough=False
+    )
     monkeypatch.setattr(judging, "probability", lambda *_: 0.999)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     closes = Share(own.effect, share, low, 2 * share - low)
@@ -365,8 +367,8 @@ def test_a_size_may_vary_less_beside_something_unnamed():
         for times in (0.5, 20.0)
     ]
     assert limits == pytest.approx([CAL.varies, CAL.varies_beside_unknown], abs=0.01)
-    assert may_vary(SimpleNamespace(unnamed=None)) == CAL.varies
-    assert may_vary(SimpleNamespace(unnamed=calm, rough=True)) == CAL.varies  # errors of form move sizes, too
+    assert may_vary(SimpleNamespace(unnamed=None, rough=False)) == CAL.varies
+    assert may_vary(SimpleNamespace(unnamed=calm, rough=True)) == CAL.varies_rough  # errors of form move sizes, too
 
 
 def test_what_a_refused_name_explains_is_unnamed():
@@ -634,7 +636,9 @@ def test_doubts_that_together_are_more_than_one_half_keep_a_name_out(monkeypatch
     best = SimpleNamespace(parts=[(own, slice(0, 1))], m=np.array([0.4]), names=(own.effect,))
     nothing = SimpleNamespace(names=())
     selection = SimpleNamespace(tried=[], base=nothing, search=None)
-    found = SimpleNamespace(best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True)
+    found = SimpleNamespace(
+        best=best, unnamed=None, evidence=None, selection=selection, varying={}, stands=True, rough=False
+    )
     monkeypatch.setattr(judging, "probability", lambda *_: 0.9)
     monkeypatch.setattr(judging, "alike_of", lambda *_: ())
     assert judging.refused(found, best.names, None) == {}
