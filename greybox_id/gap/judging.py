@@ -251,21 +251,22 @@ def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     if examined.unnamed is None:
         return 0.0
     strain = examined.unnamed.strain * examined.of_strained.get(name, 1.0)
-    return _mimics(gain_of(examined, hypothesis, name), strain)
+    return _mimics(gain_of(examined, hypothesis, name), CAL.mimic * strain)
 
 
 def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
     """The probability that an effect stands for one without a name, which is left where it acts."""
     if examined.unnamed is None:
         return 0.0
-    return _mimics(gain_of(examined, hypothesis, name), examined.beside_it.get(name, 0.0))
+    times = CAL.mimic_rough if examined.rough else CAL.mimic
+    return _mimics(gain_of(examined, hypothesis, name), times * examined.beside_it.get(name, 0.0))
 
 
-def _mimics(gain: float, left: float) -> float:
-    """The probability that an effect which gains so much is one of those that something unknown, so large, leads to."""
-    if left <= 0.0:
+def _mimics(gain: float, least: float) -> float:
+    """The probability that an effect which gains so much is a mimic: one half where it gains the least that it must."""
+    if least <= 0.0:
         return 0.0
-    x = CAL.mimic_slope * log(CAL.mimic * left / max(gain, TINY))
+    x = CAL.mimic_slope * log(least / max(gain, TINY))
     return float(1 / (1 + exp(-max(min(x, 30.0), -30.0))))
 
 

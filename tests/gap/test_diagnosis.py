@@ -343,15 +343,16 @@ def test_tolerances_that_are_further_off_than_usual_tell_of_something_unnamed_an
 
 
 def test_an_effect_that_gains_little_more_than_what_is_left_where_it_acts_is_a_mimic():
-    def mimics(gain, left):
+    def mimics(gain, left, rough=False):
         tried = [SimpleNamespace(names=("lag",), cost=-gain)]
         selection = SimpleNamespace(base=SimpleNamespace(names=(), cost=0.0), tried=tried)
-        found = SimpleNamespace(unnamed=object(), selection=selection, beside_it={"lag": left})
+        found = SimpleNamespace(unnamed=object(), selection=selection, beside_it={"lag": left}, rough=rough)
         return _beside_unknown(found, tried[0], "lag")
 
     assert mimics(30.0, 0.0) == 0.0
     assert mimics(30.0, 30.0) > 0.9
     assert mimics(CAL.mimic * 30.0, 30.0) == pytest.approx(0.5)
+    assert mimics(CAL.mimic_rough * 30.0, 30.0, rough=True) == pytest.approx(0.5)
     assert mimics(3000.0, 30.0) < 0.01
 
 
