@@ -82,8 +82,8 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
             )
         elif _beside_unknown(one, best, name) > CAL.present:
             reasons[name] = (
-                "another effect may mimic it: what no effect explains is as large where it acts (it gains "
-                f"{number(gain_of(one, best, name), 2)} nats, {number(one.beside_it[name], 2)} are left)"
+                f"another effect may mimic it: it gains {number(gain_of(one, best, name), 2)} nats, while "
+                f"{number(one.beside_it[name], 2)} are left unexplained in the channels it acts on"
             )
         elif one.unnamed is not None and _strains(one, best, name) > CAL.present:
             reasons[name] = (
