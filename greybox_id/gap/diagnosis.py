@@ -122,7 +122,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
     while True:
         if shared is not None and {share.effect for share in shared.shares} != set(best.names):  # some left since
             shared = shared_out(it, best, held_out, tell) if best.names else None
-        if shared is not None and (why := next_to_nothing(shared)):
+        if shared is not None and (why := next_to_nothing(shared, not it.rough)):
             reasons |= dict.fromkeys(best.names, why)
             best, shared = only(it, set()), None
         if held_out:

@@ -110,17 +110,18 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
     return reasons
 
 
-def next_to_nothing(shared: Budget) -> str:
-    """Why no effect is a cause, where all of them together leave nearly all of the gap held out; nothing else.
+def next_to_nothing(shared: Budget, exact: bool) -> str:
+    """Why no effect is a cause, where all of them together leave nearly all of the gap; nothing else.
 
-    Errors of the equations look like several effects at once, each of which closes a little beside the others.
+    Errors of the equations look like several effects at once, each of which closes a little beside the others. Where
+    equations are exact, the recordings that chose the effects tell so, too: causes close a gap there.
     """
     closed = 1.0 - shared.unnamed.share
-    if not (shared.held_out and shared.shows and closed < CAL.shows):
+    least = CAL.shows if shared.held_out else CAL.least_share if exact else -np.inf
+    if not (shared.shows and closed < least):
         return ""
-    return (
-        f"small: on the held-out recordings all that is named closes {whole_percent(closed)} % of the excess together"
-    )
+    judged = "on the held-out recordings" if shared.held_out else "in free run"
+    return f"small: {judged} all that is named closes {whole_percent(closed)} % of the excess together"
 
 
 def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:

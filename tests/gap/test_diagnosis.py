@@ -185,6 +185,15 @@ def test_names_that_close_next_to_nothing_held_out_are_no_causes(monkeypatch, cl
         assert gap.budget is None
 
 
+@pytest.mark.parametrize(
+    ("held", "exact", "closed", "none"),
+    [(True, False, 0.04, True), (False, True, 0.04, False), (False, True, 0.01, True), (False, False, -0.1, False)],
+)
+def test_how_little_names_may_close_depends_on_what_tells(held, exact, closed, none):
+    rest = Share("unexplained", 1.0 - closed, 0.9, 1.0)
+    assert bool(judging.next_to_nothing(Budget((), rest, ("lap",), held), exact)) == none
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("vehicle", "held", "judged"),
