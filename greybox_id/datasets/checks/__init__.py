@@ -13,6 +13,7 @@ from ..recording import Recording
 from .consistency import check_consistency, check_duplicates, check_rest
 from .delays import check_delays
 from .drive import check_asleep, check_drive
+from .dropouts import check_dropouts
 from .explanations import with_sizes
 from .finding import Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
@@ -52,7 +53,7 @@ def _checked(recording: Recording, wheelbase: float | None) -> list[Finding]:
     recording = replace(recording, signals=measured)
     findings = [*check_reading(recording), *check_time(recording), *check_repeats(recording)]
     blank: set[str] = set()
-    for finding in (*check_placeholders(recording), *check_asleep(recording)):
+    for finding in (*check_placeholders(recording), *check_dropouts(recording), *check_asleep(recording)):
         names = finding.where.channel.split(", ")
         blanked = {name: recording[name].copy() for name in names}
         for values in blanked.values():
