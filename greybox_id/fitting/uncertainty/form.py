@@ -92,8 +92,8 @@ class FormError:
     def as_dict(self) -> dict[str, Any]:
         """All but the covariance, as plain data."""
         outputs = {name: asdict(one) for name, one in self.outputs.items()}
-        names = ("halves", "halves_gain", "first", "apart", "mixed", "odd")
-        return {"outputs": outputs} | {name: getattr(self, name) for name in names}
+        names = ("halves", "halves_gain", "first", "apart", "mixed")
+        return {"outputs": outputs} | {name: getattr(self, name) for name in names} | {"odd": [*self.odd]}
 
 
 def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
