@@ -256,11 +256,13 @@ def _strains(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
 
 
 def _beside_unknown(examined: Examined, hypothesis: Hypothesis, name: str) -> float:
-    """The probability that an effect stands for one without a name, which is left where it acts."""
-    if examined.unnamed is None:
+    """The probability that an effect stands for one without a name, which is left where it acts.
+
+    Where equations are exact alone: rough ones leave as much beside true causes.
+    """
+    if examined.unnamed is None or examined.rough:
         return 0.0
-    times = CAL.mimic_rough if examined.rough else CAL.mimic
-    return _mimics(gain_of(examined, hypothesis, name), times * examined.beside_it.get(name, 0.0))
+    return _mimics(gain_of(examined, hypothesis, name), CAL.mimic * examined.beside_it.get(name, 0.0))
 
 
 def _mimics(gain: float, least: float) -> float:

@@ -21,7 +21,6 @@ CURVES = "calibrate curves: Fiala's and exponential ones are 0.019 to 0.029 off,
 SEARCHED = "calibrate search: halved and doubled at random, all at once: 2 draws, 3 cases, no verdict changed"
 OUTSIDE = "clean tier, seeds 918273 (30), 5151 (33 outside the vocabulary), 6161 (20 with one outside and one inside)"
 STATED = "workshop 778899 (20) and 5252 (33 outside the vocabulary), many 1571 (3), foreign 7171, development (6)"
-LEFT = "rough tier, seed 871 (4 cases)"
 BEFORE = "models without forces alone; 444 cases of the clean and workshop tiers, commit 5b2b202"
 BEGUN = "foreign tier, fiala and exponential, seed 5501 (12 nulls), benchmarks/beginnings.py, seeds 71, 72"
 DEFINED = "by definition: says what the words of an answer mean"
@@ -113,9 +112,6 @@ class Calibration:
     strained: float = _known(2.0, "sds of chi-square that tolerances may be off by: 1 in 40", DEFINED)
     unnamed_strain: float = _known(12.0, "strain that is as likely unnamed as not; nulls have 4.5 at most", FOREIGN)
     mimic: float = _known(4.0, "gains over the strain of tolerances beside it, below which an effect is none", FOREIGN)
-    mimic_rough: float = _known(
-        1.0, "the same of what is left beside rough equations, part of which is theirs: a cause had 1.9", LEFT
-    )
     mimic_slope: float = _known(4.0, "log-odds per logarithm of that: as of what is unnamed")
     most_effects: int = _known(2, "effects that explain what one cause might: more of them are none", DEFINED)
     surely: float = _known(4.0, "sds of what noise alone may leave: 1 in 30 000")
