@@ -93,8 +93,8 @@ class Instants:
         return finite.min().item() if finite.size else 0
 
 
-def instants(table: RawTable, column: Column) -> Instants:
-    """The times in a column.
+def instants(table: RawTable, column: Column, labels: Sequence[str] = ()) -> Instants:
+    """The times in a column; `labels` say of every row which run it is of, if anything does.
 
     Raises
     ------
@@ -115,11 +115,11 @@ def instants(table: RawTable, column: Column) -> Instants:
     second = float(column.convert(np.ones(1))[0] - column.convert(np.zeros(1))[0])
     whole = pd.api.types.is_integer_dtype(series.dtype) and not series.isna().any()
     if whole and len(series) and series.max() < 2**63:
-        return _run_on(series.to_numpy(dtype=np.int64), second)
-    return _run_on(table.numbers(column.column), second)
+        return _run_on(series.to_numpy(dtype=np.int64), second, labels)
+    return _run_on(table.numbers(column.column), second, labels)
 
 
-def _run_on(counts: NDArray[Any], second: float) -> Instants:
+def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Instants:
     """Numbers that write hours, minutes and seconds as HHMMSS, in seconds; and a clock that begins anew, running on."""
     if len(counts) < 2 or not np.all(counts >= 0) or not np.all(counts < LATEST / second):
         return Instants(counts, second)
@@ -134,6 +134,10 @@ def _run_on(counts: NDArray[Any], second: float) -> Instants:
         counts = 3600 * (counts // 10_000) + 60 * (counts // 100 % 100) + counts % 100
         steps, notes = np.diff(counts), ["time is written as HHMMSS."]
     back = steps < 0
+    if labels and any(
+        labels[row] != labels[row + 1] for row in np.flatnonzero(back)
+    ):  # runs, each on a clock of its own
+        return Instants(counts, second, " ".join(notes))
     whole = [float(2**bits) for bits in COUNTERS] if np.all(counts % 1 == 0) else []
     clocks = [seconds / second for seconds in CLOCKS] if counts[0] > MISSED * usual else []  # else files in a row
     for wrap in (*whole, *clocks) if back.any() else ():

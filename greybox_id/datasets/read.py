@@ -234,10 +234,11 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     time = _time_column(group, mapping, alone=True) if not mapping.rate else mapping.time
     run = group.full(mapping.run_column, alone=True) if mapping.run_column else None
     table = group.load([name for column in (time, *channels) for name in column.names] + ([run] if run else []))
-    clock = instants(table, time) if not mapping.rate else Instants(np.arange(len(table)), 1 / mapping.rate)
+    labels = table.labels(run) if run else []
+    clock = instants(table, time, labels) if not mapping.rate else Instants(np.arange(len(table)), 1 / mapping.rate)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
-    notes, labels = tuple(filter(None, (clock.note, note))), table.labels(run) if run else []
+    notes = tuple(filter(None, (clock.note, note)))
     rows: Sequence[int] = range(len(table))
     joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
     if not mapping.rate:  # else rows are the clock

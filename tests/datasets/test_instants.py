@@ -8,8 +8,10 @@ import pytest
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.column_map import parse_column_map
+from greybox_id.datasets.formats import write
 from greybox_id.datasets.mapping import as_toml, propose
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 
 STEPS = np.arange(50) * 10_000_001  # ns
 NS = 1_731_000_000_123_456_789 + STEPS
@@ -104,6 +106,15 @@ def test_a_clock_that_begins_anew_is_taken_on(tmp_path, unit, begins, wraps):
     assert len(found.runs) == 1
     assert found.time - found.time[0] == pytest.approx(time, abs=1e-6)
     assert any("begins anew" in note for note in found.notes)
+
+
+def test_runs_that_a_column_names_are_no_clock_that_begins_anew(tmp_path):
+    time = np.array([0.5, 0.6, 0.7, 0.0, 0.1, 0.2])  # as a clock of fractions of a second would go on
+    written = Recording("lap", time, {"v_x": np.arange(6.0)}, ((0, 3), (3, 6)))
+    write(written, tmp_path / "lap.csv")
+    found = read(tmp_path / "lap.csv")
+    assert found.runs == written.runs
+    np.testing.assert_allclose(found.time, time)
 
 
 def test_laps_of_a_minute_in_a_row_are_no_clock_that_begins_anew(tmp_path):
