@@ -135,8 +135,8 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
         steps, notes = np.diff(counts), ["time is written as HHMMSS."]
     back = steps < 0
     if labels and any(
-        labels[row] != labels[row + 1] for row in np.flatnonzero(back)
-    ):  # runs, each on a clock of its own
+        labels[row] != labels[row + 1] for row in np.flatnonzero(back).tolist()
+    ):  # runs: each begins anew
         return Instants(counts, second, " ".join(notes))
     whole = [float(2**bits) for bits in COUNTERS] if np.all(counts % 1 == 0) else []
     clocks = [seconds / second for seconds in CLOCKS] if counts[0] > MISSED * usual else []  # else files in a row
