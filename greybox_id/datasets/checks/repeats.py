@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from ...base.shorthands import Index, Mask
+from ...base.shorthands import Array, Index, Mask
 from ...base.signals import COMMANDS, SD
 from ..recording import Recording
 from .drive import FEWEST_ROWS
@@ -53,12 +53,16 @@ def _compared(recording: Recording, before: Recording) -> list[str]:
     return [
         name
         for name, values in before.signals.items()
-        if name in recording
-        and name not in COMMANDS
-        and not name.startswith(SD)
-        and np.any(np.isfinite(values))
-        and np.nanstd(values) > 0.0
+        if name in recording and name not in COMMANDS and not name.startswith(SD) and _spread(values) > 0.0
     ]
+
+
+def _spread(values: Array) -> float:
+    """Standard deviation of the readings that are finite; zero where there is none, or numbers do not hold it."""
+    known = values[np.isfinite(values)]
+    with np.errstate(over="ignore", invalid="ignore"):
+        result = float(np.std(known)) if known.size else 0.0
+    return result if np.isfinite(result) else 0.0
 
 
 def _stretches(
@@ -70,7 +74,7 @@ def _stretches(
     """
     if len(names) < 2 or min(len(recording), len(before)) < FEWEST_ROWS:
         return
-    units = {name: ALIKE * float(np.nanstd(before[name])) for name in names}
+    units = {name: ALIKE * _spread(before[name]) for name in names}
     known, wanted = (_keys(one, units) for one in (before, recording))
     keys, first = np.unique(known[0], return_index=True)
     place = np.minimum(np.searchsorted(keys, wanted[0]), len(keys) - 1)

@@ -77,3 +77,11 @@ def test_holes_are_like_no_other_row():
     whole = drive(7)
     hollow = whole.with_signals(a_y=np.where(np.arange(1500) % 500 < 400, np.nan, whole["a_y"]))
     assert check_repeats(hollow) == []
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, 1e300])
+def test_a_reading_that_is_no_number_or_huge_repeats_nothing(value):
+    whole = drive(8)
+    odd = whole.with_signals(a_y=np.where(np.arange(1500) == 100, value, whole["a_y"]))
+    assert check_repeats(odd) == []
+    assert seen(odd.rows(500, 1000), odd) == pytest.approx(1.0, abs=0.02)
