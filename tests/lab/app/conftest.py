@@ -48,25 +48,29 @@ class Reader:
         return self.driver.execute_script(SHOWN, selector, words, whole)
 
     def pick(self, label, option, which=0):
-        self.shown(".q-select", label)[which].click()
+        self.press(lambda: self.shown(".q-select", label)[which:], f"no choice {label!r}")
         self.wait(lambda: self.shown(".q-menu .q-item", option, True), f"the option {option}", 60)
         self.shown(".q-menu .q-item", option, True)[0].click()
         self.wait(lambda: not self.shown(".q-menu .q-item"), f"no menu after {option} was picked", 60)
         self.clicks += 2
 
     def click(self, words, seconds=240):
+        self.press(lambda: self.shown("button", words), f"no button {words!r}", seconds)
+        self.clicks += 1
+
+    def press(self, found, missing, seconds=240):
+        """Click the first of what is found, as soon as it stands still."""
         until, trouble = time.time() + seconds, ""
         while time.time() < until:
             try:
-                for button in self.shown("button", words)[:1]:
-                    self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", button)
-                    button.click()
-                    self.clicks += 1
+                for element in found()[:1]:
+                    self.driver.execute_script("arguments[0].scrollIntoView({block: 'center'})", element)
+                    element.click()
                     return
             except Exception as error:  # drawn anew in between
                 trouble = f"{error} "
             time.sleep(0.1)
-        raise AssertionError(f"no button {words!r}: {trouble}in:\n{self.text}")
+        raise AssertionError(f"{missing}: {trouble}in:\n{self.text}")
 
     def fits(self, name):
         """Nothing scrolls sideways at either size; pictures are kept."""
