@@ -54,7 +54,7 @@ fit = gb.fit("kinematic", folder / "lap.csv", vehicle="roboracer", columns=colum
 print(fit)
 
 # %%
-# Estimates with their 95 % intervals, each over its size.
+# Estimates with their 95 % intervals, each divided by the magnitude of its estimate.
 fit.plot.parameters()
 
 # %%

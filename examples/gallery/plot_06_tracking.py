@@ -11,7 +11,7 @@ lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name i
 fit = gb.fit("lateral", lap.rows(0, 600), vehicle="roboracer", effects=["steering_lag"])
 
 # %%
-# The stiffnesses of both axles are random walks; the rest of the fit is held.
+# The stiffnesses of both axles are random walks; the other parameters are fixed.
 track = gb.track(fit, other.rows(0, 400), ["C_alpha_f", "C_alpha_r"])
 print(track.summary())
 

@@ -49,7 +49,7 @@ fits = {
 print(fits["soft"].conf_int().loc["soft_steering"])
 
 # %%
-# The interval holds what the car's tyres make of it, its understeer gradient:
+# The interval holds the true value, which is the understeer gradient that the car's tyres give:
 p = {parameter.name: float(parameter.value) for parameter in car.parameters}
 balance = p["l_r"] * p["C_alpha_r"] - p["l_f"] * p["C_alpha_f"]
 print(f"{p['m'] * balance / ((p['l_f'] + p['l_r']) ** 2 * p['C_alpha_f'] * p['C_alpha_r']):.2e} s²/m²")

@@ -184,7 +184,7 @@ class FitPlots:
         return ax
 
     def parameters(self, *names: str, level: float = 0.95, ax: Axes | None = None) -> Axes:
-        """Estimates over the values that the fit started from, with their confidence intervals.
+        """Confidence intervals of the parameters, each divided by the magnitude of its estimate.
 
         Parameters
         ----------

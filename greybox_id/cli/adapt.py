@@ -18,7 +18,7 @@ def adapt(
         "Seconds of motion to adapt to; the rest is scored.", "SECONDS", type=ABOVE_ZERO, default=20.0
     ),
     free: str = option(
-        "Parameters that may change: auto, all or their names; of models with memory also F, few, paper, physical.",
+        "Parameters that may change: auto, all or names; for models with memory also F, few, paper or physical.",
         "WORDS",
         default="auto",
     ),

@@ -21,8 +21,8 @@ def design(
         "Parameters to estimate precisely, such as I_z,B_f; default: all free ones.", "NAMES", default=""
     ),
     criterion: Literal["d", "a", "e", "c"] = option(
-        "Makes small: the covariance's determinant (d), the mean variance (a), the variance of the worst"
-        " combination (e), or that of the first of NAMES (c).",
+        "Minimises the covariance's determinant (d), the mean variance (a), the variance of the worst"
+        " combination (e) or that of the first of NAMES (c).",
         default="d",
     ),
     duration: float = option("At most.", "SECONDS", default=20.0),

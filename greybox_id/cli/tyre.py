@@ -68,7 +68,7 @@ def _show(fit: TyreFit, target: Path) -> None:
     else:
         screen.print("spread   unknown: no column of temperature or pressure varies")
     screen.print(
-        f'\nwritten  {target}   in a vehicle file: tyre_file = "{target}"; friction of a road: ± 30 % of the belt\'s'
+        f'\nwritten  {target}   in a vehicle file: tyre_file = "{target}"; friction of a road: that of the belt ± 30 %'
     )
 
 

@@ -115,7 +115,7 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
             poses, levels = stepped, value
             notes.append(
                 f"the poses' stamps scatter by {number(1e3 * scatter, 2)} ms about even steps, and even steps "
-                "explain the poses better: they are taken as the time."
+                "explain the poses better: the time was set to even steps."
             )
     poses, levels, smoothed = _without_glitches(poses, levels, notes)
     return _at_centre(poses, levels, smoothed, reference, notes)

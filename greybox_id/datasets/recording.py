@@ -285,7 +285,7 @@ class Recording:
     def must_run(self) -> None:
         """Raise `BadInput` where no two rows follow each other in time: nothing moves in such a recording."""
         if not self.sample_time > 0:
-            rows = "a single row" if len(self) == 1 else f"{len(self)} rows of which none follows another in time"
+            rows = "a single row" if len(self) == 1 else f"{len(self)} rows, and in none of them does time advance"
             raise BadInput(
                 f"{self.name} has {rows}: is its time reversed, or the same throughout? Check it with greybox data "
                 "check, and name the column of its clock in the column map (‹columns›)."

@@ -123,7 +123,7 @@ def test_stamps_that_scatter_about_even_steps_give_way_to_them():
     time, *poses = circle()
     stamps = time + 3e-4 * np.random.default_rng(0).standard_normal(len(time))
     found = motion(stamps, *poses, AT, "stamps")
-    assert "they are taken as the time" in found.notes[0]
+    assert "the time was set to even steps" in found.notes[0]
     np.testing.assert_allclose(np.diff(found.time), 0.01, rtol=1e-3)
 
 
