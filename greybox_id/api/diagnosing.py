@@ -221,8 +221,8 @@ def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnose
     model = must_have_gaps(fit.model)
     if stated is not None and model.learnt:
         raise BadInput(
-            f"{model.name} is {fit.model.called}; its noise is known from its training, so that it uses nothing of "
-            f"the vehicle {stated.name}; omit it (‹vehicle›)."
+            f"{model.name} is {fit.model.called}; its noise is known from its training, and it does not need the "
+            f"vehicle {stated.name}; omit it (‹vehicle›)."
         )
     with known(model):
         fitted = fitted_vehicle(fit, name)
@@ -238,7 +238,7 @@ def must_have_gaps(model: Model) -> Diagnosed:
     """
     if isinstance(model, MemoryModel):
         return model
-    return equations_of_motion(model, "; gaps are diagnosed of these, and of models with memory")
+    return equations_of_motion(model, "; a gap can be diagnosed for these and for models with memory")
 
 
 def must_be_stated(model: Model) -> Model:

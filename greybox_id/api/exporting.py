@@ -128,7 +128,7 @@ def export(
 def _assumed(model: Model, stated: Magnitudes) -> list[str]:
     """Sentences on effects that stand at a magnitude nobody stated."""
     return [
-        f"{name} is taken at {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, its typical size; "
+        f"{name} is exported with {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, its typical size; "
         f"state it as {name}=VALUE."
         for name, magnitude in stated.items()
         if magnitude is None

@@ -71,7 +71,7 @@ class GapResult(Gap):
     def closed_vehicle(self) -> Vehicle:
         """The vehicle with the effects that close the gap, as `greybox gap --apply` writes it."""
         if self.vehicle is None:
-            raise BadInput("Nothing was stated of the vehicle; hand it to gb.diagnose as ‹vehicle›.")
+            raise BadInput("No vehicle was stated; pass one to gb.diagnose as ‹vehicle›.")
         return closed_vehicle(self.vehicle, self)
 
     def to_pandas(self) -> pd.DataFrame:

@@ -34,5 +34,5 @@ def document(result: Other) -> Document:
     if isinstance(result, TrackResult | Digest):
         return track_report(result if isinstance(result, Digest) else result.digest)
     if not isinstance(result, GapResult):
-        raise BadInput("This diagnosis does not know what it was made with; make it with gb.diagnose.")
+        raise BadInput("This diagnosis does not record its model and recordings; make it anew with gb.diagnose.")
     return gap_report(result, result.made)

@@ -276,7 +276,7 @@ def predicted(
     if posterior is not None and open_loop:
         raise BadInput("‹open_loop› is for models with memory, which have no ‹posterior›.")
     if (seconds is not None or posterior is not None) and not isinstance(model, Fit):
-        raise BadInput(f"model: a fit is needed, which knows its noise from training, not {model!r:.60}.")
+        raise BadInput(f"model: a fit is needed, since only a fit knows its noise, not {model!r:.60}.")
     chosen, value = _both(model, recording, vehicle, effects, columns)
     how, facts = predicted_how(chosen, horizon, open_loop)
     called = f"{chosen.name}{f', {horizon:g} s ahead' if horizon is not None else ''}"

@@ -81,7 +81,7 @@ class Profiles:
         if self.moved:
             most = max(self.moved, key=lambda name: abs(self.moved[name]))
             yield (
-                f"The fit was not at its optimum: optimised again, {most} moved by "
+                f"The fit was not at its optimum: when it was optimised again, {most} moved by "
                 f"{number(abs(self.moved[most]), 2)} sd. Fit again.\n"
             )
         yield _table(self.fit, self.found, self.confidence)

@@ -27,7 +27,7 @@ from .commands import CommandGroup, Guarded
 from .options import ABOVE_ZERO, COLUMNS, FILE, JSON, argument, command, option, part_asked, read_part
 from .output import console, print_json, progress, working
 
-WHEELBASE: Any = option("In m; makes the check of the steering more exact.", type=ABOVE_ZERO)
+WHEELBASE: Any = option("Wheelbase in m; makes the check of the steering more exact.", type=ABOVE_ZERO)
 
 
 class RepairTarget(Guarded):
@@ -103,7 +103,7 @@ def check_command(
         if repair:
             console().print(f"written  {repair}: {'; '.join(changes)}" if changes else "no finding has a repair")
             if kept:
-                console().print(f"written  {kept}: the map as it was")
+                console().print(f"written  {kept}: the map before the repair")
         elif any(repaired(column_map(columns), findings) for _, findings in results):
             wheels = ["--wheelbase", f"{wheelbase:g}"] if wheelbase else []
             again = ["greybox", "data", "check", *files, "--columns", columns, *wheels, "--repair", _free_name()]
@@ -185,7 +185,7 @@ def convert_command(
     screen.print(f"written  {out}: {header(recording)}; {', '.join(recording.signals)}")
     if further:
         named = ", ".join(f"{name} [{unit}]" for name, unit in further.items())
-        screen.print(f"         no canonical names, map them under [extra]: {named}")
+        screen.print(f"         without canonical names; map these under [extra]: {named}")
 
 
 @command("join", of=data)

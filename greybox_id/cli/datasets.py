@@ -70,18 +70,18 @@ def fetch_command(
     screen = console()
     for path in paths:
         screen.print(path)
-    screen.print(f"they are their authors' ({dataset.licence}); cite: {dataset.reference}")
+    screen.print(f"the recordings belong to their authors ({dataset.licence}); cite: {dataset.reference}")
     if dataset.columns:
         screen.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
     else:
-        screen.print(f"next: greybox data map {paths[0]} proposes a column map; greybox bench reads them as they are")
+        screen.print(f"next: greybox data map {paths[0]} proposes a column map; greybox bench needs none")
 
 
 @command("make", of=datasets)
 def make_command(
     name: str = argument("NAME", shell_complete=names(made)),
     out: str = option("Where to.", "FOLDER", default="."),
-    seed: int | None = option("Seed of the random numbers.", type=FROM_ZERO),
+    seed: int | None = option("Seed of all random numbers.", type=FROM_ZERO),
     as_json: bool = JSON,
 ) -> None:
     """Make the synthetic recordings NAME; the same seed makes the same.

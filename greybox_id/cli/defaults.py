@@ -97,11 +97,13 @@ def _of_command(ctx: click.Context, command: click.Command, table: Any, where: s
         must_be_one_of(options, key, f"{where}: there is no option")
         if key in NAMES_CODE:
             raise BadInput(
-                f"{where}: {key} names code to run, which a file in a folder may not; say --{key} when you mean it."
+                f"{where}: {key} names code to run, which a file of defaults may not do; give --{key} on the command "
+                "line."
             )
         if any(isinstance(item, str) and MARK in item for item in (value if isinstance(value, list) else [value])):
             raise BadInput(
-                f"{where}: {key} names a file to run, which a file in a folder may not; say --{key} yourself."
+                f"{where}: {key} names a file to run, which a file of defaults may not do; give --{key} on the "
+                "command line."
             )
         option = options[key]
         result[str(option.name)] = _value(ctx, option, value, f"{where} {key}")

@@ -14,9 +14,11 @@ from .output import console, print_json, progress, show
 def design(
     source: str = argument("FIT|GAP", type=FILE),
     goal: Literal["precision", "discriminate", "detect"] | None = option(
-        "Default: precision for a FIT, discriminate for a GAP."
+        "Goal of the design; default: precision for a FIT, discriminate for a GAP."
     ),
-    arena: str = option("straight:120x8, disc:30 (m), or OUTLINE.csv with x, y.", "ARENA", required=True),
+    arena: str = option(
+        "Free area: straight:120x8 or disc:30 (in m), or OUTLINE.csv with x and y.", "ARENA", required=True
+    ),
     parameters: str = option(
         "Parameters to estimate precisely, such as I_z,B_f; default: all free ones.", "NAMES", default=""
     ),
@@ -25,13 +27,13 @@ def design(
         " combination (e) or that of the first of NAMES (c).",
         default="d",
     ),
-    duration: float = option("At most.", "SECONDS", default=20.0),
+    duration: float = option("Longest duration of the manoeuvre.", "SECONDS", default=20.0),
     rate: float = option("Rows of the plan per second.", "HZ", default=50.0),
-    limits: str | None = option("TOML file: steer_max, speed_max, sideslip_max ...", "FILE", type=FILE),
+    limits: str | None = option("TOML file of limits, such as steer_max, speed_max, sideslip_max.", "FILE", type=FILE),
     vehicle: str | None = option("Vehicle whose steer_max is the limit, unless LIMITS states one.", "NAME|FILE"),
     speed_max: float | None = option("Highest speed that is allowed.", "M/S"),
     grip: float | None = option("Largest share of an axle's friction to use; default: 0.85.", "SHARE"),
-    repeat: int = option("How often the manoeuvre will be driven.", default=1),
+    repeat: int = option("How many times the manoeuvre will be driven.", default=1),
     driver: bool = option(
         "A driver corrects speed and path, or the planned commands are given unchanged.",
         name="--driver/--open-loop",
@@ -39,7 +41,7 @@ def design(
         show_default=True,
     ),
     effort: float = option("Time to spend on the search: 2 is twice the usual.", default=1.0),
-    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     out: str = option("Folder for plan.csv, plan.svg, design.json.", "FOLDER", default="design"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:

@@ -43,13 +43,15 @@ def fit(
     ),
     calibrate: str | None = CALIBRATE,
     out: str | None = option("Folder for fit.json; default: the model's name.", "FOLDER"),
-    horizon: float | None = option("Length of each prediction; default: whole runs.", "SECONDS", type=ABOVE_ZERO),
+    horizon: float | None = option(
+        "Horizon of the predictions that are fitted; default: whole runs.", "SECONDS", type=ABOVE_ZERO
+    ),
     start_from: Literal["free", "measured"] = option(
-        "Whether starts of predictions may deviate from their readings.", default="free"
+        "Whether the initial state of a prediction may deviate from its readings.", default="free"
     ),
     robust: float | None = option("Residuals beyond K standard deviations count linearly.", "K", type=ABOVE_ZERO),
     noise: Sequence[str] = option("Standard deviation of an output's readings.", "NAME=SD"),
-    early_stopping: bool = option("Stop where the validation recording is fitted best (as published)."),
+    early_stopping: bool = option("Stop when the error on the validation recording is smallest, as published."),
     strength: float | None = option(
         "Factor on the priors of the weights; chosen by cross-validation unless given.", type=ABOVE_ZERO
     ),
@@ -57,22 +59,20 @@ def fit(
         "auto: Gauss-Newton finds the optimum, Ipopt confirms it.", default="auto"
     ),
     pretrain: str | None = option(
-        "mlp_lateral, bicycle_mlp: a fit or a posterior from which the network learns first; hybrid_stiffness, "
-        "hybrid_force: a fit of the same model, whose training is continued.",
+        "For mlp_lateral and bicycle_mlp: a fit or posterior on which the network is trained first. For "
+        "hybrid_stiffness and hybrid_force: a fit of the same model, whose training is continued.",
         "FILE",
     ),
-    pretrain_points: int = option(
-        "Number of points at which the network learns from the fit of --pretrain.", default=20_000
-    ),
+    pretrain_points: int = option("Number of points at which --pretrain trains the network.", default=20_000),
     pretrain_range: Literal["data", "box"] = option(
-        "Pretrain at rows of the recordings, or in a box 1.3 times as wide.", default="data"
+        "Pretrain at the rows of the recordings, or in a range 1.3 times as wide as theirs.", default="data"
     ),
     pretrain_beyond: float = option(
         "Also pretrain on the known vehicle at speeds up to this many times the fastest recorded.", default=1.0
     ),
-    starts: int = option("Starting points tried.", type=click.IntRange(1, 1000), default=1),
+    starts: int = option("Number of starting points.", type=click.IntRange(1, 1000), default=1),
     jobs: int = JOBS,
-    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     as_json: bool = JSON,
     **options: Any,
 ) -> None:

@@ -122,7 +122,7 @@ def write(kind: str, target: Path, gap: GapResult, closed: Vehicle | None) -> No
 def warnings_of(closed: Vehicle | None, gap: Gap, apply: str | None, out: str | None = None) -> list[str]:
     """What is to be known of the closed vehicle, or of why there is none."""
     if closed is None:
-        return [f"{IN_FOLDER['vehicle']} is left out: {no_place(gap.model)}"] if out is not None else []
+        return [f"{IN_FOLDER['vehicle']} is not written: {no_place(gap.model)}"] if out is not None else []
     if apply is not None and not gap.applied:
         return [f"no effect was found to apply: {apply} describes the vehicle as it was."]
     return []
@@ -182,7 +182,7 @@ def what_would_show(
 ) -> None:
     """Print from which size on changes would show on one more recording like those from before."""
     if recordings or not since:
-        raise BadInput("--sensitivity is asked before a run: name recordings from before with --since, and no other.")
+        raise BadInput("--sensitivity needs recordings from before, named with --since, and no others.")
     simulation, stated = _simulation(vehicle, fit_file, model)
     before = [read_part(file, columns or "canonical") for file in since]
     with progress() as say:
@@ -194,7 +194,9 @@ def what_would_show(
     table = plain_table("effect", *sizes, right=sizes)
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
-    console().print(f"On one more recording like {listed([item.name for item in before])} a change would show:")
+    console().print(
+        f"Smallest change that one more recording like {listed([item.name for item in before])} would detect:"
+    )
     console().print(table)
 
 
@@ -226,7 +228,7 @@ def gap(
     recordings: Sequence[str] = argument("RECORDING...", type=FILE),
     vehicle: str | None = option("Vehicle: a shipped name or a file.", "VEHICLE", shell_complete=VEHICLES),
     fit_file: str | None = option(
-        "A fit in place of a vehicle file; --vehicle beside it states noise and tolerances.",
+        "A fit in place of a vehicle file; --vehicle then states noise and tolerances only.",
         "FIT",
         name="--fit",
         type=FILE,
@@ -247,7 +249,7 @@ def gap(
         type=FILE,
     ),
     sensitivity: bool = option(
-        "With --since and no RECORDING: the smallest changes that one more such recording would show."
+        "With --since and no RECORDING: print the smallest change that one more such recording would detect."
     ),
     out: str | None = option("Folder for gap.json, gap.png, gap.pdf and closed.toml.", "FOLDER"),
     report: str | None = option("Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.", "FILE"),
@@ -256,7 +258,7 @@ def gap(
         "Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30.", "ARENA"
     ),
     check: bool = option("Exit with 1 where a gap is detected."),
-    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Say where the simulation of each RECORDING deviates from the vehicle, why, and how much of that closes.

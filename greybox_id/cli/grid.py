@@ -26,7 +26,7 @@ def grid(
         "Factor on the priors; default: cross-validated once, on the structure of the defaults.", type=ABOVE_ZERO
     ),
     jobs: int = JOBS,
-    out: str = option("A .parquet file; continued.", "FILE", default="grid.parquet"),
+    out: str = option("A .parquet file; an interrupted grid continues from it.", "FILE", default="grid.parquet"),
     as_json: bool = JSON,
 ) -> None:
     """Fit every structure of MODEL that the settings span, and choose one.

@@ -245,7 +245,7 @@ def part_asked(recording: Recording) -> Recording:
 
 json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
 JSON: Any = Declared(lambda name, annotation: json_option)
-JOBS: Any = option("Processes at a time (on Linux).", type=click.IntRange(min=1), default=1)
+JOBS: Any = option("Number of parallel processes (on Linux).", type=click.IntRange(min=1), default=1)
 
 WORD = re.compile(r"[A-Za-z_][\w-]*")
 """A setting that is a name, such as that of a tyre."""
@@ -320,7 +320,7 @@ JSON_AND_OWN: Any = replace(
     before=(
         click.option(
             "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
-            help="Your own model or effect: one that the fit was made with, or one to try; the file is run.",
+            help="Your own model or effect, with which the fit was made or which is to be tried; the file is run.",
         ),
     ),
 )  # fmt: skip
@@ -349,17 +349,19 @@ _MODEL = (
 _EFFECTS = click.option(
     "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]", shell_complete=names(_effects),
     callback=named_effects,
-    help="Add an effect or FILE.py:NAME: free, held at a VALUE[unit], or free with a prior MEAN±SD[unit].",
+    help="Add an effect or FILE.py:NAME: free, fixed at VALUE[unit], or free with a prior MEAN±SD[unit].",
 )  # fmt: skip
 _FIX = click.option(
     "--fix", multiple=True, metavar="NAME[=VALUE]",
-    help="Hold a parameter at its present value or at VALUE[unit]: m=3.5kg.",
+    help="Fix a parameter at its present value or at VALUE[unit]: m=3.5kg.",
 )  # fmt: skip
 _ESTIMATED = (
-    click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that would otherwise be held."),
+    click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that would otherwise be fixed."),
     click.option("--prior", multiple=True, metavar="NAME=MEAN±SD", help="Prior of a parameter: B_f=6±3 or B_f=6+-3."),
-    click.option("--start", multiple=True, metavar="NAME=VALUE", help="Where a parameter's estimation starts."),
-    click.option("--per-run", multiple=True, metavar="NAME", help="One value for each unbroken run."),
+    click.option("--start", multiple=True, metavar="NAME=VALUE", help="Start value of a parameter."),
+    click.option(
+        "--per-run", multiple=True, metavar="NAME", help="Estimate a parameter with its own value in each unbroken run."
+    ),
 )
 
 

@@ -42,7 +42,7 @@ def predict(
     posterior: str | None = option("Draws of greybox sample: predict their mean and a 95 % band.", "FILE", type=FILE),
     calibrate: str | None = CALIBRATE,
     open_loop: bool = option("Models with memory: predict one sample ahead from measured inputs."),
-    out: str = option("A .csv, .parquet, .mf4 or .mcap file.", "FILE", default="prediction.csv"),
+    out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="prediction.csv"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Predict RECORDING with FIT: so many seconds ahead, or freely from the start of each run.
@@ -68,7 +68,7 @@ def simulate(
     start_state: Sequence[str] = option(
         "A state at the start of every run; others start from the first row's readings.", "NAME=VALUE"
     ),
-    out: str = option("A .csv, .parquet, .mf4 or .mcap file.", "FILE", default="simulation.csv"),
+    out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="simulation.csv"),
     as_json: bool = JSON_AND_OWN,
     fix: Sequence[str],
     **options: Any,

@@ -19,7 +19,7 @@ def profile(
     names: Sequence[str] = option("A free parameter; repeatable.", "NAME", name="--parameter"),
     everything: bool = option("Every free parameter.", name="--all"),
     confidence: float = option(
-        "Of the intervals.", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95
+        "Confidence level of the intervals.", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95
     ),
     columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
     jobs: int = JOBS,

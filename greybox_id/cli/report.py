@@ -16,7 +16,9 @@ def report(
     train: Sequence[str] = option("New path of a training recording that was moved; repeatable.", "FILE"),
     validate: str | None = option("New path of the validation recording if it was moved.", "FILE"),
     columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
-    kind: Literal["pdf", "html"] | None = option("Default: from the suffix of --out, else pdf.", name="--format"),
+    kind: Literal["pdf", "html"] | None = option(
+        "Format of the report; default: that of the suffix of --out, else pdf.", name="--format"
+    ),
     out: str | None = option("File to write; default: beside the first file.", "FILE"),
     posterior: str | None = option("Draws of greybox sample for one FIT: adds bands and a corner plot.", "FILE"),
     figures: str | None = option("Also write the figures there, as SVG.", "FOLDER"),

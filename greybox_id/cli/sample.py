@@ -22,7 +22,7 @@ def sample(
         default="mcmc",
     ),
     draws: int = option("Number of draws; of particles for abc-smc.", default=2000),
-    seed: int = option("Of everything random.", type=FROM_ZERO, default=0),
+    seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     distance: Literal["pooled", "trajectories"] = option(
         "abc-smc: distance over all rows, or the mean of the trajectories' distances.", default="pooled"
     ),

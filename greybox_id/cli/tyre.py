@@ -47,7 +47,7 @@ def _show(fit: TyreFit, target: Path) -> None:
     word = "usable as a prior" if fit.usable else "not usable"
     screen.print(Text(f"verdict  {word}: {share}", style="bold"))
     screen.print(f"         to slip angles of {number(fit.largest_slip, 2)} rad; beyond, the formula extrapolates")
-    screen.print(f"data     {fit.rows} rows; {fit.left_out} of another camber, or without numbers, left out")
+    screen.print(f"data     {fit.rows} rows used; {fit.left_out} rows left out (another camber, or no number)")
     for note in fit.notes:
         screen.print(f"         {note}")
     table = plain_table("coefficient", "estimate", "sd")

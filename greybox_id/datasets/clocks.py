@@ -87,7 +87,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     notes.insert(0, f"signals of {len(ordered)} clocks were brought onto that of {clock.name}, {kept}.")
     cut = len(time) - len(inside)
     if cut:
-        notes.append(f"{cut} of {len(time)} instants lie where not all of them were recorded, and were left out.")
+        notes.append(f"{cut} of {len(time)} instants were left out, since not all signals were recorded there.")
     signals: dict[str, Array] = {}
     resampled: dict[str, Resampled] = {}
     for group in ordered:

@@ -323,7 +323,7 @@ def _time(entry: Mapping[str, Any], where: str) -> Column:
     column = _column({key: value for key, value in entry.items() if key not in RESTS}, "time", "s", where)
     stated = [key for key in RESTS if key in entry]
     if len(stated) > 1:
-        raise BadInput(f"{where}: {' and '.join(stated)} cannot both hold what whole seconds leave; name one.")
+        raise BadInput(f"{where}: {' and '.join(stated)} cannot both hold the fraction of the second; name one.")
     return replace(column, rest=text_of(entry, stated[0], where), rest_unit=RESTS[stated[0]]) if stated else column
 
 
@@ -367,7 +367,10 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
 def _negative(entry: Mapping[str, Any], where: str) -> float | str:
     """What a sign column holds in rows that are negative."""
     if "negative" in entry and "sign_column" not in entry:
-        raise BadInput(f"{where}: negative is what sign_column holds in rows that are negative; name that column.")
+        raise BadInput(
+            f"{where}: negative says what sign_column holds where the value is negative, but there is no "
+            "sign_column; name it."
+        )
     value = entry.get("negative", 1.0)
     return value.strip() if isinstance(value, str) else _number(entry, "negative", 1.0, where)
 

@@ -143,7 +143,7 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
     for wrap in (*whole, *clocks) if back.any() else ():
         if np.max(counts) < wrap and np.all((steps[back] + wrap > 0) & (steps[back] + wrap <= MISSED * usual)):
             counts = counts + np.concatenate([[0], np.cumsum(back)]) * int(wrap)
-            notes.append(f"time begins anew at {wrap:.10g} of its counts, and is taken on from there.")
+            notes.append(f"the counter of time starts again at {wrap:.10g}; time continues across that.")
             break
     return Instants(counts, second, " ".join(notes))
 
@@ -340,11 +340,11 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     packets = bool(np.mean(steps[inside] < IN_ONE_PACKET * step) > 0.5 or np.any(steps[inside] <= ROUNDING * step))
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
-        why = f"values follow rows, not time stamps (share {share:.2f} ± {sd:.2f})"
+        why = f"values depend on the row, not on the stamp (share {share:.2f} ± {sd:.2f})"
         return _regressed(time, parts, lines, signals, "rows came in packets" if packets else why)
     rounded = runs_on and np.max(np.abs(behind)) <= ROUNDED * _resolution(time, step)
     if rounded and bounded and not share - SURE * sd > 0.5:
-        return _regressed(time, parts, lines, signals, "their last digit alone makes them so")
+        return _regressed(time, parts, lines, signals, "their rounding alone explains it")
     if runs_on or keep_rows or bool(np.any(steps[inside] <= ROUNDING * step)):
         return None
     whole = np.round(steps / usual)
@@ -432,8 +432,8 @@ def _with_lost_rows(time: Array, signals: Mapping[str, Array], whole: Array, run
         count = counts[a:b] - counts[a]
         even[a:b] = np.mean(time[a:b] - step * count) + step * count
     note = (
-        f"{int(np.sum(whole[running] - 1))} rows of the clock ({exact(step)} s, {1 / step:.4g} Hz) are lost: where no "
-        f"more than {LINEAR_GAP - 1:g} are in a row, what stands beside them is laid between; elsewhere a run ends."
+        f"{int(np.sum(whole[running] - 1))} rows of the clock ({exact(step)} s, {1 / step:.4g} Hz) are missing: gaps "
+        f"of up to {LINEAR_GAP - 1:g} rows are interpolated; at longer ones a new run begins."
     )
     return _on_a_grid(even, signals, parts, step, "linear", note)  # a lost command is as likely the next one
 

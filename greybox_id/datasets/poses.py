@@ -319,7 +319,9 @@ def _without_glitches(
         else:
             levels, known = _likeliest(poses, levels), left
     if left < before:
-        notes.append(f"{before - left} of {before} poses fit no motion between the others; left out.")
+        notes.append(
+            f"{before - left} of {before} poses were left out: no motion leads through them and those around them."
+        )
     return poses, levels, (yaw, place)
 
 

@@ -151,14 +151,15 @@ def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
             say(f"{remote.name} broke off after {part.stat().st_size} bytes, attempt {attempt} of {ATTEMPTS}")
         else:
             raise BadInput(
-                f"{remote.address} broke off {ATTEMPTS} times; what has come is kept in {part}, call again to go on."
+                f"{remote.address} broke off {ATTEMPTS} times; the part that arrived is kept in {part}; call again to "
+                "continue."
             )
         result = hash_of(part)
         if expected and result != expected:
             part.unlink()
             raise BadInput(
-                f"{remote.address} is not the file that is known: its SHA-256 is {result}, expected is {expected}. "
-                "Nothing of it was kept. It may have been changed by its authors, or on the way."
+                f"{remote.address} is not the expected file: its SHA-256 is {result}, not {expected}. The file was "
+                "not kept. Its authors may have changed it, or it was damaged on the way."
             )
         permit(part, path)
         part.replace(path)

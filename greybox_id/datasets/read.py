@@ -276,7 +276,7 @@ def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
     within = np.flatnonzero(np.all([np.isfinite(signals[name]) for name in spread], axis=0))
     rows = range(int(within[0]), int(within[-1]) + 1) if within.size else range(len(time))
     kept = {name: values[rows.start : rows.stop] for name, values in signals.items()}
-    note = f"blank in most rows, and laid between their own cells: {', '.join(spread)}."
+    note = f"blank in most rows, and interpolated between their own cells: {', '.join(spread)}."
     return Joined(time[rows.start : rows.stop], kept, resampled, (*joined.notes, note)), rows
 
 
@@ -308,7 +308,10 @@ def _several(
     late: Mapping[str, ClockAlignment],
 ) -> tuple[Joined, list[str]]:
     if mapping.rate:
-        raise BadInput(f"{result.where}: a rate is the clock of one table, and this holds several; name their time.")
+        raise BadInput(
+            f"{result.where}: a rate is the clock of one table, but this file holds several tables; name "
+            "their time columns."
+        )
     clocks: list[Instants] = []
     signals: list[Mapping[str, Array]] = []
     names = [group.name or group.clock for group, _ in groups]
@@ -352,8 +355,8 @@ def _time_column(group: Group, mapping: ColumnMap, alone: bool) -> Column:
         rest = next(filter(None, map(group.full, (rest, rest.rpartition("/")[2]))), "")
     if not name:
         raise BadInput(
-            f"The columns {', '.join(group.names[:4])} have no time beside them, and the column map takes others on a "
-            "clock of their own; leave them out, or write the file with a time beside each."
+            f"The columns {', '.join(group.names[:4])} have no time column, while other columns of the map have a "
+            "clock of their own; leave them out, or write the file with a time for each."
         )
     if name == group.clock and group.clock_unit:
         return Column("time", name, group.clock_unit, "s")

@@ -110,7 +110,7 @@ def _run(command: Sequence[str], environment: Mapping[str, str]) -> tuple[int, s
             try:
                 _, complaint = working.communicate(timeout=NOTICED)
             except subprocess.TimeoutExpired:
-                _told_once("Waiting for the C compiler; what it makes is kept for the next time.", logging.INFO)
+                _told_once("Waiting for the C compiler; the compiled code is kept for the next time.", logging.INFO)
                 _, complaint = working.communicate()
         except BaseException:
             working.kill()

@@ -36,7 +36,10 @@ def without_form_error(subject: Subject) -> list[str]:
     """That files of numbers hold the nearest formula of a curve whose error was estimated."""
     if subject.model.settings.get("form", "exact") == "exact":
         return []
-    return ["Tyre curves and front wheels were fitted with form=uncertain: the nearest formula is held, not its error."]
+    return [
+        "Tyre curves and front wheels were fitted with form=uncertain: the files hold the nearest formula, "
+        "without its error."
+    ]
 
 
 @dataclass(frozen=True)

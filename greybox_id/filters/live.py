@@ -54,8 +54,8 @@ class LiveFilter:
         trace = filtering.space.trace
         if trace.shift_count and np.any(np.asarray(trace.timing(p[: trace.model.size]).full()) != 0):
             raise BadInput(
-                f"{trace.model.name} has delays or latencies, which need rows yet to come; leave those effects "
-                "out to follow a vehicle live."
+                f"{trace.model.name} has delays or latencies, which need later rows; omit those effects to follow a "
+                "vehicle live."
             )
         self._filtering, self.names, self._hold = filtering, tuple(names), hold
         self._p = np.ascontiguousarray(np.vstack([p, *(p + move for move in moves)]))

@@ -176,8 +176,8 @@ def _restless(track: Track) -> Iterator[Reason]:
         name = STIFFNESSES[max(sizes, key=lambda walking: sizes[walking])]
         yield Reason(
             WITH_CARE,
-            f"{name} is tuned to change by {100 * most:.0f} % in a minute, more than tyres do: it makes up for what "
-            "the model lacks, or for another vehicle than stated, and sideslip may be far off. Check the vehicle's "
+            f"{name} is tuned to change by {100 * most:.0f} % in a minute, more than tyres do: the model lacks an "
+            "effect, or the vehicle is not the one stated, and sideslip may be far off. Check the vehicle's "
             "wheelbase and steering ratio, or fit it first.",
         )
 
@@ -202,7 +202,7 @@ def of_innovations(
     reasons = [*more]
     reasons += [reason for name, item in channels.items() for reason in _channel(name, item, lost[name], widened)]
     if not any(item.count for item in channels.values()):
-        reasons.append(Reason(NOT_USABLE, "No reading was taken: nothing is tracked."))
+        reasons.append(Reason(NOT_USABLE, "The filter used no reading: nothing was tracked."))
     words = "The innovations are what the filter expects: NIS {} (1 is expected)."
     listed = ", ".join(f"{number(one.nis, 2)} of {name}" for name, one in channels.items() if np.isfinite(one.nis))
     return weighed([*reasons, Reason(USABLE, words.format(listed))], {})

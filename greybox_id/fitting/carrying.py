@@ -159,13 +159,13 @@ def _parts_differ(times: float, stays: bool, count: int) -> str:
     half = "half" if count == HALF else "part"
     one = "half of the data" if count == HALF else f"of the first {EIGHTHS[count]} of the data and the rest"
     result = (
-        f"Fitted to one {one}, the model has {number(times, 2)} times the errors on the other {half} that a fit to "
-        f"that {half} has, more than {'halves' if count == HALF else 'parts'} of one vehicle's drive do by chance: "
+        f"A fit to one {one} has, on the other {half}, {number(times, 2)} times the errors of a fit to that {half}; "
+        f"by chance, {'halves' if count == HALF else 'parts'} of one vehicle's drive differ less: "
     )
     if stays:
         return result + (
-            f"as the vehicle stated is nearer on both, one {half} does not determine the parameters within such "
-            "tolerances; or the vehicle has changed. State narrower tolerances, or record more."
+            f"either one {half} does not determine the parameters within such tolerances (the vehicle as stated has "
+            "smaller errors on both), or the vehicle has changed. State narrower tolerances, or record more."
         )
     return result + (
         f"the vehicle has changed, or is not the same. Fit each {half}; greybox gap says what changed since the first."

@@ -196,7 +196,8 @@ def cross_validated(problem: Problem, start: Array) -> Folds:
         longest = max(len(run) for run in problem.runs)
         raise BadInput(
             f"The training data are too short for cross-validation of {problem.trace.model.name}: their longest "
-            f"unbroken run has {longest} samples, a stretch held out {STRETCH * problem.trace.memory}. Record more, "
+            f"unbroken run has {longest} samples, and a held-out stretch has {STRETCH * problem.trace.memory}. Record "
+            "more, "
             "or choose structure and strength of regularisation yourself (‹settings›, ‹strength›)."
         )
     ends, squares = [], []

@@ -37,7 +37,7 @@ FOR_MEMORY = ("‹early_stopping|strengths›", "‹strength|strengths›")
 @by_kind
 def refused(model: Model, option: str) -> str:
     """Why an option does not go with a kind of model; empty where it does."""
-    return f"{option} does not go with {model.name}, which is {model.called}. Omit it."
+    return f"{option} cannot be used with {model.name}, which is {model.called}. Omit it."
 
 
 @dataclass(frozen=True)

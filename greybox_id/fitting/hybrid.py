@@ -202,6 +202,6 @@ def _refused(model: HybridModel, option: str) -> str:
     if option == "‹noise›":
         return ""
     return (
-        f"{option} does not go with {model.name}: it is trained over windows and stopped by manoeuvres that are held "
-        "out. Omit it."
+        f"{option} cannot be used with {model.name}, which is trained over windows and stopped by held-out "
+        "manoeuvres. Omit it."
     )

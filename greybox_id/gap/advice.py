@@ -60,7 +60,9 @@ def advice(
         known.add(frozenset(item))
         first, *others = item
         if same_readings(item):
-            one.append(f"{first} and {' and '.join(others)} read the same whatever is driven: measure the mounting.")
+            one.append(
+                f"{first} and {' and '.join(others)} have the same readings in every manoeuvre: measure the mounting."
+            )
         else:
             one.append(
                 f"To tell {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
@@ -70,10 +72,10 @@ def advice(
     shown = [name for name in weak if name not in blind]
     alike = [name for name in shown if to_drive([name], effects) == to_drive(shown[:1], effects)]
     if alike:
-        one.append(f"To see {', '.join(alike[:4])} at all: drive {to_drive(alike[:1], effects)}.")
+        one.append(f"To detect {', '.join(alike[:4])}: drive {to_drive(alike[:1], effects)}.")
     if blind:
         missing = dict.fromkeys(signal for name in blind for signal in effects[name].touches)
-        one.append(f"To see {', '.join(blind)} at all: record {' and '.join(missing)}.")
+        one.append(f"To detect {', '.join(blind)}: record {' and '.join(missing)}.")
     return tuple(one)
 
 

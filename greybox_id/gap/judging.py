@@ -78,7 +78,7 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
         elif spread is not None and spread.relative > limit:
             reasons[name] = (
                 f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
-                f"{spread.place}, which the estimate of a true cause would not"
+                f"{spread.place}, and that of a true cause does not"
             )
         elif _beside_unknown(one, best, name) > CAL.present:
             reasons[name] = (
@@ -157,7 +157,7 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
                 break
             for name, each in weak.items():
                 reasons[name] = (
-                    f"its size is not surely different from none: {number(each, 2)} standard deviations away; "
+                    f"its magnitude may be zero: {number(each, 2)} standard deviations away; "
                     f"among the {len(one.effects)} effects looked at, chance alone brings one to {number(surely, 2)}"
                 )
                 k = names.index(name)

@@ -205,7 +205,7 @@ def _within_numbers(search: Search, starts: Sequence[Start]) -> list[Hypothesis]
         search.about(None)
         result = refit(search, [search.start_of(search.at_means())])
     if not result:
-        raise BadInput("Simulations leave the range of numbers: is this the right vehicle, in the right units?")
+        raise BadInput("Simulations overflow: is this the right vehicle, in the right units?")
     return result
 
 

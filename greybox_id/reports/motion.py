@@ -256,8 +256,8 @@ def _held(fit: Fit) -> tuple[str, ...]:
     held = [p for p in fit.model.parameters if p.fixed and p.shape == () and p.name not in fit.model.effects]
     known = [f"{p.name} = {quantity(float(p.array), p.unit)}" for p in held if float(p.array)]
     nothing = [p.name for p in held if not float(p.array)]
-    stated = [f"Held: {', '.join(known)}."] if known else []
-    return (*stated, f"Held at zero: {', '.join(nothing)}.") if nothing else tuple(stated)
+    stated = [f"Fixed: {', '.join(known)}."] if known else []
+    return (*stated, f"Fixed at zero: {', '.join(nothing)}.") if nothing else tuple(stated)
 
 
 def _printed(sentence: str) -> str:

@@ -46,7 +46,7 @@ arm_option = click.option(
 )
 @arm_option
 @click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
-@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Seed of all random numbers.")
 @json_option
 def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed: int, as_json: bool) -> None:
     """Close the loop on a simulated car. After an interruption the same command continues.
@@ -73,7 +73,7 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
     "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Number of policies to learn."
 )
 @click.option("--steps", type=click.IntRange(1, 10_000_000), default=150_000, show_default=True, help="Of a training.")
-@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Of everything random.")
+@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Seed of all random numbers.")
 @json_option
 def agent_command(
     server: str, token_file: str, out: Path, session: str, case: int, arm: str, trainings: int, steps: int, seed: int,

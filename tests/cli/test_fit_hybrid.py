@@ -80,7 +80,7 @@ def test_it_stands_beside_equations_of_motion(fitted, files, tmp_path):
 def test_what_does_not_go_with_it_is_refused_in_a_sentence(fitted, files, tmp_path):
     path, _ = fitted
     model = ("fit", "--model", "hybrid_force", files[0], "--columns", "canonical", *SMALL)
-    assert "does not go with hybrid_force" in refused(*model, "--horizon", "1")
+    assert "cannot be used with hybrid_force" in refused(*model, "--horizon", "1")
     assert "omit --solver" in refused(*model, "--solver", "ipopt", "--out", tmp_path)
     assert "acts on" in refused(*model, "--with", "steering_delay=0.02")
     assert "runs freely" in refused("predict", path, files[2], "--columns", "canonical", "--horizon", "1")

@@ -109,7 +109,7 @@ def test_next_is_computed_where_an_arena_is_named(laps, asked):
     ranking = [replace(clear().ranking[0], effect=own, probability=0.5, indistinguishable_from=pair) for own in pair]
     asked.said = clear(ranking=tuple(ranking))
     said = " ".join(greybox(*arguments, "disc:40").out.split())
-    assert "Next accel_bias_x and imu_mount_pitch read the same whatever is driven: no manoeuvre" in said
+    assert "Next accel_bias_x and imu_mount_pitch have the same readings in every manoeuvre: no manoeuvre" in said
 
 
 def test_applied_effects_become_a_vehicle_that_simulates(laps, asked, tmp_path):
@@ -316,4 +316,4 @@ def test_what_would_show_is_asked_before_a_run(tmp_path):
     for words in (("--sensitivity",), (str(lap), "--since", str(lap), "--sensitivity")):
         called = greybox("gap", *words, "--vehicle", "full_size_car")
         assert called.code == 2
-        assert "before a run" in called.err
+        assert "recordings from before" in called.err

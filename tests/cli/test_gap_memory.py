@@ -47,7 +47,7 @@ def test_a_gap_is_told_as_of_any_other_model(files, tmp_path):
     assert told["held_out"]["closed"] > 0.7
     assert {file.name for file in (tmp_path / "gap").iterdir()} == {"gap.json", "gap.png", "gap.pdf"}
     assert json.loads((tmp_path / "gap" / "gap.json").read_text())["gap"] == told["gap"]
-    assert "closed.toml is left out" in called.err
+    assert "closed.toml is not written" in called.err
 
 
 def test_no_gap_is_told_to_people(files):

@@ -43,7 +43,7 @@ def test_a_usable_fit_says_so_first_and_ends_with_0(laps, tmp_path):
 def test_data_that_it_was_fitted_to_are_not_held_out(laps, tmp_path):
     copied = tmp_path / "another_name.csv"
     copied.write_bytes(laps[0].read_bytes())
-    said = "another_name is data it was fitted to (lap0): nothing was held out."
+    said = "another_name is the data that the fit was made with (lap0): nothing was held out."
     called = greybox("fit", laps[0], *FIT, "--validate", copied, "--out", tmp_path, "--json")
     assert said in called.told["reasons"]
     assert called.told["verdict"] == "usable with care"

@@ -95,7 +95,7 @@ def test_what_came_is_kept_for_the_next_call(server, tmp_path):
 
 def test_another_file_than_the_known_one_is_not_kept(server, tmp_path):
     server.files["/lap.csv"] = CONTENT[:-1] + b"x"
-    with pytest.raises(BadInput, match="is not the file that is known"):
+    with pytest.raises(BadInput, match="is not the expected file"):
         fetch(dataset(server), tmp_path)
     assert not list(tmp_path.iterdir())
 

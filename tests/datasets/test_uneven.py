@@ -71,7 +71,7 @@ def test_lost_rows_keep_the_clock_and_are_laid_between_their_neighbours(lost, ji
     assert len(found.time) > 0.96 * ROWS
     for name, exact in (motion(found.time, 0.0) | {"steer": 0.1 * np.sin(3 * found.time)}).items():
         assert np.max(np.abs(found.signals[name] - exact)) < 5e-3
-    assert "are lost" in found.note
+    assert "are missing" in found.note
 
 
 def test_an_even_clock_with_gaps_and_restarts_is_left_alone():

@@ -6,12 +6,12 @@ from greybox_id.models.effects import EFFECTS
 
 def test_a_manoeuvre_is_advised_for_what_it_shows_and_nothing_else():
     (said,) = advice([], ["load_sensitivity", "brake_bias", "grip_scale"], EFFECTS)
-    assert said == "To see load_sensitivity, grip_scale at all: drive a slow spiral up to the limit."
+    assert said == "To detect load_sensitivity, grip_scale: drive a slow spiral up to the limit."
 
 
 def test_what_acts_on_a_channel_that_nobody_reads_shows_in_no_manoeuvre():
     weak = ["velocity_lever_arm", "imu_lever_arm"]
     driven, recorded = advice([], weak, EFFECTS, ("v_y",))
-    assert driven.startswith("To see imu_lever_arm at all: drive ")
-    assert recorded == "To see velocity_lever_arm at all: record v_y."
+    assert driven.startswith("To detect imu_lever_arm: drive ")
+    assert recorded == "To detect velocity_lever_arm: record v_y."
     assert len(advice([], weak, EFFECTS)) == 1

@@ -135,11 +135,14 @@ def test_it_is_reported_and_compared(fit, laps, tmp_path):
 def test_what_it_cannot_is_a_sentence(fit, laps, tmp_path):
     lap = laps[0]
     for asked, words in (
-        (lambda: gb.fit(turning(), lap, options=gb.FitOptions(horizon=1.0)), "does not go with turning, which is a f"),
+        (
+            lambda: gb.fit(turning(), lap, options=gb.FitOptions(horizon=1.0)),
+            "cannot be used with turning, which is a f",
+        ),
         (lambda: gb.predict(fit, lap, horizon=0.5), "turning runs freely from the start of each run"),
         (lambda: gb.profile(fit, "curvature"), "turning is a formula; its fits solve no least-squares problem"),
         (lambda: gb.track(fit, lap), "turning is a formula; filters track equations of motion"),
-        (lambda: gb.diagnose(fit, lap), "turning is no model of motion; gaps are diagnosed of these"),
+        (lambda: gb.diagnose(fit, lap), "turning is no model of motion; a gap can be diagnosed for these"),
         (lambda: gb.adapt(fit, lap, seconds=12), "A fit of turning cannot be adapted"),
         (lambda: gb.export(fit, tmp_path / "c", target="c"), "turning is no model of motion; this target takes"),
         (lambda: fit.linearise(v_x=2.0), "turning is no model of motion; only these are linearised"),

@@ -190,7 +190,7 @@ def _forked(work: Work, job: dict[str, Any], seconds: float, memory: float) -> G
         number = os.WTERMSIG(status)
         how = TIME if number == signal.SIGXCPU else f"ended by {signal.Signals(number).name}"
     peak = used.ru_maxrss / (1024.0 if sys.platform != "darwin" else 1024.0**2)
-    return {"how": how or "ended without a word", "cpu_seconds": used.ru_utime + used.ru_stime, "peak_mb": peak}
+    return {"how": how or "ended without a message", "cpu_seconds": used.ru_utime + used.ru_stime, "peak_mb": peak}
 
 
 def _child(work: Work, job: dict[str, Any], limits: tuple[float, int], writing: int) -> None:

@@ -68,13 +68,15 @@ def _shifted(r: Recording, rows: slice) -> list[Explanation]:
     if apart and beside and aside is not None and (seconds > 0) == (aside[0] < 0):
         name, (seconds, error, _) = "yaw_rate", aside
         seconds = -seconds
-        sentence = f"a_y, which goes with v_x · yaw_rate, comes {number(1000 * abs(seconds), 3)} ms {{before}} it"
-        sentence = sentence.format(before="before" if seconds > 0 else "after")
+        order = "before" if seconds > 0 else "after"
+        sentence = (
+            f"a_y comes {number(1000 * abs(seconds), 3)} ms {order} v_x · yaw_rate, with which it should coincide"
+        )
     elif apart:
         name, seconds = "steer", -seconds
         sentence = (
-            f"yaw_rate follows v_x · steer by {number(-1000 * seconds, 3)} ms, where up to {number(1000 * most, 2)} ms "
-            "are a vehicle's response"
+            f"yaw_rate lags v_x · steer by {number(-1000 * seconds, 3)} ms; the response of a vehicle takes up to "
+            f"{number(1000 * most, 2)} ms"
         )
     elif beside and aside is not None:
         name, (seconds, error, _) = "a_y", aside

@@ -75,8 +75,8 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
             sentence += " sign in the column map (sign = -1, or remove sign = -1)."
         else:
             sentence += (
-                f"On one side stand {listed(left)}, on the other {listed(right)}; negate the "
-                "wrong side (sign = -1, or remove sign = -1)."
+                f"{listed(left)} and {listed(right)} have opposite signs; negate the wrong ones (sign = -1, or remove "
+                "sign = -1)."
             )
         findings.append(
             Finding("sign", Severity.DISTRUST, FoundAt(pair.nodes[0]), sentence, agreed.correlation,
@@ -182,12 +182,13 @@ def _blame(pair: Pair, gain: float, loosely: bool = False) -> str:
         near = abs(abs(np.log(gain)) - np.log(factor)) < np.log(FACTOR_TOLERANCE)
         if names and (near or (loosely and ratio > 0.3)):
             upper = pair.channels[0] in names  # the left side's own channel
-            large = f"{pair.channels[0]} as if in {foreign} and called {ours}" if upper else ""
+            large = f"{pair.channels[0]} looks like {foreign} but is called {ours}" if upper else ""
             rest = [name for name in names if name != pair.channels[0]]
-            small = f"{listed(rest)} as if in {ours} and called {foreign}" if rest else ""
+            plural = "s" if len(rest) == 1 else ""
+            small = f"{listed(rest)} look{plural} like {ours} but is called {foreign}" if rest else ""
             if gain < 1:
-                large = f"{pair.channels[0]} as if in {ours} and called {foreign}" if upper else ""
-                small = f"{listed(rest)} as if in {foreign} and called {ours}" if rest else ""
+                large = f"{pair.channels[0]} looks like {ours} but is called {foreign}" if upper else ""
+                small = f"{listed(rest)} look{plural} like {foreign} but is called {ours}" if rest else ""
             return (
                 f"{' or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
                 "Check the unit in the column map."

@@ -308,7 +308,7 @@ def _scattered(pair: Pair, lags: dict[int, Lag], odd: dict[int, tuple[float, flo
         f"{len(odd)} of {len(lags)} runs lie apart from the rest. "
     )
     if pair.kinematic:
-        sentence += "Both are the same quantity: the clocks of the two channels do not run together."
+        sentence += "Both are the same quantity: the clocks of the two channels are not synchronised."
     else:
         sentence += (
             "A delay this long comes from the vehicle's response or a dead zone in the steering rather than "

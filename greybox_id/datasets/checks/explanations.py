@@ -199,7 +199,7 @@ def _sideways(r: Recording) -> list[Explanation]:
         also = f", or yaw_rate one of {signed(-size / usual, 2)} rad/s" if steady else ""
         result.append(
             Explanation(
-                f"a_y has a constant of {signed(size, 2)} m/s²: the road is banked, or the IMU rolled, by "
+                f"a_y contains a constant of {signed(size, 2)} m/s²: the road is banked, or the IMU rolled, by "
                 f"{number(abs(float(bank)), 2)}°, or a_y has an offset{also}. Fit with road_bank, or subtract it.",
                 "a_y", size, float(both.errors[constant]), "m/s^2", strength(constant),
             )
@@ -245,8 +245,9 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
     side = "left" if degrees < 0 else "right"
     return [
         Explanation(
-            f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x reads {percent(abs(np.sin(angle)))} "
-            f"of v_x · yaw_rate, and a_y as much of dv_x/dt. Turn a_x and a_y back, or fit with imu_mount_yaw.",
+            f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x contains "
+            f"{percent(abs(np.sin(angle)))} of v_x · yaw_rate, and a_y the same share of dv_x/dt. Rotate a_x and a_y "
+            "back, or fit with imu_mount_yaw.",
             "a_x, a_y", degrees, float(np.degrees(ahead.errors[1])), "deg",
             float((ahead.values[1] / ahead.errors[1]) ** 2),
         )
@@ -273,7 +274,7 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
     banked = ", or the road is banked in its turns" if scale < 1 else ""
     doubt = "" if surely else f" (or {listed(others)} as much too {'large' if scale < 1 else 'small'}{banked})"
     return Explanation(
-        f"{name} is {number(by, 3)} times what the motion says{doubt}: a_y against v_x · yaw_rate has gain "
+        f"{name} is {number(by, 3)} times what the other channels imply{doubt}: a_y against v_x · yaw_rate has gain "
         f"{number(scale, 3)}. Check its scale in the column map.",
         name, by, error, "1", strength, surely,
     )  # fmt: skip

@@ -331,7 +331,7 @@ def _units(r: Recording) -> Iterator[Fault]:
         if r.has(*names):
             for by, is_in, called in ((factor, small, large), (1 / factor, large, small)):
                 verb = "are" if len(names) > 1 else "is"
-                what = f"{listed(names)} {verb} in {raised(is_in)} and called {raised(called)}"
+                what = f"{listed(names)} {verb} in {raised(is_in)} but called {raised(called)}"
                 remedy = f'Set unit = "{is_in}" in the column map (a factor of {exact(factor)}).'
                 around = any(name in ANGLES_AROUND for name in names)
                 yield Fault(what, remedy, names, _scaled(1 / by, *names), scales=not around)

@@ -385,8 +385,8 @@ def _clock_set_back(recording: Recording, back: dict[int, float], even: bool) ->
     sentence += "Rows are in order, do not sort them; a new run begins there, and nothing has to be mended."
     if even:
         sentence += (
-            f" Where no row is missing, rate = {exact(1 / dt, 4)} in the column map, in place of [time], "
-            "reads all as one run."
+            f" If no row is missing, write rate = {exact(1 / dt, 4)} in place of [time] in the column map: all rows "
+            "are then one run."
         )
     return _clock("set_back", Severity.WARNING, sentence, rows, max(back.values()), "s")
 

@@ -203,7 +203,7 @@ def bounded(size: float, where: str) -> None:
     """Raise `BadInput` for more than is read at once, before it is laid out."""
     if size > LARGEST:
         raise BadInput(
-            f"{where} holds {size / 1e9:.3g} GB once it is laid out, and {LARGEST / 1e9:g} GB are read at most. Cut it "
+            f"{where} holds {size / 1e9:.3g} GB of numbers, and {LARGEST / 1e9:g} GB are read at most. Cut it "
             "into parts, or leave columns out."
         )
 

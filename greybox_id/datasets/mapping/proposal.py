@@ -178,7 +178,7 @@ def _candidates(
             unit = stated if stated and _fits(stated, signal) else ""
             reasons = [f'"{name}" is a usual name of {signal}']
             if stated and not unit:
-                reasons.append(f"the file says {stated}, which {signal} cannot be")
+                reasons.append(f"the file says {stated}, which is no unit of {signal}")
             entry = MapEntry(signal, name, unit, reasons=tuple(reasons))
             if place:
                 other = f"{ordered[0]} is nearer by its name"
@@ -262,7 +262,7 @@ def _shared(
                 found = [(one, _alike_unit(one, rival, parts, draft.mapping())) for one in candidates]
                 entry, unit = next((item for item in found if item[1]), (entry, ""))
                 if unit:
-                    why = f"{rival.column} carries it as well, in {unit}: that compares the clocks"
+                    why = f"{rival.column} holds the same signal, in {unit}: both show the offset of their clocks"
                     entry = replace(
                         entry, otherwise=(*entry.otherwise, rival.column), reasons=(*entry.reasons, why),
                         other_units=(*(entry.other_units or (entry.unit,) * len(entry.otherwise)), unit),

@@ -142,5 +142,8 @@ def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
 
 def _either(entry: MapEntry) -> MapEntry:
     """Degrees, in which either wheel's angle is recorded, where nothing tells which."""
-    why = "nothing in the file tells road wheels from the hand wheel, of whose angle divide_by is the steering ratio"
+    why = (
+        "nothing in the file tells whether this is the angle of the road wheels or of the hand wheel; of the hand "
+        "wheel, divide_by is the steering ratio"
+    )
     return replace(entry, decided=False, reasons=(*entry.reasons, why))

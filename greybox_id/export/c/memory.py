@@ -43,8 +43,8 @@ class MemoryC:
     def tasks(self) -> dict[str, str]:
         """Function -> what it does, for people."""
         return {
-            f"{self.name}_start": "A window as though inputs and readings had stood there since ever.",
-            f"{self.name}_push": "A sample is added whose outputs were read: fills the window before it runs alone.",
+            f"{self.name}_start": "A window in which inputs and readings have always been constant.",
+            f"{self.name}_push": "Adds a sample whose outputs were read; fill the window with these before you step.",
             f"{self.name}_step": "A sample later, on its own predictions.",
             f"{self.name}_output": "What sensors read now.",
             f"{self.name}_step_jacobian": "The next predictions and their derivatives.",

@@ -160,7 +160,7 @@ class MotionC:
                 "ode_jacobian", e.ode, (("x_dot", n), ("by_x", f"{n} x {n}"), ("by_u", f"{n} x {m}")), (e.x, e.u),
                 "The derivative of the state, and its derivatives by state and inputs.",
             ),
-            function("output", e.output, (("y", r),), (), "What sensors read, but for their latency."),
+            function("output", e.output, (("y", r),), (), "What sensors read, without their latency."),
             function(
                 "output_jacobian", e.output, (("y", r), ("by_x", f"{r} x {n}"), ("by_u", f"{r} x {m}")), (e.x, e.u),
                 "What sensors read, and its derivatives by state and inputs.",
@@ -170,7 +170,7 @@ class MotionC:
             by_p = "The derivative of the state dt [s] later by the parameters."
             result.insert(2, function("step_by_p", e.step, (("by_p", f"{n} x {q}"),), (e.p,), by_p, value=False))
         if e.settles:
-            about = "The state with actuators at their commands and relaxed quantities where they settle: how to start."
+            about = "A state to start from: actuators at their commands, relaxed quantities at their steady values."
             result.append(function("settled", e.settled, (("x_next", n),), (), about))
         for name, of, signals in (("delays", e.delays, e.delayed), ("latencies", e.latencies, e.late)):
             if signals:

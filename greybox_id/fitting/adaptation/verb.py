@@ -164,8 +164,8 @@ class AdaptTask:
 def adapted(model: Model, task: AdaptTask) -> Adaptation:
     """A fit's model adapted as its kind is; of kinds that keep no uncertainty, none."""
     raise BadInput(
-        f"A fit of {model.name} cannot be adapted: it keeps no uncertainty that would hold what the new seconds do not "
-        "show. Fit it to the new recording together with the old ones."
+        f"A fit of {model.name} cannot be adapted: it keeps no uncertainty, which the parameters need that the new "
+        "seconds do not excite. Fit it to the new recording together with the old ones."
     )
 
 

@@ -254,7 +254,9 @@ def _trusted(fit: Fit, findings: Mapping[str, Sequence[Finding]]) -> Iterator[Re
 def _held_out(fit: Fit, data: Sequence[DataRecord]) -> Iterator[Reason]:
     """Whether what was held out is part of what the fit was trained on."""
     for one, trained in fitted_to(fit, data):
-        yield Reason(WITH_CARE, f"{one.name} is data it was fitted to ({trained.name}): nothing was held out.")
+        yield Reason(
+            WITH_CARE, f"{one.name} is the data that the fit was made with ({trained.name}): nothing was held out."
+        )
 
 
 def fitted_to(fit: Fit, data: Sequence[DataRecord]) -> Iterator[tuple[DataRecord, DataRecord]]:

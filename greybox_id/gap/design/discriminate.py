@@ -122,7 +122,8 @@ def discriminating(
         return _nothing("discriminate", model, design_task, f"There is nothing to distinguish: {_alone(gap)}.")
     rest, alike = parted(names)
     impossible = [
-        f"{one} and {other} read the same whatever is driven: no manoeuvre distinguishes them; measure the mounting."
+        f"{one} and {other} have the same readings in every manoeuvre: no manoeuvre distinguishes them; measure the "
+        "mounting."
         for one, other in alike
     ]
     known = tuple(name for name in rest if name in effects and effects[name].concerns(model))

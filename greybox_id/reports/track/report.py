@@ -95,7 +95,7 @@ NOISES = {
     "walk": "random walk of {}, over the root of a second",
     "noise": "white noise of the readings of {}",
     "colour": "slow part of the error of {}",
-    "memory": "how long {} lasts",
+    "memory": "correlation time of {}",
 }
 """Kind of noise -> what its size says."""
 
@@ -108,8 +108,8 @@ def provenance(digest: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
         ("command", made.command or "not recorded (tracked from Python)"),
         ("vehicle", made.vehicle or "none named"),
         ("filter", f"{method(digest)} on {digest.model}"),
-        ("walks for good", listed([_walks(digest, name) for name in digest.parameters]) or "nothing"),
-        ("comes and goes", listed(digest.disturbances) or "nothing"),
+        ("random walk", listed([_walks(digest, name) for name in digest.parameters]) or "nothing"),
+        ("returns to zero", listed(digest.disturbances) or "nothing"),
         ("effects added", listed([*digest.effects]) or "none"),
     )
     return recorded_in([digest.data], {"track": "tracked"}), pairs

@@ -51,18 +51,18 @@ def test_a_run_with_its_sign_turned_is_named():
 @pytest.mark.parametrize(
     ("name", "factor", "word"),
     [
-        ("yaw_rate", DEGREES, "yaw_rate as if in deg"),
-        ("yaw_rate", 1 / DEGREES, "yaw_rate as if in rad"),
-        ("a_y", 1 / 9.80665, "a_y as if in m/s² and called g"),
-        ("a_x", 9.80665, "a_x as if in g and called m/s²"),
-        ("v_x", 3.6, "v_x as if in"),
+        ("yaw_rate", DEGREES, "yaw_rate looks like deg"),
+        ("yaw_rate", 1 / DEGREES, "yaw_rate looks like rad"),
+        ("a_y", 1 / 9.80665, "a_y looks like m/s² but is called g"),
+        ("a_x", 9.80665, "a_x looks like g but is called m/s²"),
+        ("v_x", 3.6, "v_x looks like"),
     ],
 )
 def test_a_wrong_unit_is_named(name, factor, word):
     recording = clean(5)
     findings = found(recording.with_signals(**{name: recording[name] * factor}), "unit")
     assert distrusted(findings)
-    if "as if in m/s²" not in word and "as if in g" not in word:
+    if "looks like m/s²" not in word and "looks like g" not in word:
         assert any(word in finding.sentence for finding in findings)
     else:
         assert any(name in finding.sentence and "9.81" in finding.sentence for finding in findings)

@@ -75,7 +75,7 @@ def test_speed_against_positions_is_told_at_constant_speed():
     time = np.arange(0, 30, 0.02)
     signals = {"v_x": 36.0 + 0.02 * rng.standard_normal(len(time)), "x": 10.0 * time, "y": np.zeros(len(time))}
     (finding,) = [f for f in check_mapping(Recording("straight", time, signals)) if f.kind == "mapping"]
-    assert "v_x is in km/h and called m/s" in finding.sentence
+    assert "v_x is in km/h but called m/s" in finding.sentence
 
 
 def test_a_steady_circle_tells_axes_and_signs():

@@ -52,7 +52,7 @@ def test_a_clock_that_was_set_back_is_told_with_its_row_and_how_far(step):
     assert found.value == pytest.approx(1.0)
     assert found.severity is Severity.WARNING
     assert "the clock was set back by 1.0 s at row 250, counted from 0" in found.sentence
-    assert f"rate = {1 / step:g} in the column map" in found.sentence
+    assert f"rate = {1 / step:g} in place of [time]" in found.sentence
 
 
 def test_another_recording_whose_stamps_come_again_is_no_clock_that_was_set_back():

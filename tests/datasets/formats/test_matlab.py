@@ -80,5 +80,5 @@ def test_a_column_without_a_time_beside_it_is_told(tmp_path):
         '[signals.yaw_rate]\ncolumn="yaw"\nunit="rad/s"',
         "own.toml",
     )
-    with pytest.raises(BadInput, match="yaw have no time beside"):
+    with pytest.raises(BadInput, match="yaw have no time column"):
         read(tmp_path / "lap.mat", mapping)

@@ -125,11 +125,11 @@ def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
     quick = partial(designing.design, duration=6.0, limits=LIMITS, effort=0.03)
     monkeypatch.setattr(designing, "design", quick)
     fixed = "To tell steering_delay from steering_lag: drive a step steer; greybox design designs it."
-    gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To see roll at all: drive."))
+    gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To detect roll: drive."))
     first, second = designing.quoted(GapResult.of(gap, made), "disc:80").advice
     assert first.startswith("To tell steering_delay from steering_lag, drive from ")
     assert "disc:80 tell steering_delay or steering_lag by " in first
-    assert second == "To see roll at all: drive."
+    assert second == "To detect roll: drive."
     assert "too small" in designing.quoted(GapResult.of(gap, made), "disc:2").advice[0]
     sure = clear()
     sure = GapResult.of(sure, made)
