@@ -40,6 +40,8 @@ html_sidebars = {
     page: [] for page in ("*", "decisions/*")
 }  # pages without pages below them: no empty column beside them
 html_show_sourcelink = False
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
 
 autosummary_generate = True
 autodoc_typehints = "none"

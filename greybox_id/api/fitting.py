@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -166,7 +167,10 @@ def _fitted(
         models, training, validate=validation, how=options, say=say, pretraining=known,
         sensors={} if vehicle is None else vehicle.noise,
     )  # fmt: skip
-    return FitResult.of(result, seen, vehicle="" if vehicle is None else vehicle.name, warnings=tuple(warnings))
+    name = "" if vehicle is None else vehicle.name
+    if name:
+        result = replace(result, how={**result.how, "vehicle": name})
+    return FitResult.of(result, seen, vehicle=name, warnings=tuple(warnings))
 
 
 @by_kind

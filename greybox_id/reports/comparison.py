@@ -17,6 +17,7 @@ from ..datasets.recording import Recording
 from ..engine.simulation import Prediction
 from ..fitting.fit import Fit
 from ..fitting.scores.metrics import FREE_RUN
+from .content import heading
 from .document import Document, Drawing, Pairs, Part, Table, Text, VerdictBox, titled
 from .figures.sheet import BLUE, DASHED, DOTTED, INK, ORANGE, PURPLE, RUST, label, look, sheet_of
 from .report import seen
@@ -313,4 +314,7 @@ def _apart(fits: Sequence[NamedFit]) -> str:
 def _document(fits: Sequence[NamedFit], parts: tuple[Part, ...]) -> Document:
     about = listed([fit.name for fit in fits])
     versions = listed(sorted({fit.fit.version for fit in fits}))
-    return Document("Comparison of fits", about, "several fits", f"greybox-id {versions}", parts)
+    cars = {str(fit.fit.how.get("vehicle") or "") for fit in fits}
+    of = f"{len(fits)} fits of {car}" if len(cars) == 1 and (car := next(iter(cars))) else f"{len(fits)} fits"
+    data = {one.sha256 or one.name: one for fit in fits for one in fit.fit.data if one.role == "train"}
+    return Document(heading("Comparison", of, [*data.values()]), about, "several fits", f"greybox-id {versions}", parts)

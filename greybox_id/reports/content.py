@@ -6,6 +6,7 @@ Drawings that reports of all models share: traces, residuals, spectra.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from pathlib import PurePath
 
 import numpy as np
 
@@ -22,7 +23,17 @@ from .recordings import Noise, Seen, of_role, shown_first, typical_stretch
 
 ROLE_WORDS = {"train": "training", "validate": "validation"}
 HEAD = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prior", "note")
+MOST_FILES = 3
+"""Files of recordings that a title names."""
 OBJECTIVE = "The objective is half the sum of squares of residuals and priors, in standard deviations."
+
+
+def heading(what: str, subject: str, data: Sequence[DataRecord]) -> str:
+    """The title of a report: what it is of which vehicle or model, and the files of the recordings."""
+    files = [PurePath(one.path).name or one.name for one in data]
+    more = len(files) - MOST_FILES
+    named = [*files[:MOST_FILES], f"{more} more"] if more > 1 else files
+    return f"{what} of {subject}: {listed(named)}" if named else f"{what} of {subject}"
 
 
 def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str = "") -> str:

@@ -23,6 +23,7 @@ from .content import (
     can_be_used,
     circumstances,
     ended,
+    heading,
     made_with,
     noise_words,
     recorded,
@@ -167,7 +168,9 @@ def prepared(fit: Fit, recordings: Sequence[Recording], posterior: Posterior | N
         *limits(runs, signals),
         *value.fitted,
     )  # fmt: skip
-    return Document(model.name, model.about, "a fit", f"greybox-id {fit.version}", parts)
+    training = [one for one in fit.data if one.role == "train"]
+    title = heading("Fit", str(fit.how.get("vehicle") or model.name), training)
+    return Document(title, f"{model.name}: {model.about}", "a fit", f"greybox-id {fit.version}", parts)
 
 
 def _recorded_inputs(model: Model, one: Seen) -> list[str]:

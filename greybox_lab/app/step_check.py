@@ -75,7 +75,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     if trusted:
         verdict(f"Can be used; mind {counted(warnings, 'warning')}." if warnings else "Can be used.")
     else:
-        verdict("Not to be trusted as it is: repair the map, or fit at your risk.", bad=True)
+        verdict("Not to be trusted as it is: repair the map, or fit at your own risk.", bad=True)
     for words in session["repairs"]:
         quiet(f"✓ {words}")
 

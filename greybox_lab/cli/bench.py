@@ -77,7 +77,9 @@ _on_others_ground(
 
 @bench.command("msnn")
 @data_option(required=True)
-@click.option("--quick", is_flag=True, help="Priors as stated, instead of cross-validated: some CPU minutes.")
+@click.option(
+    "--quick", is_flag=True, help="Use priors of the stated strength instead of cross-validated ones: some CPU minutes."
+)
 @click.option(
     "--out", default=None, metavar="FILE", help="A .json file to which each result is also written when it is there."
 )
@@ -111,7 +113,9 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 @data_option(required=True)
 @click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
 @click.option("--curves", is_flag=True, help="Learning curves and pretrained networks only.")
-@click.option("--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Trainings of each network.")
+@click.option(
+    "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Number of trainings of each network."
+)
 @click.option("--out", default=None, metavar="FILE", help="File of the trainings; the next run continues from them.")
 @click.option(
     "--minutes",

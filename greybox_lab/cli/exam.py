@@ -61,9 +61,9 @@ def exam() -> None:
     type=click.Choice(list(ASKED)),
     default="clean",
     show_default=True,
-    help="Exact vehicle files, nominal forms and white noise; tolerances, other forms, coloured noise, outliers; "
-    "vehicles of foreign simulators; three to six effects at once on either; cars on springs with rough files; real "
-    "recordings, altered; or a real car that was changed (DART).",
+    help="clean: exact vehicle files, nominal forms, white noise; workshop: tolerances, other forms, coloured noise, "
+    "outliers; foreign: vehicles of other simulators; many: three to six effects at once; rough: cars on springs "
+    "with rough files; injected: altered real recordings; changed: a real car that was changed (DART).",
 )
 @click.option(
     "--cases", type=click.IntRange(min=0), help="Tiers clean and workshop: cases with withheld effects; default: 60."
@@ -72,7 +72,12 @@ def exam() -> None:
     "--nulls", type=click.IntRange(min=0), help=("Cases without effects; default: a sixth of the others, foreign: 200.")
 )
 @click.option("--singles", type=click.IntRange(min=0), help="Cases with one effect; default: 70, rough: 14.")
-@click.option("--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Injected, changed: real recordings.")
+@click.option(
+    "--data",
+    metavar="FOLDER",
+    type=click.Path(path_type=Path),
+    help="Folder of the real recordings, for tiers injected and changed.",
+)
 @click.option("--pairs", type=click.IntRange(min=0), help="Cases with two effects; default: 25, rough: 6.")
 @click.option(
     "--outside", type=click.IntRange(min=0), help=("Cases with an effect outside the vocabulary; default: 30.")
@@ -87,7 +92,7 @@ def exam() -> None:
     "families",
     multiple=True,
     metavar="NAME",
-    help="What cases come from: simulators (foreign; workshop is the virtual vehicle), recordings (injected), cases "
+    help="Sources of the cases: simulators (foreign; workshop is the virtual vehicle), recordings (injected), cases "
     "(changed), or a set of them (development, examination).",
 )
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
@@ -203,7 +208,7 @@ def run_command(
 
 @exam.command("score")
 @click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
-@click.option("--detail", is_flag=True, help="Also print which effects were confused, and every wrong case.")
+@click.option("--detail", is_flag=True, help="Print also the effects that were confused and every wrong case.")
 @click.option(
     "--seal", "noted", default="", metavar="SUM", help=("Checksum of the seal, as printed when the cases were made.")
 )

@@ -48,20 +48,29 @@ def fleet() -> None:
     help="local: processes of this machine; dask: workers of Dask.",
 )
 @click.option("--scheduler", metavar="ADDRESS", help="With dask: address of the scheduler, as in tcp://host:8786.")
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Recordings at a time, here.")
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    default=1,
+    show_default=True,
+    help="Number of parallel recordings on this machine.",
+)
 @click.option(
     "--only",
     type=click.Choice(["all", "changed"]),
     default="all",
     show_default=True,
-    help="changed: files with unchanged size and date are not read.",
+    help="With changed: do not read files whose size and date are unchanged.",
 )
-@click.option("--retry-failed", is_flag=True, help="Repeat what failed or met a limit.")
+@click.option("--retry-failed", is_flag=True, help="Repeat recordings that failed or reached a limit.")
 @click.option(
     "--compact", is_flag=True, help="Write each table as one file, without results of recordings that have changed."
 )
 @click.option(
-    "--second-pass", "refit", is_flag=True, help="Then fit poorly excited recordings again, with the fleet as prior."
+    "--second-pass",
+    "refit",
+    is_flag=True,
+    help="Afterwards fit poorly excited recordings again, with the fleet as prior.",
 )
 @json_option
 def run_command(
@@ -125,7 +134,9 @@ def estimate_command(results: Path, as_json: bool) -> None:
 
 @fleet.command("report")
 @results_argument
-@click.option("--out", metavar="FILE", type=click.Path(path_type=Path), help="Default: RESULTS/report.html.")
+@click.option(
+    "--out", metavar="FILE", type=click.Path(path_type=Path), help="Report to write; default: RESULTS/report.html."
+)
 @click.option("--format", "kind", type=click.Choice(["html"]), default="html", show_default=True, help="Of the report.")
 @click.option("--vehicle", metavar="NAME", help="Of this vehicle alone.")
 @json_option

@@ -27,13 +27,13 @@ from ..nnodely.vehicles import SUFFIXES
     "--inputs",
     default="",
     metavar="SIGNAL=INPUT,...",
-    help="Which input of the file is which signal, if its names do not say it.",
+    help="Signal of each input of the file, if the names do not say it.",
 )
 @click.option(
     "--sample-time",
     type=click.FloatRange(min=1e-4, max=10.0),
     metavar="SECONDS",
-    help="What the network was trained with; default: the file's own.",
+    help="Sample time of the network's training; default: that of the file.",
 )
 @click.option(
     "--out",

@@ -42,7 +42,7 @@ arm_option = click.option(
     type=click.IntRange(0, 7),
     default=0,
     show_default=True,
-    help="Effects of the car that its file does not state; 6 and 7 are effects outside the vocabulary.",
+    help="Number of the case: effects of the car that its file does not state; 6 and 7 are outside the vocabulary.",
 )
 @arm_option
 @click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
@@ -66,7 +66,9 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
 @click.argument("server", metavar="SERVER")
 @click.option("--token-file", required=True, metavar="FILE", type=click.Path(), help="What signs requests.")
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the agent.")
-@click.option("--session", default="car", show_default=True, help="Name at the server: letters, digits and dashes.")
+@click.option(
+    "--session", default="car", show_default=True, help="Name of the session at the server: letters, digits and dashes."
+)
 @click.option("--case", type=click.IntRange(0, 7), default=0, show_default=True, help="As of loop demo.")
 @arm_option
 @click.option(

@@ -85,7 +85,8 @@ def _document(store: Store, how_far: FleetStatus, fleet_estimate: FleetEstimate,
     parts += titled("Recordings", *_states(how_far, names), *_broken(store, names))
     parts += titled("How it was made", _made(store, fleet_estimate))
     about = f"{how_far.recordings} recordings of {counted(len(how_far.vehicles), 'vehicle')}"
-    title = f"Vehicle {vehicle}" if vehicle is not None else "Fleet"
+    folder = store.folder.resolve().name
+    title = f"Vehicle {vehicle} of the fleet {folder}" if vehicle is not None else f"Fleet {folder}"
     return Document(title, about, "a fleet", f"greybox-id {MADE_BY}", tuple(parts))
 
 
@@ -102,7 +103,7 @@ def _answer(how_far: FleetStatus, fleet_estimate: FleetEstimate, names: list[str
             "discovery rate of 5 %.",
         )
     else:
-        yield "changed", "No vehicle has enough recordings to say."
+        yield "changed", "No vehicle has enough recordings for a test."
     listed = counted(
         fleet_estimate.vehicles[fleet_estimate.vehicles["vehicle"].isin(names)]["vehicle"].nunique(), "vehicle"
     )

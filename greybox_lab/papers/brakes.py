@@ -78,7 +78,8 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     ]  # fmt: skip
     low, high = map(float, fit.conf_int(0.95).loc["slide_front"].to_numpy())
     answers = (
-        f"Trust a tracked grip while its standard deviation is below {TOLD:g}: its error is {rows[0].value:.3f} there. "
+        f"Use a tracked grip only while its standard deviation is below {TOLD:g}: its error is {rows[0].value:.3f} "
+        "there. "
         "Elsewhere no axle locks and the interval is wide.",
         f"A car of {free} parameters, fitted on ice alone, is used on all roads: sliding friction of the front axle "
         "is "

@@ -102,7 +102,7 @@ def test_a_bench_that_leaves_the_range_of_numbers_is_said():
     from greybox_id.base.errors import BadInput
 
     bench = GivenBench(lambda p: np.full((60, 2), np.nan), np.zeros((60, 2)), 2)
-    with pytest.raises(BadInput, match="range of numbers"):
+    with pytest.raises(BadInput, match="Simulations overflow"):
         selected(bench, 2)
 
 

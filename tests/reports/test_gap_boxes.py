@@ -5,16 +5,13 @@ from dataclasses import replace
 import pypdfium2 as pdfium
 import pytest
 from made_gaps import DELAY, clear, closure, long_names
+from pdf_boxes import lines, troubles
 
 from greybox_id.fitting.provenance import DataRecord
 from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.gap.report import write_report
 from greybox_id.reports.gap.saved import Made
 
-ROOM = 1.0
-"""Points by which boxes may meet: lines that follow each other closely, an index below its letter."""
-ITALIC = "\U0001d400"
-"""From here on letters are those of formulas, below whose slope an index may stand."""
 LONGEST = sorted(EFFECTS, key=len, reverse=True)[:8]
 PLACE = "2026-11-05_proving_ground_north_double_lane_change_wet_tyres_third_try_after_lunch_repeated"
 UNBROKEN = "W" * 120
@@ -34,27 +31,6 @@ def worst(recording):
         moved=tuple(replace(one, name="longitudinal_load_transfer") for one in whole.moved),
         doubts=(f"{recording}: a_y is 18 ms later than yaw_rate v_x says.",),
     )
-
-
-def lines(page):
-    """(words, (left, bottom, right, top)) of every rectangle of text that the PDF holds, points."""
-    text = page.get_textpage()
-    rectangles = [text.get_rect(k) for k in range(text.count_rects())]
-    return [(text.get_text_bounded(*box).strip(), box) for box in rectangles]
-
-
-def troubles(page):
-    """Words beyond the page's edge, and pairs of words over each other."""
-    wide, high = page.get_size()
-    found = [(words, box) for words, box in lines(page) if words and max(words) < ITALIC]
-    out = [words for words, (a, b, c, d) in found if a < 0 or b < 0 or c > wide or d > high]
-    for k, (words, one) in enumerate(found):
-        for others, other in found[k + 1 :]:
-            across = min(one[2], other[2]) - max(one[0], other[0])
-            upright = min(one[3], other[3]) - max(one[1], other[1])
-            if min(across, upright) > ROOM:
-                out.append((words, others))
-    return out
 
 
 @pytest.mark.parametrize("recording", [PLACE, UNBROKEN], ids=["many words", "one word"])

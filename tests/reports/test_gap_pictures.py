@@ -215,7 +215,7 @@ def test_what_cannot_be_distinguished_is_not_joined_across_what_can():
 
 def test_a_report_is_titled_by_car_and_recording():
     document = gap_report(clear(), MADE)
-    assert document.title.startswith("full-size car: lap7")
+    assert document.title.startswith("Gap of full-size car: lap7")
 
 
 def test_long_magnitudes_leave_the_other_columns_alone():

@@ -5,10 +5,12 @@ from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
+import pypdfium2 as pdfium
 import pytest
 from driven import without
 from letters_of import troubles
 from linear_bicycle import VEHICLE, recorded
+from pdf_boxes import over_others
 
 from greybox_id.base.errors import BadInput
 from greybox_id.base.json_data import checksum
@@ -20,7 +22,7 @@ from greybox_id.models.vehicle import vehicle
 from greybox_id.reports.document import write_drawings
 from greybox_id.reports.figures.characteristics import forces_over_slip
 from greybox_id.reports.html import page
-from greybox_id.reports.pdf import rendered
+from greybox_id.reports.pdf import rendered, write_pdf
 from greybox_id.reports.track.digest import TrackMade, as_text, digest, load_track
 from greybox_id.reports.track.report import drawings, over_time, track_report, verdict
 
@@ -167,6 +169,15 @@ def test_the_report_of_a_saved_track_is_that_of_the_track(told, tmp_path):
     again = load_track(file)
     assert page(track_report(again)) == page(track_report(told))
     assert as_text(again) == as_text(told)
+
+
+@pytest.mark.parametrize("name", ["2026-11-05_proving_ground_north_wet_tyres_third_try", "W" * 120])
+def test_the_title_names_car_and_file_and_lies_over_nothing(name, told, tmp_path):
+    data = replace(told.data, path=f"{name}.csv")
+    document = track_report(replace(told, data=data, made=replace(told.made, vehicle=name)))
+    assert document.title == f"Track of {name}: {name}.csv"
+    with pdfium.PdfDocument(write_pdf(document, tmp_path / "track.pdf")) as pdf:
+        assert [trouble for sheet in pdf for trouble in over_others(sheet)] == []
 
 
 def test_other_files_are_no_tracks(tmp_path):

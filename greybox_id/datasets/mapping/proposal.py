@@ -321,7 +321,7 @@ def _asked(entry: MapEntry, guess: Guess) -> MapEntry:
     if guess.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says that it is a command, not a measurement"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
-    if any(f"which {entry.signal} cannot be" in reason for reason in entry.reasons):
+    if any(f"which is no unit of {entry.signal}" in reason for reason in entry.reasons):
         why = "set divide_by: how many of the file's units make one SI unit"
         if entry.signal.startswith("wheel_speed") and (rim := _of_the_rim(entry)):
             why = f"the speed of its rim: divide_by is {rim} the wheel's radius in m"

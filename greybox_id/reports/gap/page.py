@@ -422,7 +422,12 @@ def page(gap: Gap) -> Document:
     shown = tuple(replace(one, caption="") for one in drawings(gap))
     about = f"on {listed([*gap.recordings])}"
     return Document(
-        gap.model, about, "a gap", f"greybox-id {__version__}", (VerdictBox(tuple(verdict(gap))), *shown), endless=True
+        f"Gap of {gap.model}",
+        about,
+        "a gap",
+        f"greybox-id {__version__}",
+        (VerdictBox(tuple(verdict(gap))), *shown),
+        endless=True,
     )
 
 

@@ -18,7 +18,7 @@ from ...gap.gap import Closure, Gap, Limit, Ranked
 from ...models.effects import EFFECTS
 from ...models.motion_model import MotionModel
 from ...models.registry import build
-from ..content import recorded_in, written_down
+from ..content import heading, recorded_in, written_down
 from ..document import Document, Formulas, Pairs, Part, Points, Table, Text, Together, VerdictBox, titled
 from ..equations.expression import readable
 from ..equations.motion import motion_equations
@@ -132,7 +132,8 @@ def gap_report(gap: Gap, made: Made) -> Document:
         *titled("How to repeat it", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
     )  # fmt: skip
     about = f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why"
-    return Document(f"{made.vehicle}: {listed([*gap.recordings])}", about, "a gap", f"greybox-id {made.version}", parts)
+    title = heading("Gap", made.vehicle, [one for one in made.data if one.role == "train"])
+    return Document(title, about, "a gap", f"greybox-id {made.version}", parts)
 
 
 def _data(gap: Gap) -> tuple[Part, ...]:

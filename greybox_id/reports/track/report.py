@@ -15,7 +15,7 @@ from ...models.effects import EFFECTS
 from ...models.model import must_be
 from ...models.motion_model import MotionModel
 from ...models.registry import build
-from ..content import recorded_in, written_down
+from ..content import heading, recorded_in, written_down
 from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, VerdictBox, titled
 from ..equations.motion import motion_equations
 from ..figures.characteristics import forces_over_slip
@@ -354,7 +354,8 @@ def track_report(digest: Digest) -> Document:
         *titled("Limits", Points((*digest.sentences, BANDS, *_about_tuning(digest), RANGE))),
     )  # fmt: skip
     about = f"{digest.model}: {digest.about}"
-    return Document(f"Track of {digest.data.name}", about, "a track", f"greybox-id {digest.made.version}", parts)
+    title = heading("Track", digest.made.vehicle or digest.model, [digest.data])
+    return Document(title, about, "a track", f"greybox-id {digest.made.version}", parts)
 
 
 def _about_tuning(digest: Digest) -> tuple[str, ...]:

@@ -162,8 +162,8 @@ class LearnedPeriod(Period):
         times = round(period / self.net.sample_time)
         if times < 1 or abs(times * self.net.sample_time - period) > 1e-6 * period:
             raise BadInput(
-                f"The network steps by {self.net.sample_time:g} s, and a period of {period:g} s is no whole number "
-                "of steps: train it with that sample_time, or choose another period."
+                f"The network has steps of {self.net.sample_time:g} s, and a period of {period:g} s is no whole "
+                "number of them: train it with that sample_time, or choose another period."
             )
         self._times, self._chosen = times, (*moving, PUSH.name)
         super().__init__(model.physics, self.net.sample_time, moving)

@@ -26,7 +26,7 @@ CHALLENGE, NONCE = "X-Greybox-Challenge", "X-Greybox-Nonce"
 
 ARMS: Mapping[str, str] = {
     "named": "the vehicle file with the effects that `greybox gap` names, drawn within their intervals",
-    "named_residual": "the same, and five networks for its remaining error where an unmodelled effect is likely",
+    "named_residual": "as named; if an unmodelled effect is likely, with five networks for the remaining error",
     "refit": "the parameters of the vehicle file, fitted",
     "actuator_net": "a network predicts the yaw rate from three steps, as published",
     "abstract": "a network predicts yaw rate and v_y from fifteen steps",
