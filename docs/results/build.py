@@ -24,10 +24,10 @@ HERE = Path(__file__).parent
 HEADS = {
     "results": """# Results
 
-What was measured, and the commands that measure it again. The line below a table says when, with which version, from
-which seed and on how many cases (n). `DIR` holds recordings of others (`greybox datasets list`). CPU seconds are of one
-core at 3.1 GHz. Bars that are missed are marked. What was tried and failed is in the [decision
-notes](decisions/README.md).
+This page shows what was measured, and the commands that measure it again. The line below a table gives date, version,
+seed and number of cases (n). `DIR` is the folder of recordings by others (`greybox datasets list`). CPU seconds are
+those of one core at 3.1 GHz. Bars that were missed are marked. The [decision notes](decisions/README.md) say what was
+tried and failed.
 
 This page is about the diagnosis. Others: [recordings of others](results_recordings.md), [intervals, verdicts and
 designed manoeuvres](results_uncertainty.md), [speed, sizes and damage](results_speed.md).

@@ -2,7 +2,7 @@
 Your own CSV to C code
 ======================
 
-A logger names columns as it likes. A column map says what they are; the rest is three calls.
+Every logger has its own column names. A column map says which column is which signal; then three calls lead to C code.
 """
 
 from pathlib import Path

@@ -2,7 +2,8 @@
 A gap with four causes
 ======================
 
-A car has four effects that its model lacks. Which of them does a diagnosis name, and what does it say of the others?
+A car has four effects that its model lacks. The page shows which of them a diagnosis names, and what
+it reports of the others.
 """
 
 import numpy as np
@@ -10,8 +11,8 @@ import numpy as np
 import greybox_id as gb
 
 # %%
-# The car steers 60 ms late, its yaw gyro reads 3 % too much, its tyres answer over half a metre, and its steering
-# ratio is off by 6 %.
+# The car steers 60 ms late, its yaw gyro reads 3 % too much, its tyres have a relaxation length of half
+# a metre, and its steering ratio is off by 6 %.
 truth = gb.models.lateral(vehicle="full_size_car") + gb.effects.steering_delay.at(0.06)
 truth += gb.effects.yaw_rate_scale.at(1.03)
 truth += gb.effects.tyre_relaxation.at(0.5)
@@ -32,13 +33,14 @@ def driven(name, rate, seed):
 lap, other = driven("lap", 0.9, 0), driven("other", 1.3, 1)
 
 # %%
-# The diagnosis gets the vehicle file alone. Six suspects keep this page short; without ``effects`` all 47 are tried.
+# The diagnosis gets only the vehicle file. Six candidate effects keep this page short; without ``effects``,
+# nearly all 47 are tried.
 suspects = ["steering_delay", "steering_lag", "yaw_rate_scale", "tyre_relaxation", "steering_ratio", "mass_change"]
 gap = gb.diagnose("lateral", lap, vehicle="full_size_car", held_out=other, effects=suspects)
 print(gap.summary())
 
 # %%
-# Three of the four are named, with intervals that hold the truth. The steering ratio is not: tyres within the
-# tolerances of the vehicle file explain nearly all that it does on this lap. There is no limit to how many effects are
-# named.
+# Three of the four are named, with intervals that hold the truth. The steering ratio is not named: tyres within
+# the tolerances of the vehicle file explain nearly all of its influence on this lap. The number of named effects has no
+# limit.
 gap.plot()

@@ -2,7 +2,7 @@
 Before and after
 ================
 
-The same car on two days. What changed, beyond how much drives differ among themselves?
+The same car on two days: a diagnosis names what changed by more than the scatter between drives of one day.
 """
 
 import numpy as np
@@ -28,7 +28,7 @@ monday = [driven(before, f"monday{k}", 0.9 + 0.2 * k, k) for k in range(3)]
 friday = [driven(after, f"friday{k}", 1.0 + 0.2 * k, 10 + k) for k in range(2)]
 
 # %%
-# Three earlier drives show how far drives scatter; two later ones are examined for a change.
+# Three earlier drives give the scatter between drives; two later drives are examined for a change.
 suspects = ["steering_delay", "steering_lag", "grip_scale", "mass_change"]
 change = gb.diagnose("lateral", friday, since=monday, vehicle="full_size_car", effects=suspects)
 print(change.summary())

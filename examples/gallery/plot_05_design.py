@@ -2,7 +2,7 @@
 The next manoeuvre
 ==================
 
-A fit says which parameters it knows badly. A designed manoeuvre says what to drive to know them better, inside the
+A fit shows which parameters are uncertain. A designed manoeuvre makes them more certain, inside the
 arena that there is.
 """
 

@@ -2,7 +2,7 @@
 Track cornering stiffness with an EKF
 =====================================
 
-A fit has one number for a recording. A filter says how a parameter moves along it, with a band.
+A fit gives one value for a whole recording. A filter shows how a parameter changes along it, with a band.
 """
 
 import greybox_id as gb

@@ -2,7 +2,7 @@
 A model of your own: a pendulum
 ===============================
 
-Nothing in the engine knows vehicles. Equations, names and units are enough for a fit with intervals.
+The engine contains nothing about vehicles: equations, names and units are enough for a fit with intervals.
 """
 
 import casadi as cs

@@ -2,7 +2,7 @@
 An effect of your own
 =====================
 
-A steering that has less effect the faster one drives: a name, a magnitude, and what it alters. Any model that has the
+Steering that has less effect at higher speed: a name, a magnitude, and what it alters. Any model that has the
 signal can be given it.
 """
 
@@ -24,7 +24,8 @@ soft_steering = gb.effects.alteration(
 )
 
 # %%
-# The recordings are of a car with tyres: slow steering at 6 to 26 m/s, which is what informs an effect of the speed.
+# The recordings are of a car with tyres: slow steering at 6 to 26 m/s, so they contain
+# information on an effect of the speed.
 car = gb.models.lateral(tyre="linear", vehicle="full_size_car")
 
 

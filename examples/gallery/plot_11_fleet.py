@@ -2,7 +2,7 @@
 A fleet
 =======
 
-Two vehicles, three recordings each. What does each vehicle's parameter look like, and what do they have in common?
+Two vehicles with three recordings each: the page estimates the parameters of each vehicle and of the fleet.
 """
 
 from dataclasses import replace
@@ -53,7 +53,7 @@ estimates = pd.read_parquet(folder / "results" / "parameters")
 estimates.query("name == 'I_z'")[["vehicle", "value", "sd", "low", "high"]].round(0)
 
 # %%
-# Vehicles together: what is common to all, and how far each lies from it.
+# Estimates of the fleet, and the distance of each vehicle from it.
 fleet.estimate(folder / "results")
 vehicles = pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'")
 vehicles[["vehicle", "recordings", "value", "low", "high"]].round(0)

@@ -2,7 +2,7 @@
 A predictive controller closes the loop
 =======================================
 
-A controller that does not know of a delay steers too late: the car swings about the path. The same controller on the
+If a controller ignores a delay, it steers too late, and the car oscillates about the path. The same controller on the
 closed model, exported to CasADi, knows which command acts when.
 """
 

@@ -37,7 +37,7 @@ def seen_by(fit: Fit, given: Recordings | None, columns: Columns) -> list[Record
         return recordings(given, columns)
     seen = getattr(fit, "seen", None)
     if seen is None:
-        raise BadInput("recordings: hand over those that it was fitted to.")
+        raise BadInput("recordings: pass the recordings that the fit was made with.")
     return list(seen("train"))
 
 

@@ -212,7 +212,7 @@ def _seen(
         return matched(fit, given.recordings(recordings, columns or "canonical"))
     if isinstance(fit, FitResult):
         return fit.seen(moved=moved, columns=columns, otherwise="Name the file's new place with ‹{role}›.")
-    raise BadInput("recordings: hand over those that the fit has seen.")
+    raise BadInput("recordings: pass the recordings that the fit was made with.")
 
 
 def _one_after_the_other(documents: Sequence[Document]) -> Document:

@@ -195,7 +195,7 @@ def join_command(
     out: str = option(f"What to write: {', '.join(WRITTEN)}.", "FILE", required=True),
     as_json: bool = JSON,
 ) -> None:
-    """Join FILEs of one drive, one topic or sensor each with a clock of its own, as one recording.
+    """Join FILEs of one drive to one recording; each FILE has one topic or sensor with its own clock.
 
     If two files carry the same signal, the offset between their clocks is estimated from it; other files keep their
     time stamps.

@@ -23,7 +23,8 @@ def grid(
         "Recording on which structures are scored; AIC, as published, is computed on it.", "RECORDING", type=FILE
     ),
     strength: float | None = option(
-        "Factor on the priors; default: cross-validated once, on the structure of the defaults.", type=ABOVE_ZERO
+        "Factor on the strength of the priors; default: chosen once by cross-validation, for the default structure.",
+        type=ABOVE_ZERO,
     ),
     jobs: int = JOBS,
     out: str = option("A .parquet file; an interrupted grid continues from it.", "FILE", default="grid.parquet"),

@@ -65,7 +65,9 @@ def models(
     for known, model in built.items():
         table.add_row(known, str(model.size), " ".join(model.inputs), " ".join(model.outputs), model.about)
     console().print(table)
-    console().print("\nparameters, bounds and effects of one: greybox models NAME; all effects: greybox effects")
+    console().print(
+        "\ngreybox models NAME shows parameters, bounds and effects of a model; greybox effects lists all effects"
+    )
 
 
 @command("effects")

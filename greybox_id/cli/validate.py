@@ -20,8 +20,8 @@ def validate(
 ) -> None:
     """Score FIT on each RECORDING: over horizons and in free run, or under every protocol of models with memory.
 
-    Equations of motion are compared with persistence and with the model before it was fitted. Exit code 3: the fit is
-    not usable on these recordings.
+    For equations of motion, errors are compared with those of persistence and of the model before the fit. Exit code
+    3: the fit is not usable on these recordings.
 
     \b
     greybox validate run/fit.json lap7.csv lap8.csv --columns roboracer

@@ -192,8 +192,8 @@ def _started(joined: Joined, labels: list[str], where: str, mapping: ColumnMap) 
     under_way = np.flatnonzero(np.isfinite(count) & (count != 0))
     if not under_way.size:
         raise BadInput(
-            f'{where}: "{mapping.start_column}" is zero in all rows, but the column map\'s [start] table begins the '
-            "recording where it is not; remove that table."
+            f'{where}: "{mapping.start_column}" is zero in all rows, but the [start] table of the column map '
+            "begins a recording at its first non-zero value; remove that table."
         )
     first = int(under_way[0])
     left_out = f'{first} rows before "{mapping.start_column}" first differs from zero were left out.'

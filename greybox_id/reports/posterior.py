@@ -88,7 +88,7 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     columns = [posterior.names.index(name) for name in names]
     values = posterior.chosen(min(len(posterior), DRAWS))[:, columns]
     left = len(posterior.names) - len(names)
-    more = f" The {left} whose mean is nearest to the fit are left out." if left else ""
+    more = f" The {left} parameters whose mean is nearest to the fit are not shown." if left else ""
     return Drawing(
         "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
         "Draws of the posterior: each parameter on the diagonal, pairs below. Standard deviations alone would not "

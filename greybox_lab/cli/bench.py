@@ -136,8 +136,8 @@ def truck_command(
 ) -> None:
     """Tables II to IV of the transfer-learning paper: a truck's lateral dynamics over 10 s of free run.
 
-    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted. Every
-    training is kept in --out as it comes, by what it was trained on; Ctrl-C loses the one under way.
+    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted.
+    Every finished training is kept in --out; Ctrl-C loses only the current one.
 
     \b
     greybox bench truck --data truck --quick --json

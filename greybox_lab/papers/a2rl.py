@@ -88,7 +88,8 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         "steer_target, and steer_meas in a full run.",
         "Fitted to the training lap alone; its terms were chosen by blocked cross-validation of that lap. The authors "
         "chose structure and seed on the validation lap.",
-        "RMSE pooled over all windows; theirs as they print it. Servo: whole laps simulated from the target, "
+        "RMSE is pooled over all windows; that of the authors is as printed in the paper. Servo: whole laps simulated "
+        "from the target, "
         f"linear between rows; intervals of 95 % of the mean over {PARTS} parts of a lap.",
     )
     about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."

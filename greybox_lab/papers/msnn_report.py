@@ -39,7 +39,10 @@ def msnn_report(bench: MsnnBench) -> Document:
     """What was measured, beside what was published."""
     rows = bench.rows
     about = f"Tables 1 to 3 and Figs. 2 and 7 to 12 of Mungiello et al., on {bench.train.name} and {bench.valid.name}"
-    words = "Quick run: priors as stated, few structures in Fig. 7. A full run cross-validates priors and fits all 288."
+    words = (
+        "This was a quick run: priors had their stated strength, and Fig. 7 has few structures. A full run "
+        "cross-validates priors and fits all 288."
+    )
     quick = (Text(words, "Quick:"),)
     parts: tuple[Part, ...] = (
         *titled("Protocols", Points(PROTOCOLS), Text(ADAM), *(quick if bench.quick else ())),

@@ -95,8 +95,8 @@ BICYCLES = ("bicycle, signs as published", "bicycle, signs corrected, lever arm"
 """Grey boxes of Fig. 3, beside networks."""
 OUT_OF_RANGE = (
     "Trained and stopped on trajectories below 60 km/h; scored on trajectories of other recordings with a mean "
-    f"above 70 km/h. Intervals are over recordings. After {FASTER}: what the bicycle does up to {BEYOND:g} times as "
-    "fast as any of these was driven is trained on as well."
+    f"above 70 km/h. Intervals are over recordings. After {FASTER}: networks are also trained on simulations of the "
+    f"bicycle at up to {BEYOND:g} times the fastest of these speeds."
 )
 PAIRED = "Difference of RMSE, trajectory by trajectory; a difference whose interval includes zero is not significant."
 PROTOCOLS = (
@@ -115,7 +115,9 @@ def truck_report(one: Found) -> Document:
     if one["quick"]:
         notes.append(Text("The smallest networks at 1 s from one seed.", "Quick:"))
     if one["left_out"]:
-        notes.append(Text(f"{one['left_out']} trainings, as time ran out; tables show the others.", "Left out:"))
+        notes.append(
+            Text(f"{one['left_out']} trainings were left out, as time ran out; tables show the others.", "Left out:")
+        )
     rows = one["rows"]
     published = [row for row in rows if not row["by_recording"]]
     parts: tuple[Part, ...] = (

@@ -125,7 +125,7 @@ def _runs_fast(r: Recording, rows: slice, name: str, left: Array, right: Array) 
     return [
         Explanation(
             f"The clock of {name} runs {percent(abs(stretch))} {word}: within the drive it gains "
-            f"{number(apart, 2)} s. Join it by its own stamps (greybox data join).",
+            f"{number(apart, 2)} s. Join {name} by its own time stamps (greybox data join).",
             name, stretch, step, "1", independent * (1.0 - plain) / max(1.0 - result[k], 1e-3),
         )
     ]  # fmt: skip

@@ -408,7 +408,7 @@ def _wheels(result: Sequence[Relation]) -> list[Finding]:
         return []
     sentence = (
         f"v_x and the wheel speeds give a wheel radius of {quantity(rolling.gain, 'm', 2)}, {percent(share)} of the "
-        f"wheelbase that yaw_rate and v_x · steer give; 9 to 18 % is usual. Either the wheel speeds are in rpm and "
+        f"wheelbase that yaw_rate and v_x · steer give; 9 to 18 % is usual. Either the wheel speeds are in rpm but "
         f'called rad/s (a factor of {number(RPM)}): set unit = "rpm"; or v_x is in another unit.'
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("wheel_speed_fl"), sentence, rolling.gain, None, "m")]

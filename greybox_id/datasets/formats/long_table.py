@@ -54,7 +54,7 @@ def apart_by_name(table: RawTable, kind: str) -> Contents | None:
             words.append(str(label))
     if not groups:
         return None
-    passed = (f"channels without numbers were passed over: {', '.join(words[:6])}.",) if words else ()
+    passed = (f"channels without numbers were skipped: {', '.join(words[:6])}.",) if words else ()
     note = f"a row for every reading: {len(groups)} channels, each on its own clock."
     return Contents(table.where, tuple(groups), kind, (note, *passed))
 

@@ -405,15 +405,11 @@ def _frame(body: bytes, layout: TableLayout, where: str) -> pd.DataFrame:
 def _notes(layout: TableLayout) -> tuple[str, ...]:
     notes = []
     if layout.header:
-        notes.append(
-            f"{layout.header} lines above the names, which stand in row {layout.header + 1}, were passed over."
-        )
+        notes.append(f"{layout.header} lines above the names, which are in row {layout.header + 1}, were skipped.")
     if layout.between:
-        notes.append(
-            f"{layout.between} rows of numbers between names and values were passed over: they are no samples."
-        )
+        notes.append(f"{layout.between} rows of numbers between names and values were skipped: they are no samples.")
     if layout.words:
-        notes.append(f"rows of words among the values were passed over: {layout.words}.")
+        notes.append(f"rows of words among the values were skipped: {layout.words}.")
     if layout.renamed:
         listed = ", ".join(layout.renamed[:6])
         notes.append(f"columns of one name ({listed}) are distinguished by their source or by a number behind it.")

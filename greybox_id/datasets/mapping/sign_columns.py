@@ -103,7 +103,7 @@ def _in_minutes(entry: MapEntry, numbers: Mapping[str, Array]) -> MapEntry:
     if entry.signal not in PLACES or entry.unit or not values.size or values.max() <= MOST_DEGREES:
         return entry
     if np.max(values % 100) >= 60 or values.max() >= 100 * (MOST_DEGREES + 1):
-        why = "values are no degrees: write divide_by, how many make one degree"
+        why = "values are not in degrees: write divide_by, the number of units in one degree"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     why = "unit: degrees and minutes, as NMEA writes 52 degrees and 24.5 minutes as 5224.5"
     asked = () if entry.sign_column else ("minutes alone are possible, too: divide_by = 60, unit deg",)

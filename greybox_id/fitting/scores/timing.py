@@ -228,7 +228,7 @@ def residual_noise(fit: Fit, recording: Recording) -> dict[str, float]:
 def must_have_timing(model: Model) -> MemoryModel:
     """The model, if its runs tell delays that can be held. Raises `BadInput` for others."""
     none = (
-        f"‹calibrate› is for models with memory; {model.name} is none. Add the effect steering_delay or "
+        f"‹calibrate› is for models with memory, and {model.name} is not one. Add the effect steering_delay or "
         "sensor_latency_yaw to equations of motion, and fit it per run."
     )
     return must_be(MemoryModel, model, none)

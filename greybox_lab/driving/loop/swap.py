@@ -230,8 +230,8 @@ def agree(new: Policy, present: Policy, minute: Sequence[Observations]) -> None:
         if not square <= most:
             raise NotSwapped(
                 f"In the last minute its {name} would have differed by {np.sqrt(square):.2f} from that of the "
-                f"present policy (RMS on a scale of 1), which itself varies by {np.sqrt(most):.2f}; try it in a "
-                "twin first."
+                f"present policy (RMS on a scale of 1), whose actions vary by {np.sqrt(most):.2f}; try the "
+                "new policy in a twin first."
             )
 
 

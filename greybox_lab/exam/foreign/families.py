@@ -65,7 +65,8 @@ _OUTSIDE = (
           resembles=("steering_offset",)),
     Entry("soft_side", "1", 0.0, "share of their stiffness that the tyres of the left side have lost to low pressure",
           0.2, 0.45, resembles=("front_stiffness", "steering_offset")),
-    Entry("aligning_compliance", "rad", 0.0, "what the steering gives under a front lateral force of half the weight",
+    Entry("aligning_compliance", "rad", 0.0, "angle by which the steering yields under a front lateral force of half "
+        "the weight",
           0.006, 0.02, resembles=("front_stiffness",)),
     Entry("roll_steer", "rad", 0.0, "rear wheels' steering per lateral acceleration of one g", 0.006, 0.02,
           sides="both", resembles=("rear_stiffness",)),

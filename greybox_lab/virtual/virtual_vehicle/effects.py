@@ -179,9 +179,11 @@ _OUTSIDE_VEHICLE = (
           0.4, 1.5),
     Entry("rear_steer", "1", 0.0, "rear over front road-wheel angle, both to the same side above a third of top speed",
           0.05, 0.15),
-    Entry("steering_compliance", "rad", 0.0, "front wheels' give under a lateral force as large as their load",
+    Entry("steering_compliance", "rad", 0.0, "angle by which the front wheels yield under a lateral force as large as "
+        "their load",
           0.004, 0.016, resembles=("front_stiffness",)),
-    Entry("rear_compliance", "rad", 0.0, "rear wheels' give under a lateral force as large as their load", 0.005, 0.014,
+    Entry("rear_compliance", "rad", 0.0, "angle by which the rear wheels yield under a lateral force as large as "
+        "their load", 0.005, 0.014,
           resembles=("rear_stiffness",)),
     Entry("tyre_asymmetry", "1", 0.0, "share of grip and stiffness gained in left turns and lost in right ones",
           0.06, 0.2, sides="both"),
