@@ -34,10 +34,12 @@ class Reader:
         self.wait(lambda: words in self.text, repr(words), seconds)
 
     def wait(self, condition, words, seconds=240):
-        until = time.time() + seconds
+        """Look again and again, at most a twentieth later than it is there: a look costs the page a layout."""
+        began = time.time()
         while not condition():
-            assert time.time() < until, f"{words} is not seen in:\n{self.text}"
-            time.sleep(0.1)
+            waited = time.time() - began
+            assert waited < seconds, f"{words} is not seen in:\n{self.text}"
+            time.sleep(min(max(0.1, waited / 20), 2.0))
 
     def drop(self, *files):
         self.see("Drop recordings")
