@@ -2,8 +2,8 @@
 An effect of your own
 =====================
 
-Steering that has less effect at higher speed: a name, a magnitude, and what it alters. Any model that has the
-signal can be given it.
+Steering that has less effect at higher speed: a name, a magnitude, and what it alters. It can be
+added to any model that has the signal.
 """
 
 import matplotlib.pyplot as plt

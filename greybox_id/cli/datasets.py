@@ -56,7 +56,7 @@ def fetch_command(
     out: str | None = option("Folder to write; default: the cache ($GREYBOX_CACHE).", "FOLDER"),
     as_json: bool = JSON,
 ) -> None:
-    """Fetch NAME from its authors: resumed where it broke off, checked by SHA-256.
+    """Download NAME from its authors; a broken transfer is continued, and the SHA-256 is checked.
 
     \b
     greybox datasets fetch roboracer

@@ -83,8 +83,8 @@ def must_be_numbers(model: Model, expressions: Mapping[str, Any], symbols: list[
     names = [name for name, value in expressions.items() if _holds_nan(value, symbols)]
     if names:
         raise BadModel(
-            f"The equations of {model.name} give {', '.join(names)} as NaN. Functions of math, such as math.tan, make "
-            "that of a CasADi symbol: use casadi.tan and the like."
+            f"The equations of {model.name} give {', '.join(names)} as NaN. Functions of math, such as math.tan, "
+            "return NaN for a CasADi symbol: use casadi.tan and the like."
         )
 
 

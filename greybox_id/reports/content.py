@@ -59,8 +59,8 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
     """How large the sensors' noise is, and where it was heard."""
     if noise is None:
         return (
-            "The recordings hold no stretch at rest or straight at constant speed that is long enough to measure "
-            "the sensors' noise alone; it is left out."
+            "The recordings hold no stretch at rest or straight at constant speed that is long enough to measure the "
+            "sensors' noise alone, so the noise is not shown."
         )
     each = [
         f"{number(noise.sd(name))} {pretty_unit(unit_of(name))} in {signal_words(name)}"

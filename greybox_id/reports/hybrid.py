@@ -135,7 +135,7 @@ def _against(fit: Fit) -> str:
         for name, e in value.items()
         if name in trained and trained[name]["rmse"] > 0
     ]
-    against = f"Over the noise of the readings its error is {listed(beside) or 'not known'}"
+    against = f"Its error, relative to the noise of the readings, is {listed(beside) or 'not known'}"
     if role == "validate":
         against += f", over that on the training data {listed(grown) or 'not known'}"
     return f"{against}."

@@ -53,7 +53,7 @@ def exam() -> None:
     required=True,
     metavar="FOLDER",
     type=click.Path(path_type=Path),
-    help="A new folder, or one left unfinished.",
+    help="New folder of the examination, or an unfinished one to continue.",
 )
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
 @click.option(

@@ -123,7 +123,7 @@ def _simple(network: Network, name: str) -> str:
     while stack:
         relation = network.relations.get(stack.pop())
         if relation is not None and (relation.operation in ("Fuzzify", "Fir") or len(seen) > MOST_RELATIONS):
-            raise network.wrong(f"relation {name} is too intricate for a local model or a factor of one.")
+            raise network.wrong(f"relation {name} is too complex to be a local model or a factor of one.")
         new = set(relation.inputs) - seen if relation is not None else set()
         seen |= new
         stack += new

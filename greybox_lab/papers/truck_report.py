@@ -178,8 +178,9 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
         seeds = min(item["seeds"] for item in result["learning_curves"])
         made.append(Drawing(
             "learning_curves", learning_curves(result["learning_curves"]),
-            "Errors on val of networks of 4 x 8 at 1 s over the share of the training recordings, alone and after a "
-            f"bicycle fitted to that share; below, their ratio with 95 % intervals over recordings. Seeds: {seeds}.",
+            "Errors on val over the share of the training recordings, for networks of 4 x 8 with windows of 1 s: "
+            "trained alone, and pretrained on a bicycle fitted to the same share. Below, their ratio with 95 % "
+            f"intervals over recordings. Seeds: {seeds}.",
             "Errors over the share of training data, and their ratio.",
         ))  # fmt: skip
     return tuple(made)

@@ -133,7 +133,7 @@ def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
     """A hand wheel whose ratio nothing tells, or only as of a car's usual wheelbase: a start for who answers."""
     why, ratio = "the hand wheel's angle: divide_by is the steering ratio", entry.divide_by
     if length:
-        why += f"; turning and speed say ratio times wheelbase is about {number(length, 3)} m"
+        why += f"; turning and speed imply that ratio times wheelbase is about {number(length, 3)} m"
     if length and length > LONGEST:
         ratio = float(f"{length / np.sqrt(CARS[0] * CARS[1]):.3g}")
         why += f", a ratio of {ratio:g} for a car of usual length"

@@ -45,7 +45,7 @@ class MemoryC:
         return {
             f"{self.name}_start": "A window in which inputs and readings have always been constant.",
             f"{self.name}_push": "Adds a sample whose outputs were read; fill the window with these before you step.",
-            f"{self.name}_step": "A sample later, on its own predictions.",
+            f"{self.name}_step": "Goes on by one sample, with its own predictions.",
             f"{self.name}_output": "What sensors read now.",
             f"{self.name}_step_jacobian": "The next predictions and their derivatives.",
         }

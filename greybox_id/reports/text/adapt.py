@@ -30,7 +30,7 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         yield led("moved", f"beyond two of their standard deviations: {', '.join(names)}")
     yield ""
     if not result.zero_shot.rest:
-        yield led("rest", f"no rows are left after the {result.seconds:g} s that were adapted to: there is no test")
+        yield led("rest", f"no rows are left after the {result.seconds:g} s of the adaptation, so nothing is scored")
         for output, item in result.in_sample.items():
             unit = pretty_unit(unit_of(output))
             yield led("", f"{output}, on these seconds themselves: RMSE {number(item['rmse'])} {unit}")
