@@ -405,7 +405,10 @@ def split_runs(time: Array) -> tuple[tuple[int, int], ...]:
 
 
 def _frozen(values: object, where: str) -> Array:
-    array = np.array(_numbers(values, where))
+    array = _numbers(values, where)
+    if array is values and type(array) is np.ndarray and array.flags.owndata and not array.flags.writeable:
+        return array  # of another recording: of hours, a copy of all columns is large
+    array = np.array(array)
     array.setflags(write=False)
     return array
 

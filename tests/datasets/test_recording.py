@@ -1,5 +1,7 @@
 """A recording: its runs, its rows, its mirror image, and what it refuses."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -160,3 +162,17 @@ def test_what_is_no_number_is_refused_in_a_sentence(time, v_x, says):
 def test_stamps_by_turns_early_and_late_have_the_rate_of_their_rows():
     time = np.concatenate([[0.0], np.cumsum(np.tile([0.032, 0.048], 100))])
     assert Recording("by turns", time[:-1], {"v_x": np.ones(200)}).sample_time == pytest.approx(0.04, rel=1e-2)
+
+
+def test_what_another_recording_holds_is_shared_and_what_a_caller_holds_is_copied():
+    v_x = np.ones(3)
+    first = Recording("lap", np.arange(3.0), {"v_x": v_x})
+    v_x[0] = 2.0
+    assert first["v_x"][0] == 1.0
+    assert replace(first, hold="linear")["v_x"] is first["v_x"]
+    whole = np.ones(3)
+    view = whole[:]
+    view.setflags(write=False)
+    second = Recording("lap", np.arange(3.0), {"v_x": view})
+    whole[0] = 2.0
+    assert second["v_x"][0] == 1.0

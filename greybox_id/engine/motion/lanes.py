@@ -207,18 +207,22 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     segments, reads = _filled(schedules, begin[: len(filled)], length[: len(filled)])
     counts = stop - start
     row = np.repeat(edges - run + start - np.append(0, np.cumsum(counts)[:-1]), counts) + np.arange(np.sum(counts))
+    del edge  # of hours, each is large
     where = np.full(offsets[-1], -1, dtype=np.intp)
     where[np.repeat(begin - np.cumsum(length) + length, length) + np.arange(np.sum(length))] = np.repeat(
         np.arange(len(begin)), length
     )
     number = np.cumsum(reads) - 1
-    lane, rank = np.empty((2, len(row), schedules[0].read_segment.shape[1]), dtype=np.int32)
+    outputs = schedules[0].read_segment.shape[1]
+    alike = all(item.read_segment.strides[1] == 0 for item in schedules)  # one column stands for all
+    lane, rank = np.empty((2, len(row), min(1, outputs) if alike else outputs), dtype=np.int32)
     for k in range(lane.shape[1]):  # output by output: of hours, what is on the way is large
         columns = [(item.read_segment[:, k], at) for item, at in numbered]
         read = _joined([np.where(column < 0, -1, column + at) for column, at in columns])[row]
         mine = np.where(read >= 0, where[np.maximum(read, 0)], -1)
         lane[:, k] = mine
         rank[:, k] = np.where(mine >= 0, number[np.where(mine >= 0, read - begin[mine], 0)], -1)
+    lane, rank = (np.broadcast_to(item, (len(row), outputs)) if alike else item for item in (lane, rank))
     return Lanes(
         segments=np.broadcast_to(segments, (len(begin), *segments.shape[1:])),
         reads=reads,

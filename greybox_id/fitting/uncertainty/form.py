@@ -362,8 +362,9 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
     """What follows of each input's error: it is moved a little, and all is simulated again."""
     runs, result = problem.runs, list[_Passed]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
-    time = np.concatenate([run.time for run in runs])
-    inputs = np.vstack([run.inputs for run in runs])
+    one = len(runs) == 1  # perhaps of hours: no second copy
+    time = runs[0].time if one else np.concatenate([run.time for run in runs])
+    inputs = runs[0].inputs if one else np.vstack([run.inputs for run in runs])
     table = {name: inputs[:, k] for k, name in enumerate(problem.model.inputs)}
     for k, name in enumerate(problem.model.inputs):
         u, spread = inputs[:, k], float(np.std(inputs[:, k]))
@@ -378,7 +379,7 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
             moved[:, k] += STEP * spread / power * values
             other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
             change = (other.predicted_readings(x[None])[0, ::every] - nodes.y[::every]) / STEP
-            del other, moved  # of hours, what is laid out for each is large
+            del other, moved, values  # of hours, what is laid out for each is large
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))
         if effects:
