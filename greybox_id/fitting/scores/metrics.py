@@ -8,7 +8,7 @@ The verbs `simulate` and `predict`: what a model makes of a recording, row by ro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -144,6 +144,7 @@ class Error:
     fvu_published : (var(error)/var(measured) + var(error)/var(predicted))/2 over full batches, as nnodely's validator
         has it; NaN outside the published protocol.
     fvu_pooled : sum of squared errors over that of the readings about their mean: a bias counts; NaN likewise.
+    blocks : mean square of each block of one second over that of all, row by row; empty where it was not kept.
     """
 
     rmse: float
@@ -154,6 +155,7 @@ class Error:
     diverges: Divergence | None = None
     fvu_published: float = np.nan
     fvu_pooled: float = np.nan
+    blocks: Array = field(default_factory=lambda: np.zeros(0), repr=False, compare=False)
 
     @property
     def fit_percent(self) -> float:
@@ -241,7 +243,8 @@ def error_of(predicted: Array, measured: Array, sample_time: float) -> Error:
         sd = standard_error(blocks) / (2 * rmse) if rmse > 0 else 0.0
         variance = float(np.var(measured))
         fvu = float(np.var(residual)) / variance if variance > 0 else float("nan")
-    return Error(rmse, sd, fvu, len(residual), float(np.sqrt(variance)))
+        relative = blocks / rmse**2 if rmse > 0 else np.zeros(0)
+    return Error(rmse, sd, fvu, len(residual), float(np.sqrt(variance)), blocks=relative)
 
 
 def as_dict(scores: Mapping[str, Mapping[str, Error]]) -> dict[str, dict[str, dict[str, Any]]]:

@@ -13,6 +13,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from scipy.special import stdtrit
 
 from ...base.numbers import listed, number, quantity
 from ...datasets.checks import check
@@ -23,14 +24,17 @@ from ...models.model import Model
 from ...models.motion_model import MotionModel
 from ..fit import NOT_USABLE, SURPRISING, UNTOLD, USABLE, WITH_CARE, Fit, Reason, Verdict, conflict, weighed
 from ..provenance import DataRecord
-from .metrics import FREE_RUN, Error, Scores, ahead
+from .metrics import FREE_RUN, Error, Scores, ahead, standard_error
 from .misfit import foreign_form, misfit
 
 TRAINED, HELD_OUT = "train", "validate"
 SHORTEST = 0.5
 """Horizons below this, s, are not judged against holding a reading: over a tenth of a second nothing moves."""
 WORSE = 1.1
-"""Errors this many times as large are worse, and not by chance: errors over stretches of minutes vary by less."""
+"""Errors this many times as large are worse; over stretches of minutes they vary by less."""
+BY_CHANCE, BLOCK = 0.01, 2
+"""Share of fits no worse than the unfitted model of which a difference of errors between stretches of so many seconds,
+the longest horizon, is taken for more than chance."""
 FOREIGN = 1.5
 """Held-out errors so many times those on the training data say that the fit does not carry over."""
 UNEXPLAINED = 0.5
@@ -337,10 +341,42 @@ def _beside_unfitted(
         return
     over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
     if over_all > WORSE:
-        yield Reason(NOT_USABLE, f"{what}the fit has {_times(over_all)} the errors of the unfitted model.")
+        surely = _surely_worse(scores, unfitted, judged)
+        doubt = "" if surely else "; stretches of the drive differ by as much"
+        yield Reason(
+            NOT_USABLE if surely else WITH_CARE,
+            f"{what}the fit has {_times(over_all)} the errors of the unfitted model{doubt}.",
+        )
     for output, ratio in ratios.items():
         if ratio > WORSE:
             yield Reason(WITH_CARE, f"{what}{output}: {_times(ratio)} the RMSE of the unfitted model.")
+
+
+def _surely_worse(scores: Scores, unfitted: Scores, judged: Sequence[str]) -> bool:
+    """Whether a fit's errors exceed the unfitted model's by more than the difference varies along the drive.
+
+    Differences of mean squares, stretch by stretch, over the sum of both: one stretch in which either model goes astray
+    decides nothing. Standard errors of protocols and outputs are added, since what they err by is alike.
+    """
+    differences, errors, fewest = [], [], np.inf
+    for name in judged:
+        for output, own in scores[name].items():
+            other = unfitted.get(name, {}).get(output)
+            if other is None or not np.isfinite(own.rmse + other.rmse):
+                if other is not None and np.isfinite(other.rmse):
+                    return True  # it diverges where the unfitted model does not
+                continue
+            if len(own.blocks) != len(other.blocks) or len(own.blocks) < 2 * BLOCK:
+                return True  # nothing tells chance
+            both = own.rmse**2 + other.rmse**2
+            each = (own.rmse**2 * own.blocks - other.rmse**2 * other.blocks) / both
+            each = each[: len(each) // BLOCK * BLOCK].reshape(-1, BLOCK).mean(axis=1)
+            differences.append(float(np.mean(each)))
+            errors.append(standard_error(each))
+            fewest = min(fewest, len(each))
+    if not differences:
+        return True
+    return float(np.mean(differences)) > -float(stdtrit(fewest - 1, BY_CHANCE)) * float(np.mean(errors))
 
 
 def _divergences(scores: Scores, judged: Sequence[str], what: str) -> Iterator[Reason]:

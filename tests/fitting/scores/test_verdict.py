@@ -132,6 +132,29 @@ def test_a_fit_that_made_the_model_worse_is_not_usable(good):
     assert "3.3 times the errors of the unfitted model" in said.reasons[0]
 
 
+def test_errors_that_are_larger_in_one_stretch_alone_do_not_refute_a_fit(good):
+    own, held = score_beside_hold(good.model, lap(3))
+
+    def worse_in(stretches):
+        def changed(error):
+            blocks = np.ones(len(error.blocks))
+            blocks[:stretches] += 3.0 * len(blocks) / stretches
+            return replace(error, rmse=2.0 * error.rmse, blocks=blocks / np.mean(blocks))
+
+        even = {
+            n: {o: replace(e, blocks=np.ones(len(e.blocks))) for o, e in errors.items()} for n, errors in own.items()
+        }
+        value = {name: {o: changed(e) for o, e in errors.items()} for name, errors in own.items()}
+        return judged(good, {"validate": value}, held={"validate": held}, unfitted={"validate": even})
+
+    once = worse_in(1)
+    assert once.usability == WITH_CARE
+    assert any("times the errors of the unfitted model; stretches of the drive differ" in r for r in once.reasons), once
+    throughout = worse_in(min(len(e.blocks) for errors in own.values() for e in errors.values()))
+    assert throughout.usability == NOT_USABLE
+    assert "times the errors of the unfitted model." in throughout.reasons[0]
+
+
 def test_one_output_that_was_made_worse_is_said(good):
     own, held = score_beside_hold(good.model, lap(3))
     before = {
