@@ -23,6 +23,7 @@ from .estimation.problem import FORM
 from .estimation.refit import refit, settled, with_slopes
 from .estimation.search import Search
 from .estimation.together import JointSearch, JointStage, JointWhitening
+from .estimation.walks import walked
 
 Unsteadiness = Callable[[Search, Hypothesis], list[float]]
 """Of each effect of a hypothesis, how its magnitude differs between parts of the drive."""
@@ -94,7 +95,8 @@ def select(
     prices = np.array([
         costs(cause.name) + CAL.second_parameter * len(cause.forms[0].seconds) for cause in problem.causes
     ])  # fmt: skip
-    stage = together.explained()
+    stage, disputed = walked(together)
+    stage, prices = together.explained(stage), prices + disputed
     if stands(problem.vector(stage.state)):
         stage = together.exchanged(stage)
     else:

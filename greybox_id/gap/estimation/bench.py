@@ -185,7 +185,10 @@ class Bench:
     def _integrated(self, passages: Sequence[Passage], z0: Array, P: Array) -> list[Integrated]:
         """Passages of runs, those together in a call that are about as long: it takes as long as its longest."""
         kernel, result = self.simulator.kernel, dict[int, Integrated]()
-        order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), id(passages[k].plan)))
+        first = dict[int, int]()
+        for k, passage in enumerate(passages):  # by order, not by address: sums round otherwise in other company
+            first.setdefault(id(passage.plan), k)
+        order = sorted(range(len(passages)), key=lambda k: (len(passages[k]), first[id(passages[k].plan)]))
         lengths = tuple(len(passages[k]) for k in order)
         for part in packed(lengths) if kernel.compiled else [slice(0, len(order))]:
             value = order[part]

@@ -296,9 +296,12 @@ class Calibration:
     as_rough_again: int = _known(2, "times at most", SEARCHED)
     second_odds: float = _known(1.0, "more, of each free second parameter", DEFINED)
     still: float = _known(0.05, "of its scale, below which nothing moves any more", SEARCHED)
-    stride_together: float = _known(
-        1.0, "sds, or usual sizes, that a step of everything goes: 3 and 19 led nowhere", "the shipped racer, guesses"
+    strides: tuple[float, ...] = _known(
+        (1.0, 3.0),
+        "sds, or usual sizes, that a step of everything goes, in each of two walks",
+        "shipped racer, guesses",
     )
+    alike_in_both: float = _known(3.0, "sds of their difference that sizes are apart at most in both walks", DEFINED)
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
     moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
     second_sd: float = _known(0.35, "least sd of a second parameter, relative: a factor of two", DEFINED)

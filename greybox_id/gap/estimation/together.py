@@ -119,7 +119,7 @@ class JointSearch:
     """
 
     def __init__(self, problem: JointProblem, whitening: JointWhitening, tell: Callable[..., None]) -> None:
-        self.problem, self.whitening, self.tell = problem, whitening, tell
+        self.problem, self.whitening, self.tell, self.stride = problem, whitening, tell, CAL.strides[0]
         names = [cause.name for cause in problem.causes]
         self.never = [
             (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
@@ -130,9 +130,12 @@ class JointSearch:
         for k, cause in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
 
-    def annealed(self) -> list[JointStage]:
-        """Every stage, roughest first."""
+    def annealed(self, stride: float = CAL.strides[0]) -> list[JointStage]:
+        """Every stage, roughest first, by steps that long at most."""
+        self.stride = stride
         problem, result = self.problem, list[JointStage]()
+        problem.roughly(1.0)
+        problem.forget()
         state, variance = problem.begin(), (0.3 * problem.usual) ** 2
         steps_of = CAL.steps_of_rough_stage if len(problem.tolerances) else CAL.steps_of_stage
         for rough, steps in zip(CAL.stages, steps_of, strict=True):
@@ -148,16 +151,16 @@ class JointSearch:
                 if went < CAL.still and step > 0:
                     break
             result.append(self.settled(state, rough, variance, whitener))
+        self.stride = CAL.strides[0]
         return result
 
-    def explained(self) -> JointStage:
-        """The stage that explains best, where forms are believed to be as rough as unknown forces are found to be.
+    def explained(self, best: JointStage) -> JointStage:
+        """The best stage, where forms are believed to be as rough as unknown forces are found to be.
 
         What is left as forces that are new all the time is left as errors of form, too, which are not: names must gain
         beside these. Where equations are much rougher than usual, no name at all is tried, too, from where all is
         believed to be.
         """
-        best = max(self.annealed(), key=lambda item: item.evidence)
         for _ in range(CAL.as_rough_again):
             rough = self._as_rough(best)
             if max(rough / best.rough, best.rough / rough) < CAL.as_rough:
@@ -468,7 +471,7 @@ class JointSearch:
         """(K,) how far a step goes at most: farther off, simulations are not what they are to first order."""
         scale = np.full(len(linear.at), np.inf)
         scale[: len(self.problem.theta_sd)], scale[linear.main] = self.problem.theta_sd, self.problem.usual
-        return np.where(linear.moved, CAL.stride_together * scale, np.inf)
+        return np.where(linear.moved, self.stride * scale, np.inf)
 
     def _objective(
         self, state: JointState, first: FirstOrder, whitener: Whitener, prec: Array, linear: Linear

@@ -12,6 +12,7 @@ from greybox_id.gap.estimation.first_order import FirstOrder
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.estimation.problem import JointProblem
 from greybox_id.gap.estimation.together import JointSearch, JointWhitening
+from greybox_id.gap.estimation.walks import walked
 
 SD = np.array([0.1, 0.1])
 
@@ -30,7 +31,7 @@ def together(bench, causes, tolerances=()):
 
 
 def named(search):
-    stage = search.explained()
+    stage = search.explained(walked(search)[0])
     sizes = stage.sets.sizes(stage.there)[0]
     return {search.problem.causes[k].name: sizes[k] for k in np.flatnonzero(stage.there)}
 
@@ -83,7 +84,7 @@ def test_where_forms_as_rough_as_what_is_left_spin_the_stage_before_stands(monke
     monkeypatch.setattr(search, "_as_rough", lambda stage: 5.0 * stage.rough)
     settled = search._settled_as
     monkeypatch.setattr(search, "_settled_as", lambda *given: replace(settled(*given), form=np.nan))
-    stage = search.explained()
+    stage = search.explained(walked(search)[0])
     assert np.isfinite(stage.evidence)
     assert list(stage.there) == [True, False]
 
@@ -195,6 +196,69 @@ def test_a_step_goes_no_further_than_what_is_usual():
         state, squares = search._linear(state, whitener, False, variance)
         state, went = search._stepped(state, squares, variance, whitener, every)
         far.append(went)
-    assert max(far) == pytest.approx(CAL.stride_together)
+    assert max(far) == pytest.approx(CAL.strides[0])
     assert far[-1] < CAL.still
     assert state.m[0] == pytest.approx(5.0, abs=0.1)
+
+
+def searched(tolerated=True):
+    bench = linear_bench(smooth_columns(4), [0.05, 1.0, -0.6, 0.0], SD)
+    return together(bench, [cause(k) for k in range(1, 4)], (axis(0, sd=0.1),) if tolerated else ())
+
+
+def test_walks_that_end_in_the_same_place_dispute_nothing():
+    stage, disputed = walked(searched())
+    assert list(stage.there) == [True, True, False]
+    assert list(disputed) == [0.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("far", [(), (0,), (1, 2)])
+def test_a_cause_that_is_not_alike_in_both_must_gain_what_they_differ_by(far, monkeypatch):
+    """The first walk ends 40 nats below, with other causes, or with one of another size: the second one counts."""
+    search = searched()
+    walk = search.annealed
+
+    def annealed(stride):
+        stages = walk(stride)
+        if stride != CAL.strides[0]:
+            return stages
+        there = stages[-1].there.copy()
+        there[list(far)] = ~there[list(far)]
+        sets = stages[-1].sets
+        lower = sets.base + sets.score(stages[-1].there) - 40.0 - sets.score(there)
+        monkeypatch.setattr(sets, "base", lower)
+        return [replace(stages[-1], there=there)]
+
+    monkeypatch.setattr(search, "annealed", annealed)
+    stage, disputed = walked(search)
+    assert list(stage.there) == [True, True, False]
+    assert list(np.flatnonzero(disputed)) == list(far)
+    assert disputed[list(far)] == pytest.approx(40.0, abs=0.5)
+
+
+def test_a_size_that_is_another_one_is_disputed(monkeypatch):
+    search = searched()
+    walk = search.annealed
+
+    def annealed(stride):
+        stages = walk(stride)
+        if stride == CAL.strides[0]:
+            return stages
+        sets, there = stages[-1].sets, stages[-1].there
+        sizes, sds = sets.sizes(there)
+        monkeypatch.setattr(sets, "base", sets.base - 7.0)
+        monkeypatch.setattr(sets, "sizes", lambda _: (sizes + np.array([5.0, 1.0, 0.0]) * np.sqrt(2) * sds, sds))
+        return stages[-1:]
+
+    monkeypatch.setattr(search, "annealed", annealed)
+    _, disputed = walked(search)
+    assert list(np.flatnonzero(disputed)) == [0]
+
+
+def test_where_nothing_is_tolerated_there_is_one_walk(monkeypatch):
+    search = searched(tolerated=False)
+    walk, strides = search.annealed, []
+    monkeypatch.setattr(search, "annealed", lambda stride: strides.append(stride) or walk(stride))
+    _, disputed = walked(search)
+    assert strides == [CAL.strides[0]]
+    assert not np.any(disputed)

@@ -1,0 +1,43 @@
+"""Two walks through everything at once: what a search finds counts as far as another one finds it, too.
+
+The evidence has many optima where a vehicle is far from what is stated of it. What two walks with steps of other
+lengths disagree about is then decided by where a search happened to go: a cause that is not alike in both must gain, on
+top of its price, what the walks' evidences differ by. Where they end in the same place that is nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...base.shorthands import Array, Mask
+from .calibration import CAL
+from .together import JointSearch, JointStage
+
+
+def walked(search: JointSearch) -> tuple[JointStage, Array]:
+    """The better end of two walks, and what causes must gain more since the walks disagree.
+
+    Where nothing is tolerated there is nothing to go astray in, and one walk.
+
+    Returns
+    -------
+    stage : the stage of either walk that explains best.
+    disputed : (causes,) log-likelihood, zero for causes that both walks have alike, or neither has.
+    """
+    strides = CAL.strides if len(search.problem.tolerances) else CAL.strides[:1]
+    ends = [max(search.annealed(stride), key=lambda stage: stage.evidence) for stride in strides]
+    best, *others = sorted(ends, key=lambda stage: -stage.evidence)
+    search.problem.roughly(best.rough)
+    search.problem.forget()
+    disputed = np.zeros(len(best.there))
+    for other in others:
+        apart = best.evidence - other.evidence
+        disputed[~_alike(best, other)] += apart if np.isfinite(apart) else 0.0
+    return best, disputed
+
+
+def _alike(one: JointStage, other: JointStage) -> Mask:
+    """(causes,) whether two stages have a cause of one size, or neither has it."""
+    (at, sd), (elsewhere, its_sd) = (stage.sets.sizes(stage.there) for stage in (one, other))
+    near = np.abs(at - elsewhere) <= CAL.alike_in_both * np.hypot(sd, its_sd)
+    return np.asarray(np.where(one.there & other.there, near, one.there == other.there), dtype=bool)
