@@ -15,25 +15,40 @@ from .together import JointSearch, JointStage
 
 
 def walked(search: JointSearch) -> tuple[JointStage, Array]:
-    """The better end of two walks, and what causes must gain more since the walks disagree.
+    """The better end of one walk or two, and what causes must gain more since the walks disagree.
 
-    Where nothing is tolerated there is nothing to go astray in, and one walk.
+    A second one starts where the first one left what is stated: numbers that are as they are believed to be are in all
+    as many squared standard deviations off as there are of them.
 
     Returns
     -------
     stage : the stage of either walk that explains best.
     disputed : (causes,) log-likelihood, zero for causes that both walks have alike, or neither has.
     """
-    strides = CAL.strides if len(search.problem.tolerances) else CAL.strides[:1]
-    ends = [max(search.annealed(stride), key=lambda stage: stage.evidence) for stride in strides]
-    best, *others = sorted(ends, key=lambda stage: -stage.evidence)
+    first, *others = CAL.strides
+    ends = [_end(search, first)]
+    if _far_off(search, ends[0]):
+        ends += [_end(search, stride) for stride in others]
+    best, *rest = sorted(ends, key=lambda stage: -stage.evidence)
     search.problem.roughly(best.rough)
     search.problem.forget()
     disputed = np.zeros(len(best.there))
-    for other in others:
+    for other in rest:
         apart = best.evidence - other.evidence
         disputed[~_alike(best, other)] += apart if np.isfinite(apart) else 0.0
     return best, disputed
+
+
+def _end(search: JointSearch, stride: float) -> JointStage:
+    return max(search.annealed(stride), key=lambda stage: stage.evidence)
+
+
+def _far_off(search: JointSearch, stage: JointStage) -> bool:
+    """Whether tolerances are, together, further from what is stated than it says."""
+    problem = search.problem
+    problem.roughly(stage.rough)
+    off = (stage.state.theta - problem.theta_mean) / problem.theta_sd
+    return float(off @ off) > len(off)
 
 
 def _alike(one: JointStage, other: JointStage) -> Mask:

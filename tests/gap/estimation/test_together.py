@@ -201,9 +201,12 @@ def test_a_step_goes_no_further_than_what_is_usual():
     assert state.m[0] == pytest.approx(5.0, abs=0.1)
 
 
-def searched(tolerated=True):
-    bench = linear_bench(smooth_columns(4), [0.05, 1.0, -0.6, 0.0], SD)
-    return together(bench, [cause(k) for k in range(1, 4)], (axis(0, sd=0.1),) if tolerated else ())
+TOLERATED = (axis(0, sd=0.1),)
+
+
+def searched(tolerances=TOLERATED, off=0.15):
+    bench = linear_bench(smooth_columns(4), [off, 1.0, -0.6, 0.0], SD)
+    return together(bench, [cause(k) for k in range(1, 4)], tolerances)
 
 
 def test_walks_that_end_in_the_same_place_dispute_nothing():
@@ -255,10 +258,11 @@ def test_a_size_that_is_another_one_is_disputed(monkeypatch):
     assert list(np.flatnonzero(disputed)) == [0]
 
 
-def test_where_nothing_is_tolerated_there_is_one_walk(monkeypatch):
-    search = searched(tolerated=False)
+@pytest.mark.parametrize(("tolerances", "off", "walks"), [((), 0.15, 1), (TOLERATED, 0.05, 1), (TOLERATED, 0.15, 2)])
+def test_a_second_walk_is_for_tolerances_that_are_further_off_than_stated(tolerances, off, walks, monkeypatch):
+    search = searched(tolerances, off)
     walk, strides = search.annealed, []
     monkeypatch.setattr(search, "annealed", lambda stride: strides.append(stride) or walk(stride))
     _, disputed = walked(search)
-    assert strides == [CAL.strides[0]]
+    assert strides == list(CAL.strides[:walks])
     assert not np.any(disputed)
