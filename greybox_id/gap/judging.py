@@ -228,7 +228,10 @@ def by_no_name(examined: Examined) -> float:
 
 
 def itself(examined: Examined, hypothesis: Hypothesis, name: str, spread: Spread | None) -> float:
-    """The probability that what an effect explains is its own: of one size everywhere, and no strain of tolerances."""
+    """The probability that what an effect explains is its own.
+
+    That is of one size everywhere, no strain of tolerances, and no share of something unknown where it acts.
+    """
     stands = 1.0 if examined.stands else 1.0 - CAL.present
     other = max(_strains(examined, hypothesis, name), _beside_unknown(examined, hypothesis, name))
     return stands * _constant(spread, may_vary(examined)) * (1.0 - other)
