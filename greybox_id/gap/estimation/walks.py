@@ -35,7 +35,7 @@ def walked(search: JointSearch) -> tuple[JointStage, Array]:
     disputed = np.zeros(len(best.there))
     for other in rest:
         apart = best.evidence - other.evidence
-        disputed[~_alike(best, other)] += apart if np.isfinite(apart) else 0.0
+        disputed[~_alike(best, other, search.problem.null)] += apart if np.isfinite(apart) else 0.0
     return best, disputed
 
 
@@ -51,8 +51,14 @@ def _far_off(search: JointSearch, stage: JointStage) -> bool:
     return float(off @ off) > len(off)
 
 
-def _alike(one: JointStage, other: JointStage) -> Mask:
-    """(causes,) whether two stages have a cause of one size, or neither has it."""
+def _alike(one: JointStage, other: JointStage, null: Array) -> Mask:
+    """(causes,) whether two stages have a cause of one size, or neither has it.
+
+    One size is what sds leave open, or what may differ between parts of one drive.
+    """
     (at, sd), (elsewhere, its_sd) = (stage.sets.sizes(stage.there) for stage in (one, other))
-    near = np.abs(at - elsewhere) <= CAL.alike_in_both * np.hypot(sd, its_sd)
-    return np.asarray(np.where(one.there & other.there, near, one.there == other.there), dtype=bool)
+    open_to = np.maximum(
+        CAL.alike_in_both * np.hypot(sd, its_sd), CAL.varies_rough * np.abs(0.5 * (at + elsewhere) - null)
+    )
+    same = np.abs(at - elsewhere) <= open_to
+    return np.asarray(np.where(one.there & other.there, same, one.there == other.there), dtype=bool)
