@@ -42,7 +42,11 @@ def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
 
 
 def advice(
-    sets: Sequence[Sequence[str]], weak: Sequence[str], effects: Mapping[str, Effect], unread: Collection[str] = ()
+    sets: Sequence[Sequence[str]],
+    weak: Sequence[str],
+    effects: Mapping[str, Effect],
+    unread: Collection[str] = (),
+    apart: float = 0.0,
 ) -> tuple[str, ...]:
     """Sentences on what would tell more.
 
@@ -52,8 +56,14 @@ def advice(
     weak : effects this recording does not excite.
     effects : by name.
     unread : outputs that no recording holds.
+    apart : log-likelihood by which two searches differ that disagree about causes.
     """
-    one, known = [], set[frozenset[str]]()
+    one, known = list[str](), set[frozenset[str]]()
+    if apart > CAL.walks_apart:
+        one.append(
+            "The vehicle is so far from its file that two searches for causes ended in different places. Fit the "
+            "numbers of the file first (greybox fit), then look for causes again."
+        )
     for item in sets:
         if frozenset(item) in known:
             continue

@@ -279,7 +279,8 @@ def _weighed(
     base, first = min(bases, key=by_cost, default=None), min(tried.values(), key=score)
     if base is None or score(first) >= min(score(each) for each in again):
         return selection
-    return Selection(as_it_acts(search, first), base, tuple(sorted(tried.values(), key=by_cost)), selection.promised)
+    best_first = tuple(sorted(tried.values(), key=by_cost))
+    return replace(selection, search=as_it_acts(search, first), base=base, tried=best_first)
 
 
 def _rows(hypothesis: Hypothesis, other: ActingRows) -> list[slice]:

@@ -176,7 +176,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
         held_out=verified,
         not_excited=unexcited,
         absorbed=absorbed,
-        advice=advice(sets, list(unexcited), it.effects, unread(it)),
+        advice=advice(sets, list(unexcited), it.effects, unread(it), selection.apart),
         closed=closed,
         strip=strip(
             it.bench,

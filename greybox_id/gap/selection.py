@@ -60,12 +60,14 @@ class Selection:
     tried : the best explanation, that without each of its effects, with others in their places, single effects; best
         first.
     promised : of every single candidate beside the base.
+    apart : log-likelihood by which two searches differ that disagree about causes, see `estimation.walks`.
     """
 
     search: Search
     base: Hypothesis
     tried: tuple[Hypothesis, ...]
     promised: tuple[Promise, ...]
+    apart: float = 0.0
 
     def of(self, size: int) -> list[Hypothesis]:
         """Hypotheses of so many effects, best first."""
@@ -151,7 +153,7 @@ def select(
     result = sorted(alone.values(), key=by_cost)
     if result:
         result = [*with_slopes(search, result[:1]), *result[1:]]
-    return Selection(search, base, tuple(result), offered)
+    return Selection(search, base, tuple(result), offered, float(np.max(disputed, initial=0.0)))
 
 
 def _placed(search: Search, together: JointSearch, stage: JointStage) -> Hypothesis:

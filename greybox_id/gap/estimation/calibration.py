@@ -301,6 +301,11 @@ class Calibration:
         "sds, or usual sizes, that a step of everything goes, in each of two walks",
         "shipped racer, guesses",
     )
+    walks_apart: float = _known(
+        100.0,
+        "nats by which two walks differ that are lost: up to 50 near a file, 580 to 3 200 far from one",
+        "workshop 778, many 1571, rough 871 and 891, shipped racer, Indy car, CommonRoad",
+    )
     alike_in_both: float = _known(3.0, "sds of their difference that sizes are apart at most in both walks", DEFINED)
     switched_on: float = _known(0.05, "of its usual size, from which on an abrupt effect is simulated", SEARCHED)
     moved_on: float = _known(0.2, "of its scale that anything moves, from which on all is looked at anew", SEARCHED)
