@@ -488,7 +488,7 @@ def test_aliases_are_named_together_and_share():
     assert {first.effect, second.effect} == {"accel_bias_y", "imu_mount_roll"}
     assert second.effect in first.indistinguishable_from
     assert first.probability == pytest.approx(second.probability, abs=0.1)
-    assert any("read the same" in sentence for sentence in gap.advice)
+    assert any("the same readings" in sentence for sentence in gap.advice)
     assert gap.where.channel == "a_y"
     assert gap.applied == (first.effect,) or gap.applied == (second.effect,)  # one cause, whichever it is called
 
