@@ -13,8 +13,8 @@ lap, other = (gb.read(gb.datasets.shipped(name), columns="roboracer") for name i
 fit = gb.fit("kinematic", lap.rows(0, 800), vehicle="roboracer", effects=["steering_delay"])
 
 # %%
-# Laplace draws, weighted by the posterior. ``method="mcmc"`` samples it where the weights say that this is not
-# enough.
+# Laplace draws, weighted by the posterior. If the weights show that Laplace draws are not enough, sample the posterior
+# itself with ``method="mcmc"``.
 posterior = gb.sample(fit, method="laplace", draws=1000, seed=0)
 print(posterior.summary())
 

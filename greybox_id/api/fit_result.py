@@ -198,7 +198,7 @@ class FitResult(Fit):
 
         Raises
         ------
-        BadInput : a fit saw other training data, of which no criterion compares models.
+        BadInput : a fit was made with other training data, of which no criterion compares models.
         """
         fits = [self, *(one if isinstance(one, FitResult) else FitResult.of(one) for one in others)]
         data = [
@@ -207,8 +207,8 @@ class FitResult(Fit):
         for fit, seen in zip(fits, data, strict=True):
             if seen != data[0]:
                 raise BadInput(
-                    f"others: the fit of {fit.model.name} saw other training data; fit both to the same recordings, or "
-                    "compare them on one recording with score."
+                    f"others: the fit of {fit.model.name} was made with other training data; fit both to the same "
+                    "recordings, or compare them on one recording with score."
                 )
         rows = [
             {

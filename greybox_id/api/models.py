@@ -105,7 +105,7 @@ def kinematic(understeer: bool = True, vehicle: VehicleLike = None) -> MotionMod
 
 
 def steering() -> MotionModel:
-    """Steering actuator: the measured road-wheel angle [rad] behind its command [rad].
+    """Steering actuator: the measured road-wheel angle [rad] that lags its command [rad].
 
     Examples
     --------

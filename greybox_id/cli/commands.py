@@ -132,7 +132,7 @@ GROUPS: Groups = {
         "design": ("greybox_id.cli.design", "Design the next manoeuvre: the most informative one."),
     },
     "Estimate": {
-        "track": ("greybox_id.cli.track", "Track sideslip, tyres and forces along a recording."),
+        "track": ("greybox_id.cli.track", "Track sideslip, tyre parameters and forces along a recording."),
     },
     "Deploy": {
         "export": ("greybox_id.cli.export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),

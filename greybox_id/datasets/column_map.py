@@ -381,7 +381,7 @@ def _names(entry: Mapping[str, Any], signal: str, where: str) -> list[str]:
     if not isinstance(names, list):
         return [text_of(entry, "column", where, signal)]
     if not names or not all(isinstance(name, str) and name.strip() for name in names):
-        raise BadInput(f"{where}: column must be a name in quotes or a list of such, not {names!r:.60}.")
+        raise BadInput(f"{where}: column must be a name in quotes or a list of names in quotes, not {names!r:.60}.")
     return names
 
 
@@ -392,7 +392,8 @@ def _units(entry: Mapping[str, Any], names: int, where: str) -> list[str]:
         return [text_of(entry, "unit", where)]
     if len(units) != names or not all(isinstance(unit, str) for unit in units):
         raise BadInput(
-            f"{where}: unit must be one in quotes, or a list of as many as column has names, not {units!r:.60}."
+            f'{where}: unit must be one string, such as "m/s", or a list with one string for each name in column; '
+            f"it is {units!r:.60}."
         )
     return units
 

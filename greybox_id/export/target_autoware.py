@@ -119,7 +119,7 @@ def _simulator(subject: Subject) -> list[AutowareEntry]:
         return AutowareEntry(key, default, about, ACTUATORS[key], None if value is None else sign * value)
 
     limit = None if subject.vehicle is None else subject.vehicle.steer_max
-    added = "rad, added to the reading: the wheels stand at the command less this"
+    added = "rad, added to the steering reading; wheel angle = command - steer_bias"
     bias = by("steer_bias", 0.0, added, -_scaled_after(subject))
     return [
         AutowareEntry("simulated_frame_id", "base_link", "centre of the rear axle"),

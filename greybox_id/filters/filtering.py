@@ -108,7 +108,10 @@ def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, lis
             without = bridged.copy()
             without[list(finding.where.rows)] = np.nan
             bridged, _ = _bridged(recording, without)
-            known.append(f"{finding.sentence.removesuffix(' Leave such rows out.')} Taken as missing and bridged.")
+            known.append(
+                f"{finding.sentence.removesuffix(' Leave such rows out.')} "
+                "These values are taken as missing and bridged."
+            )
         if gaps > 0:
             known.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")
         if lost:

@@ -89,7 +89,7 @@ def known_physics(model: HybridModel, known: Pretraining) -> HybridModel:
     if not changed:
         raise BadInput(
             f"{known.source or known.model.name} has none of the parameters of the physics in {model.name}: "
-            "pretrain it from a fit of lateral or single_track with Pacejka's tyres."
+            f"pretrain {model.name} from a fit of lateral or single_track with Pacejka's tyres."
         )
     return model.with_parameters(*changed)
 

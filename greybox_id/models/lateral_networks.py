@@ -95,8 +95,8 @@ def covering_networks(settings: LateralNetworkSettings, recording: Recording) ->
     driven = np.isfinite(recording["v_x"]) & (recording["v_x"] >= settings.least_speed)
     if np.sum(driven) < settings.window:
         raise BadInput(
-            f"{recording.name} has fewer rows faster than {settings.least_speed:g} m/s than a window of "
-            f"{settings.window} rows."
+            f"{recording.name} has only {np.sum(driven)} rows with v_x of {settings.least_speed:g} m/s or more, but a "
+            f"window has {settings.window} rows: record more, or choose a shorter window or a lower least_speed."
         )
     v_x, steer = recording["v_x"][driven], recording["steer"][driven]
     spread_v, spread_r, spread_steer = (

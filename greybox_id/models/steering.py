@@ -1,4 +1,4 @@
-"""Steering actuator: the road-wheel angle behind its command, first order with a gain and an offset.
+"""Steering actuator: the road-wheel angle that lags its command, first order with a gain and an offset.
 
     d(steer_measured)/dt = (gain steer + offset - steer_measured) / lag
 
@@ -23,7 +23,7 @@ def steering() -> MotionModel:
 
     return MotionModel(
         name="steering",
-        about="steering actuator: road-wheel angle behind its command",
+        about="steering actuator: road-wheel angle that lags its command",
         states=(State("steer_measured", "rad", 0.1),),
         inputs=("steer",),
         commands=("steer",),

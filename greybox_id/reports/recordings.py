@@ -120,20 +120,20 @@ def _mean_squares(part: Prediction, length: int) -> Array:
 
 def _match(record: DataRecord, recordings: Sequence[Recording]) -> Recording:
     if not recordings:
-        raise BadInput(f"The fit saw {_named(record)}, but no recording was given; name it.")
+        raise BadInput(f"The {record.role} data of the fit are {_named(record)}, but no recording was given; name it.")
     same = [r for r in recordings if r.source.sha256 == record.sha256 and (record.sha256 or r.name == record.name)]
     if not same:
         near = [r for r in recordings if r.name == record.name]
         if near:
             raise BadInput(
-                f"{_where(near[0])} is not the file the fit saw: its sha256 begins with "
+                f"{_where(near[0])} is not the file the fit was made with: its sha256 begins with "
                 f"{near[0].source.sha256[:12] or 'nothing'}, that of the fit's {record.role} data with "
                 f"{record.sha256[:12] or 'nothing'}. Name the file the fit was made with, or fit again."
             )
         given = ", ".join(_where(r) for r in recordings)
         raise BadInput(
-            f"The fit saw {_named(record)} to {record.role}, and none of the recordings given ({given}) is that file. "
-            "Name the file the fit was made with, or fit again."
+            f"The {record.role} data of the fit are {_named(record)}, and none of the recordings given ({given}) is "
+            "that file. Name the file the fit was made with, or fit again."
         )
     alike = [
         r for r in same if (len(r), len(r.runs), r.source.columns) == (record.samples, record.runs, record.columns)
@@ -141,9 +141,10 @@ def _match(record: DataRecord, recordings: Sequence[Recording]) -> Recording:
     if not alike:
         other = same[0]
         raise BadInput(
-            f"{_where(other)} is the file the fit saw, but read differently: {len(other)} rows in {len(other.runs)} "
-            f"runs through column map {other.source.columns or 'none'}, where the fit had {record.samples} rows in "
-            f"{record.runs} runs through {record.columns or 'none'}. Read it through that column map, or fit again."
+            f"{_where(other)} is the file the fit was made with, but read differently: {len(other)} rows in "
+            f"{len(other.runs)} runs through column map {other.source.columns or 'none'}, where the fit had "
+            f"{record.samples} rows in {record.runs} runs through {record.columns or 'none'}. "
+            "Read it through that column map, or fit again."
         )
     return alike[0]
 

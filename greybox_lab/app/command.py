@@ -17,7 +17,11 @@ from greybox_id.cli.output import console, print_json
 @click.argument("files", nargs=-1, metavar="[RECORDING]...", type=click.Path())
 @click.option("--session", metavar="NAME", help="Session to open or to start; default: the first recording's name.")
 @click.option(
-    "--home", default="app", show_default=True, metavar="FOLDER", help="Folder of the sessions, one folder for each."
+    "--home",
+    default="app",
+    show_default=True,
+    metavar="FOLDER",
+    help="Folder of the sessions, with one subfolder per session.",
 )
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; default: any that is free.")
 @click.option(

@@ -149,7 +149,7 @@ def _columns(page: Page, data: dict[str, Any]) -> None:
     if session["columns"] != MAP:
         verdict(f"Read through the map {session['columns']}.", state)
     else:
-        words = "" if state else "Click on a wrong one to change it."
+        words = "" if state else "If an assignment is wrong, click on it to change it."
         verdict(state or "Every column has its signal.", words, bad=bool(state))
     with ui.row():
         if session["columns"] == MAP:

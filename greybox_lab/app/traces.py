@@ -114,5 +114,7 @@ def _read(path: Path, columns: str | Path, between: str, *stamps: float) -> gb.R
     del stamps
     recording = gb.read(str(path), columns=columns)
     if isinstance(recording, list):
-        raise gb.BadInput(f"{path.name}: its name is read as a pattern; rename the file.")
+        raise gb.BadInput(
+            f"{path}: *, ? and [ in a path are read as wildcards; rename the file or folder without them."
+        )
     return recording.between(*(float(end) if end else None for end in between.split(":"))) if between else recording

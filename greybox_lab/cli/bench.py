@@ -68,7 +68,7 @@ _on_others_ground(
 )  # fmt: skip
 _on_others_ground(
     "abs", "brakes", "abs",
-    "Grip under brakes, tracked along a lap whose grip steps, on another simulator's recordings.",
+    "Grip while braking, estimated along a lap on which the grip changes in steps; recordings from another simulator.",
 )  # fmt: skip
 _on_others_ground(
     "emps", "emps", "", "A servo axis with friction, no car: this package and other tools on the same rows, in one run."
@@ -163,7 +163,10 @@ def truck_command(
 @click.option(
     "--cycles",
     type=click.IntRange(1, 3),
-    help=("Cycles of driving and learning, each with a higher cap; default: 3, quick 1."),
+    help=(
+        "Number of cycles of driving and learning; each allows a larger share of the grip. "
+        "Default: 3, or 1 with --quick."
+    ),
 )
 @click.option("--vehicles", type=click.IntRange(1, 20), default=1, show_default=True, help="Drawn for each case.")
 @click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Of learning, each vehicle.")

@@ -294,7 +294,8 @@ def _must_be_alike(client: Any, scheduler: str) -> None:
     others = {version for version in versions.values() if version != MADE_BY}
     if others:
         raise BadInput(
-            f"Workers of {scheduler} run greybox-id {', '.join(sorted(others))}, not {MADE_BY}; install the same."
+            f"Workers of {scheduler} run greybox-id {', '.join(sorted(others))}, not {MADE_BY}; install the same "
+            "version."
         )
 
 

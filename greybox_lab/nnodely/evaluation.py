@@ -69,7 +69,7 @@ def window_of(network: Network, relation: NetworkRelation) -> tuple[str, int, in
         raise network.wrong(f"{where} is not a plain window of an input; offsets and windows of windows are not read.")
     ends = relation.rest[1]
     if not (isinstance(ends, list) and len(ends) == 2 and all(_is_number(end) for end in ends)):
-        raise network.wrong(f"{where} states no window [from, to].")
+        raise network.wrong(f"{where} must have a window of two numbers, [from, to].")
     step = network.sample_time if relation.operation == "TimePart" else 1.0
     if any(abs(end / step) > LONGEST_WINDOW for end in ends):
         raise network.wrong(f"{where} looks further than {LONGEST_WINDOW} samples; models here remember no more.")
@@ -92,7 +92,7 @@ def fuzzy_of(network: Network, relation: NetworkRelation) -> tuple[str, tuple[fl
             "only nnodely's 'Triangular' ones are understood."
         )
     if not (isinstance(centres, list) and 0 < len(centres) <= MOST_CENTRES and all(map(_is_number, centres))):
-        raise network.wrong(f"function {name} does not hold 1 to {MOST_CENTRES} centres.")
+        raise network.wrong(f"function {name} must have 1 to {MOST_CENTRES} centres, all of them numbers.")
     if not all(a < b for a, b in zip(centres[:-1], centres[1:], strict=True)):
         raise network.wrong(f"the centres of function {name} do not increase.")
     return form, tuple(float(centre) for centre in centres)
@@ -134,7 +134,9 @@ def _value(network: Network, name: str, values: Mapping[str, Array]) -> Array:
     if relation.operation in ELEMENTWISE:
         function, count = ELEMENTWISE[relation.operation]
         if len(taken) != count:
-            raise network.wrong(f"relation {name} ({relation.operation}) takes {len(taken)} inputs; {count} are read.")
+            raise network.wrong(
+                f"relation {name} ({relation.operation}) takes {len(taken)} inputs; it must take {count}."
+            )
         return np.asarray(_together(network, name, lambda: function(*_fitting(taken))))
     if relation.operation == "ParamFun":
         return _called(network, relation, taken)
@@ -155,7 +157,10 @@ def _called(network: Network, relation: NetworkRelation, taken: list[Array]) -> 
     function = relation.rest[0] if relation.rest else None
     entry = network.functions.get(function) if isinstance(function, str) else None
     if entry is None or entry.get("map_over_dim") not in (False, None):
-        raise network.wrong(f"relation {relation.name} states no function that is evaluated sample by sample.")
+        raise network.wrong(
+            f"relation {relation.name} must name a function of the file that is applied sample by sample "
+            "(map_over_dim false); other functions cannot be imported."
+        )
     where = f"function {function}"
     if any(value.shape[-1] != 1 for value in taken):
         raise network.wrong(f"{where} takes inputs other than single signals and numbers.")

@@ -124,7 +124,9 @@ def longitudinal(network: Network, output: str, roles: Mapping[str, str]) -> Net
     torques = [name for name in cut if network.relations[name].operation == "Linear"]
     sides = [name for name in cut if name not in torques]
     if len(sides) > MOST_SIDES:
-        raise network.wrong(f"relation {output} has {len(sides)} impulse responses; up to {MOST_SIDES} are read.")
+        raise network.wrong(
+            f"relation {output} has {len(sides)} impulse responses; at most {MOST_SIDES} are supported."
+        )
     branches = dict(_branch(network, name, of["motor_current"]) for name in torques)
     if len(torques) != 2 or set(branches) != {"t", "b"}:
         raise network.wrong(
@@ -160,10 +162,14 @@ def _branch(network: Network, linear: str, current: str) -> tuple[str, tuple[str
         fir, below = network.relations[below], network.relations[below].inputs[0]
     W, b = weights_of(network, fir)
     if np.any(g) or G.shape != (W.shape[1], 1):
-        raise network.wrong(f"relation {linear} is not one torque without a bias; {G.shape} weights stand in the file.")
+        raise network.wrong(
+            f"relation {linear} must have one output, the torque, weights of shape {(W.shape[1], 1)} and no bias other "
+            f"than zero; the file has weights of shape {G.shape} and the bias {g.tolist()!s:.60}."
+        )
     if len(W) > LONGEST_WINDOW or W.shape[1] > MOST_NEURONS:
         raise network.wrong(
-            f"relation {fir.name} has weights of shape {W.shape}; {LONGEST_WINDOW, MOST_NEURONS} are read."
+            f"relation {fir.name} has weights of shape {W.shape}; at most {LONGEST_WINDOW} samples and {MOST_NEURONS} "
+            "neurons are supported."
         )
     windows = np.random.default_rng(0).uniform(-2.0, 2.0, (PROBES, len(W), 1))
     seen = evaluate(network, below, {current: windows} if current in network.inputs else {})

@@ -99,7 +99,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
 
 
 def stepped(data: Path, roads: dict[str, pd.DataFrame]) -> tuple[pd.DataFrame, Array, str]:
-    """A lap whose grip steps, its grip and its name.
+    """A lap on which the grip changes in steps, its grip and its name.
 
     It is test.csv with a column grip or a file grip.csv beside it, or pieces of the two roads in turn.
     """

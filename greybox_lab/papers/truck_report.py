@@ -123,11 +123,11 @@ def truck_report(one: Found) -> Document:
     parts: tuple[Part, ...] = (
         *titled("Protocols", Points(PROTOCOLS), *notes),
         *titled("Grey boxes", _models([item for item in published if item["table"] in ("II", "grey box")]), Text(
-            "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. Inputs "
-            "are v_x and alpha1; alpha2 for models with both angles; the position for a map of the road. From the "
-            "fourth model on, inputs pass through filters that are not causal. Table II of the paper: the bicycle "
-            "as its "
-            "authors coded it, not the one they print; mean of the fifteen particles of least distance.")),
+            "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. All "
+            "models have the inputs v_x and alpha1. Models with both angles also have alpha2; the model with a map "
+            "of the road's bank also has alpha2 and the position. From the fourth model on, inputs pass through "
+            "filters that are not causal. Table II of the paper: the bicycle as its authors coded it, not the one they "
+            "print; mean of the fifteen particles of least distance.")),
         *titled("Published figures, on the authors' test split", _paper(one["paper"])),
         *titled("Table III: networks, as published", _models([item for item in published if item["table"] == "III"])),
         *titled("Further networks", _models([item for item in published if item["table"] == "own"])),

@@ -210,7 +210,7 @@ def test_wrong_use_of_a_fit_is_a_sentence(fitted, laps, tmp_path):
     path, _ = fitted
     out = ["--out", tmp_path / "p.csv"]
     assert "longer than the longest" in refused("predict", path, laps[0], "--horizon", "60", *out)
-    assert "has states and no open loop" in refused("predict", path, laps[0], "--open-loop", *out)
+    assert "is for models with memory" in refused("predict", path, laps[0], "--open-loop", *out)
     assert "Did you mean yaw_rate?" in refused("simulate", path, laps[0], "--start-state", "yawrate=1", *out)
     assert "the SI unit here is rad/s" in refused("simulate", path, laps[0], "--start-state", "yaw_rate=1m", *out)
     assert "no FIT" in refused("simulate", path, laps[0], "--model", "lateral", *out)

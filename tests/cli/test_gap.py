@@ -244,7 +244,7 @@ def test_a_person_reads_whether_where_which_and_how_far():
     assert "in free run, with tolerances refitted, the error of yaw_rate is 3.1 times its noise (p < 0.001)" in words
     assert "Where steering 78 % and M_z 15 %; 78 % of it lies in 22 % of the time, while the steering moves" in words
     assert "1 steering_delay 31 ± 3 ms 0.94 applied" in words
-    assert "18 ms [5, 60] 0.04 cannot be distinguished from 1 on this recording" in words
+    assert "18 ms [5, 60] 0.04 cannot be distinguished from number 1 on this recording" in words
     assert "with steering_delay the excess closes by 84 % [76, 90] on lap8 (held out)" in words
     assert "yaw_rate [rad/s] 0.018 → 0.013 (0.012)" in words
     assert "below the detection limit here: mass_change up to 0.12" in words

@@ -95,7 +95,7 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
 
 def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     gap = unknown()
-    assert told_apart(gap, gap.ranking[0]) == "cannot be distinguished from 2 and accel_bias_y on this recording"
+    assert told_apart(gap, gap.ranking[0]) == "cannot be distinguished from number 2 and accel_bias_y on this recording"
     assert told_apart(replace(gap, recordings=("a", "b")), gap.ranking[1]).endswith("on these recordings")
     assert told_apart(gap, DELAY) == ""
 

@@ -82,7 +82,7 @@ def test_a_report_of_motion_is_the_same_bytes(motion_fit, laps, motion_pdf):
 
 def test_another_file_is_refused_with_a_sentence(small_fit, train, validate, tmp_path):
     other = replace(validate, source=replace(validate.source, sha256="0" * 64))
-    with pytest.raises(BadInput, match="is not the file the fit saw"):
+    with pytest.raises(BadInput, match="is not the file the fit was made with"):
         prepared(small_fit, [train, other])
     with pytest.raises(BadInput, match="read differently"):
         prepared(small_fit, [train, validate.rows(0, 100)])

@@ -31,8 +31,8 @@ def as_motion(model: HybridModel, text: str = "") -> MotionModel:
         )
     if model.integrator != "rk4":
         raise BadInput(
-            f"This {model.name} was trained by steps of {model.integrator}: its network is right only over its "
-            f"sample time of {model.sample_time:g} s. Train it with integrator=rk4."
+            f"This {model.name} was trained with the integrator {model.integrator}: its network is valid only for "
+            f"steps of {model.sample_time:g} s. Train it with integrator=rk4."
         )
     weights = {name: cs.DM(model[name].array) for name in network.shapes}
     physical = tuple(parameter for parameter in model.parameters if parameter.name not in weights)

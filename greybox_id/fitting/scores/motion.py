@@ -44,7 +44,10 @@ def _predicted(
     model: MotionModel, recording: Recording, horizon: float | None = None, *, open_loop: bool = False
 ) -> Prediction:
     if open_loop:
-        raise BadInput(f"{model.name} has states and no open loop; say how far to look ahead with ‹horizon›.")
+        raise BadInput(
+            f"‹open_loop› is for models with memory; {model.name} is a model with states. Omit it, and use ‹horizon› "
+            "to say how far ahead to predict."
+        )
     predictor = Predictor(Simulator(model), recording, model.values)
     if horizon is None:
         return in_order(predictor.free_run())

@@ -192,7 +192,10 @@ def calibrated_seconds(words: str | Iterable[str] | None) -> float | None:
     for word in several:
         result = _WRITTEN.fullmatch(word.strip()) if isinstance(word, str) else None
         if result is None:
-            raise BadInput(f"‹calibrate›: there is no {word!r:.40}; there is timing, and timing=8s for 8 s.")
+            raise BadInput(
+                f"‹calibrate›: {word!r:.40} is not known. Write timing, or timing=8s to estimate delays from the first "
+                "8 s of motion."
+            )
     try:
         seconds = CALIBRATED if result is None or result[1] is None else float(result[1])
     except ValueError:

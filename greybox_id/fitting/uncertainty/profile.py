@@ -133,7 +133,7 @@ def profile(
     BadInput : the unknown is held.
     """
     if not problem.free[index]:
-        raise BadInput(f"Unknown {index} is held; only what is fitted has a profile.")
+        raise BadInput(f"The quantity with index {index} is fixed; only quantities that are fitted have a profile.")
     told = told or uncertainty(problem, x, nodes)
     inflation, sd = float(told.inflation[index]), float(told.sd[index])
     allowed = 0.5 * inflation * float(told.quantile(confidence)[index]) ** 2

@@ -96,8 +96,8 @@ LIMITS = (
     "found by refits alone and are not listed."
 )
 CHANNELS = (
-    "An error over noise of 1 means that only noise is left. The last two columns give the frequency at which the "
-    "errors of the original model exceed noise most, and by how much."
+    "A ratio of error to noise of 1 means that only noise is left. The last two columns give the frequency at which "
+    "the errors of the original model exceed noise most, and by how much."
 )
 STATED = (
     "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; what this "

@@ -262,9 +262,9 @@ def told_apart(gap: Gap, ranked: Ranked) -> str:
     if not ranked.indistinguishable_from:
         return ""
     place = {item.effect: k for k, item in enumerate(gap.ranking, 1)}
-    ranks = sorted(place[name] for name in ranked.indistinguishable_from if name in place)
+    ranked_as = [f"number {k}" for k in sorted(place[name] for name in ranked.indistinguishable_from if name in place)]
     names = [name for name in ranked.indistinguishable_from if name not in place]
-    return f"cannot be distinguished from {listed([*map(str, ranks), *names])} on {on_these(gap.recordings)}"
+    return f"cannot be distinguished from {listed([*ranked_as, *names])} on {on_these(gap.recordings)}"
 
 
 def on_these(recordings: tuple[str, ...]) -> str:

@@ -429,7 +429,7 @@ def test_files_of_two_clocks_in_units_of_their_own_are_mapped_and_joined(tmp_pat
 
 def test_units_are_as_many_as_names():
     text = '[time]\ncolumn=["t","u"]\nunit=["s","ms","us"]\n[signals.v_x]\ncolumn="v"\nunit="m/s"'
-    with pytest.raises(BadInput, match="as many as column has names"):
+    with pytest.raises(BadInput, match="one string for each name in column"):
         parse_column_map(text, "own.toml")
 
 

@@ -61,11 +61,11 @@ def test_operations_mean_what_they_mean_in_nnodely(tmp_path, relation, wanted):
 @pytest.mark.parametrize(
     ("relation", "word"),
     [
-        (["Tanh", ["w", "w"]], "takes 2 inputs; 1 are read"),
+        (["Tanh", ["w", "w"]], "takes 2 inputs; it must take 1"),
         (["Sine", ["w"]], "'Sine' is not understood here"),
         (["Sin", ["x"]], "takes an input without a window"),
         (["Fuzzify", ["w"], "none"], "membership functions of its own"),
-        (["ParamFun", ["w"], "none"], "no function that is evaluated"),
+        (["ParamFun", ["w"], "none"], "must name a function of the file"),
         (["ParamFun", ["w", "w"], "square"], "takes 2 arguments; the file hands it 3"),
         (["Fir", ["w"], "nowhere", None, 0], "needs the numbers nowhere"),
         (["Fir", ["w"], "W", "k", 0.0, 1], None),
