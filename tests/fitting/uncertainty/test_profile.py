@@ -213,7 +213,7 @@ def test_a_curved_valley_is_followed_to_its_floor():
 def test_what_is_held_has_no_profile():
     curve = copy.copy(line(np.random.default_rng(0)))
     curve.free = np.array([True, False])
-    with pytest.raises(BadInput, match="held"):
+    with pytest.raises(BadInput, match="is fixed; only quantities that are fitted"):
         curve.profile(1)
 
 
