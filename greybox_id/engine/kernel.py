@@ -14,8 +14,6 @@ Lanes of one call shared out between two threads: compiled code holds no lock of
 
 What comes out is the same to the last digit, as no lane knows of the others. Where other fits run beside (`--jobs`,
 fleets, servers) each keeps to one: GREYBOX_THREADS says how many there are to be, 1 or more.
-
-What simulated readings are held against, lane by lane, and normal equations of what is left.
 """
 
 from __future__ import annotations
@@ -33,6 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..base.shorthands import Array
+from .against import Against, led, square
 from .compiler import CannotCompile, library, tell_slow
 from .vectors import FEW, WIDE, narrow_source, scratch_size, source
 from .virtual import VirtualMachine
@@ -66,90 +65,12 @@ def shared_out(lanes: int, segments: int, run: Callable[[int, int], None]) -> No
         thread.join()
 
 
-@dataclass(frozen=True)
-class Against:
-    """What the readings of lanes are held against.
-
-    Attributes
-    ----------
-    target : (L, R, ny) what should be read.
-    weight : (L, R, ny) what a residual is multiplied with; zero where none counts.
-    robust : weighted residuals beyond it weigh less, as in a Huber loss; None: all alike.
-    """
-
-    target: Array
-    weight: Array
-    robust: float | None = None
-
-    def misfit(self, y: Array) -> float:
-        """Half the sum of squared residuals, those in the tails linear."""
-        if y.size > HOURS:  # of hours: what is on the way to one number is as long as they are
-            read, target, weight = (item.reshape(-1) for item in (y, self.target, self.weight))
-            parts = (slice(first, first + HOURS) for first in range(0, y.size, HOURS))
-            return sum(Against(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
-        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
-            e = self._residuals(y)
-            if self.robust is None:
-                return 0.5 * float(np.vdot(e, e))
-            e = np.abs(e)
-            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
-
-    def weighted(self, y: Array) -> tuple[Array, Array]:
-        """Weighted residuals of readings and their weights, (L, R, ny) each."""
-        r = self._residuals(y)
-        if self.robust is None:
-            return r, self.weight
-        tail = np.abs(r)  # each step in its place: of hours, every further array is large
-        np.maximum(tail, 1e-300, out=tail)
-        np.divide(self.robust, tail, out=tail)
-        np.minimum(1.0, tail, out=tail)
-        np.sqrt(tail, out=tail)
-        r *= tail
-        return r, np.multiply(self.weight, tail, out=tail)
-
-    def _residuals(self, y: Array) -> Array:
-        """Weighted, zero where nothing counts; in one array, which may be as long as hours are."""
-        r = np.subtract(y, self.target)
-        r *= self.weight
-        r[~(self.weight > 0.0)] = 0.0
-        return r
-
-    def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
-        """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
-        r, weight = self.weighted(y)
-        J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
-        along = J.swapaxes(1, 2)
-        g = along @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
-        return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
-
-
-def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
-    """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
-    states = seed.shape[1]
-    flat = free.reshape(len(free), -1, free.shape[-1])
-    result: Array = flat[:, :, :states] @ seed
-    result[:, :, places] += flat[:, :, states:]
-    return result.reshape(*free.shape[:-1], -1)
-
-
-def square(packed: Array, count: int) -> Array:
-    """Symmetric matrices, of their lower triangles, which are packed row by row."""
-    if not packed.shape[1]:
-        return np.empty((len(packed), 0, 0))
-    row, column = np.tril_indices(count)
-    result = np.empty((len(packed), count, count))
-    result[:, row, column] = result[:, column, row] = packed
-    return result
-
-
 PAYS = 20_000
 """Lanes times segments after which a kernel is compiled: a fifth of what takes the virtual machine as long as
 compiling, as what is compiled is kept. Both grow with the model's size in much the same way, so that this number need
 not know it: a tenth of a second for a single-track model, half a second for a large one. The work alone decides, not
 what the cache holds: a first run and a later one give the same digits."""
 
-HOURS = 1_000_000
-"""Readings of recordings of hours, of which nothing is laid out twice: an hour at 100 Hz with three outputs."""
 LINEARISED = 5
 """What a segment's derivatives cost, in segments."""
 
@@ -157,6 +78,25 @@ LINEARISED = 5
 MOST_FUSED = 128
 """Unknowns up to which what readings add to J'J is added at once: it takes a megabyte, what a second-level cache holds.
 Beyond, J is laid out, and multiplied as a whole."""
+
+
+@dataclass(frozen=True)
+class Known:
+    """What a simulation gave, of which another one from elsewhere may meet a part.
+
+    Attributes
+    ----------
+    results : states that were wanted, (L, K, nz), and readings, (L, R, ny).
+    near : (nz,) how far from a state that was wanted another one is as good as the same.
+    """
+
+    results: tuple[Array, Array]
+    near: Array
+
+    def elsewhere(self, z0: Array, keep: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """(L,) which lanes begin elsewhere, where their beginnings were wanted; else all."""
+        states = self.results[0]
+        return np.any(~(np.abs(z0 - states[:, 0]) <= self.near), axis=1) if keep[0] else np.ones(len(z0), dtype=bool)
 
 
 class Kernel:
@@ -200,7 +140,13 @@ class Kernel:
             self.prepare()
 
     def simulate(
-        self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, keeps: ArrayLike | None = None
+        self,
+        z0: ArrayLike,
+        s: ArrayLike,
+        p: ArrayLike,
+        reads: ArrayLike,
+        keeps: ArrayLike | None = None,
+        known: Known | None = None,
     ) -> tuple[Array, Array]:
         """Integrate.
 
@@ -211,6 +157,8 @@ class Kernel:
         p : (L, np) parameters, or (np,) for all lanes.
         reads : (S,) bool, the segments at whose start the outputs are read.
         keeps : (S + 1,) bool, the segments at whose start states are wanted, and whether at the end; None: all.
+        known : what the same call gave from other initial states, which is changed to what these give; lanes end where
+            their states are as good as known.
 
         Returns
         -------
@@ -227,20 +175,24 @@ class Kernel:
             z, y = self._model.virtual.simulate(*given)
             return z if keeps is None else z[:, keep], y
         kept, apart = np.count_nonzero(keep), given[1].strides[0] // given[1].itemsize
-        z = np.empty((lanes, kept, self._model.states))
-        y = np.empty((lanes, readings, self._model.outputs))
-        few = lanes % WIDE if hasattr(self._library, "simulate_few") else 0
-        whole = lanes - few if few <= FEW else lanes
+        shapes = (lanes, kept, self._model.states), (lanes, readings, self._model.outputs)
+        z, y = known.results if known else (np.empty(shape) for shape in shapes)
+        near = None if known is None else known.near
+        if (z.shape, y.shape) != shapes or (near is not None and near.shape != shapes[0][2:]):
+            raise ValueError(f"Shapes {z.shape} and {y.shape} of what is known do not match {shapes}.")
+        which = np.arange(lanes) if known is None else np.flatnonzero(known.elsewhere(given[0], keep))
+        few = len(which) % WIDE if hasattr(self._library, "simulate_few") else 0
+        whole = len(which) - few if few <= FEW else len(which)
+        places = _places(*given, keep, near, z, y)
 
         def run(name: str, first: int, last: int) -> None:
-            value = [array[first:last] for array in (*given[:3], z, y)]
-            places = _places(*value[:3], given[3], keep, *value[3:])
-            getattr(self._library, name)(last - first, segments, readings, kept, apart, *places)
+            begin = which.ctypes.data + first * which.itemsize
+            getattr(self._library, name)(last - first, segments, readings, kept, apart, begin, *places)
 
         if whole:
             shared_out(whole, segments, partial(run, "simulate"))
-        if whole < lanes:
-            run("simulate_few", whole, lanes)
+        if whole < len(which):
+            run("simulate_few", whole, len(which))
         return z, y
 
     def along(self, s: ArrayLike, p: ArrayLike) -> Callable[[Array, int, int], Array]:
@@ -262,9 +214,12 @@ class Kernel:
         start, y = np.empty(self._model.states), np.empty((1, 0, self._model.outputs))
         z = np.empty((len(numbers) + 1, self._model.states))
         everything = np.ones(len(z), dtype=bool)
-        arrays = (start, numbers, parameters, nothing, everything, z, y)  # C knows where they are: they must stay there
-        at_start, _, *others = _places(*arrays)
-        at_numbers, size = numbers.ctypes.data, numbers.strides[0]
+        first_lane = np.zeros(1, dtype=np.intp)
+        # C knows where they are: they must stay there
+        arrays = (start, first_lane, numbers, parameters, nothing, everything, z, y)
+        at_start, at_lane, at_numbers, *others = _places(*arrays[:6], None, *arrays[6:])
+        size = numbers.strides[0]
+        assert at_numbers is not None
 
         def simulated(z0: Array, first: int, last: int) -> Array:
             library = self._library
@@ -274,7 +229,7 @@ class Kernel:
                 return states
             arrays[0][:] = z0
             run = library.simulate_few if hasattr(library, "simulate_few") else library.simulate
-            run(1, last - first, 0, last - first + 1, 0, at_start, at_numbers + first * size, *others)
+            run(1, last - first, 0, last - first + 1, 0, at_lane, at_start, at_numbers + first * size, *others)
             return z[: last - first + 1]
 
         return simulated
@@ -481,7 +436,7 @@ def _writers() -> str:
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     """A library that has been told what its functions take: counts, then arrays."""
-    made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 7
+    made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
     made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 15
     made.simulate.restype = made.linearise.restype = None
     if hasattr(made, "simulate_few"):

@@ -16,9 +16,10 @@ from compiled import needs_compiler
 
 from greybox_id.base import files
 from greybox_id.engine import compiler, graph, kernel
+from greybox_id.engine.against import Against
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
-from greybox_id.engine.kernel import Against, Kernel
+from greybox_id.engine.kernel import Kernel
 
 BINARY = [cs.fmin, cs.fmax, cs.copysign, cs.SX.__pow__, cs.atan2, cs.hypot, cs.fmod, cs.remainder]
 NAMES = {*CHEAP, *CALLS} - {"pow", *[function.__name__ for function in BINARY]}

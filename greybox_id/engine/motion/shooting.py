@@ -22,7 +22,7 @@ import numpy as np
 from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
-from ..kernel import HOURS, Against
+from ..against import HOURS, Against
 from ..least_squares import NormalEquations
 from .lanes import Chain, Interval, Lanes, Targets, chained, lay, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
@@ -213,7 +213,7 @@ class MotionProblem:
                 result = self._chain.matched(
                     self._chain.foretold(x, z0, cut),
                     cut,
-                    lambda starts: kernel.simulate(starts, cut.segments, p[cut.interval], cut.reads, cut.ends),
+                    lambda *at: kernel.simulate(at[0], cut.segments, p[cut.interval], cut.reads, cut.marks, at[1]),
                 )
                 if result is not None:
                     return SimulatedRuns(lanes, cut, result[0], cut, result[1])

@@ -1,0 +1,89 @@
+"""What simulated readings are held against, lane by lane, and normal equations of what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..base.shorthands import Array
+
+HOURS = 1_000_000
+"""Readings of recordings of hours, of which nothing is laid out twice: an hour at 100 Hz with three outputs."""
+
+
+@dataclass(frozen=True)
+class Against:
+    """What the readings of lanes are held against.
+
+    Attributes
+    ----------
+    target : (L, R, ny) what should be read.
+    weight : (L, R, ny) what a residual is multiplied with; zero where none counts.
+    robust : weighted residuals beyond it weigh less, as in a Huber loss; None: all alike.
+    """
+
+    target: Array
+    weight: Array
+    robust: float | None = None
+
+    def misfit(self, y: Array) -> float:
+        """Half the sum of squared residuals, those in the tails linear."""
+        if y.size > HOURS:  # of hours: what is on the way to one number is as long as they are
+            read, target, weight = (item.reshape(-1) for item in (y, self.target, self.weight))
+            parts = (slice(first, first + HOURS) for first in range(0, y.size, HOURS))
+            return sum(Against(target[part], weight[part], self.robust).misfit(read[part]) for part in parts)
+        with np.errstate(over="ignore", invalid="ignore"):  # a simulation that diverged counts as infinite
+            e = self._residuals(y)
+            if self.robust is None:
+                return 0.5 * float(np.vdot(e, e))
+            e = np.abs(e)
+            return float(np.sum(np.where(e <= self.robust, 0.5 * e**2, self.robust * (e - 0.5 * self.robust))))
+
+    def weighted(self, y: Array) -> tuple[Array, Array]:
+        """Weighted residuals of readings and their weights, (L, R, ny) each."""
+        r = self._residuals(y)
+        if self.robust is None:
+            return r, self.weight
+        tail = np.abs(r)  # each step in its place: of hours, every further array is large
+        np.maximum(tail, 1e-300, out=tail)
+        np.divide(self.robust, tail, out=tail)
+        np.minimum(1.0, tail, out=tail)
+        np.sqrt(tail, out=tail)
+        r *= tail
+        return r, np.multiply(self.weight, tail, out=tail)
+
+    def _residuals(self, y: Array) -> Array:
+        """Weighted, zero where nothing counts; in one array, which may be as long as hours are."""
+        r = np.subtract(y, self.target)
+        r *= self.weight
+        r[~(self.weight > 0.0)] = 0.0
+        return r
+
+    def accumulated(self, y: Array, Y: Array, residuals: Array | None) -> tuple[Array, Array]:
+        """J'J and J'r of every lane, from derivatives that are laid out, (L, R, ny, c)."""
+        r, weight = self.weighted(y)
+        J = (Y * weight[..., None]).reshape(len(Y), -1, Y.shape[-1])
+        along = J.swapaxes(1, 2)
+        g = along @ (r if residuals is None else residuals).reshape(len(Y), -1, 1)
+        return along @ J if residuals is None else np.empty((len(Y), 0, 0)), g[..., 0]
+
+
+def led(free: Array, seed: Array, places: NDArray[np.intp]) -> Array:
+    """Derivatives by the unknowns, (L, ..., c), of those by initial states and by parameters that move."""
+    states = seed.shape[1]
+    flat = free.reshape(len(free), -1, free.shape[-1])
+    result: Array = flat[:, :, :states] @ seed
+    result[:, :, places] += flat[:, :, states:]
+    return result.reshape(*free.shape[:-1], -1)
+
+
+def square(packed: Array, count: int) -> Array:
+    """Symmetric matrices, of their lower triangles, which are packed row by row."""
+    if not packed.shape[1]:
+        return np.empty((len(packed), 0, 0))
+    row, column = np.tril_indices(count)
+    result = np.empty((len(packed), count, count))
+    result[:, row, column] = result[:, column, row] = packed
+    return result
