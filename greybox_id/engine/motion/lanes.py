@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from heapq import heapify, heapreplace
 from typing import Any
 
 import numpy as np
@@ -182,19 +183,38 @@ def cut_rows(plan: Schedule, start: int, stop: int, cuts: int) -> Index:
     if cuts <= 1:
         return np.array([start])
     begin = plan.row_segment[start:stop]
-    last = plan.row_segment[stop] if stop < len(plan.row_segment) else len(plan.segments)
-    at = np.linspace(begin[0], last, cuts + 1)[:-1]
+    at = np.linspace(*_ends(plan, start, stop), cuts + 1)[:-1]
     return np.asarray(start + np.unique(np.searchsorted(begin, at, side="right") - 1))
 
 
-def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int = 1) -> Lanes:
+def _ends(plan: Schedule, start: int, stop: int) -> tuple[int, int]:
+    """Segments at which rows begin and end."""
+    last = plan.row_segment[stop] if stop < len(plan.row_segment) else len(plan.segments)
+    return int(plan.row_segment[start]), int(last)
+
+
+def even_cuts(schedules: Sequence[Schedule], intervals: Sequence[Interval], lanes: int) -> list[int]:
+    """How many of so many lanes each interval is cut into, so that the longest lane is as short as can be.
+
+    A call takes as long as its longest lane: intervals cut into as many lanes each would wait for the longest one.
+    """
+    ends = (_ends(schedules[item.run], item.start, item.stop) for item in intervals)
+    longest: list[tuple[float, int, int]] = [(first - last, k, 1) for k, (first, last) in enumerate(ends)]
+    heapify(longest)  # the longest first: with its sign changed, it is the smallest
+    for _ in range(lanes - len(longest)):
+        size, k, count = longest[0]
+        heapreplace(longest, (size * count / (count + 1), k, count + 1))
+    return [count for _, _, count in sorted(longest, key=lambda item: item[1])]
+
+
+def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequence[int] | int = 1) -> Lanes:
     """Lay intervals side by side, each cut into so many lanes of about equal length.
 
     Parameters
     ----------
     schedules : per run.
     intervals : in the order of runs and rows.
-    cuts : lanes per interval; fewer where an interval is shorter.
+    cuts : lanes per interval, or of each; fewer where an interval is shorter.
     """
     offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
     run, start, stop = (
@@ -203,8 +223,10 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: int 
     numbered = list(zip(schedules, offsets[:-1], strict=True))
     edge = np.concatenate([np.append(item.row_segment, len(item.segments)) + at for item, at in numbered])
     edges = np.concatenate(([0], np.cumsum([len(plan.row_segment) + 1 for plan in schedules])))[run]
-    if cuts > 1:
-        rows = [cut_rows(schedules[interval.run], interval.start, interval.stop, cuts) for interval in intervals]
+    if cuts != 1:
+        of_each = [cuts] * len(intervals) if isinstance(cuts, int) else cuts
+        items = zip(intervals, of_each, strict=True)
+        rows = [cut_rows(schedules[item.run], item.start, item.stop, count) for item, count in items]
         owner = np.repeat(np.arange(len(rows)), [len(row) for row in rows])
         begin = edge[edges[owner] + np.concatenate(rows)]
     else:

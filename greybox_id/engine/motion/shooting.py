@@ -24,7 +24,7 @@ from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
 from ..against import HOURS, Against
 from ..least_squares import NormalEquations
-from .lanes import Chain, Interval, Lanes, Targets, chained, lay, targets, where_valid
+from .lanes import Chain, Interval, Lanes, Targets, chained, even_cuts, lay, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
 from .simulator import IntervalStarts, Simulator
 from .unknowns import lay_out_unknowns
@@ -360,7 +360,8 @@ class MotionProblem:
         shifts, plans, _, cut = self._plans
         if cut is None:
             cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
-            cut = lay(plans, self.intervals, cuts) if cuts > 1 else lanes
+            of_each = even_cuts(plans, self.intervals, cuts * len(self.intervals))
+            cut = lay(plans, self.intervals, of_each) if cuts > 1 else lanes
             self._plans = (shifts, plans, lanes, cut)
         return lanes, cut
 
