@@ -8,6 +8,7 @@ Certifying an optimum: Ipopt on the same problem confirms it, or carries on from
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -190,6 +191,7 @@ def _on_the_way(
         ahead.forget()
     problem = _problem(simulator, recordings, noise, how, p, ahead)
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
+    x = x if short else with_starts(problem, x)
     settled, taken = known and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):
         solution = _solved(problem, x, how, tolerance if settled else ROUGH, say, name)
@@ -206,6 +208,18 @@ def _on_the_way(
         problem.forget_targets()
         problem = _problem(simulator, recordings, noise, how, p, problem)
     say(f"{name}: {solution.status.value} after {solution.steps} steps")
+
+
+def with_starts(problem: MotionProblem, x: Array) -> Array:
+    """The same parameters with the starts that go with them; where the parameters are an optimum's, it is all of it.
+
+    From starts as they were read, parameters would first make up for these, and then come back along flat valleys.
+    """
+    if not len(problem.loose):
+        return x
+    held = copy(problem)
+    held.free = problem.free & (np.arange(len(x)) >= problem.parameters.size)
+    return gauss_newton(held, x, max_steps=SHORT_STEPS, tolerance=TOLERANCE, search="levenberg_marquardt").x
 
 
 def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float, say: Say, name: str) -> Solution:

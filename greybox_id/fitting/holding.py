@@ -27,11 +27,12 @@ from ..base.statistics import correlation_time
 from ..datasets.checks.consistency import standing
 from ..datasets.recording import Recording
 from ..engine.least_squares import LeastSquares
+from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
 from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
-from .attempt import Attempt, attempted, errors_at, misfit
+from .attempt import Attempt, attempted, errors_at, misfit, with_starts
 from .fit import WITH_CARE, Fit, Reason
 from .how import FitOptions, quiet
 
@@ -85,6 +86,7 @@ def restated(fit: Fit, recordings: Sequence[Recording]) -> tuple[LeastSquares, S
     BadInput : its kind of model solves no such problem, or it finds no optimum on these recordings.
     """
     problem, x = stated_again(fit.model, fit, [as_seen(fit, recording) for recording in recordings])
+    x = with_starts(problem, x) if isinstance(problem, MotionProblem) else x
     solution = gauss_newton(problem, x, tolerance=TOLERANCE, search="levenberg_marquardt")
     if solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt

@@ -9,7 +9,7 @@ from motion import SHAPE, car, recorded
 
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting import attempt
-from greybox_id.fitting.attempt import _walled, off_bounds, starting_points
+from greybox_id.fitting.attempt import _walled, off_bounds, starting_points, with_starts
 from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
@@ -63,3 +63,14 @@ def test_short_horizons_over_some_rows_lead_to_the_same_optimum(monkeypatch):
         found.append(reached.problem.shared(reached.solution.x))
     assert np.any(found[0] != found[1])
     assert found[1] == pytest.approx(found[0], rel=1e-5)
+
+
+@pytest.mark.parametrize("start_from", ["free", "measured"])
+def test_where_an_optimum_is_known_its_starts_follow(start_from):
+    simulator, how = Simulator(car(held=SHAPE), compiled=False), FitOptions(start_from=start_from)
+    recordings = [recorded(seconds=6.0, rate=50.0)]
+    reached = attempt.attempted(simulator, recordings, simulator.trace.model.values, how, quiet, "car")
+    problem, optimum = reached.problem, reached.solution
+    x = with_starts(problem, problem.unknowns(problem.shared(optimum.x)))
+    assert np.array_equal(x[: problem.parameters.size], optimum.x[: problem.parameters.size])
+    assert problem.objective(x, problem.simulated_nodes(x)) == pytest.approx(optimum.objective, rel=1e-9)
