@@ -81,7 +81,7 @@ Beyond, J is laid out, and multiplied as a whole."""
 
 
 @dataclass(frozen=True)
-class Known:
+class KnownSimulation:
     """What a simulation gave, of which another one from elsewhere may meet a part.
 
     Attributes
@@ -146,7 +146,7 @@ class Kernel:
         p: ArrayLike,
         reads: ArrayLike,
         keeps: ArrayLike | None = None,
-        known: Known | None = None,
+        known: KnownSimulation | None = None,
     ) -> tuple[Array, Array]:
         """Integrate.
 

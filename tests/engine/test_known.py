@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from compiled import needs_compiler
 
-from greybox_id.engine.kernel import Kernel, Known
+from greybox_id.engine.kernel import Kernel, KnownSimulation
 
 SEGMENTS, LANES = 400, 21
 both_ways = pytest.mark.parametrize("compiled", [False, pytest.param(True, marks=needs_compiler)])
@@ -37,7 +37,7 @@ def starts(moved=()):
 @pytest.mark.parametrize("moved", [(), (0,), range(3, 12), range(LANES)])
 def test_from_elsewhere_it_is_what_a_simulation_from_there_gives(share, moved, compiled):
     made, near = kernel(share, compiled), np.full(2, 1e-12)
-    known = Known(made.simulate(starts(), *given()), near)
+    known = KnownSimulation(made.simulate(starts(), *given()), near)
     found, afresh = made.simulate(starts(moved), *given(), known), made.simulate(starts(moved), *given())
     for one, other in zip(found, afresh, strict=True):
         np.testing.assert_allclose(one, other, rtol=0, atol=2e-12)
@@ -50,7 +50,7 @@ def test_what_was_forgotten_is_not_simulated_again(share):
     made = kernel(share, True)
     z, y = made.simulate(starts(), *given())
     y[:, -1] = np.nan
-    _, y = made.simulate(starts(range(LANES)), *given(), Known((z, y), np.full(2, 1e-12)))
+    _, y = made.simulate(starts(range(LANES)), *given(), KnownSimulation((z, y), np.full(2, 1e-12)))
     assert np.isnan(y[:, -1]).all() == (share < 1.0)
     assert np.isfinite(y[:, :-1]).all()
 
@@ -60,7 +60,7 @@ def test_lanes_that_begin_where_they_did_are_left_alone():
     made, moved = kernel(1.0, True), [4, 17]
     z, y = made.simulate(starts(), *given())
     y[:] = np.nan
-    _, y = made.simulate(starts(moved), *given(), Known((z, y), np.zeros(2)))
+    _, y = made.simulate(starts(moved), *given(), KnownSimulation((z, y), np.zeros(2)))
     assert np.flatnonzero(np.isfinite(y).all(axis=(1, 2))).tolist() == moved
     assert np.isnan(np.delete(y, moved, axis=0)).all()
 
@@ -69,7 +69,7 @@ def test_lanes_that_begin_where_they_did_are_left_alone():
 def test_where_beginnings_were_not_kept_all_lanes_are_simulated():
     made, (s, p, reads, keeps) = kernel(0.5, True), given()
     keeps[0] = False
-    known = Known(made.simulate(starts(), s, p, reads, keeps), np.full(2, 1e-12))
+    known = KnownSimulation(made.simulate(starts(), s, p, reads, keeps), np.full(2, 1e-12))
     for one, other in zip(
         made.simulate(starts(range(LANES)), s, p, reads, keeps, known),
         made.simulate(starts(range(LANES)), s, p, reads, keeps),
@@ -81,7 +81,7 @@ def test_where_beginnings_were_not_kept_all_lanes_are_simulated():
 @needs_compiler
 def test_a_start_that_is_no_number_meets_nothing():
     made = kernel(0.5, True)
-    known = Known(made.simulate(starts(), *given()), np.full(2, 1e-12))
+    known = KnownSimulation(made.simulate(starts(), *given()), np.full(2, 1e-12))
     z0 = starts()
     z0[5, 0] = np.nan
     z, y = made.simulate(z0, *given(), known)
@@ -94,6 +94,10 @@ def test_a_start_that_is_no_number_meets_nothing():
 def test_what_is_known_must_be_of_the_same_call():
     made, (s, p, reads, keeps) = kernel(0.5, True), given()
     z, y = made.simulate(starts(), s, p, reads, keeps)
-    for known in (Known((z[:, 1:], y), np.zeros(2)), Known((z, y[:, 1:]), np.zeros(2)), Known((z, y), np.zeros(3))):
+    for known in (
+        KnownSimulation((z[:, 1:], y), np.zeros(2)),
+        KnownSimulation((z, y[:, 1:]), np.zeros(2)),
+        KnownSimulation((z, y), np.zeros(3)),
+    ):
         with pytest.raises(ValueError, match="known"):
             made.simulate(starts(), s, p, reads, keeps, known)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...base.shorthands import Array, Index, Mask
 from ...models.motion_model import MotionModel
-from ..kernel import Known
+from ..kernel import KnownSimulation
 from .schedule import MotionRun, Schedule
 
 
@@ -329,7 +329,7 @@ class Chain:
         return starts
 
     def matched(
-        self, starts: Array, lanes: Lanes, simulate: Callable[[Array, Known | None], tuple[Array, Array]]
+        self, starts: Array, lanes: Lanes, simulate: Callable[[Array, KnownSimulation | None], tuple[Array, Array]]
     ) -> tuple[Array, Array] | None:
         """Simulate all lanes at once, and close the gaps between them by Newton's method.
 
@@ -352,7 +352,7 @@ class Chain:
                 return starts, y
             if not size < SHRINKS * before:
                 return None
-            before, known = size, Known((z, y), SAME * scale)
+            before, known = size, KnownSimulation((z, y), SAME * scale)
             carried = np.zeros(starts.shape[1])
             for lane in np.flatnonzero(~lanes.first):
                 carried = gaps[lane] + (0.0 if lanes.first[lane - 1] else self.ends[lane - 1] @ carried)
