@@ -42,6 +42,7 @@ MAP_KEYS = (
 )
 COLUMN_KEYS = (
     "column", "unit", "scale", "divide_by", "lookup", "sign", "offset", "optional", "sign_column", "negative",
+    "missing",
 )  # fmt: skip
 RESTS = {"nanoseconds": "ns", "microseconds": "us", "milliseconds": "ms"}
 """Keys that name the column with what whole seconds of time leave, and its unit."""
@@ -70,6 +71,7 @@ class Column:
     rest_unit : "ns", "us" or "ms" of that column.
     sign_column : the column that says which rows of a magnitude are negative; empty for none.
     negative : what it holds there, a number or a text.
+    missing : numbers of the file that stand for no reading, such as -9999.
     """
 
     signal: str
@@ -87,6 +89,7 @@ class Column:
     rest_unit: str = "ns"
     sign_column: str = ""
     negative: float | str = 1.0
+    missing: tuple[float, ...] = ()
 
     def sign_of(self, cell: str) -> float:
         """What a magnitude is multiplied by where the sign column has this text; NaN where that says nothing."""
@@ -102,6 +105,7 @@ class Column:
     def convert(self, values: Array) -> Array:
         """Values in SI units, (n,) for (n,) of the file's values."""
         conversion = to_si(self.unit, self.si_unit)
+        values = np.where(np.isin(values, self.missing), np.nan, values) if self.missing else values
         scaled = self.scale * (degrees_of(values) if self.unit == DEGREES_AND_MINUTES else values)
         if self.lookup:
             scaled = np.interp(scaled, *np.array(self.lookup).T)
@@ -135,6 +139,12 @@ class Column:
             return []
         negative = quoted(self.negative) if isinstance(self.negative, str) else f"{self.negative:g}"
         return [f"sign_column = {quoted(self.sign_column)}", f"negative = {negative}"]
+
+    @property
+    def missing_fields(self) -> list[str]:
+        """How a column map says which numbers stand for no reading."""
+        listed = ", ".join(f"{value:.15g}" for value in self.missing)
+        return [f"missing = {listed if len(self.missing) == 1 else f'[{listed}]'}"] if self.missing else []
 
     @property
     def rest_fields(self) -> list[str]:
@@ -361,6 +371,15 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
         optional=_truth(entry, "optional", where),
         sign_column=text_of(entry, "sign_column", where),
         negative=_negative(entry, where),
+        missing=_missing(entry, where),
+    )
+
+
+def _missing(entry: Mapping[str, Any], where: str) -> tuple[float, ...]:
+    """Numbers that stand for no reading: one, or a list."""
+    values = entry.get("missing", [])
+    return tuple(
+        _number({"missing": v}, "missing", 0.0, where) for v in (values if isinstance(values, list) else [values])
     )
 
 

@@ -148,6 +148,13 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
     return Instants(counts, second, " ".join(notes))
 
 
+def newest_first(times: Array) -> bool:
+    """Whether times run down from the first row to the last, as loggers write that put the newest row on top."""
+    known = times[np.isfinite(times)]
+    steps = np.diff(known)
+    return bool(len(known) > FEWEST_STAMPS and np.all(steps <= 0) and np.mean(steps < 0) > 0.5)
+
+
 def is_instants(series: pd.Series[Any]) -> bool:
     """Whether a column holds dates with times, or times of a clock, as text."""
     if pd.api.types.is_datetime64_any_dtype(series.dtype):

@@ -8,6 +8,7 @@ from fractions import Fraction
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from ..base.errors import BadInput, near
 from ..base.numbers import counted
@@ -17,7 +18,7 @@ from .alignment import ClockAlignment
 from .clocks import Joined, Readings, held, linear, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
 from .formats import SUFFIXES, TIME, Contents, Group, RawTable, bare_name, contents, hash_of, one_column
-from .instants import Instants, evened, instants, origin_of
+from .instants import Instants, evened, instants, newest_first, origin_of
 from .recording import Recording, Resampled, Source, split_runs
 
 __all__ = ["SUFFIXES", "read"]
@@ -25,6 +26,8 @@ __all__ = ["SUFFIXES", "read"]
 LARGEST = 1e30
 """Numbers beyond this are no measurement: they become NaN, since products and squares of them would overflow."""
 RUN, START = "run", "start"
+SAMPLED = 400
+"""Rows in which it is looked first whether time runs down."""
 FEWEST_CELLS = 20
 """Readings of a column from which its own rate is told."""
 
@@ -127,7 +130,7 @@ def one_signal(part: Part, column: Column, mapping: ColumnMap) -> tuple[Array, A
     Rows without a time or a value, and repeated instants, are left out.
     """
     time = _time_column(part, mapping, alone=True)
-    table = part.load([*time.names, *column.names])
+    table, _ = _oldest_first(part.load([*time.names, *column.names]), time)
     t, v = instants(table, time).since(Fraction(0)), _converted(table, column)
     known = np.flatnonzero(np.isfinite(t) & np.isfinite(v))
     _, once = np.unique(t[known], return_index=True)
@@ -233,12 +236,13 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     (group, channels), *_ = groups
     time = _time_column(group, mapping, alone=True) if not mapping.rate else mapping.time
     run = group.full(mapping.run_column, alone=True) if mapping.run_column else None
-    table = group.load([name for column in (time, *channels) for name in column.names] + ([run] if run else []))
+    target = [name for column in (time, *channels) for name in column.names] + ([run] if run else [])
+    table, order = _oldest_first(group.load(target), time) if not mapping.rate else (group.load(target), "")
     labels = table.labels(run) if run else []
     clock = instants(table, time, labels) if not mapping.rate else Instants(np.arange(len(table)), 1 / mapping.rate)
     origin, note = origin_of([clock])
     signals = {channel.signal: _converted(table, channel) for channel in channels}
-    notes = tuple(filter(None, (clock.note, note)))
+    notes = tuple(filter(None, (order, clock.note, note)))
     rows: Sequence[int] = range(len(table))
     joined = Joined(_sized(clock.since(origin)), signals, {}, notes)
     if not mapping.rate:  # else rows are the clock
@@ -246,12 +250,24 @@ def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap)
     joined, spread = (joined, range(len(joined.time))) if mapping.poses else _between_cells(joined, mapping.hold)
     rows = [rows[row] for row in spread]
     labels = [labels[row] for row in rows] if labels else []
-    first = table.first_row if len(rows) == len(table) else 0
+    first = table.first_row if len(rows) == len(table) and not order else 0
     even = evened(joined.time, joined.signals, mapping.hold) if not (mapping.poses or mapping.rate) else None
     if even is not None:
         joined = Joined(even.time, even.signals, {**joined.resampled, **even.resampled}, (*joined.notes, even.note))
         labels = [labels[row] for row in even.rows] if labels else []
     return joined, labels, first if even is None else 0
+
+
+def _oldest_first(table: RawTable, time: Column) -> tuple[RawTable, str]:
+    """A table whose newest row is the first one, turned, and a sentence that says so; any other as it is."""
+    step = max(1, len(table) // SAMPLED)
+    few = replace(table, columns=tuple(column.iloc[::step] for column in table.columns))
+    for part in (few, table):
+        series = part.column(time.column)
+        in_numbers = pd.api.types.is_numeric_dtype(series.dtype)
+        if not newest_first(part.numbers(time.column) if in_numbers else instants(part, time).counts):
+            return table, ""
+    return table.turned(), "rows are written newest first: they were read from the last to the first."
 
 
 def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
@@ -313,13 +329,17 @@ def _several(
             "their time columns."
         )
     clocks: list[Instants] = []
+    turned: list[str] = []
     signals: list[Mapping[str, Array]] = []
     names = [group.name or group.clock for group, _ in groups]
     run = result.find(mapping.run_column) if mapping.run_column else None
     for group, channels in groups:
         time = _time_column(group, mapping, alone=False)
         value = [Column(RUN, run[1], "1", "1")] if run and run[0] is group else []
-        table = group.load([name for column in (time, *channels, *value) for name in column.names])
+        table, order = _oldest_first(
+            group.load([name for column in (time, *channels, *value) for name in column.names]), time
+        )
+        turned += [f"{group.name or group.clock}: {order}"] if order else []
         clocks.append(instants(table, time))
         signals.append({column.signal: _converted(table, column) for column in (*channels, *value)})
     origin, note = origin_of(clocks)
@@ -327,7 +347,7 @@ def _several(
     named = None if plain else result.find(mapping.time.column)
     if named is None and mapping.poses:  # poses between readings would be none: theirs is the clock
         named = result.find(mapping.signals["x"].column)
-    notes = [words for words in (*dict.fromkeys(clock.note for clock in clocks), note) if words]
+    notes = [words for words in (*turned, *dict.fromkeys(clock.note for clock in clocks), note) if words]
     readings = []
     for name, clock, values in zip(names, clocks, signals, strict=True):
         stamps = _sized(clock.since(origin))

@@ -182,7 +182,7 @@ def column_fields(column: Column) -> list[str]:
     fields += [f"scale = {column.scale!r}"] if column.scale != 1 else []
     fields += [f"sign = {column.sign}"] if column.sign != 1 else []
     fields += [f"offset = {column.offset!r}"] if column.offset else []
-    fields += column.sign_fields
+    fields += column.sign_fields + column.missing_fields
     if column.lookup:
         fields.append(f"lookup = [{', '.join(str(list(axis)) for axis in zip(*column.lookup, strict=True))}]")
     return fields + (["optional = true"] if column.optional else [])

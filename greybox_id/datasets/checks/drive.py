@@ -34,6 +34,10 @@ ON_ICE, USUAL, LAGS, LONG_ENOUGH = 0.5, 0.8, 1.0, 30.0
 """Share of yaw_rate that v_x · steer explains of vehicles at some delay of up to so many s, on ice and elsewhere (0.93
 of those that were seen), and the s of driving from which two drives have less by chance. Drives of the same few
 frequencies have as much at one delay by chance, but each frequency at another."""
+SHIFTS, STANDS_OUT, AT_LEAST = 60, 6.0, 0.15
+"""Shifts of steer against yaw_rate, and the scatter of what it explains at them by which it has to explain more at its
+own delay to be of this drive, and least share of it: 5 to 60 and .16 to .64 of vehicles that slide; steer of another
+drive came up to 4.8, or above with a share of .06, in 70 drives."""
 PUSHED = 0.5
 """m/s^2, the scatter of v_x · yaw_rate from which it is steering that turns a vehicle, not wind or camber."""
 
@@ -127,13 +131,42 @@ def _nothing_in_common(r: Recording) -> list[Finding]:
     both = seen & np.isfinite(a_y)
     agreed = np.count_nonzero(both) > FEWEST_ROWS and abs(np.corrcoef(a_y[both], pushed[both])[0, 1]) > TOGETHER
     blamed = "steer" if short.has("a_y") and agreed else "steer or yaw_rate"
-    slides = "" if most < ON_ICE else ", or the tyres slide throughout"
-    sentence = (
-        f"v_x · steer explains at most {percent(max(most, 0.0))} of yaw_rate, at delays of up to {LAGS:g} s: {blamed} "
-        f"is of another drive, or its column holds something else{slides}."
+    shares = f"v_x · steer explains at most {percent(max(most, 0.0))} of yaw_rate, at delays of up to {LAGS:g} s"
+    if _stands_out(turn[seen], steered[seen], pace[seen], short.sample_time):
+        sentence = (
+            f"{shares}, but more than at other shifts: the tyres slide for much of the drive, or steer is disturbed. "
+            "No model of tyres that grip fits such rows."
+        )
+        return [Finding("slides", Severity.WARNING, FoundAt("steer, yaw_rate"), sentence, most)]
+    other = f"{blamed} is of another drive, or its column holds something else"
+    sentence = f"{shares}: " + (
+        f"{other}, or the vehicle spins." if most < ON_ICE else f"the tyres slide throughout, or {other}."
     )
     severity = Severity.DISTRUST if most < ON_ICE else Severity.WARNING
     return [Finding("unrelated", severity, FoundAt("steer, yaw_rate"), sentence, most)]
+
+
+def _stands_out(turn: Array, steered: Array, pace: Array, dt: float) -> bool:
+    """Whether steering explains more of the turning at its own delay than shifted by seconds, as that of a vehicle does
+    that slides at times; sums of absolute errors, so that the rows in which it does not slide tell.
+    """
+    reach = int(LAGS / dt)
+    if len(turn) < 10 * reach or not np.std(turn) > 0:
+        return False
+
+    def explained(shift: int) -> float:
+        shifted = np.roll(steered, shift)
+        table, weights = np.column_stack([shifted, pace**2 * shifted, np.ones(len(turn))]), np.ones((len(turn), 1))
+        table /= np.maximum(np.sqrt(np.mean(table**2, axis=0)), 1e-300)
+        left = turn
+        for _ in range(8):  # least squares, weighted anew, end at the least sum of absolute errors
+            left = np.abs(turn - table @ np.linalg.lstsq(table * weights, turn * weights[:, 0], rcond=1e-6)[0])
+            weights = np.sqrt(1.0 / np.maximum(left, 1e-3 * np.std(turn)))[:, None]
+        return 1.0 - float(np.sum(left) / np.sum(np.abs(turn - np.median(turn))))
+
+    own = max(explained(shift) for shift in range(0, reach // 2 + 1, max(1, reach // 10)))
+    others = [explained(int(shift)) for shift in np.linspace(3 * reach, len(turn) - 3 * reach, SHIFTS)]
+    return own > AT_LEAST and bool(own - np.mean(others) > STANDS_OUT * np.std(others))
 
 
 def _explained(u: Array, columns: Sequence[Array], longest: float, dt: float) -> float:

@@ -194,21 +194,27 @@ def check_placeholders(recording: Recording) -> list[Finding]:
     """Numbers that stand for no reading, as -9999 does: the same again and again, and far from all others."""
     findings = []
     for name, values in recording.signals.items():
-        levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
-        for level, count, others in ((levels[:1], counts[:1], levels[1:]), (levels[-1:], counts[-1:], levels[:-1])):
-            if len(others) < 20 or level[0] == 0.0 or count[0] < CLIP_COUNT:
-                continue
-            if np.min(np.abs(others - level)) <= FAR_OFF * np.ptp(others):
-                continue
-            rows = np.flatnonzero(values == level)
+        for level, rows in placeholders(values, CLIP_COUNT):
             sentence = (
-                f"{name} reads exactly {with_unit(exact(level[0], 4), recording.unit(name))} in {rows.size} rows, far "
-                "from all others: probably a code for a missing reading. Leave these rows out, or the cells empty "
-                f"({file_rows(recording, rows)})."
+                f"{name} reads exactly {with_unit(exact(level, 4), recording.unit(name))} in {rows.size} rows, far "
+                "from all others: probably a code for a missing reading. Name the file's number as missing in the "
+                f"column map, or leave these rows out ({file_rows(recording, rows)})."
             )
             where = FoundAt(name, rows=tuple(rows.tolist()))
-            findings.append(Finding("placeholder", Severity.DISTRUST, where, sentence, float(level[0])))
+            findings.append(Finding("placeholder", Severity.DISTRUST, where, sentence, level))
     return findings
+
+
+def placeholders(values: Array, fewest: int) -> list[tuple[float, Index]]:
+    """Numbers at either end of a channel, in so many rows or more and far from all others; and their rows."""
+    result = []
+    levels, counts = np.unique(values[np.isfinite(values)], return_counts=True)
+    for level, count, others in ((levels[:1], counts[:1], levels[1:]), (levels[-1:], counts[-1:], levels[:-1])):
+        if len(others) < 20 or level[0] == 0.0 or count[0] < fewest:
+            continue
+        if np.min(np.abs(others - level)) > FAR_OFF * np.ptp(others):
+            result.append((float(level[0]), np.flatnonzero(values == level)))
+    return result
 
 
 def outlying(recording: Recording, name: str) -> Finding | None:

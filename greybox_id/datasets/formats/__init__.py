@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -86,6 +86,10 @@ class RawTable:
                 f'{self.where}: column "{name}", row {row + self.first_row}: {result!r:.60} is not a number. {advice}'
             )
         return values
+
+    def turned(self) -> RawTable:
+        """The table with its last row first."""
+        return replace(self, columns=tuple(column.iloc[::-1].reset_index(drop=True) for column in self.columns))
 
     def labels(self, name: str) -> list[str]:
         """(n,) values of a column as text, for telling rows apart."""

@@ -49,6 +49,8 @@ STATISTICS = (
 """How a row begins that sums up the columns."""
 BETWEEN = 8
 """Rows of numbers that may stand between names and values: statistics, numbers of channels, rates."""
+FEWEST_ABOVE = 20
+"""Rows above the last one from which its cells and digits are told to be fewer."""
 _DEVICE = re.compile(r"^\d+\s*:\s*")
 
 
@@ -67,6 +69,7 @@ class TableLayout:
     renamed : names that stood there more than once, as they stand there.
     between : rows of numbers between names and values that are none of the recording.
     words : rows of words among the values.
+    cut : whether the file ends within its last row, which is left out.
     """
 
     separator: str
@@ -78,6 +81,7 @@ class TableLayout:
     renamed: tuple[str, ...] = ()
     between: int = 0
     words: int = 0
+    cut: bool = False
 
 
 def layout_of(lines: Sequence[str], separator: str, decimal: str) -> TableLayout:
@@ -336,6 +340,8 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     parts = _LINE_END.split(data, maxsplit=layout.first)
     body = _without_sums(parts[layout.first], layout.separator) if len(parts) > layout.first else b""
     body = _COMMENT_LINE.sub(b"", body) if any(mark.encode() in body for mark in COMMENT[::2]) else body
+    body, cut = _without_cut(body, layout)
+    layout = replace(layout, cut=cut)
     first_row = layout.first + 1
     units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
     if not body.strip():
@@ -359,6 +365,30 @@ def _without_sums(body: bytes, separator: str) -> bytes:
             break
         body = kept + b"\n"
     return body
+
+
+def _without_cut(body: bytes, layout: TableLayout) -> tuple[bytes, bool]:
+    """The rows without a last one that the file's end cut, and whether there is one: no line end is behind it, and it
+    has fewer cells than the rows above, or its last number fewer digits.
+    """
+    if body.endswith((b"\n", b"\r")):
+        return body, False
+    kept = _LINE_END.split(body[-HEAD:])[1:][-SAMPLED:]
+    *above, last = [_cells(line.decode("utf-8", "ignore"), layout.separator) for line in kept] or [[]]
+    if len(above) < FEWEST_ABOVE or not last:
+        return body, False
+    fewer = len(last) < np.median([len(row) for row in above])
+    digits = [_digits(row[-1], layout.decimal) for row in above if row]
+    shorter = _digits(last[-1], layout.decimal)
+    behind, before = np.array(digits).T
+    cut = fewer or shorter[0] < np.median(behind) or (shorter[0] == np.max(behind) == 0 and shorter[1] < np.min(before))
+    return (body[: len(body) - len(kept[-1])], True) if cut else (body, False)
+
+
+def _digits(cell: str, decimal: str) -> tuple[int, int]:
+    """Digits of a number behind its decimal mark, and before it."""
+    whole, _, rest = cell.strip().partition(decimal)
+    return len(rest), len(whole.lstrip("+-"))
 
 
 def _head(data: bytes, separator: str, where: str) -> list[str]:
@@ -410,6 +440,8 @@ def _notes(layout: TableLayout) -> tuple[str, ...]:
         notes.append(f"{layout.between} rows of numbers between names and values were skipped: they are no samples.")
     if layout.words:
         notes.append(f"rows of words among the values were skipped: {layout.words}.")
+    if layout.cut:
+        notes.append("the file ends within its last row, which was left out.")
     if layout.renamed:
         listed = ", ".join(layout.renamed[:6])
         notes.append(f"columns of one name ({listed}) are distinguished by their source or by a number behind it.")

@@ -37,6 +37,7 @@ class MapEntry:
     rest : of time: the column that holds what whole seconds leave; empty for none.
     rest_unit : of that column.
     sign_column, negative : of a magnitude, as of `Column`.
+    missing : numbers of the file that stand for no reading.
     ends : of counts about a centre: least, centre and largest value in the file, whose angles the user writes.
     """
 
@@ -54,6 +55,7 @@ class MapEntry:
     rest_unit: str = "ns"
     sign_column: str = ""
     negative: float | str = 1.0
+    missing: tuple[float, ...] = ()
     ends: tuple[float, ...] = ()
 
     def as_column(self) -> Column:
@@ -62,7 +64,7 @@ class MapEntry:
         column = Column(self.signal, self.column, self.unit or target, target, 1 / self.divide_by, self.sign)
         return replace(
             column, otherwise=self.otherwise, other_units=self.other_units, rest=self.rest, rest_unit=self.rest_unit,
-            sign_column=self.sign_column, negative=self.negative,
+            sign_column=self.sign_column, negative=self.negative, missing=self.missing,
         )  # fmt: skip
 
     @property

@@ -14,7 +14,7 @@ from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import known_unit, to_si
 from ..formats import Group
-from ..instants import EPOCHS, SERIAL
+from ..instants import EPOCHS, SERIAL, newest_first
 from .evidence import MapEntry
 
 TIME, RUN, HAND_WHEEL = "time", "run", "hand wheel"
@@ -237,6 +237,7 @@ def time_of(
     texts : columns of dates or of a clock's times, which a column of numbers goes before.
     """
     numbers = {name: values for name, values in numbers.items() if name in group.names}
+    numbers = {name: values[::-1] if newest_first(values) else values for name, values in numbers.items()}
     named = sorted(
         (name in texts, g.rank, name)
         for name, g in guesses.items()

@@ -18,9 +18,10 @@ from ...base.toml_file import quoted
 from ...base.units import DEGREES_AND_MINUTES, to_si
 from ..alignment import aligned
 from ..checks import Finding, Severity, check
+from ..checks.values import placeholders
 from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
-from ..instants import is_instants
+from ..instants import is_instants, newest_first
 from ..joining import LONGEST, SHARE, join_files
 from ..read import Part, contents_together, one_signal, read, read_together
 from ..recording import Recording
@@ -33,6 +34,8 @@ from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
 MOSTLY = 0.8
 """Share of cells that are numbers from which a column was meant to hold them."""
+FEWEST_CODES = 2
+"""Rows of one number, far from all others, from which a map says that it stands for no reading."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
 ALIKE = 2.0
@@ -123,11 +126,13 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     if rig:  # its forces are none of a vehicle's drive
         guesses = {name: guess for name, guess in guesses.items() if guess.signal == TIME}
     numbers, labels, texts = _numbers(result, guesses)
+    numbers, codes = _readings(result, guesses, numbers)
     clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers, texts))] if not rate else []
     time = _one_time(result, clocks)
     run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
     taken = {run, *(name for clock in clocks for name in (clock.column, clock.rest))}
     chosen, rivals = _candidates(result, guesses, numbers, taken)
+    chosen, rivals = ([_with_codes(entry, codes) for entry in entries] for entries in (chosen, rivals))
     chosen = with_sign_columns(chosen, result, numbers, labels)
     rivals = [entry for entry in rivals if entry.column not in {known.sign_column for known in chosen}]
     used = taken | {name for entry in (*chosen, *rivals) for name in (entry.column, entry.sign_column)}
@@ -154,6 +159,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     if len(result.groups) == 1:
         unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
         rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
+        rivals = [_with_codes(entry, codes) for entry in rivals]
         others = tuple(name for name in others if name not in {entry.column for entry in rivals})
     if draft.files:
         decided, rivals = _shared(decided, rivals, guesses, result, draft)
@@ -186,6 +192,33 @@ def _candidates(
             else:
                 chosen.append(entry)
     return chosen, rivals
+
+
+def _readings(
+    result: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]
+) -> tuple[dict[str, Array], dict[str, tuple[float, ...]]]:
+    """Columns of numbers as they are read: oldest row first, NaN for numbers that stand for no reading; and those."""
+    read, codes = dict(numbers), dict[str, tuple[float, ...]]()
+    for group in result.groups:
+        clocks = [numbers[n] for n, g in guesses.items() if g.signal == TIME and n in group.names and n in numbers]
+        turned = any(map(newest_first, clocks))
+        for name in group.names:
+            if name not in numbers:
+                continue
+            read[name] = numbers[name][::-1] if turned else numbers[name]
+            found = tuple(level for level, _ in placeholders(numbers[name], FEWEST_CODES))
+            if found and not (name in guesses and guesses[name].signal == TIME):
+                read[name], codes[name] = np.where(np.isin(read[name], found), np.nan, read[name]), found
+    return read, codes
+
+
+def _with_codes(entry: MapEntry, codes: Mapping[str, tuple[float, ...]]) -> MapEntry:
+    """An entry with the numbers of its column that stand for no reading."""
+    found = codes.get(entry.column, ())
+    if not found or entry.missing:
+        return entry
+    why = f"missing: {' and '.join(exact(code, 6) for code in found)} is far from all other values"
+    return replace(entry, missing=found, reasons=(*entry.reasons, why))
 
 
 def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) -> MapEntry:
@@ -455,7 +488,7 @@ def _table(entry: MapEntry, unit: str) -> str:
     if entry.ends:
         low, centre, high = (exact(end, 6) for end in entry.ends)
         parts.append(f"lookup = [[{low}, {centre}, {high}], [..., 0, ...]]")
-    parts += column.sign_fields
+    parts += column.sign_fields + column.missing_fields
     if entry.divide_by != 1.0:
         parts.append(f"divide_by = {entry.divide_by:g}")
     return f"{{ {', '.join(parts)} }}"

@@ -39,7 +39,7 @@ FOREIGN = 1.5
 """Held-out errors so many times those on the training data say that the fit does not carry over."""
 UNEXPLAINED = 0.5
 """Share of an output's variance that may be left unexplained before it has to be known."""
-DOUBTS = ("explained", "unrelated")
+DOUBTS = ("explained", "unrelated", "slides")
 """Findings that are told of a fit's data though nothing else witnesses them."""
 HOLES = 0.05
 """Share of rows that may be missing in a channel before its recording counts as broken."""

@@ -164,6 +164,7 @@ def _as_dict(entry: MapEntry) -> dict[str, Any]:
         "divide_by": entry.divide_by,
         "sign_column": entry.sign_column or None,
         "negative": entry.negative if entry.sign_column else None,
+        "missing": list(entry.missing),
         "decided": entry.decided,
         "reasons": list(entry.reasons),
     }

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from simulated import clean
+from simulated import clean, wander
 
 from greybox_id.datasets.checks import Severity, check, distrusted
 from greybox_id.datasets.checks.finding import condition_without
@@ -88,6 +88,32 @@ def test_steering_that_turns_nothing_is_named_in_runs_of_ten_seconds():
     assert not only(r, "unrelated")
     (one,) = only(r.with_signals(steer=np.random.default_rng(7).permutation(r["steer"])), "unrelated")
     assert "steer is of another drive" in one.sentence
+
+
+def sliding(seed, grip):
+    """A car whose turning is bounded by grip, and lags behind where it slides."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, 80.0, 0.02)
+    v = 14.0 + 2.0 * np.sin(0.3 * time)
+    steer = 0.05 * wander(rng, len(time), 0.02, 1.5)
+    due = grip / v * np.tanh(v**2 * steer / 2.9 / grip)
+    turn = np.zeros(len(time))
+    for k in range(1, len(time)):
+        lag = 0.1 + 2.5 * (abs(due[k] * v[k]) > 0.95 * grip)
+        turn[k] = turn[k - 1] + (due[k] - turn[k - 1]) * 0.02 / lag
+    noise = rng.standard_normal((2, len(time)))
+    signals = {"v_x": v, "steer": steer, "yaw_rate": turn + 0.003 * noise[0], "a_y": v * turn + 0.05 * noise[1]}
+    return Recording("sliding", time, signals)
+
+
+@pytest.mark.parametrize("grip", [1.5, 3.0])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_car_that_slides_is_not_said_to_have_the_steering_of_another_drive(seed, grip):
+    r = sliding(seed, grip)
+    assert not only(r, "unrelated")
+    assert not distrusted(only(r, "slides"))
+    (one,) = only(r.with_signals(steer=sliding(seed + 10, grip)["steer"]), "unrelated")
+    assert one.severity is Severity.DISTRUST
 
 
 def test_steering_of_the_wrong_sign_is_not_said_to_be_of_another_drive():

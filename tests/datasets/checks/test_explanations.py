@@ -149,3 +149,38 @@ def test_a_contradiction_that_a_wrong_sign_explains_is_said_once():
     (one,) = (finding for finding in check(turn) if finding.severity is Severity.DISTRUST)
     assert "steer has the wrong sign" in one.sentence
     assert "yaw_rate has the wrong sign" in one.sentence
+
+
+STRAIGHTS = (8.0, 21.0, 33.0, 46.0)
+"""s at which a command rests at zero for three seconds."""
+
+
+def with_straights(seed):
+    """A drive in which a driver's command is exactly zero four times."""
+    r, settled = drive(seed), 0.6
+    due = np.ones(len(r))
+    for start in STRAIGHTS:
+        due[(r.time > start) & (r.time < start + 3.0)] = 0.0
+    after = np.convolve(due, np.ones(int(50 * settled)) / (50 * settled))[: len(r)]
+    return r.with_signals(steer=r["steer"] * due, yaw_rate=r["yaw_rate"] * after, a_y=r["a_y"] * after)
+
+
+@pytest.mark.parametrize("begin", [11.5, 25.0, 37.0, 50.0])
+@pytest.mark.parametrize("seed", [1, 5, 6])
+def test_steering_that_stands_still_is_stuck_though_it_rests_at_zero_elsewhere(seed, begin):
+    r = with_straights(seed)
+    assert not any(one.kind == "stuck" for one in check(r))
+    (one,) = (one for one in check(stuck(r, "steer", begin, begin + 7.0)) if one.kind == "stuck")
+    assert one.where.channel == "steer"
+    assert one.value == pytest.approx(7.0, abs=0.1)
+
+
+def test_a_step_of_steering_is_not_stuck():
+    r = drive(1)
+    steer = np.where((r.time > 20.0) & (r.time < 29.0), 0.01, 0.0)
+    turn = np.zeros(len(r))
+    for k in range(1, len(r)):
+        turn[k] = turn[k - 1] + (r["v_x"][k] * steer[k - 1] / 3.4 - turn[k - 1]) / 5
+    noise = np.random.default_rng(1).standard_normal((2, len(r)))
+    step = r.with_signals(steer=steer, yaw_rate=turn + 0.004 * noise[0], a_y=r["v_x"] * turn + 0.1 * noise[1])
+    assert not any(one.kind == "stuck" for one in check(step))
