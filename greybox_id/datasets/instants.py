@@ -148,7 +148,7 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
     return Instants(counts, second, " ".join(notes))
 
 
-def newest_first(times: Array) -> bool:
+def newest_first(times: NDArray[Any]) -> bool:
     """Whether times run down from the first row to the last, as loggers write that put the newest row on top."""
     known = times[np.isfinite(times)]
     steps = np.diff(known)

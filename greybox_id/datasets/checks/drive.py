@@ -164,9 +164,9 @@ def _stands_out(turn: Array, steered: Array, pace: Array, dt: float) -> bool:
             weights = np.sqrt(1.0 / np.maximum(left, 1e-3 * np.std(turn)))[:, None]
         return 1.0 - float(np.sum(left) / np.sum(np.abs(turn - np.median(turn))))
 
-    own = max(explained(shift) for shift in range(0, reach // 2 + 1, max(1, reach // 10)))
+    at_delay = max(explained(shift) for shift in range(0, reach // 2 + 1, max(1, reach // 10)))
     others = [explained(int(shift)) for shift in np.linspace(3 * reach, len(turn) - 3 * reach, SHIFTS)]
-    return own > AT_LEAST and bool(own - np.mean(others) > STANDS_OUT * np.std(others))
+    return at_delay > AT_LEAST and bool(at_delay - np.mean(others) > STANDS_OUT * np.std(others))
 
 
 def _explained(u: Array, columns: Sequence[Array], longest: float, dt: float) -> float:

@@ -206,19 +206,19 @@ def _readings(
             if name not in numbers:
                 continue
             read[name] = numbers[name][::-1] if turned else numbers[name]
-            found = tuple(level for level, _ in placeholders(numbers[name], FEWEST_CODES))
-            if found and not (name in guesses and guesses[name].signal == TIME):
-                read[name], codes[name] = np.where(np.isin(read[name], found), np.nan, read[name]), found
+            levels = tuple(level for level, _ in placeholders(numbers[name], FEWEST_CODES))
+            if levels and not (name in guesses and guesses[name].signal == TIME):
+                read[name], codes[name] = np.where(np.isin(read[name], levels), np.nan, read[name]), levels
     return read, codes
 
 
 def _with_codes(entry: MapEntry, codes: Mapping[str, tuple[float, ...]]) -> MapEntry:
     """An entry with the numbers of its column that stand for no reading."""
-    found = codes.get(entry.column, ())
-    if not found or entry.missing:
+    levels = codes.get(entry.column, ())
+    if not levels or entry.missing:
         return entry
-    why = f"missing: {' and '.join(exact(code, 6) for code in found)} is far from all other values"
-    return replace(entry, missing=found, reasons=(*entry.reasons, why))
+    why = f"missing: {' and '.join(exact(code, 6) for code in levels)} is far from all other values"
+    return replace(entry, missing=levels, reasons=(*entry.reasons, why))
 
 
 def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) -> MapEntry:
