@@ -301,15 +301,19 @@ def _once(joined: Joined) -> tuple[Joined, Sequence[int]]:
 
     Rows of one packet may share a stamp: where others do, none is a repetition.
     """
-    columns = np.column_stack([joined.time, *joined.signals.values()])
-    blank = ~np.any(np.isfinite(columns), axis=1)
-    same = (columns[1:] == columns[:-1]) | (np.isnan(columns[1:]) & np.isnan(columns[:-1]))
-    doubled = np.concatenate([[False], np.all(same, axis=1)]) & ~blank
+    columns = [joined.time, *joined.signals.values()]
+    filled, same = np.zeros(len(joined.time), dtype=bool), np.ones(max(len(joined.time) - 1, 0), dtype=bool)
+    for values in columns:  # one by one: of hours, a table of all is large
+        missing = np.isnan(values)
+        filled |= np.isfinite(values)
+        same &= (values[1:] == values[:-1]) | (missing[1:] & missing[:-1])
+    blank = ~filled
+    doubled = np.concatenate([[False], same]) & filled
     if np.count_nonzero(np.diff(joined.time) == 0.0) > np.count_nonzero(doubled):
         doubled[:] = False
     kept = np.flatnonzero(~(blank | doubled))
-    if len(kept) == len(columns):
-        return joined, range(len(columns))
+    if len(kept) == len(blank):
+        return joined, range(len(blank))
     notes = [f"left out: {counted(int(np.sum(blank)), 'empty row')}."] if blank.any() else []
     if doubled.any():
         notes.append(f"left out: {counted(int(np.sum(doubled)), 'repetition')} of the row before, its time included.")

@@ -190,6 +190,7 @@ def _on_the_way(
         p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
         ahead.forget()
     problem = _problem(simulator, recordings, noise, how, p, ahead)
+    del ahead
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
     x = x if short else with_starts(problem, x)
     settled, taken = known and not problem.carries, 0

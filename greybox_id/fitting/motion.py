@@ -20,6 +20,7 @@ from ..base.numbers import number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
+from ..engine.kernel import HOURS
 from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
 from ..engine.motion.schedule import longest_segment, motion_runs, recorded_as
 from ..engine.motion.shooting import MotionProblem
@@ -172,6 +173,8 @@ def fit_motion(
     problem, solution, certificate = reached.problem, reached.solution, reached.certificate
     if interrupted:
         solution = replace(solution, status=Status.INTERRUPTED)
+    if solution.nodes is None:
+        solution = replace(solution, nodes=problem.simulated_nodes(solution.x))
     spread = residual_noise(problem, solution)
     stage = Stage(
         model=model.name, closed_loop=True, status=solution.status.value,
@@ -273,7 +276,9 @@ def _fallbacks(
         short = attempted(simulator, recordings, points[0], near, quiet, model.name)
         if short is None or short.solution.status is Status.INTERRUPTED:
             return short
-        return attempted(simulator, recordings, short.problem.shared(short.solution.x), how, quiet, model.name)
+        p = short.problem.shared(short.solution.x)
+        del short  # which holds layouts of all rows
+        return attempted(simulator, recordings, p, how, quiet, model.name)
 
     ways: list[tuple[str, Callable[[], Attempt | None]]] = []
     if why == Status.TOO_FAST.value:
@@ -288,6 +293,7 @@ def _fallbacks(
         of_ipopt = replace(how, solver="ipopt")
         ways.append(("Ipopt from the start", partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, "")))
     it: tuple[str, ...] = ()
+    reached = None if reached is None else _light(reached)
     for words, way in ways:
         say(f"{model.name}: {why}; trying {words}")
         result = way()
@@ -312,14 +318,23 @@ def _fallbacks(
         own_trouble = _trouble(simulator, points[0], value)
         least = CLEARLY if _is_confirmed(reached) and not _is_confirmed(value) else LOWER
         if reached is None or gained > least or (gained > -LOWER and not own_trouble):
-            reached = value
+            reached = value if not own_trouble else _light(value)
             why = own_trouble
             it = (*it, f"{words}: " + (f"objective {_percent(gained)} lower" if np.isfinite(gained) else "finite"))
         else:
             it = (*it, f"{words}: no better")
+        del result, value  # before another way lays out as many rows
         yield replace(reached, fallbacks=it)
         if not why:
             return
+
+
+def _light(reached: _Reached) -> _Reached:
+    """The same, of hours without layouts of all rows and what was simulated; both are made again where needed."""
+    if reached.problem.targets.reading.size <= HOURS:
+        return reached
+    reached.problem.forget()
+    return replace(reached, solution=replace(reached.solution, nodes=None))
 
 
 def _is_confirmed(reached: _Reached | None) -> bool:

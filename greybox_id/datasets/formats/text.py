@@ -18,7 +18,8 @@ import re
 import warnings
 import zlib
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -242,7 +243,7 @@ def _told_apart(names: Sequence[str], sources: Sequence[str]) -> tuple[tuple[str
     return tuple(known), tuple(name for name, count in counts.items() if count > 1 and name)
 
 
-_LINE_END = re.compile(rb"\r\n|\r|\n")
+LINE_END = re.compile(rb"\r\n|\r|\n")
 _COMMENT_LINE = re.compile(rb"(?m)^[ \t]*(?:#|//)[^\r\n]*(?:\r\n|\r|\n|$)")
 _OTHER_LETTERS = frozenset("°º²³µ·±–")
 """Beside letters, what is not ASCII in names and units that Windows wrote in its own code page."""
@@ -261,7 +262,7 @@ def contents(file: Path, mapping: ColumnMap) -> Contents:
         The bytes are no text, or the line of names and the rows do not form a table.
     """
     table, layout = csv_table(text_of_file(file), str(file), mapping.separator, mapping.decimal)
-    return apart_by_name(table, KIND) or whole(table, KIND, _notes(layout))
+    return apart_by_name(table, KIND) or whole(table, KIND, notes_of(layout))
 
 
 def text_of_file(file: Path) -> bytes:
@@ -313,7 +314,7 @@ def _utf_8(data: bytes, where: str) -> bytes:
             text = "\x80"
         if all(c.isascii() or c.isalpha() or c in _OTHER_LETTERS for c in set(text)):
             return text.encode()
-        row = len(_LINE_END.findall(data[: error.start])) + 1
+        row = len(LINE_END.findall(data[: error.start])) + 1
         strange = f"byte 0x{data[error.start]:02x} in row {row}"
         raise BadInput(f"{where} is not UTF-8 text ({strange}). Save it as UTF-8, or name another file.") from error
 
@@ -325,6 +326,24 @@ def write(columns: Columns, path: Path) -> None:
 
 def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -> tuple[RawTable, TableLayout]:
     """The table in the text of a CSV file, and how it lies there. Raises `BadInput` where it forms none."""
+    layout = laid_out(data, where, separator, decimal)
+    names = layout.names
+    parts = LINE_END.split(data, maxsplit=layout.first)
+    body = without_sums(parts[layout.first], layout.separator) if len(parts) > layout.first else b""
+    body = _COMMENT_LINE.sub(b"", body) if any(mark.encode() in body for mark in COMMENT[::2]) else body
+    body, cut = without_cut(body, layout)
+    layout = replace(layout, cut=cut)
+    if not body.strip():
+        units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
+        empty = tuple(pd.Series([], dtype=float) for _ in names)
+        return RawTable(where, names, empty, layout.first + 1, units), layout
+    with told(where, layout):
+        frame = pd.read_csv(io.BytesIO(body), **options(layout))
+    return table_of(frame, layout, where)
+
+
+def laid_out(data: bytes, where: str, separator: str = "", decimal: str = "") -> TableLayout:
+    """How a table lies in a text, told from its beginning. Raises `BadInput` where there is none."""
     head = _head(data, separator, where)
     must_hold_signals(head, where)
     try:
@@ -337,27 +356,29 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
     few_enough(len(names), where)
     if len(names) > 1 and all(is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
         raise BadInput(f"{where}: row {layout.header + 1} holds values where names should stand. Write them above.")
-    parts = _LINE_END.split(data, maxsplit=layout.first)
-    body = _without_sums(parts[layout.first], layout.separator) if len(parts) > layout.first else b""
-    body = _COMMENT_LINE.sub(b"", body) if any(mark.encode() in body for mark in COMMENT[::2]) else body
-    body, cut = _without_cut(body, layout)
-    layout = replace(layout, cut=cut)
-    first_row = layout.first + 1
+    return layout
+
+
+def table_of(frame: pd.DataFrame, layout: TableLayout, where: str) -> tuple[RawTable, TableLayout]:
+    """Rows of values, by the places of their columns, as a table without empty rows at the end.
+
+    Raises `BadInput` for a row with more cells than there are names.
+    """
+    names, first_row = layout.names, layout.first + 1
     units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
-    if not body.strip():
-        return RawTable(where, names, tuple(pd.Series([], dtype=float) for _ in names), first_row, units), layout
-    frame, of_cells, words = as_numbers(_frame(body, layout, where), layout.decimal)
-    layout = replace(layout, words=words)
+    frame, of_cells, words = as_numbers(frame, layout.decimal)
     units |= {names[k]: unit for k, unit in of_cells.items()}
     filled = frame.notna().any(axis=1).to_numpy()
     frame = frame.iloc[: int(np.flatnonzero(filled)[-1]) + 1 if filled.any() else 0]
-    overflow = frame[len(names)].notna().to_numpy()
+    overflow = frame[len(names)].notna().to_numpy() if len(names) in frame else np.empty(0)
     if overflow.any():
         raise BadInput(_too_long(where, int(np.argmax(overflow)) + first_row, names))
-    return RawTable(where, names, tuple(frame[k] for k in range(len(names))), first_row, units), layout
+    places = [k for k in frame if k < len(names)]
+    chosen = tuple(names[k] for k in places)
+    return RawTable(where, chosen, tuple(frame[k] for k in places), first_row, units), replace(layout, words=words)
 
 
-def _without_sums(body: bytes, separator: str) -> bytes:
+def without_sums(body: bytes, separator: str) -> bytes:
     """The rows of values without those at the end that sum them up."""
     for _ in range(BETWEEN):
         kept, _, last = body.rstrip().rpartition(b"\n")
@@ -367,13 +388,13 @@ def _without_sums(body: bytes, separator: str) -> bytes:
     return body
 
 
-def _without_cut(body: bytes, layout: TableLayout) -> tuple[bytes, bool]:
+def without_cut(body: bytes, layout: TableLayout) -> tuple[bytes, bool]:
     """The rows without a last one that the file's end cut, and whether there is one: no line end is behind it, and it
     has fewer cells than the rows above, or its last number fewer digits.
     """
     if body.endswith((b"\n", b"\r")):
         return body, False
-    kept = _LINE_END.split(body[-HEAD:])[1:][-SAMPLED:]
+    kept = LINE_END.split(body[-HEAD:])[1:][-SAMPLED:]
     *above, last = [_cells(line.decode("utf-8", "ignore"), layout.separator) for line in kept] or [[]]
     if len(above) < FEWEST_ABOVE or not last:
         return body, False
@@ -393,7 +414,7 @@ def _digits(cell: str, decimal: str) -> tuple[int, int]:
 
 def _head(data: bytes, separator: str, where: str) -> list[str]:
     """The first lines, two whole ones at least."""
-    ends = [match.end() for _, match in zip(range(2), _LINE_END.finditer(data), strict=False)]
+    ends = [match.end() for _, match in zip(range(2), LINE_END.finditer(data), strict=False)]
     cut = max(HEAD, *ends, 0) if len(ends) == 2 else len(data)
     head = data[:cut].decode("utf-8", "ignore").splitlines()
     if len(data) > cut and len(head) > 2 and not data[:cut].endswith((b"\n", b"\r")):
@@ -403,36 +424,33 @@ def _head(data: bytes, separator: str, where: str) -> list[str]:
     return head
 
 
-def _frame(body: bytes, layout: TableLayout, where: str) -> pd.DataFrame:
-    """The rows of values, one column more than there are names."""
-    names, options = layout.names, dict[str, Any](sep=layout.separator, skipinitialspace=True)
-    if layout.separator == SPACE:
-        options = {"sep": r"\s+"}
+def options(layout: TableLayout) -> dict[str, Any]:
+    """How pandas reads the rows of values, one column more than there are names."""
+    # One column more than the header names: a row that is too long shows itself there instead of shifting others.
+    columns = list(range(len(layout.names) + 1))
+    blanks = {"sep": r"\s+"} if layout.separator == SPACE else {"sep": layout.separator, "skipinitialspace": True}
+    # Blank lines are rows, so that row numbers stay those of the file.
+    return dict[str, Any](header=None, names=columns, index_col=False, decimal=layout.decimal, skip_blank_lines=False,
+                          low_memory=False, encoding="utf-8", **blanks)  # fmt: skip
+
+
+@contextmanager
+def told(where: str, layout: TableLayout) -> Iterator[None]:
+    """Turns what pandas says against a table into a sentence."""
     try:
-        # One column more than the header names: a row that is too long shows itself there instead of shifting others.
         with warnings.catch_warnings():
             warnings.simplefilter("error", pd.errors.ParserWarning)
-            frame: pd.DataFrame = pd.read_csv(
-                io.BytesIO(body),
-                header=None,
-                names=list(range(len(names) + 1)),
-                index_col=False,
-                decimal=layout.decimal,
-                skip_blank_lines=False,  # so that row numbers stay those of the file
-                low_memory=False,
-                encoding="utf-8",
-                **options,
-            )
-            return frame
+            yield
     except pd.errors.ParserError as error:
         raise BadInput(_not_a_table(str(error), where, layout)) from error
     except pd.errors.ParserWarning as error:  # the first row is more than one cell too long
-        raise BadInput(_too_long(where, layout.first + 1, names)) from error
+        raise BadInput(_too_long(where, layout.first + 1, layout.names)) from error
     except (pd.errors.EmptyDataError, ValueError, OverflowError, csv.Error) as error:
         raise BadInput(f"{where} cannot be read as a table ({error}). Save it as plain CSV.") from error
 
 
-def _notes(layout: TableLayout) -> tuple[str, ...]:
+def notes_of(layout: TableLayout) -> tuple[str, ...]:
+    """What a person should know of how a table was read."""
     notes = []
     if layout.header:
         notes.append(f"{layout.header} lines above the names, which are in row {layout.header + 1}, were skipped.")
