@@ -373,7 +373,7 @@ def table_of(frame: pd.DataFrame, layout: TableLayout, where: str) -> tuple[RawT
     overflow = frame[len(names)].notna().to_numpy() if len(names) in frame else np.empty(0)
     if overflow.any():
         raise BadInput(_too_long(where, int(np.argmax(overflow)) + first_row, names))
-    places = [k for k in frame if k < len(names)]
+    places = [k for k in range(len(names)) if k in frame]
     chosen = tuple(names[k] for k in places)
     return RawTable(where, chosen, tuple(frame[k] for k in places), first_row, units), replace(layout, words=words)
 
