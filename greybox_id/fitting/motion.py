@@ -97,8 +97,11 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
     )
     if not np.isfinite(solution.objective):
         return result
-    nodes = problem.simulated_nodes(solution.x) if solution.nodes is None else solution.nodes
-    form = form_error(problem, solution.x, nodes)
+    if _of_hours(problem):
+        solution = replace(solution, nodes=None)
+    form = form_error(problem, solution.x, solution.nodes)
+    if solution.nodes is None:
+        solution = replace(solution, nodes=problem.simulated_nodes(solution.x))
     if stage.confirmed:  # away from an optimum, its curvature says nothing
         say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
         result = replace(result, **_uncertain(fitted, problem, solution, form))
@@ -331,10 +334,15 @@ def _fallbacks(
 
 def _light(reached: _Reached) -> _Reached:
     """The same, of hours without layouts of all rows and what was simulated; both are made again where needed."""
-    if reached.problem.targets.reading.size <= HOURS:
+    if not _of_hours(reached.problem):
         return reached
     reached.problem.forget()
     return replace(reached, solution=replace(reached.solution, nodes=None))
+
+
+def _of_hours(problem: MotionProblem) -> bool:
+    """Whether what is laid out for all rows is large."""
+    return bool(problem.targets.reading.size > HOURS)
 
 
 def _is_confirmed(reached: _Reached | None) -> bool:

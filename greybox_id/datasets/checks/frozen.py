@@ -6,6 +6,7 @@ import numpy as np
 
 from ...base.numbers import number, quantity
 from ...base.shorthands import Array
+from ...base.signals import COMMANDS
 from ..recording import Recording
 from .finding import Finding, FoundAt, Severity
 from .pairs import smooth
@@ -57,8 +58,10 @@ def check_frozen(r: Recording) -> list[Finding]:
         long = lengths[longest] > TIMES * max(usual, 1.0)
         longer = lengths[longest] > HOLDS * max(next_longest, 1.0) and moving > AS_EVER
         alone = name == "steer" and lengths[longest] > HOLDS * max(np.max(np.delete(elsewhere, longest), initial=1), 1)
+        at_stop = name in COMMANDS and np.count_nonzero(values[begins] == values[a]) > 1
         if (
             seconds < FROZEN
+            or at_stop
             or any(b - a > STEADY * (end - start) for start, end in r.runs if start <= a < end)
             or not (((long or longer) and moving >= MOVES) or (alone and _weaves(r, a, b)))
         ):

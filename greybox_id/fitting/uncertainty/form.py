@@ -96,24 +96,29 @@ class FormError:
         return {"outputs": outputs} | {name: getattr(self, name) for name in names} | {"odd": [*self.odd]}
 
 
-def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns) -> FormError:
+def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns | None) -> FormError:
     """Look at the residuals of a fit.
 
     Parameters
     ----------
     problem : the problem.
     x : (unknowns,) an optimum of it.
-    nodes : the problem's simulation there.
+    nodes : the problem's simulation there; None, as of hours: it is made here, and not kept beside others.
     """
-    every = max(1, -(-len(nodes.y) // MOST_ROWS))
+    here = problem.simulated_nodes(x) if nodes is None else nodes
+    every = max(1, -(-len(here.y) // MOST_ROWS))
     problem.forget_targets()  # of hours, they would stand beside the drives and the schedule of the moved inputs
-    drives = list(_drives(problem, nodes, every))
-    passed = _of_inputs(problem, x, nodes, every)
+    drives, y = list(_drives(problem, here, every)), here.y[::every].copy()
+    if nodes is None:
+        del here
+        problem.forget()
+    passed = _of_inputs(problem, x, y, every)
+    here = problem.simulated_nodes(x) if nodes is None else nodes
     low, high = problem.bounds
     kept = problem.free & (x > low) & (x < high)
     kept[problem.parameters.size :] = False
     block = BLOCKS * np.arange(len(drives[0].error)) // len(drives[0].error)
-    by_block = _normal_equations(problem, x, nodes, drives, passed, kept, every, block)
+    by_block = _normal_equations(problem, x, here, drives, passed, kept, every, block)
     count, halves = int(np.sum(kept)), len(drives) + len(passed)
     sizes_of = [*(one.columns.shape[1] for one in drives), *(one.effect.shape[2] for one in passed), count]
     owner = np.repeat(np.arange(halves + 1), sizes_of)
@@ -358,8 +363,8 @@ def _functions(
             yield f"the rate of {other}", rates[other]
 
 
-def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: int) -> list[_Passed]:
-    """What follows of each input's error: it is moved a little, and all is simulated again."""
+def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_Passed]:
+    """What follows of each input's error: it is moved a little, and all is simulated again; `y` of every such row."""
     runs, result = problem.runs, list[_Passed]()
     edges = np.concatenate([[0], np.cumsum([len(run) for run in runs])])
     one = len(runs) == 1  # perhaps of hours: no second copy
@@ -378,7 +383,7 @@ def _of_inputs(problem: MotionProblem, x: Array, nodes: SimulatedRuns, every: in
             moved = inputs.copy()
             moved[:, k] += STEP * spread / power * values
             other = problem.driven_by([moved[a:b] for a, b in zip(edges[:-1], edges[1:], strict=True)])
-            change = (other.predicted_readings(x[None])[0, ::every] - nodes.y[::every]) / STEP
+            change = (other.predicted_readings(x[None])[0, ::every] - y) / STEP
             del other, moved, values  # of hours, what is laid out for each is large
             words.append(word)
             effects.append(np.where(np.isfinite(change), change, 0.0))

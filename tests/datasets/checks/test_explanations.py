@@ -184,3 +184,11 @@ def test_a_step_of_steering_is_not_stuck():
     noise = np.random.default_rng(1).standard_normal((2, len(r)))
     step = r.with_signals(steer=steer, yaw_rate=turn + 0.004 * noise[0], a_y=r["v_x"] * turn + 0.1 * noise[1])
     assert not any(one.kind == "stuck" for one in check(step))
+
+
+def test_a_command_at_its_stop_is_not_stuck_where_the_vehicle_spins():
+    r = with_straights(5)
+    steer = np.clip(r["steer"], -0.012, 0.012)
+    steer[(r.time > 25.0) & (r.time < 32.0)] = 0.012
+    assert any(one.kind == "stuck" for one in check(stuck(r, "steer", 25.0, 32.0)))
+    assert not any(one.kind == "stuck" for one in check(r.with_signals(steer=steer)))
