@@ -20,7 +20,7 @@ from ..base.numbers import number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
-from ..engine.kernel import HOURS
+from ..engine.against import HOURS
 from ..engine.motion.schedule import MOST_STEPS as SEGMENTS
 from ..engine.motion.schedule import longest_segment, motion_runs, recorded_as
 from ..engine.motion.shooting import MotionProblem
