@@ -115,7 +115,8 @@ def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):
     file, out = lap(), tmp_path / "car.toml"
     told = greybox("data", "map", file, "--out", out, "--json").told
     assert told["written"] == str(out)
-    known = {"signal", "column", "unit", "units", "sign", "divide_by", "sign_column", "negative", "decided", "reasons"}
+    known = {"signal", "column", "unit", "units", "sign", "divide_by", "sign_column", "negative", "decided", "reasons",
+             "missing"}  # fmt: skip
     assert set(told["signals"][0]) == known
     written = out.read_text()
     assert "is there already" in refused("data", "map", file, "--out", out)
