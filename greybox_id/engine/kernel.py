@@ -195,44 +195,45 @@ class Kernel:
             run("simulate_few", whole, len(which))
         return z, y
 
-    def along(self, s: ArrayLike, p: ArrayLike) -> Callable[[Array, int, int], Array]:
-        """A function that integrates one trajectory over some of many segments, at little cost for each call.
+    def followed(
+        self, s: ArrayLike, p: ArrayLike, begins: ArrayLike, z: Array, given: ArrayLike, complete: ArrayLike
+    ) -> Array:
+        """Integrate one trajectory from row to row, set back to what is given of its states where that is complete.
 
         Parameters
         ----------
         s : (S, ns) numbers of each segment.
         p : (np,) parameters.
+        begins : (n,) the segment that starts at each row.
+        z : (n, nz) where it begins, and what is given of later states; it is changed.
+        given : (nz,) which states that is.
+        complete : (n,) at which rows.
 
         Returns
         -------
-        callable
-            (nz,) state at the start of segment `first`, `first`, `last` -> (last - first + 1, nz) states at the starts
-            of the segments from `first` to before `last`, and at the end; they hold until the next call.
+        (n, nz) states: those given where they are, and those that the trajectory leads to.
         """
-        numbers, nothing = np.ascontiguousarray(s, dtype=float), np.zeros(len(np.asarray(s)), dtype=bool)
-        _, _, parameters, _ = self._checked(np.zeros((1, self._model.states)), numbers[None], p, nothing)
-        start, y = np.empty(self._model.states), np.empty((1, 0, self._model.outputs))
-        z = np.empty((len(numbers) + 1, self._model.states))
-        everything = np.ones(len(z), dtype=bool)
-        first_lane = np.zeros(1, dtype=np.intp)
-        # C knows where they are: they must stay there
-        arrays = (start, first_lane, numbers, parameters, nothing, everything, z, y)
-        at_start, at_lane, at_numbers, *others = _places(*arrays[:6], None, *arrays[6:])
-        size = numbers.strides[0]
-        assert at_numbers is not None
-
-        def simulated(z0: Array, first: int, last: int) -> Array:
-            library = self._library
-            if library is None:
-                result, _ = self.simulate(z0[None], numbers[None, first:last], parameters, nothing[first:last])
-                states: Array = result[0]
-                return states
-            arrays[0][:] = z0
-            run = library.simulate_few if hasattr(library, "simulate_few") else library.simulate
-            run(1, last - first, 0, last - first + 1, 0, at_lane, at_start, at_numbers + first * size, *others)
-            return z[: last - first + 1]
-
-        return simulated
+        states, numbers, parameters, _ = self._checked(z[:1], np.asarray(s)[None], p, np.zeros(len(np.asarray(s))))
+        places, set_to = np.ascontiguousarray(begins, dtype=np.intp), np.ascontiguousarray(given, dtype=bool)
+        there, found = np.ascontiguousarray(complete, dtype=bool), np.ascontiguousarray(z, dtype=float)
+        shapes = (len(found),), (len(found),), states.shape[1:]
+        inside = np.all(np.diff(places, prepend=0, append=len(numbers[0])) >= 0)  # in order, and none beyond the last
+        if (places.shape, there.shape, set_to.shape) != shapes or not inside:
+            raise ValueError(f"Rows, or what is given at them, do not match {found.shape} states.")
+        self._load(len(numbers[0]))
+        if self._library is not None:
+            few = hasattr(self._library, "follow_few")
+            run = self._library.follow_few if few else self._library.follow
+            run(len(found), *_places(places, numbers, parameters, there, set_to, found))
+            return found
+        for row in range(1, len(found)):
+            if there[row] and set_to.all():
+                continue
+            own = slice(places[row - 1], places[row])
+            nothing = np.zeros(own.stop - own.start, dtype=bool)
+            following, _ = self._model.virtual.simulate(found[row - 1 : row], numbers[:, own], parameters, nothing)
+            found[row] = np.where(there[row] & set_to, found[row], following[0, -1])
+        return found
 
     def linearise(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike
@@ -438,9 +439,11 @@ def _declared(made: ctypes.CDLL) -> ctypes.CDLL:
     """A library that has been told what its functions take: counts, then arrays."""
     made.simulate.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_void_p] * 9
     made.linearise.argtypes = [ctypes.c_ssize_t] * 5 + [ctypes.c_double] + [ctypes.c_void_p] * 15
-    made.simulate.restype = made.linearise.restype = None
+    made.follow.argtypes = [ctypes.c_ssize_t] + [ctypes.c_void_p] * 6
+    made.simulate.restype = made.follow.restype = made.linearise.restype = None
     if hasattr(made, "simulate_few"):
         made.simulate_few.argtypes, made.simulate_few.restype = made.simulate.argtypes, None
+        made.follow_few.argtypes, made.follow_few.restype = made.follow.argtypes, None
     return made
 
 

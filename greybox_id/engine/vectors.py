@@ -1,5 +1,5 @@
 """The C around the straight-line code: vectors of lanes (`vectors.c`), and loops over lanes, segments and
-sensitivities (`simulate.c`, `linearise.c`).
+sensitivities (`simulate.c`, `follow.c`, `linearise.c`).
 
 Lanes are GCC's vector type (clang has it too), as wide as the machine's registers: 8 with AVX-512, 4 with AVX2,
 else 2. Functions come from glibc's libmvec on x86-64, whose results are within 4 ulp; elsewhere each lane calls the
@@ -10,6 +10,7 @@ machine: the flags promise nothing about them.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -70,8 +71,8 @@ def source(value: cs.Function, slope: cs.Function) -> str:
 
 
 def narrow_source(value: cs.Function) -> str:
-    """The C of `simulate_few`, in vectors of `FEW` lanes; none where these are the widest there are."""
-    simulation = _simulation(value).replace("void simulate(", "void simulate_few(")
+    """The C of `simulate_few` and `follow_few`, in vectors of `FEW` lanes; none where these are the widest."""
+    simulation = re.sub(r"void (simulate|follow)\(", r"void \1_few(", _simulation(value))
     return f"#if defined __AVX512F__\n#define NARROW\n{simulation}\n#endif"
 
 
@@ -83,6 +84,7 @@ def _simulation(value: cs.Function) -> str:
             *[f"#define {name} {size}" for name, size in sizes.items()],
             straight_line("value", value, _results(value), ["int reading"]),
             c_of("simulate"),
+            c_of("follow"),
         ]
     )
 

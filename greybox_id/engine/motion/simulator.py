@@ -128,31 +128,17 @@ def observed(simulator: Simulator, run: MotionRun, plan: Schedule, p: Array) -> 
     readings = run.measured[:, [model.outputs.index(name) for name in names]]
     complete = np.all(np.isfinite(readings), axis=1)
     first = [item[np.isfinite(item)][0] for item in readings.T]
-    given = np.where(complete[:, None], readings, first)
+    known = np.where(complete[:, None], readings, first)
     corrected = np.empty((len(run), simulator.trace.size))
     for first_row in range(0, len(run), AT_A_TIME):  # each row's start comes with derivatives, which nobody keeps
         rows = slice(first_row, first_row + AT_A_TIME)
-        corrected[rows], _ = simulator.start(names, given[rows], run.inputs[rows], p)
-    z = corrected.copy()
-    starts = plan.row_segment
-    carries = len(states) < z.shape[1]
-    stops = np.union1d(np.flatnonzero(complete[1:]) + 1, len(run) - 1)
-    if carries:
-        simulator.kernel.expect(ALONE * len(plan.segments))
-    simulated, last = simulator.kernel.along(plan.segments, p), 0
+        corrected[rows], _ = simulator.start(names, known[rows], run.inputs[rows], p)
+    given = np.isin(np.arange(simulator.trace.size), states)
+    if given.all() and complete.all():
+        return corrected
+    simulator.kernel.expect(ALONE * len(plan.segments))
     with np.errstate(all="ignore"):
-        for row in stops.tolist():
-            if carries or row > last + 1 or not complete[row]:
-                begin = int(starts[last])
-                result = simulated(z[last], begin, int(starts[row]))
-                if row == last + 1:
-                    z[row] = result[-1]
-                else:
-                    z[last + 1 : row + 1] = result[starts[last + 1 : row + 1] - begin]
-                if complete[row]:
-                    z[row, states] = corrected[row, states]
-            last = row
-    return z
+        return simulator.kernel.followed(plan.segments, p, plan.row_segment, corrected, given, complete)
 
 
 MOST_STARTS = 4000
