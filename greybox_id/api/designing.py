@@ -181,7 +181,7 @@ def design(
     source, made = _source(of)
     chosen = _goal(source, goal)
     if criterion not in CRITERIA:
-        raise BadInput(f"‹criterion›: there is no {criterion!r:.40}; there are {', '.join(CRITERIA)}.")
+        raise BadInput(f"‹criterion›: there is no {criterion!r:.40}; choose one of {', '.join(CRITERIA)}.")
     _must_be_possible(duration, rate, repeat, effort)
     where = arena_of(str(arena))
     if isinstance(source, Fit):
@@ -217,7 +217,7 @@ def _goal(source: Fit | Gap, goal: str | None) -> str:
     """What is designed for. Raises `BadInput` where a fit or a gap does not go with it."""
     chosen = goal or ("precision" if isinstance(source, Fit) else "discriminate")
     if chosen not in GOALS:
-        raise BadInput(f"‹goal›: there is no {chosen!r:.40}; there are {', '.join(GOALS)}.")
+        raise BadInput(f"‹goal›: there is no {chosen!r:.40}; choose one of {', '.join(GOALS)}.")
     if isinstance(source, Fit) != (chosen == "precision"):
         needs, is_one = ("a fit", "a gap") if chosen == "precision" else ("a gap (gap.json of greybox gap)", "a fit")
         raise BadInput(f"‹goal› {chosen} needs {needs}, and this is {is_one}. Name the other file or another ‹goal›.")
@@ -283,7 +283,7 @@ def _source(of: Fit | Gap | str | Path) -> tuple[Fit | Gap, Made | None]:
     if isinstance(of, Fit):
         return of, None
     if not isinstance(of, str | Path):
-        raise BadInput(f"of: a fit, a gap or the file of one is needed, not {of!r:.60}.")
+        raise BadInput(f"of: a fit, a gap or the path of its file is needed, not {of!r:.60}.")
     kind = format_of(of)
     if kind == GAP_KIND.format:
         return load_gap(of)

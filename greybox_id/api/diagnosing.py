@@ -108,7 +108,7 @@ def diagnose(
     tried = _candidates(effects)
     if before is not None:
         if more:
-            raise BadInput(f"{', '.join(more)}: not an option with ‹since›; omit it.")
+            raise BadInput(f"{', '.join(more)}: cannot be used with ‹since›; omit it.")
         with known(nominal, *tried.values()):
             changed = diagnose_change(nominal, recordings, before, tried, vehicle=stated, held_out=others, say=progress)
         entry = replace(changed, gap=doubted(changed.gap, nominal, stated, recordings))
@@ -187,7 +187,8 @@ def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Se
     if gap.applied or not gap.absorbed or not of_a_fit:
         return gap
     since = (
-        f"Uncertain parameters of the fit would absorb {listed([*gap.absorbed])}. To see what changed, diagnose with "
+        "If these effects were present, uncertain parameters of the fit would absorb them: "
+        f"{listed([*gap.absorbed])}. To see what changed, diagnose with "
         "recordings from before (‹since›)."
     )
     return replace(gap, advice=(*gap.advice, since))
@@ -221,8 +222,8 @@ def of_fit(fit: Fit, name: str, stated: Vehicle | None = None) -> tuple[Diagnose
     model = must_have_gaps(fit.model)
     if stated is not None and model.learnt:
         raise BadInput(
-            f"{model.name} is {fit.model.called}; its noise is known from its training, and it does not need the "
-            f"vehicle {stated.name}; omit it (‹vehicle›)."
+            f"{model.name} is {fit.model.called}, whose noise is known from its training: it needs no vehicle. Omit "
+            f"{stated.name} (‹vehicle›)."
         )
     with known(model):
         fitted = fitted_vehicle(fit, name)
@@ -245,8 +246,8 @@ def must_be_stated(model: Model) -> Model:
     """The model, where a vehicle can state its numbers. Raises `BadInput` for models with memory and hybrids."""
     if not isinstance(model, MotionModel):
         raise BadInput(
-            f"{model.name} is {model.called}, whose weights are in no vehicle file: fit it, and name the fit "
-            "(‹fit›); or name equations of motion (‹model›): single_track or lateral."
+            f"{model.name} is {model.called}, and no vehicle file holds its weights. Fit it and name the fit "
+            "(‹fit›), or name equations of motion (‹model›): single_track or lateral."
         )
     return model
 

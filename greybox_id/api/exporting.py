@@ -128,8 +128,8 @@ def export(
 def _assumed(model: Model, stated: Magnitudes) -> list[str]:
     """Sentences on effects that stand at a magnitude nobody stated."""
     return [
-        f"{name} is exported with {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, its typical size; "
-        f"state it as {name}=VALUE."
+        f"The exported code has {name} = {plain(float(model[name].array))} {pretty_unit(model[name].unit)}, the "
+        f"typical size of the effect, since no size was stated. State one as {name}=VALUE."
         for name, magnitude in stated.items()
         if magnitude is None
     ]
@@ -141,7 +141,9 @@ def identifier(folder: str | Path) -> str:
     name = value.stem if value.suffix in ALONE.values() else value.name
     result = re.sub(r"\W+", "_", name.lower(), flags=re.ASCII).strip("_")
     if not result:
-        raise BadInput(f"The folder's name {folder} cannot name functions; name them with ‹name›.")
+        raise BadInput(
+            f"The folder's name {folder} cannot be used for names of functions; choose another name with ‹name›."
+        )
     return result if result[0].isalpha() else f"model_{result}"
 
 

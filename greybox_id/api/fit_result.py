@@ -446,7 +446,7 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
     for place in (Path(record.path), *around):
         if place.is_file():
             return place
-    raise BadInput(f"{record.path}, which the fit has seen, is no longer there. {otherwise}")
+    raise BadInput(f"{record.path}, which the fit was made with, is no longer there. {otherwise}")
 
 
 def _as_taken(recording: Recording, record: DataRecord) -> Recording:

@@ -113,7 +113,10 @@ def fit(
         requested, stated = model, model.vehicle
     elif isinstance(model, Model):
         if vehicle is not None or settings:
-            raise BadInput("vehicle, settings: a model is made of them; hand them over where it is made (gb.models).")
+            raise BadInput(
+                "vehicle, settings: they are for a model that is given by its name. Pass them to the "
+                "function of gb.models that makes this model."
+            )
         requested = with_choices(given.model(model, None, effects), chosen)
     else:
         raise BadInput(f"model: a Model or its name is needed, not {model!r:.60}.")
@@ -183,7 +186,10 @@ def pretraining(
     ------
     BadInput : the model has no network, or the source is none of equations of motion, or no fit of the same model.
     """
-    raise BadInput(f"‹pretrain› is for models with a network; {model.name} learns from recordings alone. Omit it.")
+    raise BadInput(
+        f"‹pretrain› is for models with a network that learns the motion; {model.name} is fitted to "
+        "recordings only. Omit it."
+    )
 
 
 @understood

@@ -31,7 +31,7 @@ def _pretraining(
     if model.recurrent:
         before = load_fit(source, build) if isinstance(source, str | Path) else source
         if not isinstance(before, Fit) or not isinstance(before.model, HybridModel) or before.model.name != model.name:
-            raise BadInput(f"{name or 'pretrain'}: a fit of {model.name} is needed, whose training is continued.")
+            raise BadInput(f"{name or 'pretrain'}: a fit of {model.name} is needed; its training is then continued.")
         return TrainedBefore(before.model, name)
     if isinstance(source, str | Path):
         source = load_posterior(source) if Path(source).suffix == ".parquet" else load_fit(source, build)
@@ -41,7 +41,7 @@ def _pretraining(
     elif isinstance(source, Fit):
         fit, draws = source, _about(source)
     else:
-        raise BadInput(f"pretrain: a fit, a posterior or the file of one is needed, not {source!r:.60}.")
+        raise BadInput(f"pretrain: a fit, a posterior or the path of its file is needed, not {source!r:.60}.")
     no = f"{name or 'pretrain'}: a fit of equations of motion is needed, not one of {fit.model.name}."
     return Pretraining(must_be(MotionModel, fit.model, no), draws, points, span, name, beyond)
 

@@ -146,7 +146,9 @@ class FitPlots:
         """
         model = _motion(self._fit.model)
         if not has_tyres(model):
-            raise BadInput(f"{model.name} has no tyres: no slip angles, lateral forces and loads of its axles.")
+            raise BadInput(
+                f"{model.name} has no tyres: it does not compute slip angles, lateral forces and loads of the axles."
+            )
         speed = v_x if v_x is not None else self._speed()
         reach = slip if slip is not None else self._slip()
         angles = np.linspace(-reach, reach, POINTS)
@@ -175,7 +177,7 @@ class FitPlots:
         speed = v_x if v_x is not None else self._speed()
         turns = turns_beyond_curvature(model, speed, abs(steer)) if is_steered(model) else None
         if turns is None:
-            raise BadInput(f"{model.name} has no steady turns to be drawn.")
+            raise BadInput(f"{model.name} has no steady turns that could be drawn.")
         ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
         ax.plot(*turns, **look(BLUE, 1.4, f"{speed:.3g} m/s"))
         ax.axhline(0.0, **ZERO)

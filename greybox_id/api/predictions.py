@@ -270,11 +270,14 @@ def predicted(
     seconds = calibrated_seconds(calibrate)
     if seconds is not None and (horizon is not None or posterior is not None):
         raise BadInput(
-            "‹calibrate› is for models with memory, which predict freely or one sample ahead: omit ‹horizon› and "
-            "‹posterior›."
+            "With ‹calibrate›, omit ‹horizon› and ‹posterior›: ‹calibrate› is for models with memory, which predict "
+            "freely or one sample ahead."
         )
     if posterior is not None and open_loop:
-        raise BadInput("‹open_loop› is for models with memory, which have no ‹posterior›.")
+        raise BadInput(
+            "‹open_loop› and ‹posterior› cannot be used together: only models with memory predict in open "
+            "loop, and they have no posterior."
+        )
     if (seconds is not None or posterior is not None) and not isinstance(model, Fit):
         raise BadInput(f"model: a fit is needed, since only a fit knows its noise, not {model!r:.60}.")
     chosen, value = _both(model, recording, vehicle, effects, columns)

@@ -41,7 +41,7 @@ def recordings(given: Recordings, columns: Columns = "canonical", argument: str 
         else:
             raise BadInput(f"{argument}: a Recording or a path is needed, not {of_type(item)}.{_frame(item)}")
     if not result:
-        raise BadInput(f"{argument}: there is no recording; hand one over, or name a file.")
+        raise BadInput(f"{argument}: there is no recording; pass a recording or the path of a file.")
     return result
 
 
@@ -51,7 +51,7 @@ def one_recording(
     """The one that is meant."""
     result = recordings(given, columns, argument)
     if len(result) > 1:
-        raise BadInput(f"{argument}: one recording is needed, and {len(result)} are given; take them one by one.")
+        raise BadInput(f"{argument}: one recording is needed, and {len(result)} were given; pass them one by one.")
     return result[0]
 
 
@@ -62,7 +62,7 @@ def files(pattern: str | Path, argument: str) -> list[Path]:
         return [Path(text)]
     result = sorted(glob(text, recursive=True))
     if not result:
-        raise BadInput(f"{argument}: no file is called like {text!r}, seen from {Path.cwd()}.")
+        raise BadInput(f"{argument}: no file matches {text!r} in the folder {Path.cwd()}.")
     return [Path(path) for path in result]
 
 

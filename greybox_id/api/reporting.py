@@ -126,7 +126,7 @@ def reported(
     fits = [item for item in opening if isinstance(item, Fit)]
     several = [*fits] if len(fits) == len(opening) > 0 else _results(opening)
     if posterior is not None and len(fits) + len(several) != 2:
-        raise BadInput("‹posterior› belongs to one fit; name that fit alone.")
+        raise BadInput("‹posterior› is the posterior of one fit; name only that fit.")
     seen = partial(_seen, recordings=recordings, columns=columns, moved=moved)
     with known(*(model for result in several if (model := _model_of(result)) is not None), *effects):
         if len(fits) == len(several) > 1:
@@ -211,7 +211,7 @@ def _seen(
     if recordings is not None:
         return matched(fit, given.recordings(recordings, columns or "canonical"))
     if isinstance(fit, FitResult):
-        return fit.seen(moved=moved, columns=columns, otherwise="Name the file's new place with ‹{role}›.")
+        return fit.seen(moved=moved, columns=columns, otherwise="Name the file's new path with ‹{role}›.")
     raise BadInput("recordings: pass the recordings that the fit was made with.")
 
 

@@ -219,7 +219,10 @@ def posterior_target(out: str | Path) -> Path:
     """Where a posterior is to be written. Raises `BadInput` for another kind of file."""
     target = Path(out)
     if target.suffix != ".parquet":
-        raise BadInput(f"{out}: a posterior is saved as .parquet, from which a later run can continue (‹out›).")
+        raise BadInput(
+            f"{out}: a posterior is saved as a .parquet file, so that a later run can continue from it; "
+            "name such a file (‹out›)."
+        )
     claim(target, becomes=WORDS)
     ensure_writable(target.parent)
     return target

@@ -117,7 +117,7 @@ def claim(path: str | Path, option: str = "‹out›", becomes: str = "") -> Pat
     _refuse_read(guard, target, option)
     place = _place(target)
     if guard.claimed.setdefault(place, option) != option:
-        raise BadInput(f"{path} is named by {guard.claimed[place]} and by {option}; name two places.")
+        raise BadInput(f"{path} is named by both {guard.claimed[place]} and {option}; name two different places.")
     if becomes and not guard.overwrite and target.is_file():
         there = content_of(target)
         if there not in (NOTHING, FileContent(becomes, derived=True)):
@@ -251,7 +251,7 @@ def _parquet_names(file: Path) -> tuple[str, ...]:
 
 
 def _refuse_read(guard: _Guard, target: Path, option: str) -> None:
-    advice = f"is read by this command and would be written over; name another place with {option}."
+    advice = f"is read by this command and would be overwritten; name another place with {option}."
     for spelled in _spellings(target):
         with suppress(OSError, ValueError):
             about = spelled.stat()
@@ -264,8 +264,8 @@ def _refuse_read(guard: _Guard, target: Path, option: str) -> None:
 
 def _of_another_kind(target: Path, there: FileContent, option: str) -> BadInput:
     return BadInput(
-        f"{target} is there already and holds {there.words}; name another place with {option}, or replace it with "
-        "‹overwrite›."
+        f"{target} already exists and holds {there.words}; name another place with {option}, or replace the file "
+        "with ‹overwrite›."
     )
 
 

@@ -142,8 +142,8 @@ class Kind:
             raise BadInput(f"{file} is not {self.what} of greybox-id; make one with {self.command}.")
         if body.get(VERSION) != self.version:
             raise BadInput(
-                f"{file} has format version {body.get(VERSION)!r}, this is greybox-id {__version__}, which reads "
-                f"version {self.version}. Install the version that wrote it ({body.get('version', 'unknown')}), or "
+                f"{file} has format version {body.get(VERSION)!r}, but greybox-id {__version__} reads version "
+                f"{self.version}. Install the version that wrote it ({body.get('version', 'unknown')}), or "
                 f"{self.again}."
             )
         if body.pop(CHECKSUM, None) != checksum(body):

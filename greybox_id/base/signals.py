@@ -40,7 +40,7 @@ SIGNALS: dict[str, Signal] = {
         Signal("a_y", "m/s^2", "lateral specific force", mirrors=True),
         Signal("sideslip", "rad", "sideslip angle atan2(v_y, v_x)", mirrors=True),
         Signal("steer", "rad", "road-wheel steering angle", mirrors=True),
-        Signal("steer_measured", "rad", "measured road-wheel steering angle, where steer is the command", mirrors=True),
+        Signal("steer_measured", "rad", "measured road-wheel steering angle, if steer holds the command", mirrors=True),
         Signal("motor_current", "A", "motor current; a negative one brakes"),
         Signal("drive_force", "N", "drive force command; negative values brake"),
         Signal("ax_cmd", "m/s^2", "commanded longitudinal acceleration"),

@@ -111,7 +111,7 @@ def to_si(unit: str, target: str | None = None) -> Conversion:
         coherent = math.isclose(factor, 1.0, rel_tol=1e-12) and offset == 0.0
         return Conversion(spelled, 1.0) if coherent else Conversion(_plain(base), factor, offset)
     if base != _base(target, target):
-        raise BadInput(f'unit "{unit}" measures something else; the SI unit here is {target}')
+        raise BadInput(f'unit "{unit}" is not a unit of this quantity, whose SI unit is {target}')
     return Conversion(target, *_affine(spelled, target, unit))
 
 

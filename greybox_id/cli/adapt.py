@@ -23,7 +23,7 @@ def adapt(
         default="auto",
     ),
     validate: str | None = option(
-        "A recording to score on, in place of the remaining seconds.", "RECORDING", type=FILE
+        "Recording to score on; default: the remaining seconds of RECORDING.", "RECORDING", type=FILE
     ),
     calibrate: str | None = CALIBRATE,
     out: str | None = option("Folder for fit.json; default: the model's name, adapted.", "FOLDER"),
@@ -31,9 +31,9 @@ def adapt(
 ) -> None:
     """Adapt FIT to the first seconds of RECORDING, of a car that may have changed.
 
-    Blocked cross-validation on those seconds alone chooses which parameters are adapted, how far, and whether time is
-    aligned; the unchanged fit is always a candidate. The rest of the recording is scored: one sample ahead, or 0.5 s
-    ahead for equations of motion.
+    Blocked cross-validation on those seconds alone chooses which parameters are adapted, how far they may move, and
+    whether delays are estimated anew; the unchanged fit is always a candidate. The rest of the recording is scored: one
+    sample ahead, or 0.5 s ahead for equations of motion.
 
     \b
     greybox adapt run/fit.json new_tyres.csv --columns roboracer --seconds 20 --out adapted

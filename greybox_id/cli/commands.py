@@ -119,12 +119,12 @@ GROUPS: Groups = {
         "effects": ("greybox_id.cli.models", "List all effects that a model may lack, or describe one."),
         "fit": ("greybox_id.cli.fit", "Fit a model to recordings."),
         "validate": ("greybox_id.cli.validate", "Score a fit on recordings."),
-        "profile": ("greybox_id.cli.profile", "Follow the likelihood along parameters of a fit."),
+        "profile": ("greybox_id.cli.profile", "Profile the likelihood of a fit's parameters."),
         "sample": ("greybox_id.cli.sample", "Draw from the posterior of a fit's parameters."),
         "predict": ("greybox_id.cli.predict", "Predict a recording with a fit."),
         "simulate": ("greybox_id.cli.predict", "Simulate a fit or a model freely on a recording's inputs."),
         "grid": ("greybox_id.cli.grid", "Fit many structures of a model with memory, and choose one."),
-        "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a car that may have changed, by some seconds of it."),
+        "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a changed car with a few seconds of its data."),
         "report": ("greybox_id.cli.report", "Write a report with figures of a fit, a gap or a track."),
     },
     "Gap": {
@@ -152,7 +152,7 @@ _SHIPPED = {name: entry for commands in GROUPS.values() for name, entry in comma
 
 @cache
 def groups() -> Groups:
-    """`GROUPS` with the commands that installed packages bring; what is for this tool itself comes last."""
+    """Return `GROUPS` with the commands of installed packages; commands about this tool itself come last."""
     merged = {heading: dict(commands) for heading, commands in GROUPS.items()}
     for table in extensions(COMMANDS).values():
         for heading, commands in table.items():

@@ -64,7 +64,7 @@ def check_command(
     ),
     as_json: bool = JSON,
 ) -> None:
-    """List what is noteworthy or wrong in each FILE. Exit code 1: one of them is not to be trusted.
+    """List what is noteworthy or wrong in each FILE. Exit code 1: at least one FILE is not to be trusted.
 
     --repair corrects signs, units and columns as the findings propose, writes the corrected map, and gives the verdict
     on the FILEs read with it. If MAP.toml is the map of --columns, the former one is kept as MAP.toml.bak.

@@ -97,7 +97,9 @@ def effects(
         parameter = effect.parameter
         table.add_row(known, plain(float(parameter.array)), pretty_unit(parameter.unit), effect.group, parameter.about)
     console().print(table)
-    console().print("\nwhere one applies, its bounds and typical size: greybox effects NAME")
+    console().print(
+        "\ngreybox effects NAME shows the models that an effect applies to, its bounds and its typical size"
+    )
 
 
 def _show_model(model: Model) -> None:
@@ -131,7 +133,7 @@ def _write_vehicle(model: Model, like: Vehicle | None, out: Path) -> None:
     }
     comments = {p.name: p.about if p.unit == "1" else f"{p.unit}: {p.about}" for p in numbers}
     comments |= {
-        "parameters": "in SI units; sd is the standard deviation of a number, which becomes its prior in a fit",
+        "parameters": "values in SI units; a fit uses sd, the standard deviation of a value, as the width of its prior",
         "effects": "how large each effect may be without counting as a gap",
         "noise": "standard deviations of the sensors",
     }

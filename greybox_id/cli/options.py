@@ -181,7 +181,7 @@ def _of_type(kind: Any, several: dict[str, Any]) -> dict[str, Any]:
     return {"type": kind} if kind in (int, float) else {}
 
 
-MOVED = "Name the file's new place with RECORDING."
+MOVED = "Name the file's new path as RECORDING."
 """What to do where a recording of a fit is not found, in commands that take it as an argument."""
 VEHICLES = names(_vehicles, files=".toml")
 """What completes the name of a vehicle."""
@@ -320,7 +320,8 @@ JSON_AND_OWN: Any = replace(
     before=(
         click.option(
             "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
-            help="Your own model or effect, with which the fit was made or which is to be tried; the file is run.",
+            help="File and name of your own model or effect, if the fit was made with it or if you want to try it; "
+            "the file is run.",
         ),
     ),
 )  # fmt: skip

@@ -51,9 +51,9 @@ def tell_result(result: Any, as_json: bool) -> None:
 
 @contextmanager
 def progress() -> Iterator[Say]:
-    """A live line on a terminal, plain lines elsewhere; all on standard error.
+    """Report progress on standard error: as one live line on a terminal, as plain lines elsewhere.
 
-    Lines that pass are plain lines too where GREYBOX_PROGRESS is "all".
+    If GREYBOX_PROGRESS is "all", passing messages are printed as plain lines, too.
     """
     errors = Screen(errors=True, soft_wrap=True)
     if not errors.is_terminal:
@@ -77,7 +77,7 @@ def progress() -> Iterator[Say]:
 
 @contextmanager
 def working(words: str) -> Iterator[None]:
-    """What is being done, and for how long already, while it is: on a terminal, and nothing elsewhere."""
+    """Show on a terminal what is being done and for how long; show nothing elsewhere."""
     with progress() as say:
         say(words, passing=True)
         yield

@@ -32,7 +32,7 @@ def tell(line: str) -> None:
 
 @contextmanager
 def streams() -> Iterator[None]:
-    """Standard streams that are there, and warnings of the toolbox told on standard error as sentences."""
+    """Open missing standard streams, and print warnings of the toolbox on standard error as sentences."""
     _opened()
     logger, handler = logging.getLogger("greybox_id"), _Told()
     logger.addHandler(handler)
@@ -51,7 +51,7 @@ def streams() -> Iterator[None]:
 
 @contextmanager
 def interrupts() -> Iterator[list[int]]:
-    """What Ctrl-C sent meanwhile, each raised as `KeyboardInterrupt`.
+    """Record the signals that Ctrl-C sends, and raise each as `KeyboardInterrupt`.
 
     Commands that keep what they have end as usual after it; what was sent tells that they were interrupted. Where
     interrupts are ignored, as in the background of a shell, they stay so.

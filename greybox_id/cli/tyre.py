@@ -46,7 +46,10 @@ def _show(fit: TyreFit, target: Path) -> None:
     share = f"{100 * fit.explained:.1f} % of the side force's variance explained, RMSE {number(fit.rmse, 3)} N"
     word = "usable as a prior" if fit.usable else "not usable"
     screen.print(Text(f"verdict  {word}: {share}", style="bold"))
-    screen.print(f"         to slip angles of {number(fit.largest_slip, 2)} rad; beyond, the formula extrapolates")
+    screen.print(
+        f"         valid up to slip angles of {number(fit.largest_slip, 2)} rad; at larger ones the formula "
+        "extrapolates"
+    )
     screen.print(f"data     {fit.rows} rows used; {fit.left_out} rows left out (another camber, or no number)")
     for note in fit.notes:
         screen.print(f"         {note}")
@@ -68,7 +71,8 @@ def _show(fit: TyreFit, target: Path) -> None:
     else:
         screen.print("spread   unknown: no column of temperature or pressure varies")
     screen.print(
-        f'\nwritten  {target}   in a vehicle file: tyre_file = "{target}"; friction of a road: that of the belt ± 30 %'
+        f'\nwritten  {target}   in a vehicle file: tyre_file = "{target}"; '
+        "take the friction of a road as that of the rig ± 30 %"
     )
 
 

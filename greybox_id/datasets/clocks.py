@@ -198,7 +198,10 @@ def _instants(time: Array, where: str) -> tuple[Array, bool]:
     edges = [0, *(np.flatnonzero(~running) + 1).tolist(), len(time)]
     counts = [1 + int((time[b - 1] - time[a]) / usual * (1 + 1e-12)) for a, b in zip(edges, edges[1:], strict=False)]
     if sum(counts) > MOST_ROWS:
-        raise BadInput(f"{where}: an even clock would have {sum(counts)} rows; name another one as time.")
+        raise BadInput(
+            f"{where}: resampled to the even step of its clock, the recording would have {sum(counts)} "
+            "rows; name another clock as time."
+        )
     return np.concatenate([time[a] + usual * np.arange(n) for a, n in zip(edges, counts, strict=False)]), True
 
 

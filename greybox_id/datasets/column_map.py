@@ -99,7 +99,10 @@ class Column:
         try:
             value = float(text or "nan")
         except ValueError as error:
-            raise BadInput(f'"{self.sign_column}" holds {text!r:.60}, but negative is a number.') from error
+            raise BadInput(
+                f'column "{self.sign_column}" holds the text {text!r:.60}, but negative is a number. '
+                "If negative is to be text, write it in quotes."
+            ) from error
         return np.nan if np.isnan(value) else -1.0 if value == self.negative else 1.0
 
     def convert(self, values: Array) -> Array:
@@ -317,8 +320,8 @@ def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
         rate = _number({"rate": stated[0]}, "rate", 0.0, where)
         if not 0 < rate < 1e6 or entry or len(stated) > 1:
             raise BadInput(
-                f"{where}: rate is the number of rows per second of a file without time, above 0; state "
-                "it once, without a time column."
+                f"{where}: rate must be a number above 0, the rows per second of a file without time. State it once, "
+                "and omit the time column."
             )
         return Column("time", "", "s", "s"), rate
     if "time" not in table:
@@ -421,7 +424,7 @@ def _lookup(entry: Mapping[str, Any], where: str) -> tuple[tuple[float, float], 
     points = entry.get("lookup")
     if points is None:
         return ()
-    advice = "write lookup = [[x, ...], [y, ...]], as many y as x, two or more, x increasing"
+    advice = "write lookup = [[x, ...], [y, ...]], with at least two x, increasing, and one y for each"
     if not isinstance(points, list) or len(points) != 2 or not all(isinstance(row, list) for row in points):
         raise BadInput(f"{where}: lookup is {points!r:.60}; {advice}.")
     x, y = ([_number({"lookup": value}, "lookup", 0.0, where) for value in row] for row in points)

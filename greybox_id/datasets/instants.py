@@ -143,7 +143,7 @@ def _run_on(counts: NDArray[Any], second: float, labels: Sequence[str]) -> Insta
     for wrap in (*whole, *clocks) if back.any() else ():
         if np.max(counts) < wrap and np.all((steps[back] + wrap > 0) & (steps[back] + wrap <= MISSED * usual)):
             counts = counts + np.concatenate([[0], np.cumsum(back)]) * int(wrap)
-            notes.append(f"the counter of time starts again at {wrap:.10g}; time continues across that.")
+            notes.append(f"the counter of time wraps at {wrap:.10g}; time is continued across the wrap.")
             break
     return Instants(counts, second, " ".join(notes))
 
@@ -357,7 +357,9 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     whole = np.round(steps / usual)
     if np.mean(np.abs(steps - whole * usual)[inside] > REGULAR * usual) <= BROKEN and np.min(whole[inside]) >= 1:
         return _with_lost_rows(time, signals, whole, inside & (whole <= LINEAR_GAP))
-    note = f"rows are uneven in time ({_span(time)}): laid on an even grid of {exact(step)} s ({1 / step:.4g} Hz)."
+    note = (
+        f"rows are uneven in time ({_span(time)}): interpolated to an even grid of {exact(step)} s ({1 / step:.4g} Hz)."
+    )
     return _on_a_grid(time, signals, parts, step, hold, note)
 
 

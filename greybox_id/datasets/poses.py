@@ -320,7 +320,8 @@ def _without_glitches(
             levels, known = _likeliest(poses, levels), left
     if left < before:
         notes.append(
-            f"{before - left} of {before} poses were left out: no motion leads through them and those around them."
+            f"{before - left} of {before} poses were left out: no plausible motion passes through them and their "
+            "neighbours."
         )
     return poses, levels, (yaw, place)
 

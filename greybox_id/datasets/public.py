@@ -151,8 +151,8 @@ def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
             say(f"{remote.name} broke off after {part.stat().st_size} bytes, attempt {attempt} of {ATTEMPTS}")
         else:
             raise BadInput(
-                f"{remote.address} broke off {ATTEMPTS} times; the part that arrived is kept in {part}; call again to "
-                "continue."
+                f"{remote.address} broke off {ATTEMPTS} times. The part that arrived is kept in {part}; repeat the "
+                "command to continue."
             )
         result = hash_of(part)
         if expected and result != expected:
@@ -192,8 +192,8 @@ def _transferred(remote: Remote, part: Path, say: Say) -> bool:
             return False
         reason = getattr(error, "reason", error)
         raise BadInput(
-            f"{remote.address} cannot be reached ({reason}). Is this machine online? Call again when it is; "
-            "what has come is kept."
+            f"{remote.address} cannot be reached ({reason}). Is this machine online? Repeat the command when it is; "
+            "the part that has arrived is kept."
         ) from error
 
 

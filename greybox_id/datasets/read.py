@@ -329,8 +329,8 @@ def _several(
 ) -> tuple[Joined, list[str]]:
     if mapping.rate:
         raise BadInput(
-            f"{result.where}: a rate is the clock of one table, but this file holds several tables; name "
-            "their time columns."
+            f"{result.where}: rate is for a file with one table, but this file holds several; name the time column "
+            "of each."
         )
     clocks: list[Instants] = []
     turned: list[str] = []

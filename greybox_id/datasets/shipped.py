@@ -39,7 +39,7 @@ def shipped(name: str) -> Path:
     'racer_train.csv'
     """
     if name not in SHIPPED:
-        raise BadInput(f"There is no shipped recording {name!r}; there are {', '.join(SHIPPED)}.")
+        raise BadInput(f"There is no shipped recording {name!r}; choose one of {', '.join(SHIPPED)}.")
     path = FOLDER / f"{name}.csv"
     if not path.is_file():
         raise BadInput(f"{path} is missing from this installation of greybox-id; install the package again.")

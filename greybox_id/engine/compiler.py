@@ -168,7 +168,7 @@ def tell_slow(what: str, times: str, error: CannotCompile) -> None:
     """Say once for each process and reason that something runs without compiled code, and why."""
     _told_once(
         f"{what} runs without compiled code, about {times} times slower. {error} Install a C compiler, or name it in "
-        "CC; GREYBOX_COMPILE=0 chooses this way without this message."
+        "CC. With GREYBOX_COMPILE=0 nothing is compiled, and this message is not printed."
     )
 
 

@@ -37,8 +37,8 @@ def without_form_error(subject: Subject) -> list[str]:
     if subject.model.settings.get("form", "exact") == "exact":
         return []
     return [
-        "Tyre curves and front wheels were fitted with form=uncertain: the files hold the nearest formula, "
-        "without its error."
+        "Tyre curves and front wheels were fitted with form=uncertain: the files hold the nearest formula, without "
+        "the uncertainty of its form."
     ]
 
 

@@ -76,7 +76,8 @@ def cautions(subject: Subject) -> list[str]:
         )
     if not _has_pedals(subject):
         result.append(
-            f"{ACCELERATING} and {BRAKING} are not written: they map pedals, and the model's drive is no throttle."
+            f"{ACCELERATING} and {BRAKING} are not written: they are maps of pedal positions, and the model's drive "
+            "signal is not a throttle position."
         )
     open_keys = [origin.key for origin in origins(subject) if origin.why and origin.file == VEHICLE]
     if open_keys:

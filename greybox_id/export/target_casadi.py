@@ -94,7 +94,7 @@ def _time(equations: Equations | MemoryEquations) -> str:
         return (
             "A step is SAMPLE_TIME seconds long. x is a window of the past: start with x = 0 and fill it with\n"
             "push(x, u, y, p), once for each sample read, oldest first; y is what was read a sample after u. From\n"
-            "then on step(x, u, p) predicts, and feeds itself."
+            "then on step(x, u, p) predicts and appends its own predictions to the window."
         )
     shifted = (*equations.delayed, *equations.late)
     stated = f" Those of this model: {', '.join(shifted)}." if shifted else ""

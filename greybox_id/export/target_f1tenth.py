@@ -63,7 +63,10 @@ def cautions(subject: Subject) -> list[str]:
     ) if (lost := _lost(subject, held))]  # fmt: skip
     result += without_form_error(subject)
     if numbers.h_cg and "longitudinal_load_transfer" not in subject.model.effects:
-        result.append("Both shift load as the height of the centre of gravity says; this model leaves that out.")
+        result.append(
+            "Both tools compute load transfer from the height of the centre of gravity; this model has no "
+            "load transfer."
+        )
     if numbers.mu is not None and numbers.front.pacejka is None:
         result.append(
             "The ForzaETH race stack knows linear tyres and Pacejka's: its file holds these tyres' slope only."
@@ -78,7 +81,7 @@ def cautions(subject: Subject) -> list[str]:
     return result
 
 
-_BORROWED = "of f1tenth_gym's 1:10 car, not known of this vehicle"
+_BORROWED = "value of f1tenth_gym's 1:10 car; not known for this vehicle"
 
 
 def _gym(subject: Subject, numbers: SingleTrack) -> list[Line]:
@@ -94,8 +97,8 @@ def _gym(subject: Subject, numbers: SingleTrack) -> list[Line]:
 
     return [
         Line("mu", mu, "friction; 1, since C_S alone describes the linear tyres" if numbers.mu is None else "friction"),
-        Line("C_Sf", _stiffness(numbers.front, mu), "1/rad, cornering stiffness over mu and load, front"),
-        Line("C_Sr", _stiffness(numbers.rear, mu), "1/rad, cornering stiffness over mu and load, rear"),
+        Line("C_Sf", _stiffness(numbers.front, mu), "1/rad, cornering stiffness divided by mu and load, front"),
+        Line("C_Sr", _stiffness(numbers.rear, mu), "1/rad, cornering stiffness divided by mu and load, rear"),
         Line("lf", numbers.l_f, "m, front axle to centre of gravity"),
         Line("lr", numbers.l_r, "m, rear axle to centre of gravity"),
         limit("h", "m, height of the centre of gravity, by which acceleration shifts load"),

@@ -49,7 +49,12 @@ def origins(subject: Subject) -> list[KeyOrigin]:
         KeyOrigin(file, "steerActuatorDelay", delay, "steering_delay")
         if delay is not None
         else KeyOrigin(file, "steerActuatorDelay", None, why="s; the model has no steering_delay"),
-        KeyOrigin(file, "steerRatio", None, why="steering wheel over road wheels: the model steers road wheels"),
+        KeyOrigin(
+            file,
+            "steerRatio",
+            None,
+            why="ratio of steering-wheel to road-wheel angle; the model's input is the road-wheel angle",
+        ),
         KeyOrigin(file, "steerLimitTimer", None, why="s; no parameter or effect says it"),
     ]
 
@@ -58,7 +63,7 @@ def cautions(subject: Subject) -> list[str]:
     """Sentences on what the snippet does not hold."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
     result = [f"CarParams cannot hold {', '.join(lost)}."] if lost else []
-    return [*result, "steerRatio is not known: the model steers road wheels."]
+    return [*result, "steerRatio is not known: the model's input is the road-wheel angle."]
 
 
 def _file(subject: Subject) -> str:

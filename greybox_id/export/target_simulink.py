@@ -48,10 +48,12 @@ def cautions(subject: Subject) -> list[str]:
     e, one = subject.equations, []
     if e.delayed:
         late = ", ".join(e.delayed)
-        one.append(f"idnlgrey has no delay of {late}: pass the delayed command; the S-function has the delay.")
+        one.append(
+            f"The idnlgrey model lacks the delay of {late}: pass it the delayed command. The S-function has the delay."
+        )
     if e.late:
         late = ", ".join(e.late)
-        one.append(f"Neither idnlgrey nor the S-function reads {late} late: put a delay behind the outputs.")
+        one.append(f"Neither idnlgrey nor the S-function has the latency of {late}: put a delay behind the outputs.")
     if subject.fit is None or subject.fit.covariance is None:
         one.append("The covariance of the parameters is not known and is NaN in the .mat file.")
     return one

@@ -74,8 +74,8 @@ def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
     curve = axle.pacejka
     if curve is None:
         raise BadInput(
-            f"{subject.model.name} stands on {subject.model.settings.get('tyre', 'other')} tyres; a .tir file holds "
-            "Pacejka's. Fit the tyre pacejka, or export for another target."
+            f"{subject.model.name} has {subject.model.settings.get('tyre', 'other')} tyres; a .tir file holds "
+            "Pacejka's formula. Fit the tyre pacejka, or export for another target."
         )
     model = subject.equations.model
     B, C, D, E = (float(f"{value:.{DIGITS}g}") for value in curve)

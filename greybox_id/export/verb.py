@@ -63,7 +63,7 @@ def _must_be_replaceable(folder: Path, becomes: str) -> None:
     body = _manifest(folder / MANIFEST) if MANIFEST in held else None
     known = body.get("files") if body is not None else None
     if known is None or body is None:
-        raise BadInput(f"{folder} holds files that are no export. Name a new folder with ‹out›.")
+        raise BadInput(f"{folder} holds files that no export has written. Name a new folder with ‹out›.")
     one = [name for name, file in held.items() if name != MANIFEST and known.get(name) != _sha256(file.read_bytes())]
     if one:
         raise BadInput(
@@ -104,7 +104,7 @@ TARGETS = {
     "autoware": "parameter files of Autoware's planning simulator, vehicle and lateral controller",
     "ros2": "a parameter file for a ROS 2 node",
     "opendbc": "a snippet with CarParams for opendbc",
-    "tir": "tyre property files of the Magic Formula 5.2, one an axle",
+    "tir": "tyre property files of the Magic Formula 5.2, one per axle",
     "fmu": "functional mock-up units of FMI 2.0 and 3.0, sources and binary",
 }
 """Target -> what is written for it, by the module of this folder `target_<name>`: a function `files`.

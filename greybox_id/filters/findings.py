@@ -217,9 +217,10 @@ def too_quiet(noise: Mapping[str, float], floors: Mapping[str, float]) -> list[s
         size = noise.get(f"noise_{name}", np.inf)
         if size < FLOORED * floor:
             result.append(
-                f"noise_{name} = {number(size, 2)} {unit_of(name)} is less than the recording resolves ("
-                f"{number(floor, 2)}, by its steps and its scatter): the filter trusts these readings too much. "
-                "State how large it is."
+                f"noise_{name} = {number(size, 2)} {unit_of(name)} is below the resolution of the recording "
+                f"({number(floor, 2)}, from the steps and the scatter of the readings): the filter trusts these "
+                "readings too much. "
+                "State a larger noise."
             )
     return result
 
@@ -237,9 +238,10 @@ def only_over_mass(model: MotionModel) -> list[str]:
     over = [combination.name for combination in model.combinations if combination.name.endswith("/ m")]
     if "m" not in model or not over:
         return []
-    how = "was held" if model["m"].fixed else "is its prior"
+    how = "was fixed" if model["m"].fixed else "is its prior"
     return [
-        f"Calibrated: {', '.join(over)}. Readings of motion determine stiffness and inertia per mass, not mass; m = "
+        f"Calibrated: {', '.join(over)}. Readings of motion determine the ratios of stiffness and inertia to mass, "
+        "not the mass itself; m = "
         f"{float(model['m'].array):g} kg {how}."
     ]
 

@@ -83,7 +83,7 @@ def cells(varied: Mapping[str, Sequence[Any]]) -> list[dict[str, Any]]:
     count = math.prod(map(len, varied.values()))
     if not 0 < count <= MOST_CELLS:
         raise BadInput(
-            f"A grid of {count} structures; 1 to {MOST_CELLS} can be fitted. Vary other settings (‹settings›)."
+            f"The settings give {count} structures; a grid has 1 to {MOST_CELLS}. Vary other settings (‹settings›)."
         )
     return [dict(zip(varied, item, strict=True)) for item in itertools.product(*varied.values())]
 
@@ -165,7 +165,7 @@ def _doubts(model: MemoryModel, train: Recording, validate: Recording | None) ->
     result = doubted(model, [train] if validate is None else [train, validate])
     if validate is None or fingerprint("", train, None, {}) != fingerprint("", validate, None, {}):
         return result
-    return (*result, f"{validate.name} is the data that was fitted to: nothing was held out.")
+    return (*result, f"{validate.name} is the training data: nothing was held out.")
 
 
 def one_standard_error(table: pd.DataFrame) -> pd.Series[Any]:
@@ -214,8 +214,7 @@ def _kept(done: pd.DataFrame | None, data: str, several: Sequence[Mapping[str, A
     names = list(several[0])
     if not {*names, FINGERPRINT, STRENGTHS_USED, "cv_error"} <= set(done.columns) or set(done[FINGERPRINT]) != {data}:
         raise BadInput(
-            "What is there already is a grid of other data, another model or other settings; name another place "
-            "(‹out›)."
+            "The existing file holds a grid of other data, another model or other settings; name another place (‹out›)."
         )
     target = {_key(cell) for cell in several}
     rows = {}
@@ -232,7 +231,7 @@ def _table(rows: Mapping[str, Mapping[str, Any]], several: Sequence[Mapping[str,
 
 
 def _model(name: str, train: Recording, settings: Mapping[str, Any]) -> MemoryModel:
-    none = f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is none."
+    none = f"A grid is for models with memory fitted in one step, such as msnn_lat; {name} is not one of them."
     model = must_be(MemoryModel, prepared(name, train, settings), none)
     if model.parts:
         raise BadInput(none)

@@ -104,7 +104,9 @@ class FitOptions:
         object.__setattr__(self, "noise", {name: _sd(name, value) for name, value in self.noise.items()})
         calibrated_seconds(self.calibrate)
         if self.strengths == "early stopping" and self.solver == "ipopt":
-            raise BadInput("‹early_stopping|strengths› watches the steps of Gauss-Newton; omit the ‹solver› ipopt.")
+            raise BadInput(
+                "‹early_stopping|strengths› needs the steps of the solver gauss_newton; omit the ‹solver› ipopt."
+            )
 
     def must_suit(self, model: Model) -> None:
         """Raise `BadInput` for what makes no sense for this kind of model."""

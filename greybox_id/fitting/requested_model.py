@@ -290,7 +290,7 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
         others = [o for o in others if isinstance(o, MotionModel) and not _lacking(o, recording)]
         would_do = [o.name for o in others if any(name in recording for name in o.outputs)]
         target = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
-        instead = f" It would do for {' and '.join(would_do)} (‹model›)." if would_do else ""
+        instead = f" Its signals suffice for {' and '.join(would_do)} (‹model›)." if would_do else ""
         raise BadInput(
             f"{recording.name} lacks {target}, which {model.name} needs; it has {', '.join(recording.signals)}. "
             f"Map the columns that hold them in the column map (‹columns›).{instead}"

@@ -146,8 +146,8 @@ def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path)
             now = present.get(item)
             if now is not None and origin.sha256 and now.sha256 and now.sha256 != origin.sha256:
                 warnings.warn(
-                    f"{path} was saved with {item} in {origin.words}, which is now {now.words}: where the equations "
-                    "differ, its numbers mean nothing. Fit again.",
+                    f"{path} was saved with {item} in {origin.words}, which is now {now.words}: if the equations "
+                    "differ, the fit's numbers do not apply. Fit again.",
                     stacklevel=2,
                 )
         return model

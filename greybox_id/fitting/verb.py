@@ -237,7 +237,8 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
     step = min(recording.sample_time for recording in task.recordings)
     if not held.stated and held.gain < 0:
         task.say(
-            f"{fit.model.name}: fitting with commands linear between rows and with commands held, to take the likelier"
+            f"{fit.model.name}: fitting twice, with commands linear between rows and with commands held; the "
+            "likelier fit is used"
         )
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]

@@ -137,7 +137,7 @@ def _drives(settings: SingleTrackSettings | DriveSettings) -> None:
     """Raise `BadInput` for a drive or a brake there is not."""
     for what, value, known in (("drive", settings.drive, DRIVES), ("brake", settings.brake, ("auto", *BRAKES))):
         if value not in known:
-            raise BadInput(f"There is no {what} {value!r}; there are {', '.join(known)}.{near(value, known)}")
+            raise BadInput(f"There is no {what} {value!r}; choose one of {', '.join(known)}.{near(value, known)}")
 
 
 NEGATIVE = 0.01
@@ -340,7 +340,7 @@ def _entry(name: str) -> ModelEntry:
     if name not in MODELS:
         install()
     if name not in MODELS:
-        raise BadInput(f"There is no model {name!r}; there are {', '.join(MODELS)}.{near(name, MODELS)}")
+        raise BadInput(f"There is no model {name!r}; choose one of {', '.join(MODELS)}.{near(name, MODELS)}")
     return MODELS[name]
 
 
@@ -375,7 +375,7 @@ def _effect(name: str, magnitude: float | Stated | None) -> Effect:
     if name not in EFFECTS:
         install()
     if name not in EFFECTS:
-        raise BadInput(f"There is no effect {name!r}; there are {', '.join(EFFECTS)}.{near(name, EFFECTS)}")
+        raise BadInput(f"There is no effect {name!r}; choose one of {', '.join(EFFECTS)}.{near(name, EFFECTS)}")
     effect = EFFECTS[name]
     if magnitude is None:
         return effect.starting_at(effect.typical)

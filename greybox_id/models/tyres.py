@@ -186,7 +186,7 @@ class TyreSettings:
 
     def __post_init__(self) -> None:
         if self.tyre not in TYRES:
-            raise BadInput(f"There is no tyre {self.tyre!r}; there are {', '.join(TYRES)}.{near(self.tyre, TYRES)}")
+            raise BadInput(f"There is no tyre {self.tyre!r}; choose one of {', '.join(TYRES)}.{near(self.tyre, TYRES)}")
         if self.form not in FORMS:
             raise BadInput(f"The form is {' or '.join(FORMS)}, not {self.form!r}.{near(self.form, FORMS)}")
         if self.body not in BODIES:

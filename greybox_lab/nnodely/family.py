@@ -77,7 +77,9 @@ def roles_of(pairs: Sequence[str], network: Network) -> dict[str, str]:
         if not equals or signal not in SPELLINGS:
             raise BadInput(f"‹inputs› {pair}: write SIGNAL=INPUT, where SIGNAL is one of {', '.join(SPELLINGS)}.")
         if name not in network.inputs:
-            raise network.wrong(f"there is no input {name}; there are {', '.join(network.inputs)[:200]} (‹inputs›).")
+            raise network.wrong(
+                f"there is no input {name}; the inputs are {', '.join(network.inputs)[:200]} (‹inputs›)."
+            )
         if result.setdefault(name, signal) != signal:
             raise BadInput(f"‹inputs› says that {name} is both {result[name]} and {signal}.")
     return result

@@ -31,7 +31,7 @@ WRONG = [
     ("recordings: a Recording, a path or a list of them is needed, not the int 3", lambda lap: gb.fit("lateral", 3)),
     ("a recording of it: gb.Recording.from_pandas(table)", lambda lap: gb.fit("lateral", pd.DataFrame({"v_x": [1.0]}))),
     ("recordings: there is no recording", lambda lap: gb.fit("lateral", [])),
-    ("recordings: no file is called like 'no*.csv'", lambda lap: gb.fit("lateral", "no*.csv")),
+    ("recordings: no file matches 'no*.csv'", lambda lap: gb.fit("lateral", "no*.csv")),
     ("nothing.csv: there is no such file", lambda lap: gb.fit("lateral", "nothing.csv")),
     ("horizon: seconds above zero are needed", lambda lap: gb.FitOptions(horizon=-1)),
     ("solver: there is no 'newton'.", lambda lap: gb.FitOptions(solver="newton")),
@@ -122,7 +122,7 @@ def test_a_table_becomes_a_recording_and_back():
     ("given", "sentence"),
     [
         ({"units": {"sped": "m/s"}}, "units: table has no column 'sped'. Did you mean speed?"),
-        ({"units": {"v_x": "deg/s"}}, "units['v_x']: unit \"deg/s\" measures something else"),
+        ({"units": {"v_x": "deg/s"}}, "units['v_x']: unit \"deg/s\" is not a unit of this quantity"),
         ({"time": "stamp"}, "time: table has no column 'stamp'."),
         ({"units": {"note": "m"}}, "column 'note' holds something that is no number"),
     ],

@@ -119,7 +119,7 @@ def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):
              "missing"}  # fmt: skip
     assert set(told["signals"][0]) == known
     written = out.read_text()
-    assert "is there already" in refused("data", "map", file, "--out", out)
+    assert "already exists" in refused("data", "map", file, "--out", out)
     assert out.read_text() == written
     assert greybox("data", "map", file, "--out", out, "--overwrite").code == 0
     assert "?" in greybox("data", "map", file).out
@@ -156,6 +156,6 @@ def test_files_are_joined_and_never_onto_one_of_them(lap, tmp_path):
         "left_s": None, "taken_off": False,
     }  # fmt: skip
     before = other.read_bytes()
-    assert "would be written over" in refused("data", "join", first, other, "--out", other)
+    assert "would be overwritten" in refused("data", "join", first, other, "--out", other)
     assert other.read_bytes() == before
     assert "two files or more" in refused("data", "join", first, "--out", out)

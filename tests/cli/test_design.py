@@ -81,7 +81,7 @@ def test_bad_input_is_a_sentence(folder, tmp_path):
     assert "contradict" in refused("design", fit, "--limits", file, "--arena", "disc:40", "--out", tmp_path)
     file.write_text("speed = ]")
     assert "TOML" in refused("design", fit, "--limits", file, "--arena", "disc:40", "--out", tmp_path)
-    assert "is there already" in refused("design", fit, "--arena", "disc:40", "--out", _with_recording(tmp_path, lap))
+    assert "already exists" in refused("design", fit, "--arena", "disc:40", "--out", _with_recording(tmp_path, lap))
 
 
 def _with_recording(folder, lap):

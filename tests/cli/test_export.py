@@ -50,7 +50,7 @@ def test_effects_are_added_and_what_nobody_told_is_said(tmp_path):
     called = greybox("export", "--vehicle", "roboracer", "--with", "steering_lag", "--with", "steering_delay=30ms",
                      "--target", "c", "--out", tmp_path / "car")  # fmt: skip
     assert called.code == 0
-    assert "steering_lag is exported with" in called.err
+    assert "The exported code has steering_lag =" in called.err
     assert "steering_delay is taken" not in called.err
     manifest = json.loads((tmp_path / "car" / "manifest.json").read_text(encoding="utf-8"))
     assert manifest["model"]["effects"]["steering_delay"] == 0.03

@@ -177,7 +177,7 @@ def test_inputs_alone_are_simulated_with_a_model_made_from_options(tmp_path):
         (["--model", "lateral", "--with", "steering_delay=3"], "outside its bounds"),
         (["--model", "lateral", "--with", "motor_lag"], "motor_lag acts on drive"),
         (["--model", "lateral", "--fix", "mm=3kg"], "no parameter mm"),
-        (["--model", "lateral", "--fix", "m=3.5m"], "the SI unit here is kg"),
+        (["--model", "lateral", "--fix", "m=3.5m"], "whose SI unit is kg"),
         (["--model", "lateral", "--fix", "m=1g"], "outside what models take for it"),
         (["--model", "lateral", "--free", "steering_lag"], "--with steering_lag"),
         (["--model", "lateral", "--noise", "v_x=0.1"], "has no output v_x"),
@@ -187,7 +187,7 @@ def test_inputs_alone_are_simulated_with_a_model_made_from_options(tmp_path):
         (["--model", "lateral", "--strength", "2"], "--strength is for models with memory"),
         (["--model", "msnn_lat", "--horizon", "1"], "--horizon is for equations of motion"),
         (["--model", "msnn_lat", "--with", "steering_rate_limit"], "--with steering_rate_limit=VALUE"),
-        (["--model", "longitudinal"], "It would do for lateral and kinematic"),
+        (["--model", "longitudinal"], "Its signals suffice for lateral and kinematic"),
         (["--model", "lateral", "--columns", "roboracer"], "column"),
     ],
 )  # fmt: skip
@@ -212,7 +212,7 @@ def test_wrong_use_of_a_fit_is_a_sentence(fitted, laps, tmp_path):
     assert "longer than the longest" in refused("predict", path, laps[0], "--horizon", "60", *out)
     assert "is for models with memory" in refused("predict", path, laps[0], "--open-loop", *out)
     assert "Did you mean yaw_rate?" in refused("simulate", path, laps[0], "--start-state", "yawrate=1", *out)
-    assert "the SI unit here is rad/s" in refused("simulate", path, laps[0], "--start-state", "yaw_rate=1m", *out)
+    assert "whose SI unit is rad/s" in refused("simulate", path, laps[0], "--start-state", "yaw_rate=1m", *out)
     assert "no FIT" in refused("simulate", path, laps[0], "--model", "lateral", *out)
     assert "Name a FIT and a RECORDING" in refused("simulate", laps[0], *out)
     assert ".csv, .parquet, .mf4 or .mcap" in refused("simulate", path, laps[0], "--out", tmp_path / "p.xlsx")

@@ -205,7 +205,7 @@ def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
     assert "the same data" in refused("gap", lap, *car, "--held-out", lap)
     assert ".pdf" in refused("gap", lap, *car, "--report", tmp_path / "report.docx")
     assert ".toml or .json" in refused("gap", lap, *car, "--apply", tmp_path / "car.txt")
-    assert "would be written over" in refused("gap", lap, "--fit", fitted, "--apply", fitted)
+    assert "would be overwritten" in refused("gap", lap, "--fit", fitted, "--apply", fitted)
     (tmp_path / "file").touch()
     assert "cannot be written" in refused("gap", lap, *car, "--out", tmp_path / "file" / "inside")
     drive = driven("single_track", runs=1, seconds=2.0)

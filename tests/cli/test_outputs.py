@@ -262,7 +262,7 @@ def test_what_is_of_another_kind_is_replaced_only_when_told_to(name, files, tmp_
         suffix_beside = None if option == "--out" else CALLS[name][1].get("--out")
         beside = ["--out", folder / f"table{suffix_beside}"] if suffix_beside else []
         call = [*words(name, files), option, out, *beside]
-        assert "is there already" in refused(*call)
+        assert "already exists" in refused(*call)
         assert kept.read_bytes() == before
         called = greybox(*call, "--overwrite")
         assert called.code == 0, called.err
@@ -275,7 +275,7 @@ def test_what_is_of_another_kind_is_replaced_only_when_told_to(name, files, tmp_
 @pytest.mark.parametrize("kept", ["gap.json", "closed.toml", "gap.png", "gap.pdf"])
 def test_a_gap_replaces_no_file_of_another_kind(kept, files, tmp_path):
     (tmp_path / kept).write_text(OTHERS[kept], encoding="latin-1")
-    assert "is there already" in refused(*words("gap", files), "--out", tmp_path)
+    assert "already exists" in refused(*words("gap", files), "--out", tmp_path)
 
 
 @pytest.mark.slow
@@ -286,7 +286,7 @@ def test_a_figure_of_another_hand_is_kept(files, tmp_path):
     assert greybox(*call).code == 0
     figure.write_text("<svg>mine</svg>")
     before = (tmp_path / "report.html").read_bytes()
-    assert "is there already" in refused(*call)
+    assert "already exists" in refused(*call)
     assert figure.read_text() == "<svg>mine</svg>"
     assert (tmp_path / "report.html").read_bytes() == before
 
@@ -309,7 +309,7 @@ def test_made_recordings_replace_only_themselves(tmp_path):
     (made,) = tmp_path.iterdir()
     assert greybox(*call).code == 0
     made.write_text("time,v_x\n0,1\n")
-    assert "is there already" in refused(*call)
+    assert "already exists" in refused(*call)
     assert made.read_text() == "time,v_x\n0,1\n"
     assert greybox(*call, "--overwrite").code == 0
 
@@ -327,7 +327,7 @@ def test_parquet_tables_are_told_apart_like_csv(files, tmp_path):
     assert greybox(*words("predict", files), "--out", out).code == 0
     assert "a table of predictions" in refused(*words("simulate", files), "--out", out)
     pd.read_csv(files["lap"]).to_parquet(out)
-    assert "is there already" in refused(*words("predict", files), "--out", out)
+    assert "already exists" in refused(*words("predict", files), "--out", out)
 
 
 def test_the_sentence_names_the_option_that_is_to_be_changed(files, tmp_path):

@@ -80,7 +80,7 @@ def test_other_recordings_than_those_fitted_are_refused(fitted, tmp_path):
     ("options", "words"),
     [
         (["--draws", "2"], "draws: a whole number from 10"),
-        (["--out", "posterior.csv"], "a posterior is saved as .parquet"),
+        (["--out", "posterior.csv"], "a posterior is saved as a .parquet file"),
     ],
 )
 def test_bad_options_are_sentences(fitted, options, words):

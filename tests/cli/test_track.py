@@ -135,7 +135,7 @@ def test_what_is_left_beside_the_table_has_a_report(files):
 def test_another_file_beside_the_table_is_not_written_over(files):
     (files / "mine.json").write_text('{"mine": 1}')
     said = refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", files / "mine.csv")
-    assert "mine.json is there already" in said
+    assert "mine.json already exists" in said
     assert (files / "mine.json").read_text() == '{"mine": 1}'
     said = refused("track", "--vehicle", files / "car.toml", files / "lap.csv", "--out", files / "new.csv",
                    "--apply", files / "new.json")  # fmt: skip

@@ -105,7 +105,7 @@ def test_a_clock_that_begins_anew_is_taken_on(tmp_path, unit, begins, wraps):
     found = recording(tmp_path / "lap.csv", unit)
     assert len(found.runs) == 1
     assert found.time - found.time[0] == pytest.approx(time, abs=1e-6)
-    assert any("starts again at" in note for note in found.notes)
+    assert any("counter of time wraps at" in note for note in found.notes)
 
 
 def test_runs_that_a_column_names_are_no_clock_that_begins_anew(tmp_path):

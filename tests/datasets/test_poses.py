@@ -115,7 +115,7 @@ def test_a_glitch_is_left_out_and_said():
     yaw[300] += 0.3
     x[300] += 0.05
     found = motion(time, x, y, yaw, AT, "glitch")
-    assert any("were left out: no motion leads" in note for note in found.notes)
+    assert any("were left out: no plausible motion passes" in note for note in found.notes)
     assert abs(found.signals["yaw_rate"][300] - 2.0) < 0.2
 
 

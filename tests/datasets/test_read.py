@@ -252,7 +252,7 @@ def test_rows_before_the_start_are_left_out_and_counted(write):
 def test_utf_16_is_read(write, encoding):
     text = CSV if encoding == "utf-16" else "\ufeff" + CSV
     np.testing.assert_allclose(read(write(text.encode(encoding)), "roboracer")["v_x"], np.arange(ROWS))
-    assert "begins as UTF-16 text, but is none" in sentence(write(text.encode(encoding)[:-1]))
+    assert "begins like UTF-16 text, but cannot be decoded as such" in sentence(write(text.encode(encoding)[:-1]))
 
 
 def test_seconds_and_nanoseconds_may_stand_apart(write):

@@ -114,5 +114,5 @@ def test_inputs_that_are_fed_back_are_no_inputs(name):
 def test_every_kind_of_model_has_its_functions_or_a_sentence():
     assert isinstance(equations_of(subject(build("kinematic"))), Equations)
     assert isinstance(equations_of(subject(memory("msnn_lat"))), MemoryEquations)
-    with pytest.raises(BadInput, match="recurrent network, whose memory does not fit into equations of motion"):
+    with pytest.raises(BadInput, match="recurrent network, and equations of motion have no place for its memory"):
         equations_of(subject(build("hybrid_force")))

@@ -108,7 +108,7 @@ def test_what_cannot_be_held_is_said():
     told = " ".join(cautions(subject({"steering_lag": 0.01, "tyre_relaxation": 0.3})))
     assert "cannot hold tyre_relaxation" in told
     assert "time constants below 0.03 s to that value: steering_lag" in told
-    assert "the model's drive is no throttle" in told
+    assert "the model's drive signal is not a throttle position" in told
 
 
 def test_pedals_are_mapped_where_the_fit_has_seen_a_throttle():

@@ -133,7 +133,7 @@ def test_what_is_not_known_is_borrowed_for_small_cars_and_said():
     meant = Subject(build("single_track", {}, {}, SMALL), "car", vehicle=SMALL)
     text = files(meant)["car_gym.yaml"].decode()
     assert set(yaml.safe_load(text)) == GYM_KEYS
-    assert "v_max: 20.0  # m/s, speed; of f1tenth_gym's 1:10 car, not known of this vehicle" in text
+    assert "v_max: 20.0  # m/s, speed; value of f1tenth_gym's 1:10 car; not known for this vehicle" in text
     assert "s_max: 0.4  # rad, steering angle\n" in text
     assert any("taken from f1tenth_gym's 1:10 car: sv_min, sv_max" in sentence for sentence in cautions(meant))
 

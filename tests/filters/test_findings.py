@@ -173,13 +173,13 @@ def test_what_is_calibrated_on_motion_is_said_to_be_over_mass():
     model = build("single_track")
     (said,) = only_over_mass(model)
     assert "C_alpha_f / m, C_alpha_r / m, I_z / m" in said
-    assert "m = 1450 kg was held" in said
+    assert "m = 1450 kg was fixed" in said
     assert only_over_mass(build("kinematic")) == []
 
 
 def test_noise_below_what_a_recording_resolves_is_said():
     (said,) = too_quiet({"noise_yaw_rate": 2.5e-5, "noise_a_y": 0.1}, {"yaw_rate": 1e-3, "a_y": 0.02})
-    assert said.startswith("noise_yaw_rate = 2.5·10⁻⁵ rad/s is less than the recording resolves (0.001")
+    assert said.startswith("noise_yaw_rate = 2.5·10⁻⁵ rad/s is below the resolution of the recording (0.001")
 
 
 def test_what_the_checks_distrust_is_said_of_signals_that_are_used():

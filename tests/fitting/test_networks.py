@@ -128,7 +128,7 @@ def test_the_gap_of_a_network_that_nobody_trained_is_refused(laps, tmp_path):
     lap = written(laps, tmp_path / "laps.csv")
     for name in ("mlp_lateral", "bicycle_mlp"):
         said = refused("gap", lap, "--vehicle", "full_size_car", "--model", name, "--out", tmp_path / "gap")
-        assert f"{name} is a hybrid model, whose weights are in no vehicle file: fit it" in said
+        assert f"{name} is a hybrid model, and no vehicle file holds its weights. Fit it" in said
         assert "name equations of motion" in said
 
 

@@ -59,7 +59,7 @@ def test_its_noise_is_what_training_left_and_no_vehicle_states_another(network):
     assert model.learnt
     for output in model.outputs:
         assert stated.noise[output] == network.metrics["train"]["free run"][output]["rmse"]
-    with pytest.raises(BadInput, match="mlp_lateral is a hybrid model; its noise is known from its training"):
+    with pytest.raises(BadInput, match="mlp_lateral is a hybrid model, whose noise is known from its training"):
         of_fit(network, "net", stated)
 
 
@@ -77,7 +77,7 @@ def test_a_number_of_its_physics_is_moved_and_not_added_again():
 def test_recurrent_networks_and_weights_that_nobody_trained_are_refused():
     with pytest.raises(BadInput, match="hybrid_force has a recurrent network"):
         must_have_gaps(build("hybrid_force"))
-    with pytest.raises(BadInput, match=r"mlp_lateral is a hybrid model, whose weights are in no vehicle file: fit it"):
+    with pytest.raises(BadInput, match=r"mlp_lateral is a hybrid model, and no vehicle file holds its weights. Fit it"):
         gb.diagnose("mlp_lateral", other(), vehicle="full_size_car")
 
 

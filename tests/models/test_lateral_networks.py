@@ -73,7 +73,7 @@ def test_a_network_is_linearised_as_the_motion_that_it_amounts_to(lap):
 
     slopes = [(rates(**{n: at[n] + h}) - rates(**{n: at[n] - h})) / (2 * h) for n in names]
     assert np.hstack([system.A, system.B]) == pytest.approx(np.array(slopes).T, rel=1e-6, abs=1e-6)
-    with pytest.raises(BadInput, match="recurrent network, whose memory"):
+    with pytest.raises(BadInput, match="recurrent network, and equations of motion have no place for its memory"):
         linearised(build("hybrid_force"), 18.0)
 
 

@@ -65,7 +65,7 @@ def test_a_moved_recording_is_a_sentence_and_can_be_named(fitted, tmp_path):
     moved = tmp_path / "moved.csv"
     drive.rename(moved)
     try:
-        with pytest.raises(BadInput, match=r"no longer there.*new place with train"):
+        with pytest.raises(BadInput, match=r"no longer there.*new path with train"):
             CliRunner().invoke(report, [str(elsewhere)], catch_exceptions=False)
         arguments = [str(elsewhere), "--train", str(moved), "--figures", str(tmp_path / "figures"), "--json"]
         result = CliRunner().invoke(report, arguments, catch_exceptions=False)
@@ -159,4 +159,4 @@ def test_draws_of_a_posterior_add_bands_and_a_corner_plot(motion_fit, laps, tmp_
     arguments = ("--posterior", tmp_path / "posterior.parquet", "--out", tmp_path / "none.pdf")
     assert "another fit" in refused("report", tmp_path / "other.json", *arguments)
     two = (tmp_path / "fit.json", tmp_path / "other.json")
-    assert "belongs to one fit" in refused("report", *two, *arguments)
+    assert "is the posterior of one fit" in refused("report", *two, *arguments)

@@ -110,9 +110,8 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
         return []
     sentence = (
         "v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation "
-        f"{number(agreed.correlation, 2)}), "
-        "where a point ahead of the rear axle moves towards the inside of the turn: one of them is not ISO 8855, "
-        "or v_y was measured behind the rear axle."
+        f"{number(agreed.correlation, 2)}). In such turns, a point ahead of the rear axle moves towards the inside "
+        "of the turn. One of the two signals is not ISO 8855, or v_y was measured behind the rear axle."
     )
     error = 1 / np.sqrt(agreed.independent - 3)
     return [Finding("sign", Severity.WARNING, FoundAt("v_y"), sentence, agreed.correlation, error)]

@@ -49,8 +49,8 @@ def check_drive(r: Recording) -> list[Finding]:
         return []
     if len(r) < FEWEST_ROWS or r.duration < SHORTEST:
         sentence = (
-            f"{len(r)} rows, {number(r.duration, 2)} s, are too short to be checked, or fitted alone: that needs "
-            f"{FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
+            f"{len(r)} rows, {number(r.duration, 2)} s, are too short to be checked, or fitted alone; at least "
+            f"{FEWEST_ROWS} rows and {SHORTEST:g} s are needed. Record more."
         )
         return [Finding("short", Severity.WARNING, FoundAt("time"), sentence, r.duration, None, "s")]
     if together := _unordered(r):

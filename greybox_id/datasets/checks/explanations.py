@@ -200,7 +200,8 @@ def _sideways(r: Recording) -> list[Explanation]:
         result.append(
             Explanation(
                 f"a_y contains a constant of {signed(size, 2)} m/s²: the road is banked, or the IMU rolled, by "
-                f"{number(abs(float(bank)), 2)}°, or a_y has an offset{also}. Fit with road_bank, or subtract it.",
+                f"{number(abs(float(bank)), 2)}°, or a_y has an offset{also}. Add the effect road_bank to the fit, "
+                "or subtract the constant.",
                 "a_y", size, float(both.errors[constant]), "m/s^2", strength(constant),
             )
         )  # fmt: skip
@@ -247,7 +248,7 @@ def _turned(r: Recording, aside: float | None) -> list[Explanation]:
         Explanation(
             f"The IMU is turned by {number(abs(degrees), 3)}° to the {side}: a_x contains "
             f"{percent(abs(np.sin(angle)))} of v_x · yaw_rate, and a_y the same share of dv_x/dt. Rotate a_x and a_y "
-            "back, or fit with imu_mount_yaw.",
+            "back, or add the effect imu_mount_yaw to the fit.",
             "a_x, a_y", degrees, float(np.degrees(ahead.errors[1])), "deg",
             float((ahead.values[1] / ahead.errors[1]) ** 2),
         )
@@ -356,7 +357,7 @@ def _steered(r: Recording) -> list[Explanation]:
         result.append(
             Explanation(
                 f"steer has an offset of {signed(1000 * size, 2)} mrad: where yaw_rate is zero, v_x · steer is "
-                f"{signed(size, 2)} v_x. Fit with steering_offset, or correct it.",
+                f"{signed(size, 2)} v_x. Add the effect steering_offset to the fit, or correct the signal.",
                 "steer", size, float(whole.errors[2]), "rad", float((whole.values[2] / whole.errors[2]) ** 2),
                 offset=-size,
             )
@@ -370,9 +371,9 @@ def _steered(r: Recording) -> list[Explanation]:
         if min(lengths) > 0 and abs(np.log(lengths[1] / lengths[0])) > HALF and abs(apart) > SURE * error:
             result.append(
                 Explanation(
-                    "The second half is of another car, or steer has another scale there: v_x · steer over yaw_rate "
-                    f"is {quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the "
-                    f"second, at {quantity(pace, 'm/s')}. Fit each half on its own.",
+                    "The second half is of another car, or steer has another scale there: v_x · steer / yaw_rate is "
+                    f"{quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the second, "
+                    f"at a speed of {quantity(pace, 'm/s')}. Fit each half on its own.",
                     "steer", apart, error, "m", (apart / error) ** 2,
                 )
             )  # fmt: skip

@@ -33,8 +33,9 @@ def check_repeats(recording: Recording) -> list[Finding]:
     begin, _, lag = stretches[0]
     rows = np.unique(np.concatenate([np.arange(a, b) for a, b, _ in stretches]))
     sentence = (
-        f"{rows.size} of {len(recording)} rows repeat earlier ones, first {file_row(recording, begin)}, which is that "
-        f"{lag} rows before. Readings scatter, so these were recorded once: leave the repeated rows out."
+        f"{rows.size} of {len(recording)} rows repeat earlier ones; the first is {file_row(recording, begin)}, which "
+        f"equals the row {lag} rows before it. Noise never repeats exactly, so the rows were copied: leave the "
+        "repeated rows out."
     )
     where = FoundAt(", ".join(names), rows=tuple(rows.tolist()))
     return [Finding("repeated", Severity.WARNING, where, sentence, float(rows.size))]

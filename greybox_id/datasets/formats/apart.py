@@ -127,7 +127,10 @@ class Apart:
         if how == "SIGXCPU":
             return self._took(f"{self._limits.seconds:.0f} s")
         if how in FROM_OUTSIDE:
-            return f"{self._file} was not read: another program ended its reader ({how}). Free memory and try again."
+            return (
+                f"{self._file} was not read: another program, or the system, ended the process that read it "
+                f"({how}). Free memory and try again."
+            )
         return f"{self._file} is damaged: reading it ended in {how}; {ADVICE}."
 
     def _took(self, what: str) -> str:

@@ -77,7 +77,9 @@ def _lines(text: str, where: str) -> list[dict[str, Any]]:
 def _listed(text: str, where: str) -> list[dict[str, Any]]:
     rows = _parsed(text, where)
     if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
-        raise BadInput(f"{where}: a list of objects is read, one for each row; write it so, or as CSV.")
+        raise BadInput(
+            f"{where}: the file must hold a list with one object for each row; write it in this form, or as CSV."
+        )
     return rows
 
 

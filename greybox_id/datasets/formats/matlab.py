@@ -58,7 +58,9 @@ def write(columns: Columns, path: Path) -> None:
     """
     for name in columns.values:
         if not re.fullmatch(rf"[A-Za-z]\w{{0,{LONGEST_NAME - 1}}}", name, re.ASCII):
-            raise BadInput(f'{path}: MAT has no variable named "{name}"; rename it in the column map, or write .h5.')
+            raise BadInput(
+                f'{path}: a .mat file cannot hold a variable named "{name}"; rename it in the column map, or write .h5.'
+            )
     vectors = {name: np.reshape(values, (-1, 1)) for name, values in columns.values.items()}
     savemat(path, {**vectors, UNITS: dict(columns.units)}, do_compression=True, long_field_names=True)
 

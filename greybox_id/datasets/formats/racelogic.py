@@ -67,7 +67,7 @@ def _sections(text: str, where: str) -> tuple[Mapping[str, list[str]], int]:
         else:
             lines.append(line.strip())
     if "data" not in sections:
-        raise BadInput(f"{where} has no section [data], and is no whole .vbo file. Export it again.")
+        raise BadInput(f"{where} has no section [data]: this .vbo file is incomplete. Export it again.")
     return sections, first
 
 

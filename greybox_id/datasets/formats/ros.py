@@ -252,7 +252,7 @@ def write(columns: Columns, path: Path) -> None:
     for name in columns.values:
         if not re.fullmatch(r"[a-zA-Z]\w*", name, re.ASCII):
             raise BadInput(
-                f'{path}: ROS messages have no field named "{name}"; rename it in the column map, or write .h5.'
+                f'{path}: ROS messages cannot hold a field named "{name}"; rename it in the column map, or write .h5.'
             )
     kinds = {name: "int64" if values.dtype.kind in "iu" else "float64" for name, values in columns.values.items()}
     store = get_typestore(Stores.ROS2_HUMBLE)

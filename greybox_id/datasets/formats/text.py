@@ -285,7 +285,9 @@ def text_of_file(file: Path) -> bytes:
         try:
             data = data.decode(wide).encode()
         except UnicodeDecodeError as error:
-            raise BadInput(f"{file} begins as UTF-16 text, but is none ({error.reason}). Save it as UTF-8.") from error
+            raise BadInput(
+                f"{file} begins like UTF-16 text, but cannot be decoded as such ({error.reason}). Save it as UTF-8."
+            ) from error
     return _utf_8(data.removeprefix(b"\xef\xbb\xbf"), str(file))
 
 
@@ -355,7 +357,7 @@ def laid_out(data: bytes, where: str, separator: str = "", decimal: str = "") ->
         raise BadInput(f"{where}: row {layout.header + 1} is empty; it must hold the column names.")
     few_enough(len(names), where)
     if len(names) > 1 and all(is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
-        raise BadInput(f"{where}: row {layout.header + 1} holds values where names should stand. Write them above.")
+        raise BadInput(f"{where}: row {layout.header + 1} holds values in place of column names. Write them above.")
     return layout
 
 
@@ -462,7 +464,9 @@ def notes_of(layout: TableLayout) -> tuple[str, ...]:
         notes.append("the file ends within its last row, which was left out.")
     if layout.renamed:
         listed = ", ".join(layout.renamed[:6])
-        notes.append(f"columns of one name ({listed}) are distinguished by their source or by a number behind it.")
+        notes.append(
+            f"columns of the same name ({listed}) are distinguished by their source, or by a number after the name."
+        )
     return tuple(notes)
 
 

@@ -259,7 +259,8 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     usual = [replace(entry, unit=item) for item in USUAL.get(unit, (unit,))]
     if entry.signal != "steer" and all(_impossible(option, sizes) for option in usual):
         why = (
-            f"values up to {number(sizes[entry.signal])} are {entry.signal} in no usual unit: counts? divide_by is how"
+            f"values up to {number(sizes[entry.signal])} fit no usual unit of {entry.signal}. Are they counts? Then "
+            "divide_by is how"
         )
         return [replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, f"{why} many make one {unit}"))]
     return usual

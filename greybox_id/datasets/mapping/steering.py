@@ -107,7 +107,7 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
     """The entry as a question with its most plausible answer."""
     best = readings[0]
     if best.ratio == 1.0:
-        why = f"in {best.unit} it steers as far as the vehicle turns"
+        why = f"if its unit is {best.unit}, it explains how far the vehicle turns"
     else:
         others = f" (or {readings[1].ratio:g} in {readings[1].unit})" if len(readings) > 1 else ""
         why = (

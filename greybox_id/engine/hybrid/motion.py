@@ -26,7 +26,7 @@ def as_motion(model: HybridModel, text: str = "") -> MotionModel:
     network = model.network
     if not isinstance(network, FeedForwardNetwork):
         raise BadInput(
-            f"{model.name} has a recurrent network, whose memory does not fit into equations of motion. Give a "
+            f"{model.name} has a recurrent network, and equations of motion have no place for its memory. Give a "
             "single track the stiffnesses it estimates, or fit mlp_lateral or bicycle_mlp."
         )
     if model.integrator != "rk4":

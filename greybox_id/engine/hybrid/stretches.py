@@ -110,8 +110,8 @@ def windows(model: HybridModel, stretchs: Sequence[Stretch]) -> Windows:
     places = [(one, k) for one in stretchs for k in _starts(len(one), length, stride)]
     if not places:
         raise BadInput(
-            f"No unbroken stretch of the recordings is as long as a window of {model.name}, {length} rows; set window "
-            "and warm_up to smaller ones."
+            f"No unbroken stretch of the recordings is as long as a window of {model.name}, {length} rows; set "
+            "window and warm_up to fewer rows."
         )
     inputs = np.stack([one.inputs[:, k : k + length].T for one, k in places], axis=2)
     outputs = np.stack([one.outputs[:, k : k + length].T for one, k in places], axis=2)

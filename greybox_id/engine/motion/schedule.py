@@ -115,7 +115,7 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
     if not result:
         raise BadInput(
             f"{recording.name} has no unbroken run of {FEWEST_ROWS} rows in which {', '.join(model.inputs)} are all "
-            "there. Take a longer recording, or see with greybox data check where values are missing and runs end."
+            "present. Take a longer recording, or see with greybox data check where values are missing and runs end."
         )
     return result
 

@@ -17,12 +17,12 @@ from .mathematics import EXACT
 from .naming import constant, names, numbers, vector
 
 ABOUT = """\
-   A map with memory: the outputs a sample later follow from a window of past inputs. The window is a struct
-   of yours; {window} bytes. One sample is {time:g} s. u are the inputs handed in, p the parameters, y the
-   outputs. SI units throughout; angles to the left are positive (ISO 8855). Matrices are dense, column after
-   column: by_u[row + rows * column]. No function keeps anything but in the window, takes memory from the heap
-   or calls more than the mathematical library; windows of their own may run at the same time.
-   Stack: at most {stack} bytes. */"""
+   A model with memory: the outputs one sample later follow from a window of past inputs. You allocate the
+   window, a struct of {window} bytes. One sample is {time:g} s. u are the inputs handed in, p the
+   parameters, y the outputs. SI units throughout; angles to the left are positive (ISO 8855). Matrices are
+   dense, column after column: by_u[row + rows * column]. No function keeps anything but in the window,
+   takes memory from the heap or calls more than the mathematical library; windows of their own may run at
+   the same time. Stack: at most {stack} bytes. */"""
 
 
 class MemoryC:
@@ -43,9 +43,9 @@ class MemoryC:
     def tasks(self) -> dict[str, str]:
         """Function -> what it does, for people."""
         return {
-            f"{self.name}_start": "A window in which inputs and readings have always been constant.",
+            f"{self.name}_start": "Fills the window as if inputs and readings had always been constant.",
             f"{self.name}_push": "Adds a sample whose outputs were read; fill the window with these before you step.",
-            f"{self.name}_step": "Goes on by one sample, with its own predictions.",
+            f"{self.name}_step": "Advances the window by one sample, with the model's own predictions.",
             f"{self.name}_output": "What sensors read now.",
             f"{self.name}_step_jacobian": "The next predictions and their derivatives.",
         }

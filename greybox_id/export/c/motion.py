@@ -17,7 +17,7 @@ CAPACITY = 256
 
 
 ABOUT = """\
-   x is the state, u what is commanded or measured of the inputs, held over a step, p the parameters, y
+   x is the state and p the parameters; u are the inputs as commanded or measured, held over a step; y is
    what sensors read. SI units throughout; angles to the left are positive (ISO 8855). Matrices are dense,
    column after column: by_x[row + rows * column]. No function keeps anything, takes memory from the heap or
    calls more than the mathematical library; all may run at the same time. x_next may be x; other results

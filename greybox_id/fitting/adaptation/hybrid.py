@@ -13,7 +13,8 @@ def _adapted_hybrid(model: HybridModel, task: AdaptTask) -> Adaptation:
     """`free`: "auto" or "all", what tyres differ by, or names of some, with commas."""
     if not model.carried_on:
         raise BadInput(
-            f"A fit of {model.name} cannot be adapted: it holds no covariance, which the parameters need that the new "
-            "seconds do not excite. Fit it to the new and the old recordings together."
+            f"A fit of {model.name} cannot be adapted: it holds no covariance. Without a covariance, nothing keeps "
+            "the parameters that the new data do not excite near their estimates. Fit it to the new and the old "
+            "recordings together."
         )
     return adapted_motion(model, task)

@@ -130,8 +130,8 @@ def _free(fit: Fit, free: str) -> tuple[str, ...]:
         known = [name for name in estimated if np.all(np.isfinite(fit.sd.get(name, np.nan)))]
     if not known:
         raise BadInput(
-            f"No parameter of this fit of {fit.model.name} has a standard deviation, so that nothing keeps it near its "
-            "estimate. Fit it again until its optimum is confirmed."
+            f"No parameter of this fit of {fit.model.name} has a standard deviation, so nothing keeps the parameters "
+            "near their estimates. Fit it again until its optimum is confirmed."
         )
     if free in ("auto", "all"):
         return tuple(known)

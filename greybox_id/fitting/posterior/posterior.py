@@ -209,7 +209,7 @@ class Posterior:
         if least < FEW:
             name = str(self.ess.idxmin())
             result.append(
-                f"The draws of {name} amount to {least:.0f} independent ones, too few for an interval. Draw more."
+                f"The draws of {name} are worth {least:.0f} independent draws, too few for an interval. Draw more."
             )
         return result
 

@@ -259,7 +259,7 @@ class _Run:
                 assert isinstance(following, ParticleSet)
                 growing = None
                 if following is population:
-                    self.say("abc-smc: stops early: closer particles are hardly found")
+                    self.say("abc-smc: stopped early, since hardly any closer particles were found")
                     break
                 population = following
                 line = f"abc-smc: population {population.number}, distance below {population.threshold:.4g}, "

@@ -38,7 +38,7 @@ class Estimates:
 
     def __getitem__(self, name: str) -> Array:
         if name not in self.columns:
-            raise BadInput(f"There is no estimate {name}; there are {', '.join(self.columns)}.")
+            raise BadInput(f"There is no estimate {name}; choose one of {', '.join(self.columns)}.")
         return self.columns[name]
 
     def table(self) -> pd.DataFrame:

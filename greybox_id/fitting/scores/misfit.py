@@ -68,7 +68,10 @@ def misfit(fit: Fit) -> Iterator[Reason]:
         return
     yield from _short(fit)
     if stood := fit.how.get("stood"):
-        yield Reason(USABLE, f"{quantity(stood, 's', 2)} of standing under the brake were left out of the fit.")
+        yield Reason(
+            USABLE,
+            f"{quantity(stood, 's', 2)} in which the vehicle stood still with its brake on were left out of the fit.",
+        )
     form: Mapping[str, Any] = fit.how.get("form", {})
     outputs: Mapping[str, Mapping[str, Any]] = form.get("outputs", {})
     if not outputs:
@@ -87,8 +90,8 @@ def misfit(fit: Fit) -> Iterator[Reason]:
         shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
         yield Reason(
             NOT_USABLE,
-            f"The fit leaves {listed(shares)} unexplained beyond noise: the inputs lack what moves the vehicle, or "
-            "belong to another vehicle. See greybox data check.",
+            f"The fit leaves {listed(shares)} unexplained beyond noise: something moves the vehicle that is not "
+            "among the inputs, or the inputs belong to another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
     halves = list(_of_halves(form, _of_form(moving[worst])))
@@ -112,7 +115,7 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
         yield Reason(
             WITH_CARE,
             f"Parts of the data prefer other parameters {gain}, early and late ones alike: the model lacks an effect "
-            "that acts in some of them. Intervals include it; greybox gap looks for the cause.",
+            "that acts in some of them. The intervals include this error; greybox gap looks for its cause.",
         )
         return
     first = EIGHTHS[form.get("first", 4)]
@@ -155,11 +158,13 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
             f"The error of {name} is {left}{against}{depends}: the model lacks an effect"
-            f"{', or is of another vehicle' if error > DOUBTFUL else ''}. Intervals include it; greybox gap looks for "
-            "the cause.",
+            f"{', or is of another vehicle' if error > DOUBTFUL else ''}. The intervals include this error; "
+            "greybox gap looks for its cause.",
         )
     else:
-        yield Reason(USABLE, f"What the model lacks is at most {100 * error:.0f} % of {name}; intervals include it.")
+        yield Reason(
+            USABLE, f"What the model lacks is at most {100 * error:.0f} % of {name}; the intervals include this error."
+        )
 
 
 def _of_form(one: Mapping[str, Any]) -> float:

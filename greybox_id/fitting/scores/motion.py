@@ -78,8 +78,8 @@ def _assumed(model: MotionModel, recording: Recording, start: Mapping[str, float
             and not callable(state.start)
         ):
             result.append(
-                f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless you "
-                "hand over where it starts."
+                f"{recording.name} does not hold {state.name}, so it starts at {state.start:g} {state.unit} unless "
+                "you state its start."
             )
     return result
 

@@ -288,7 +288,10 @@ def calibrated_predictions(
     known = np.any(np.isfinite(predicted), axis=1) & np.logical_not(timing.looked_at(recording))
     rows = np.flatnonzero(known)
     if not len(rows):
-        raise BadInput(f"Nothing of {recording.name} can be predicted behind the calibrated seconds of its runs.")
+        raise BadInput(
+            f"Nothing of {recording.name} can be predicted after the seconds of its runs from which "
+            "delays were estimated."
+        )
     joins = np.searchsorted([start for start, _ in recording.runs], rows, side="right")
     apart = np.concatenate(([False], (np.diff(rows) > 1) | (np.diff(joins) > 0)))
     return Prediction(np.asarray(rows), predicted[rows], measured[rows], np.cumsum(apart))

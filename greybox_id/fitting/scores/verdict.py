@@ -110,8 +110,8 @@ def conditional(fit: Fit, verdict: Verdict) -> Verdict:
     for name, scaled in fit.how.get("scaling", {}).items():
         stated = quantity(float(fit.model[name].array), fit.model[name].unit, 4)
         sentences.append(
-            f"{listed(scaled)} {'scales' if len(scaled) == 1 else 'scale'} with {name}, which the recordings do not "
-            f"determine: intervals hold for {name} = {stated}, as stated."
+            f"{listed(scaled)} {'is' if len(scaled) == 1 else 'are'} proportional to {name}, which the recordings do "
+            f"not determine: the intervals hold if {name} is {stated}, as stated."
         )
     return replace(verdict, reasons=tuple(dict.fromkeys([*verdict.reasons, *sentences])))
 
@@ -234,7 +234,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
 def _facts(fit: Fit) -> Iterator[Reason]:
     """Stated values that the recording contradicts."""
     for name, (change, sd) in fit.how.get("contradicted", {}).items():
-        other = ", or steering that turns the wheels otherwise than stated" if name == "wheelbase" else ""
+        other = ", or the steering ratio is not the stated one" if name == "wheelbase" else ""
         size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
         yield Reason(
             NOT_USABLE if name != "m" and abs(change) > ANOTHER else WITH_CARE,

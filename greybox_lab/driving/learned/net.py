@@ -134,7 +134,7 @@ class ActuatorNet:
     def __post_init__(self) -> None:
         value = VARIANTS.get(self.variant)
         if value is None:
-            raise ValueError(f"there is no variant {self.variant!r}; there are {', '.join(VARIANTS)}")
+            raise ValueError(f"there is no variant {self.variant!r}; choose one of {', '.join(VARIANTS)}")
         if (self.inputs, self.outputs, self.history) != (value.inputs, value.outputs, value.history):
             raise ValueError(f"inputs, outputs or history are not those of the variant {self.variant}")
         if not (self.members and np.isfinite(self.sample_time) and self.sample_time > 0):

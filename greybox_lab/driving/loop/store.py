@@ -314,7 +314,7 @@ def _options(options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
     """An arm and its numbers."""
     arm = options.get("arm", "named")
     if not isinstance(arm, str) or arm not in ARMS:
-        raise BadInput(f"There is no arm {arm!r:.40}; there are {', '.join(ARMS)}.")
+        raise BadInput(f"There is no arm {arm!r:.40}; choose one of {', '.join(ARMS)}.")
     limits = {"seconds": (1.0, 3600.0, 120.0), "steps": (1, 10_000_000, 24_576), "seed": (0, 2**31, 0)}
     numbers: dict[str, Any] = {}
     for name, (low, high, usual) in {**limits, "cap": (0.1, 1.0, 0.6)}.items():
@@ -323,5 +323,5 @@ def _options(options: Mapping[str, Any]) -> tuple[str, dict[str, Any]]:
             raise BadInput(f"{name} is a number from {low:g} to {high:g}, not {value!r:.40}.")
         numbers[name] = type(usual)(value)
     if unknown := sorted(set(options) - {"arm", *numbers}):
-        raise BadInput(f"There is no {unknown[0]!r:.40} to ask for; there are arm, {', '.join(numbers)}.")
+        raise BadInput(f"There is no option {unknown[0]!r:.40}; the options are arm, {', '.join(numbers)}.")
     return arm, numbers

@@ -233,7 +233,7 @@ def families(target: Sequence[str]) -> tuple[str, ...]:
     result: dict[str, None] = {}
     for name in target or ("examination",):
         if name not in FAMILIES and name not in SETS:
-            raise BadInput(f'There is no family "{name}"; there are {", ".join((*SETS, *FAMILIES))}.')
+            raise BadInput(f'There is no family "{name}"; choose one of {", ".join((*SETS, *FAMILIES))}.')
         result |= dict.fromkeys(SETS.get(name, (name,)))
     return tuple(result)
 

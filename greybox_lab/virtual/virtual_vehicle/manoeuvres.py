@@ -165,7 +165,7 @@ def planned(
     BadInput : there is no such manoeuvre.
     """
     if name not in MANOEUVRES:
-        raise BadInput(f"There is no manoeuvre {name}; there are {', '.join(MANOEUVRES)}.")
+        raise BadInput(f"There is no manoeuvre {name}; choose one of {', '.join(MANOEUVRES)}.")
     mixed = name == "mixed"
     body = _mixed(size, rows, rate, road_speed, rng) if mixed else [PIECES[name](size, rows, rate, rng)]
     joined = np.concatenate(body)[:rows]

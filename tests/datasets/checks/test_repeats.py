@@ -34,7 +34,8 @@ def test_a_drive_that_was_appended_to_itself_is_told_with_its_rows():
     assert found.severity is Severity.WARNING
     assert found.where.rows == tuple(range(1500, 4500))
     assert found.sentence.startswith(
-        "3000 of 4500 rows repeat earlier ones, first row 1500, counted from 0, which is that 1500 rows before."
+        "3000 of 4500 rows repeat earlier ones; the first is row 1500, counted from 0, which equals the "
+        "row 1500 rows before it."
     )
 
 

@@ -66,7 +66,11 @@ def test_arrays_come_back_bit_by_bit(file):
     [
         ("crash", [], "lap.strange is damaged: reading it ended in SIGSEGV; restore it or export it again"),
         ("is_killed", ["SIGABRT"], "ended in SIGABRT"),
-        ("is_killed", ["SIGKILL"], r"another program ended its reader \(SIGKILL\). Free memory and try again"),
+        (
+            "is_killed",
+            ["SIGKILL"],
+            r"another program, or the system, ended the process that read it \(SIGKILL\). Free memory and try again",
+        ),
         ("spin", [], "too large: reading it took more than 1 s;"),
         ("gabble", [], "is damaged: reading it ended in nonsense"),
         ("gives", [], r"not a sound strange file \(.*data-type"),

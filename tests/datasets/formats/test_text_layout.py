@@ -254,7 +254,7 @@ def test_a_file_without_time_is_read_at_its_rate(tmp_path):
 def test_a_table_without_names_is_a_sentence(tmp_path):
     file = tmp_path / "lap.csv"
     file.write_text("\n".join(map(",".join, TEXT)))
-    with pytest.raises(BadInput, match="row 1 holds values where names should stand"):
+    with pytest.raises(BadInput, match="row 1 holds values in place of column names"):
         contents(file, column_map("canonical"))
 
 

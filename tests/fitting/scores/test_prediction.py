@@ -49,7 +49,7 @@ def test_a_simulation_from_given_states_is_as_fine_as_the_model_is_stiff(car):
 def test_states_nobody_knows_are_named(car):
     (first, second) = assumed(car, without(commands(), "v_x"), {})
     assert "does not hold v_x, so it starts at 0 m/s" in first
-    assert "hand over where it starts" in second
+    assert "state its start" in second
     assert assumed(car, driven("single_track", runs=1), {}) == []
 
 

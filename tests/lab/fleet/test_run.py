@@ -182,7 +182,7 @@ def test_folders_with_something_else_are_left_alone(fleet):
     plan, _, _ = fleet
     assert "holds no results of a fleet" in refused("fleet", "status", plan.parent)
     assert "no results of a fleet; name another with --out" in refused("fleet", "run", plan, "--out", plan.parent)
-    assert "would be written over" in refused("fleet", "run", plan, "--out", plan)
+    assert "would be overwritten" in refused("fleet", "run", plan, "--out", plan)
     other = plan.with_name("other.txt")
     other.write_text("mine", encoding="utf-8")
     assert "is a file; name another folder with --out" in refused("fleet", "run", plan, "--out", other)

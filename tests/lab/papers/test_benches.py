@@ -150,7 +150,7 @@ def test_grip_is_known_where_axles_lock_and_nowhere_else(tmp_path):
     assert known["value"] < 0.1
     page = tmp_path / "abs.md"
     page.write_text("notes of my own\n", encoding="utf-8")
-    assert "abs.md is there already" in refused("bench", "abs", "--data", tmp_path, "--report", page)
+    assert "abs.md already exists" in refused("bench", "abs", "--data", tmp_path, "--report", page)
     page.unlink()
     for _ in range(2):  # a page of ours may be replaced
         greybox("bench", "abs", "--data", tmp_path, "--report", page)
