@@ -8,7 +8,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Fleet": {
         "fleet": (
             "greybox_lab.cli.fleet",
-            "Run thousands of recordings of many vehicles; population, outliers, drift.",
+            "Fit thousands of recordings of many vehicles; find population, outliers and drift.",
         ),
     },
     "Race": {

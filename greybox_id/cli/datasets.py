@@ -74,7 +74,7 @@ def fetch_command(
     if dataset.columns:
         screen.print(f"next: greybox data check {paths[0]} --columns {dataset.columns}")
     else:
-        screen.print(f"next: greybox data map {paths[0]} proposes a column map; greybox bench needs none")
+        screen.print(f"next: greybox data map {paths[0]} proposes a column map; greybox bench needs no map")
 
 
 @command("make", of=datasets)
@@ -84,7 +84,7 @@ def make_command(
     seed: int | None = option("Seed of all random numbers.", type=FROM_ZERO),
     as_json: bool = JSON,
 ) -> None:
-    """Make the synthetic recordings NAME; the same seed makes the same.
+    """Make the synthetic recordings NAME; the same seed makes the same recordings.
 
     \b
     greybox datasets make virtual_lap --seed 7 --out recordings

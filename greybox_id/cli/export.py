@@ -46,7 +46,7 @@ def export(
 ) -> None:
     """Write FIT, or a model made from options, as code or parameter files for other tools.
 
-    A policy's file in the place of FIT is written as C or ONNX.
+    If FIT is the file of a policy, it is written as C or ONNX.
 
     \b
     greybox export run/fit.json --target c --out car

@@ -47,13 +47,15 @@ def fit(
         "Horizon of the predictions that are fitted; default: whole runs.", "SECONDS", type=ABOVE_ZERO
     ),
     start_from: Literal["free", "measured"] = option(
-        "Whether the initial state of a prediction may deviate from its readings.", default="free"
+        "Whether the initial state of a prediction may deviate from the readings.", default="free"
     ),
     robust: float | None = option("Residuals beyond K standard deviations count linearly.", "K", type=ABOVE_ZERO),
     noise: Sequence[str] = option("Standard deviation of an output's readings.", "NAME=SD"),
-    early_stopping: bool = option("Stop when the error on the validation recording is smallest, as published."),
+    early_stopping: bool = option(
+        "Stop when the error on the validation recording is smallest, as in the paper on the model."
+    ),
     strength: float | None = option(
-        "Factor on the priors of the weights; chosen by cross-validation unless given.", type=ABOVE_ZERO
+        "Factor on the strength of the weights' priors; default: chosen by cross-validation.", type=ABOVE_ZERO
     ),
     solver: Literal["auto", "gauss-newton", "ipopt"] = option(
         "auto: Gauss-Newton finds the optimum, Ipopt confirms it.", default="auto"

@@ -241,7 +241,7 @@ def gap(
     ),
     columns: str = COLUMNS,
     held_out: Sequence[str] = option(
-        "A held-out recording, on which the closed gap is measured; repeatable.", "RECORDING", type=FILE
+        "Held-out recording, on which it is measured how much of the gap closes; repeatable.", "RECORDING", type=FILE
     ),
     since: Sequence[str] = option(
         "Recordings from before a change: report what differs by more than these differ among themselves.",
@@ -257,11 +257,12 @@ def gap(
     arena: str | None = option(
         "Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30.", "ARENA"
     ),
-    check: bool = option("Exit with 1 where a gap is detected."),
+    check: bool = option("Exit with code 1 if a gap is detected."),
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Say where the simulation of each RECORDING deviates from the vehicle, why, and how much of that closes.
+    """Say where the simulation of each RECORDING deviates from the vehicle, which effects cause this, and how much of
+    the gap closes with them.
 
     \b
     greybox gap lap7.csv --vehicle car.toml --held-out lap8.csv
@@ -324,7 +325,9 @@ def _simulation(vehicle: str | None, fit: str | None, model: str | None) -> tupl
     stated = named_vehicle(vehicle)
     if fit is not None:
         if model is not None:
-            raise BadInput(f"--model {model}: a fit brings its own model; omit --model, or name --vehicle alone.")
+            raise BadInput(
+                f"--model {model}: a fit has its own model; omit --model, or use --vehicle in place of --fit."
+            )
         return fit_of(fit), stated
     usual = stated is not None and stated.model is not None and model in (None, stated.model.name)
     return (stated, None) if model is None or usual else (model, stated)

@@ -20,7 +20,7 @@ def grid(
     ),
     columns: str = COLUMNS,
     validate: str | None = option(
-        "Recording on which structures are scored; AIC, as published, is computed on it.", "RECORDING", type=FILE
+        "Recording on which structures are scored and AIC is computed.", "RECORDING", type=FILE
     ),
     strength: float | None = option(
         "Factor on the strength of the priors; default: chosen once by cross-validation, for the default structure.",
@@ -34,7 +34,7 @@ def grid(
 
     The table of fits is written after each fit; after an interruption the same command continues it. Of the structures
     whose cross-validated error is within one standard error of the least, the one with the fewest parameters is chosen.
-    The one of least AIC, as published, is named as well.
+    The structure of least AIC, the criterion of the paper, is named as well.
 
     \b
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv

@@ -45,7 +45,7 @@ def predict(
     out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="prediction.csv"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Predict RECORDING with FIT: so many seconds ahead, or freely from the start of each run.
+    """Predict RECORDING with FIT, a given time ahead or freely from the start of each run.
 
     \b
     greybox predict run/fit.json lap7.csv --columns roboracer --horizon 0.5 --out lap7_predicted.csv

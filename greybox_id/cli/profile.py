@@ -23,10 +23,11 @@ def profile(
     ),
     columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
     jobs: int = JOBS,
-    out: str | None = option("Write the curves there: a .csv or .parquet file.", "FILE"),
+    out: str | None = option("Write the profiles to this .csv or .parquet file.", "FILE"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Profile parameters of FIT: the interval in which the fit stays good, all other parameters re-optimised.
+    """Find, for each parameter of FIT, the interval in which the fit stays good if all other parameters are
+    re-optimised.
 
     The training recordings of FIT are read from their former paths, or from RECORDING... if they were moved.
     Ctrl-C keeps the profiles that are done.

@@ -21,7 +21,7 @@ def report(
     ),
     out: str | None = option("File to write; default: beside the first file.", "FILE"),
     posterior: str | None = option("Draws of greybox sample for one FIT: adds bands and a corner plot.", "FILE"),
-    figures: str | None = option("Also write the figures there, as SVG.", "FOLDER"),
+    figures: str | None = option("Also write the figures to this folder, as SVG.", "FOLDER"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Write a report of a FIT (fit.json), of a GAP (gap.json of greybox gap --out) or of a TRACK (the .json beside the

@@ -18,7 +18,8 @@ def sample(
     fit_file: str = argument("FIT", type=FILE),
     files: Sequence[str] = argument("[RECORDING...]", type=FILE),
     method: Literal["laplace", "mcmc", "abc-smc"] = option(
-        "Draw from the fit's covariance (laplace), from likelihood and priors (mcmc), or by distances alone (abc-smc).",
+        "Draw from the fit's covariance (laplace), from likelihood and priors (mcmc), or by the distances between "
+        "simulations and recordings (abc-smc).",
         default="mcmc",
     ),
     draws: int = option("Number of draws; of particles for abc-smc.", default=2000),

@@ -67,7 +67,7 @@ def track(
         default=5.0,
     ),
     out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="estimates.parquet"),
-    figures: str | None = option("Write pictures there, as SVG.", "FOLDER"),
+    figures: str | None = option("Write the figures to this folder, as SVG.", "FOLDER"),
     apply: str | None = option("Vehicle file (.toml or .json) with the tuned numbers.", "FILE"),
     live: bool = option("Read CSV lines from standard input and write estimates line by line.", name="--follow"),
     as_json: bool = JSON_AND_OWN,
@@ -129,7 +129,7 @@ def _tracked(chosen: RequestedModel, fit_file: str | None) -> Fit | RequestedMod
     """A fit, or the model that the options ask for."""
     if fit_file is not None:
         if chosen.name is not None or chosen.vehicle is not None:
-            raise click.UsageError("--fit stands in place of --model and --vehicle; omit one of them.")
+            raise click.UsageError("--fit replaces --model and --vehicle; omit one or the other.")
         return fit_of(fit_file)
     if chosen.name is None and (chosen.vehicle is None or chosen.vehicle.model is None):
         chosen = replace(chosen, name="single_track")

@@ -122,7 +122,7 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
         if name not in model:
             raise BadInput(f"‹parameter› {name}: {model.name} has no parameter {name}.{near_or_all(name, free)}")
         if name not in free:
-            why = "is held in this fit" if model[name].fixed else "has a value for each run"
+            why = "is fixed in this fit" if model[name].fixed else "has a value for each run"
             raise BadInput(f"‹parameter› {name}: {name} {why}; only {', '.join(free)} have profiles.")
     return list(dict.fromkeys(names))
 

@@ -110,7 +110,7 @@ def with_form_error(model: MotionModel) -> MotionModel:
     slips = [
         Parameter(
             f"curve_slip_{suffix}", "rad", 0.08, (1e-3, 1.0), fixed=True,
-            about=f"slip at which the slope alone would give the peak, {where}",
+            about=f"slip at which a straight line with the slope at zero slip would reach the peak, {where}",
         )
         for suffix, where in AXLES.items()
     ]  # fmt: skip

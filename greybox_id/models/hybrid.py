@@ -46,8 +46,8 @@ OFFSETS = (
 )
 SIMILAR = tuple(
     Parameter(f"{kind}_scale_{axle}", "1", 1.0, (0.3, 3.0), Prior(0.3), fixed=True, about=f"{what}, {where} axle")
-    for kind, what in (("stiffness", "slope at zero slip over that of the trained tyres"),
-                       ("grip", "largest force over that of the trained tyres"))
+    for kind, what in (("stiffness", "slope at zero slip divided by that of the trained tyres"),
+                       ("grip", "largest force divided by that of the trained tyres"))
     for axle, where in (("f", "front"), ("r", "rear"))
 )  # fmt: skip
 ALONG = (
@@ -123,7 +123,8 @@ def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSet
     driven = v_x[np.isfinite(v_x) & (v_x >= settings.least_speed)]
     if len(driven) == 0:
         raise BadInput(
-            f"{recording.name} is nowhere faster than {settings.least_speed:g} m/s; slower, slip angles mean nothing."
+            f"{recording.name} is nowhere faster than {settings.least_speed:g} m/s; at lower speeds, slip angles "
+            "mean nothing."
         )
     mean, spread = float(np.mean(driven)), float(np.std(driven))
     return replace(

@@ -41,7 +41,7 @@ LEVER = Parameter(
     0.0,
     (-5.0, 10.0),
     fixed=True,
-    about="from the centre of gravity ahead to where v_y is read",
+    about="distance from the centre of gravity forward to the point where v_y is read",
 )
 Rates = Callable[[Namespace, Namespace, Namespace], Mapping[str, Symbol]]
 
@@ -83,7 +83,9 @@ class LateralNetworkSettings:
         for name, words in (("activation", ("tanh", "relu")), ("integrator", get_args(Integrator))):
             must_be_one_of(words, getattr(self, name), f"Setting {name}: there is no")
         if self.scales is not None and (len(self.scales) != 7 or min(np.delete(self.scales, 2)) <= 0):
-            raise BadInput("Setting scales is a list of seven numbers, above zero but for the third, the mean speed.")
+            raise BadInput(
+                "Setting scales is a list of seven numbers, all above zero, except the third, the mean speed."
+            )
 
 
 def covering_networks(settings: LateralNetworkSettings, recording: Recording) -> LateralNetworkSettings:

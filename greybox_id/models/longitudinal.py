@@ -23,7 +23,9 @@ from .single_track import BODY, BRAKE, DRIVE, MOTOR, G, motor_force, not_usual
 from .smooth import sign_of_motion, within_limit
 
 WHEELS = (
-    Parameter("I_w", "kg m^2", 1.0, (0.0, 100.0), fixed=True, about="inertia of one wheel and all that turns with it"),
+    Parameter(
+        "I_w", "kg m^2", 1.0, (0.0, 100.0), fixed=True, about="inertia of one wheel and all parts that turn with it"
+    ),
     Parameter("wheel_radius", "m", 0.32, (0.01, 2.0), fixed=True, about="rolling radius of the wheels"),
 )
 """Of the car whose numbers a model has that is told no vehicle."""
@@ -35,7 +37,12 @@ PARAMETERS = (
     *WHEELS,
     *(parameter for parameter in DRIVE if parameter.name in ("c_0", "c_1", "c_2", "force_per_unit")),
     Parameter(
-        "brake_gain", "1", 1.0, (0.0, 10.0), fixed=True, about="braking force per unit over driving force per unit"
+        "brake_gain",
+        "1",
+        1.0,
+        (0.0, 10.0),
+        fixed=True,
+        about="braking force per unit divided by driving force per unit",
     ),
     Parameter(
         "friction",
@@ -43,7 +50,7 @@ PARAMETERS = (
         ENDLESS,
         (0.01, ENDLESS),
         fixed=True,
-        about="largest longitudinal force over the weight, the road's friction; unlimited unless stated",
+        about="largest longitudinal force divided by the weight (friction of the road); unlimited unless stated",
     ),
     Parameter("drive_lag", "s", 0.05, (0.0, 2.0), about="first-order time constant of drive and brakes"),
 )

@@ -65,8 +65,8 @@ def msnn_full(settings: FullSettings | None = None) -> MemoryModel:
     lat, long = msnn_lat(s.lat), msnn_long(s.long)
     if lat.sample_time != long.sample_time:
         raise BadInput(
-            f"MS-NN-lat is set to samples of {lat.sample_time:g} s and MS-NN-long to {long.sample_time:g} s; "
-            "one loop needs one sample time."
+            f"MS-NN-lat has a sample time of {lat.sample_time:g} s and MS-NN-long one of {long.sample_time:g} s; a "
+            "closed loop needs the same sample time for both."
         )
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:

@@ -62,7 +62,10 @@ def _increasing(centres: Sequence[float], what: str) -> None:
 def fading(length: int, samples: float = 3.0) -> Array:
     """An impulse response that fades over `samples` samples, oldest first, with unit gain."""
     if length < 1:
-        raise BadInput(f"A window holds the newest sample at least; {length - 1} samples before it were asked for.")
+        raise BadInput(
+            "A window holds at least the newest sample, so the number of samples before it must be 0 or "
+            f"more, not {length - 1}."
+        )
     weights = np.exp(-np.arange(length)[::-1] / samples)
     return np.asarray(weights / weights.sum())
 

@@ -57,8 +57,8 @@ class Prior:
         for name, value in spreads.items():
             if not np.all(_numbers(value, f"Prior, {name}") > 0.0):
                 raise BadInput(
-                    f"Prior, {name}: standard deviations above zero are needed, not {value!r:.40}; what is known "
-                    "exactly is a fixed parameter."
+                    f"Prior, {name}: standard deviations above zero are needed, not {value!r:.40}; if a value is "
+                    "known exactly, fix the parameter."
                 )
         if self.mean is not None and not np.all(np.isfinite(_numbers(self.mean, "Prior, mean"))):
             raise BadInput(f"Prior, mean: finite numbers are needed, not {self.mean!r:.40}.")

@@ -241,7 +241,7 @@ def prepared(
     model = build(name, asdict(covering))
     for effect in effects or {}:
         if effect in model.effects:
-            raise BadInput(f"Model {name} has the effect {effect} by its own settings; change it there (‹settings›).")
+            raise BadInput(f"Model {name} has the effect {effect} from its settings; change it there (‹settings›).")
     return _completed(model, effects, vehicle)
 
 
@@ -297,7 +297,7 @@ def register(model: Model | Effect) -> str:
         raise BadInput(f"A model or an effect is needed, not {model!r:.60}.")
     kind = "model" if isinstance(model, Model) else "effect"
     if model.name in SHIPPED:
-        raise BadInput(f"Your {kind} is called {model.name}, as one that greybox-id ships; give it another name.")
+        raise BadInput(f"Your {kind} is called {model.name}, like one that greybox-id ships; give it another name.")
     if isinstance(model, Model):
         MODELS[model.name] = ModelEntry(NoSettings, lambda settings: model, own=model)
     else:
@@ -408,7 +408,9 @@ def own_model(place: str) -> Model:
     result = _named(place)
     made = result if isinstance(result, Model) or not callable(result) else _called(result, place)
     if not isinstance(made, Model):
-        raise BadInput(f"{place} is no model but {made!r:.60}; name a MotionModel, or a function that makes one.")
+        raise BadInput(
+            f"{place} must give a model, but gives {made!r:.60}; name a MotionModel, or a function that makes one."
+        )
     register(made)
     return made
 
@@ -418,7 +420,8 @@ def own_effect(place: str) -> Effect:
     result = _named(place)
     if not isinstance(result, Effect):
         raise BadInput(
-            f"{place} is no effect but {result!r:.60}; make one with gb.effects.alteration or gb.effects.Effect."
+            f"{place} must give an effect, but gives {result!r:.60}; make one with gb.effects.alteration or "
+            "gb.effects.Effect."
         )
     register(result)
     return result

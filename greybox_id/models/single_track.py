@@ -62,7 +62,9 @@ DRIVE = (
 
 MOTOR = (
     Parameter("dead_band", "1", 0.0, (0.0, 1.0), about="drive signal below which the motor gives no force"),
-    Parameter("motor_damping", "N s/m", 0.0, (0.0, 1e5), about="force that full drive loses per speed: back-EMF"),
+    Parameter(
+        "motor_damping", "N s/m", 0.0, (0.0, 1e5), about="loss of force at full drive per unit of speed (back-EMF)"
+    ),
 )
 """What the drive "motor" has beside `DRIVE`."""
 BRAKE = (Parameter("brake_per_unit", "N/unit", 3000.0, (0.0, 1e6), about="braking force per unit of the brake signal"),)
@@ -231,8 +233,8 @@ def must_stand(model: Model) -> None:
     if stiffness <= m * h_cg * G:
         stiff, weight = quantity(stiffness, "N m/rad"), quantity(m * h_cg * G, "N m/rad")
         raise BadInput(
-            f"{model.name}: the body tips over: roll_stiffness is {stiff}, and its weight, m · h_cg · g, needs more "
-            f"than {weight}. State a larger roll_stiffness in the vehicle file, or set body=stiff."
+            f"{model.name}: the body tips over, since roll_stiffness is {stiff}: it must exceed m · h_cg · g = "
+            f"{weight}. State a larger roll_stiffness in the vehicle file, or set body=stiff."
         )
 
 

@@ -149,7 +149,10 @@ class TyreFile:
         """
         if self.side == "symmetric":
             return {}
-        source = f"{Path(self.path).name}: shift of one {self.side or 'single'} tyre; it cancels in a mirrored pair"
+        source = (
+            f"{Path(self.path).name}: shift of one {self.side or 'single'} tyre; it cancels between a left and "
+            "a mirrored right tyre"
+        )
         sizes = {"S_h": abs(here.S_h), "S_v": abs(here.S_v)}
         return {
             f"{name}_{axle}": Stated(0.0, size, source=source) for name, size in sizes.items() if size for axle in "fr"

@@ -83,7 +83,7 @@ class Stated:
             ):
                 raise BadInput(f"Stated, {name}: a number or None is needed, not {value!r:.40}.")
         if self.sd is not None and self.sd < 0.0:
-            raise BadInput(f"Stated, sd: a standard deviation cannot be negative, as {self.sd:g} is.")
+            raise BadInput(f"Stated, sd: a standard deviation cannot be negative, but it is {self.sd:g}.")
         if self.min is not None and self.max is not None and self.min > self.max:
             raise BadInput(f"Stated: min = {self.min:g} is above max = {self.max:g}.")
 
@@ -336,7 +336,7 @@ def _stated(entry: object, where: str) -> Stated:
     given = {key: _number(entry[key], f"{where}: {key}", key) for key in STATED_KEYS[:-1] if key in entry}
     low, high, value, sd = given.get("min", -inf), given.get("max", inf), given.get("value"), given.get("sd")
     if sd is not None and sd <= 0:
-        raise BadInput(f"{where}: sd = {sd:g} must be above zero; leave sd out of what is known.")
+        raise BadInput(f"{where}: sd = {sd:g} must be above zero; omit sd if the value is known exactly.")
     if low > high:
         raise BadInput(f"{where}: min = {low:g} is above max = {high:g}; mend one of them.")
     if value is not None and not low <= value <= high:
@@ -370,7 +370,7 @@ def _all_known(
             if elsewhere := [other for other, item in others.items() if key in item]:
                 raise BadInput(f"{where} {key}: that is no {what} and belongs under [{elsewhere[0]}].")
             raise BadInput(
-                f'{where} {key}: there is no {what} "{key}".{near(key, names)} Mend its name or take it out.'
+                f'{where} {key}: there is no {what} "{key}".{near(key, names)} Correct the name or remove it.'
             )
 
 

@@ -156,9 +156,9 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
     where = listed([record.name for record in fits[0].fit.data if record.role == role])
     judged = f"{where}{', which they were fitted to' if role == 'train' else ' (held out)'}"
     words = (
-        f"Differences are RMSE less that of {base}, over the rows that both predict, with 95 % intervals from "
-        f"{DRAWS} draws of blocks of time, the same blocks for both; a block lasts {TIMES:g} correlation times of the "
-        "difference of squared errors. An interval without zero (*) is a difference that these recordings show."
+        f"Differences are the RMSE minus that of {base}, over the rows that both predict. Their 95 % intervals come "
+        f"from {DRAWS} draws of blocks of time, the same blocks for both fits; a block lasts {TIMES:g} correlation "
+        "times of the difference of squared errors. A * marks a difference whose interval excludes zero."
     )
     parts = (
         VerdictBox(tuple(_sentence(name, base, pair, judged) for name, pair in pairs.items())),
@@ -197,7 +197,9 @@ def _sentence(name: str, base: str, pairs: Mapping[tuple[str, str], Paired], jud
     """Where a fit differs from the first in free run, or at the first protocol both have."""
     protocols = dict.fromkeys(protocol for _, protocol in pairs)
     if not protocols:
-        return name, f"It makes no prediction of the same kind as {base}, so that their errors are not compared."
+        return name, (
+            f"The errors are not compared with those of {base}: the two fits make no predictions of the same kind."
+        )
     main = FREE_RUN if FREE_RUN in protocols else next(iter(protocols))
     clauses = []
     for (output, protocol), pair in pairs.items():
@@ -306,7 +308,7 @@ def _apart(fits: Sequence[NamedFit]) -> str:
         f"{fit.name} on {listed([d.name for d in fit.fit.data if d.role == 'validate']) or 'nothing'}" for fit in fits
     ]
     return (
-        f"The fits were not judged on the same files ({listed(judged)}), so that their errors cannot be compared. Fit "
+        f"The fits were not judged on the same files ({listed(judged)}), so their errors cannot be compared. Fit "
         "them with the same validation recording, or validate them on one recording."
     )
 

@@ -25,7 +25,10 @@ ROLE_WORDS = {"train": "training", "validate": "validation"}
 HEAD = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prior", "note")
 MOST_FILES = 3
 """Files of recordings that a title names."""
-OBJECTIVE = "The objective is half the sum of squares of residuals and priors, in standard deviations."
+OBJECTIVE = (
+    "The objective is half the sum of squares of residuals and of deviations from the priors, each in its "
+    "standard deviations."
+)
 
 
 def heading(what: str, subject: str, data: Sequence[DataRecord]) -> str:
@@ -68,7 +71,7 @@ def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:
         if np.isfinite(noise.sd(name))
     ]
     caveat = (
-        " At rest the sensors are not shaken: while driving, noise is at least this large."
+        " This was measured at rest, without vibrations: while driving, the noise is at least as large."
         if noise.where == "at rest"
         else ""
     )
@@ -303,10 +306,11 @@ def residual_drawing(recordings: Sequence[Seen], inputs: Sequence[str]) -> Drawi
     return Drawing(
         "residuals",
         residual_correlations(one, inputs),
-        f"Correlation of the residuals over {_where_from(one)} with themselves over lags and, of the longest "
-        "prediction, with inputs. At positive lags the residual comes after the input. Correlations outside the "
-        "band mean that the model lacks something, or has a wrong delay. Predictions over a horizon correlate "
-        "for as long as the horizon even where the model is right.",
+        f"Auto-correlations of the residuals over {_where_from(one)}, and, for the longest horizon, their "
+        "cross-correlations with the inputs. At positive lags, the residual follows the input. Correlations outside "
+        "the "
+        "band mean that the model lacks something, or has a wrong delay. Errors of predictions over a horizon "
+        "correlate over lags up to that horizon, even if the model is right.",
         "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
     )
 
@@ -319,7 +323,7 @@ def spectrum_drawing(recordings: Sequence[Seen], heard: Noise | None) -> Drawing
         "half."
     )
     if heard is None:
-        words = "No stretch of the recordings shows the sensors' noise alone, so it is left out."
+        words = "No stretch of the recordings shows the sensors' noise alone, so the noise is not drawn."
     else:
         caveat = ", where the sensors are not shaken" if heard.where == "at rest" else ""
         words = f"Noise is measured {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."

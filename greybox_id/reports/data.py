@@ -38,8 +38,8 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
     where = Drawing(
         "excitation",
         excitation(recordings),
-        "Where the data lie: samples over speed and lateral acceleration. Where no sample lies the recordings do not "
-        "excite the model, and it extrapolates.",
+        "Where the data lie: samples over speed and lateral acceleration. In regions without samples, the model "
+        "extrapolates.",
         "Maps of the samples over speed and lateral acceleration, training and validation.",
     )
     return titled("Data", applied(value, signals), *_findings(value), where)
@@ -64,9 +64,9 @@ def limits(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part, ..
         )
     head = ("signal", "unit", "99 % of training", "all of training", "all of validation", "beyond")
     words = (
-        "Ranges hold 99 % of each training signal. Outside them the model extrapolates on its equations alone, and "
-        "its intervals do not hold. Signals inside their ranges may still be in a combination that was not driven: "
-        "see the map of the data. Beyond: share of the validation samples outside the range."
+        "Ranges hold 99 % of each training signal. Outside these ranges the model extrapolates, and its intervals do "
+        "not hold. Even inside the ranges, a combination of signals may not have been driven: see the map of the "
+        "data. Beyond: share of the validation samples outside the range."
     )
     return titled("Limits of validity", Table(head, tuple(rows), "Llrrrr"), Text(words if rows else ""))
 

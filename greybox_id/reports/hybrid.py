@@ -59,7 +59,11 @@ def network_words(model: HybridModel) -> str:
     if isinstance(network, FeedForwardNetwork):
         units = {"tanh": "hyperbolic tangents", "relu": "rectified linear units"}[network.activation]
         layers = ", ".join(map(str, network.hidden))
-        mirrored = " It is odd: a right turn gives the mirror image of a left one." if network.mirrored else ""
+        mirrored = (
+            " The network is an odd function: a right turn gives the mirror image of a left turn."
+            if network.mirrored
+            else ""
+        )
         return (
             f"z is the output of a feed-forward network of {layers} {units} that reads {network.features} features of "
             f"states and inputs; its last layer is linear.{mirrored}"
@@ -68,8 +72,8 @@ def network_words(model: HybridModel) -> str:
     skip = " and reads the features directly, too" if network.skip else ""
     return (
         f"z is the output of a recurrent network of {layers} rectified linear units. At every row it reads "
-        f"{network.features} features of states and inputs, and its layers' outputs of the row before; its last layer "
-        f"is linear{skip}."
+        f"{network.features} features of states and inputs, and the outputs of its layers at the row before; its "
+        f"last layer is linear{skip}."
     )
 
 
@@ -144,8 +148,8 @@ def _against(fit: Fit) -> str:
 def _trained(fit: Fit) -> str:
     stage = fit.stages[-1]
     return (
-        f"{capital(ended(stage))}; of {counted(len(stage.starts), 'training')} the best on held-out manoeuvres was "
-        "kept. Single weights have no intervals: trainings from several seeds show the spread."
+        f"{capital(ended(stage))}; {counted(len(stage.starts), 'training')} ran, and the best on held-out manoeuvres "
+        "was kept. Single weights have no intervals: trainings from several seeds show the spread."
     )
 
 

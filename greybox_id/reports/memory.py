@@ -92,20 +92,21 @@ INTERVALS = (
     "end at a parameter's bounds. Notes mark parameters on which the recording has little information."
 )
 ERRORS = (
-    "RMSE is given with its standard error, from blocks of one second; FVU is the fraction of the measured signal's "
-    "variance that the error has."
+    "RMSE is given with its standard error, from blocks of one second; FVU is the variance of the error divided by "
+    "that of the measured signal."
 )
 EQUATIONS = (
-    "Derived from the model: next is one sample, T, after the newest input; w is an abbreviation of a repeated term. "
-    "A bracket holds at the time written below it, so that a sum over n is a window of past samples. Long sums show "
+    "Derived from the model: “next” marks a value one sample, T, after the newest input; w stands for a repeated "
+    "term. A bracket is evaluated at the time written below it, so a sum over n is over a window of past samples. "
+    "Long sums show "
     "their first terms and the last."
 )
 PROTOCOL_WORDS = {"honest": "one sample ahead", "published": "as published", "closed_loop": "closed loop"}
 PROTOCOL_MEANING = {
     "honest": "every input is measured, no window crosses a join between runs, and all samples are pooled.",
     "published": "as in the papers on model-structured networks: windows are laid across joins as if the recording "
-    "were one run, and the figure is the mean of the RMSE of batches of 100 windows. It is given for comparison "
-    "with published tables only.",
+    "were one run, and the value is the mean of the RMSE of batches of 100 windows. It is given only for comparison "
+    "with published tables.",
     "closed_loop": "the model runs on its own predictions from the first window of each run to the run's end; no "
     "window crosses a join, and all samples are pooled.",
 }
@@ -209,7 +210,7 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: 
         for name, measure in measures.items()
     ]
     text = (
-        "One sample ahead on measured inputs, the ratio of its error to that of holding the last measured value is "
+        "One sample ahead on measured inputs, the ratio of the model's error to that of persistence is "
         f"{listed(held)} (below 1 the model is better)"
     )
     if role == "train":
@@ -279,10 +280,10 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> tuple[Draw
         Drawing(
             "steering",
             steering(model, drives),
-            "Steering characteristic: curvature over steering angle in the model's quasi steady state (inputs "
-            "held over the whole window, no longitudinal acceleration) at three speeds, thin where no such angle "
-            "was driven at that speed. Behind them: the density of measured samples at all speeds, transients "
-            "included. The fit keeps no covariance between parameters, so the curves carry no band.",
+            "Steering characteristic at three speeds: curvature over steering angle in the model's quasi steady "
+            "state (inputs constant over the whole window, no longitudinal acceleration). Curves are thin where no "
+            "such angle was driven at that speed. Behind them: the density of measured samples at all speeds, "
+            "transients included. The fit keeps no covariance between parameters, so the curves carry no band.",
             "Curvature over steering angle at three speeds, over the density of measurements.",
         ),
         Drawing(

@@ -61,7 +61,7 @@ MOST_PAIRS = 3
 """Pairs of parameters identifiable only in combination that are named."""
 INTERVALS = (
     "Standard deviations and intervals allow for the residuals' correlation in time and include the priors; "
-    "intervals are those of Student's t with the degrees of freedom that the recordings leave, and end at a "
+    "intervals follow Student's t distribution with the degrees of freedom that the recordings leave, and end at a "
     "parameter's bounds."
 )
 ERRORS = (
@@ -69,9 +69,9 @@ ERRORS = (
     "standard deviation of the fit's residuals over its horizon: sensor noise and all that the model lacks."
 )
 EQUATIONS = (
-    "Derived from the model, with the added effects. A dot is a time derivative; w is an abbreviation. A prime marks a "
-    "quantity that an effect alters, late a delayed one, read the reading of a sensor that differs from the quantity "
-    "itself. Constants and quantities that do not influence an output are left out."
+    "Derived from the model, with the added effects. A dot is a time derivative; w is an abbreviation. A prime marks "
+    "a quantity that an effect alters; “late” marks a delayed quantity, and “read” the reading of a sensor that "
+    "differs from the quantity itself. Constants and quantities that do not influence an output are left out."
 )
 
 
@@ -282,8 +282,8 @@ def _correlation(fit: Fit) -> Drawing:
         "correlation",
         correlation(fit),
         "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
-        "includes priors. Parameters near +1 or −1 are identifiable only in combination; smaller correlations "
-        "than 0.1 are not printed.",
+        "includes priors. Parameters near +1 or −1 are identifiable only in combination; correlations smaller than "
+        "0.1 are not printed.",
         "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
     )
 
@@ -298,9 +298,9 @@ def _over_horizons(fit: Fit, drives: Sequence[Driven], held: Mapping[str, Errors
     return Drawing(
         "horizons",
         horizons(fit.model, scored, fit.metrics, plain, fit.stages[-1].noise),
-        "RMSE by horizon of prediction, with its standard error: so many seconds ahead from the readings of every "
-        "row, and in free run from the first row of each run to its end. In free run, persistence holds the reading "
-        "of the run's first row.",
+        "RMSE by horizon of prediction, with its standard error. Predictions over a horizon start from the readings "
+        "of every row; the free run starts at the first row of each run and lasts to the run's end. In free run, "
+        "persistence is the reading of the run's first row.",
         f"Errors of {outputs} over the horizon of prediction, of the model and of persistence.",
     )
 
@@ -340,17 +340,19 @@ def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> tupl
         Drawing(
             "tyres",
             tyres(model, fit, recordings),
-            "Lateral force over load by slip angle, both axles, with all effects on them, thick where 99 % of the "
-            "slip angles driven lie; bands of 95 % follow from the covariance to first order. Below, the density of "
+            "Lateral force divided by load, over the slip angle, for both axles and with all effects on them. Curves "
+            "are thick where 99 % of the slip angles driven lie; bands of 95 % follow from the covariance to first "
+            "order. Below, the density of "
             "the slip angles driven in all recordings, as predicted a tenth of a second after each reading.",
             "Tyre curves of front and rear axle with bands, over histograms of slip angles.",
         ),
         Drawing(
             "handling",
             handling(model, recordings),
-            "Handling diagram: steering angle less the wheelbase times the curvature, over lateral acceleration, in "
-            "the model's steady turns at the typical speed, thick where it was driven, over the density of measured "
-            "samples of all speeds, which hold transients too. A curve that rises to the right of zero understeers.",
+            "Handling diagram: steering angle minus wheelbase times curvature, over lateral acceleration. The curve "
+            "holds for the model's steady turns at the typical speed, and is thick where such turns were driven. "
+            "Behind it: the density of measured samples at all speeds, transients included. A curve that rises to "
+            "the right of zero means understeer.",
             "Steering angle in addition to that of the curvature, over lateral acceleration.",
         ),
     )

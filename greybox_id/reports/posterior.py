@@ -23,8 +23,8 @@ DRAWS = 500
 """Dots of a pair."""
 HEIGHT = 95.0
 HOW = {
-    "laplace": "about the fit, weighted by the posterior",
-    "mcmc": "of the posterior by Markov chains",
+    "laplace": "from the fit's normal distribution, weighted by the posterior",
+    "mcmc": "from the posterior, by Markov chains",
     "abc-smc": "of parameters whose simulation comes near the recordings, without a likelihood",
 }
 
@@ -46,7 +46,9 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     result = predictive_band(fit, posterior, one.recording)
     worst, least = posterior.worst
     met = f" R-hat is at most {worst:.3f}, and" if np.isfinite(worst) else ""
-    words = f"{len(posterior)} draws {HOW[posterior.method]}.{met} they amount to {least:.0f} independent ones or more."
+    words = (
+        f"{len(posterior)} draws {HOW[posterior.method]}.{met} they are worth at least {least:.0f} independent draws."
+    )
     cautions = posterior.cautions()
     return titled(
         "Posterior", _table(fit, posterior), Text(words), *([Points(tuple(cautions))] if cautions else []),
@@ -91,8 +93,8 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
     more = f" The {left} parameters whose mean is nearest to the fit are not shown." if left else ""
     return Drawing(
         "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
-        "Draws of the posterior: each parameter on the diagonal, pairs below. Standard deviations alone would not "
-        f"show curved or long shapes.{more}",
+        "Draws of the posterior: each parameter on the diagonal, pairs below. They show curved or long shapes, which "
+        f"standard deviations do not.{more}",
         "Histograms of parameters, and dots of pairs of them.",
     )  # fmt: skip
 
@@ -107,9 +109,9 @@ def _bands(fit: Fit, it: PredictiveBand, one: Driven) -> Drawing:
     where, seconds = stretch_words(one)
     return Drawing(
         "bands", bands(fit, it, one.recording, typical_stretch(one)),
-        f"Free run of {it.draws} draws over {seconds} of {where}: mean, and a band in which {100 * it.level:g} % of "
-        "the readings are expected, from the spread of the draws and of the fit's residuals. In the whole "
-        f"recording it holds {held}.",
+        f"Free run of {it.draws} draws over {seconds} of {where}: the mean, and a band in which {100 * it.level:g} % "
+        "of the readings are expected. The band follows from the spread of the draws and of the fit's residuals. In "
+        f"the whole recording it holds {held}.",
         "Measured signals with the band of predictions.",
     )  # fmt: skip
 

@@ -48,7 +48,7 @@ class Guard:
         origin, length = asked.headers.get("origin"), asked.headers.get("content-length", "0")
         status, words = 403, ""
         if asked.headers.get("host") not in self.hosts or not (by_cookie or by_address):
-            words = "This page opens with the address that greybox app printed, token included."
+            words = "Open this page with the full address that greybox app printed, including its token."
         elif origin is not None and origin.removeprefix("http://") not in self.hosts:
             words = "Requests from other pages are refused."
         elif "transfer-encoding" in asked.headers or not length.isdecimal() or int(length) > LARGEST + 2**20:

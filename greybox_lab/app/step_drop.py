@@ -73,7 +73,9 @@ def _strip(over: Shown, entry: Entry, k: int) -> charts.StripChart:
 def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session = page.session
-    heading("Drop recordings", "The first is fitted, the second is held out. Nothing leaves this machine.")
+    heading(
+        "Drop recordings", "The first recording is fitted, the second one is held out. Nothing leaves this machine."
+    )
     with ui.element("div").classes("left"):
         with ui.column():
             if not session["recordings"]:

@@ -87,7 +87,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                 15,
                 lambda event: page.work.set_hold(event.value),
             )
-            held.tooltip("whether the column of steering and drive was measured or commanded: hold in the column map")
+            held.tooltip("Were steering and drive measured or commanded? This sets hold in the column map.")
         extra = choose(data["effects"], list(chosen["effects"]), "with effects", 14, partial(_choose, page, "effects"))
         extra.props("multiple use-chips")
 

@@ -43,8 +43,8 @@ def draw(page: Page, data: tuple[Shown, list[charts.StripChart]]) -> None:
     runs = counted(len(recording.runs), "run")
     heading(
         "See what was recorded",
-        f"{len(recording)} rows in {runs}, {number(recording.duration)} s{rate}. One cursor goes through all; turn the "
-        "wheel or drag the bar to zoom.",
+        f"{len(recording)} rows in {runs}, {number(recording.duration)} s{rate}. One cursor runs through all charts; "
+        "turn the mouse wheel or drag the bar to zoom.",
     )
     with ui.row(align_items="center").classes("w-full"):
         if len(files) > 1:

@@ -96,7 +96,8 @@ def draw(page: Page, data: dict[str, Any]) -> None:
     """The step."""
     session = page.session
     heading(
-        "Take it away", ("Every step was a command. Run elsewhere, the commands make the same fit from the same files.")
+        "Take it away",
+        ("Every step was a command. On another machine, these commands make the same fit from the same files."),
     )
     with ui.element("div").classes("two"):
         with ui.column():
@@ -131,7 +132,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
                 if job.kind == "export" and not job.running:
                     quiet(job.failure or f"Written: {session.folder.name}/{job.target}")
             title("This session")
-            quiet(f"It is in {session.folder}; the command line reads it.")
+            quiet(f"Its files are in {session.folder}; the command line can read them.")
 
 
 def _report(page: Page) -> None:

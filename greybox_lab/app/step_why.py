@@ -115,7 +115,8 @@ def _waterfall(budget: list[Step]) -> ui.echart | None:
     height = 70 + 44 * (len(budget) + 1)
     picture = charts.chart(charts.waterfall(budget), height, f"the gap shared out: {words}").mark("waterfall")
     quiet(
-        "Filled: in the closed model. Striped: likely causes, too uncertain to apply. Grey: unexplained. Lines: "
+        "Filled bars: effects in the closed model. Striped bars: likely causes, too uncertain to apply. Grey: "
+        "unexplained. Lines: "
         "95 % intervals."
     )
     return picture
@@ -147,7 +148,7 @@ def _shower(page: Page, data: dict[str, Any], element: ui.echart, words: ui.labe
     async def show(name: str) -> None:
         if name not in known:
             await charts.with_curves(element, {f"{channel}/{ALONE}": NOTHING})
-            words.set_text("This is what no known effect explains." if name == charts.UNNAMED else POINT)
+            words.set_text("This is the share that no known effect explains." if name == charts.UNNAMED else POINT)
             return
         try:
             if name not in kept:

@@ -20,7 +20,9 @@ LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
 data_option = partial(
     click.option, "--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings."
 )
-report_option = click.option("--report", metavar="PLACE", help="A folder for HTML and PDF, or a FILE.md for one page.")
+report_option = click.option(
+    "--report", metavar="PLACE", help="Report to write: a folder, for HTML and PDF, or a FILE.md, for one page."
+)
 
 
 @click.group(name="bench", cls=CommandGroup)
@@ -60,18 +62,22 @@ def _command(name: str, data: bool, quick: bool) -> str:
 
 _on_others_ground(
     "a2rl", "a2rl", "a2rl",
-    "Steering of a full-size racer: an inverse single track beside a published network, and its servo.",
+    "Steering of a full-size racer: compare an inverse single track with a published network, and fit the servo.",
 )  # fmt: skip
 _on_others_ground(
     "ferrari", "ferrari", "revs_telemetry",
-    "Yaw of a Ferrari 250 LM: a single track beside structured and black-box networks.",
+    "Yaw of a Ferrari 250 LM: compare a single track with structured and black-box networks.",
 )  # fmt: skip
 _on_others_ground(
     "abs", "brakes", "abs",
-    "Grip while braking, estimated along a lap on which the grip changes in steps; recordings from another simulator.",
+    "Grip while braking: estimate it along a lap on which it changes in steps; the recordings are from another "
+    "simulator.",
 )  # fmt: skip
 _on_others_ground(
-    "emps", "emps", "", "A servo axis with friction, no car: this package and other tools on the same rows, in one run."
+    "emps",
+    "emps",
+    "",
+    "A servo axis with friction (no car): fit it with this package and other tools, on the same rows and in one run.",
 )
 
 
@@ -81,16 +87,19 @@ _on_others_ground(
     "--quick", is_flag=True, help="Use priors of the stated strength instead of cross-validated ones: some CPU minutes."
 )
 @click.option(
-    "--out", default=None, metavar="FILE", help="A .json file to which each result is also written when it is there."
+    "--out",
+    default=None,
+    metavar="FILE",
+    help="A .json file, to which each result is also written as soon as it is known.",
 )
 @report_option
 @json_option
 def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
     """Tables 1 to 3 of the paper on model-structured networks: a 1:10 car, baselines, ablations and adaptation.
 
-    FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Both protocols
-    stand beside the paper's figures: the authors' to the letter, and one in which nothing is chosen on what is scored.
-    The report holds Figs. 2 and 7 to 12 too.
+    FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Two protocols
+    are compared with the paper's figures: exactly that of the authors, and one in which nothing is chosen on scored
+    data. The report holds Figs. 2 and 7 to 12 too.
 
     \b
     greybox bench msnn --data roboracer --quick --report msnn
@@ -111,8 +120,10 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 
 @bench.command("truck")
 @data_option(required=True)
-@click.option("--quick", is_flag=True, help="The smallest networks from one seed: a few CPU minutes, not hours.")
-@click.option("--curves", is_flag=True, help="Learning curves and pretrained networks only.")
+@click.option(
+    "--quick", is_flag=True, help="Train only the smallest networks, from one seed: a few CPU minutes, not hours."
+)
+@click.option("--curves", is_flag=True, help="Make only the learning curves and the pretrained networks.")
 @click.option(
     "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Number of trainings of each network."
 )
@@ -157,9 +168,21 @@ def truck_command(
 
 @bench.command("loop")
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
-@click.option("--quick", is_flag=True, help="One case, one cycle and five arms: about two CPU minutes, not hours.")
-@click.option("--case", "cases", type=click.IntRange(0, 7), multiple=True, help="A case of loop demo; default: all.")
-@click.option("--arm", "arms", type=click.Choice(LOOP_ARMS), multiple=True, help="An arm to compare; default: all.")
+@click.option("--quick", is_flag=True, help="Run one case, one cycle and five arms: about two CPU minutes, not hours.")
+@click.option(
+    "--case",
+    "cases",
+    type=click.IntRange(0, 7),
+    multiple=True,
+    help="Number of a case of greybox loop demo; default: all cases.",
+)
+@click.option(
+    "--arm",
+    "arms",
+    type=click.Choice(LOOP_ARMS),
+    multiple=True,
+    help="A driver (arm) to compare; default: all of them.",
+)
 @click.option(
     "--cycles",
     type=click.IntRange(1, 3),
@@ -181,9 +204,10 @@ def loop_command(
     seeds: int,
     as_json: bool,
 ) -> None:
-    """Black box against name: drivers that learn on networks or on what is named drive the same changed cars.
+    """Compare black boxes with named effects: drivers that learn on networks, and drivers that learn on named effects,
+    drive the same changed cars.
 
-    Results are kept in FOLDER; the same command continues, and compares all that are there.
+    Results are kept in FOLDER; the same command continues and compares all results in it.
 
     \b
     greybox bench loop --quick --out black_box

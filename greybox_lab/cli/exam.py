@@ -38,7 +38,7 @@ ASKED = {
 
 @click.group(name="exam", cls=CommandGroup)
 def exam() -> None:
-    """Examine the diagnosis of gaps blindly: make cases, diagnose them, open the answers once.
+    """Examine the diagnosis of gaps blindly: make cases, diagnose them, and open the answers once.
 
     \b
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
@@ -92,8 +92,8 @@ def exam() -> None:
     "families",
     multiple=True,
     metavar="NAME",
-    help="Sources of the cases: simulators (foreign; workshop is the virtual vehicle), recordings (injected), cases "
-    "(changed), or a set of them (development, examination).",
+    help="Sources of the cases. Tier foreign: simulators (workshop is the virtual vehicle); injected: recordings; "
+    "changed: cases; or a set of sources (development, examination).",
 )
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
@@ -112,9 +112,9 @@ def make_command(
     jobs: int,
     as_json: bool,
 ) -> None:
-    """Make cases, and seal their answers apart from them; carries on where it was stopped.
+    """Make cases, and seal their answers apart from them. After an interruption the same command continues.
 
-    Note the sum that is printed: with it, greybox exam score --seal tells whether the answers were replaced.
+    Note the checksum that is printed: with it, greybox exam score --seal detects replaced answers.
 
     \b
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
@@ -177,7 +177,10 @@ def make_command(
     help="A case that takes longer counts as wrong.",
 )
 @click.option(
-    "--diagnoser", default=DIAGNOSER, metavar="MODULE:FUNCTION", help="Diagnose with this in place of greybox gap."
+    "--diagnoser",
+    default=DIAGNOSER,
+    metavar="MODULE:FUNCTION",
+    help="Diagnose with this command in place of greybox gap.",
 )
 @click.option("--sample", type=click.IntRange(min=1), help="At most this many cases, drawn by --seed.")
 @click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the sample.")
@@ -185,9 +188,11 @@ def make_command(
 def run_command(
     cases: Path, jobs: int, timeout: float, diagnoser: str, sample: int | None, seed: int, as_json: bool
 ) -> None:
-    """Diagnose each of CASES as greybox gap does, where the answers cannot be seen; carries on where it was stopped.
+    """Diagnose each of CASES as greybox gap does, where the answers cannot be read. After an interruption the same
+    command continues.
 
-    Each case is left diagnosis.json and closed.toml. Several runs may share the cases; each process takes one core.
+    The results of each case are its files diagnosis.json and closed.toml. Several runs may share the cases; each
+    process takes one core.
 
     \b
     greybox exam run exam_clean/cases --jobs 2
@@ -201,7 +206,8 @@ def run_command(
         print_json(asdict(sat))
         return
     console().print(
-        f"diagnosed {sat.diagnosed} of {sat.cases} cases ({sat.before} were before), {sat.failed} ended in an error, "
+        f"diagnosed {sat.diagnosed} of {sat.cases} cases ({sat.before} of them earlier), {sat.failed} ended in an "
+        "error, "
         f"{sat.cpu:.1f} CPU s"
     )
 
@@ -216,7 +222,7 @@ def run_command(
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option
 def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: int, as_json: bool) -> None:
-    """Open the answers in FOLDER and say what was right; that is done once, and kept in FOLDER/score.json.
+    """Open the answers in FOLDER and score the diagnoses. This is done once; the score is kept in FOLDER/score.json.
 
     \b
     greybox exam score exam_clean --detail
@@ -226,7 +232,7 @@ def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: i
     with progress() as say:
         body, again = score(folder, say, jobs=jobs, noted=noted, partial=partial)
     if again:
-        tell(f"these answers were opened before, {body['opened']}; this is that score")
+        tell(f"the answers were opened on {body['opened']}; this is the score of that time")
     if as_json:
         print_json(body | {"opened_before": again})
         return

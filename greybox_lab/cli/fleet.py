@@ -62,7 +62,7 @@ def fleet() -> None:
     show_default=True,
     help="With changed: do not read files whose size and date are unchanged.",
 )
-@click.option("--retry-failed", is_flag=True, help="Repeat recordings that failed or reached a limit.")
+@click.option("--retry-failed", is_flag=True, help="Process recordings that failed or reached a limit again.")
 @click.option(
     "--compact", is_flag=True, help="Write each table as one file, without results of recordings that have changed."
 )
@@ -70,7 +70,7 @@ def fleet() -> None:
     "--second-pass",
     "refit",
     is_flag=True,
-    help="Afterwards fit poorly excited recordings again, with the fleet as prior.",
+    help="Afterwards fit poorly excited recordings again, with the fleet's distribution as prior.",
 )
 @json_option
 def run_command(
@@ -108,7 +108,7 @@ def run_command(
 @results_argument
 @json_option
 def status_command(results: Path, as_json: bool) -> None:
-    """Say how far a fleet is, and what came of its recordings.
+    """Report how many recordings of a fleet are processed, and with which results.
 
     \b
     greybox fleet status results
@@ -141,7 +141,8 @@ def estimate_command(results: Path, as_json: bool) -> None:
 @click.option("--vehicle", metavar="NAME", help="Of this vehicle alone.")
 @json_option
 def report_command(results: Path, out: Path | None, kind: str, vehicle: str | None, as_json: bool) -> None:
-    """Write a report of RESULTS as one HTML page: population, who left it, when, in which parameter; what is broken.
+    """Write a report of RESULTS as one HTML page: the population; which vehicles left it, when and in which parameter;
+    which recordings failed.
 
     \b
     greybox fleet report results --out fleet.html

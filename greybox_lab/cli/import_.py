@@ -45,8 +45,8 @@ from ..nnodely.vehicles import SUFFIXES
 def import_(network: str, inputs: str, sample_time: float | None, out: str | None, as_json: bool) -> None:
     """Import NETWORK, an MS-NN saved by nnodely (saveModel), as a fit; or parameters of another tool as a vehicle file.
 
-    Those are a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or of CommonRoad. Nothing in
-    the file is run.
+    Such parameters are a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or of CommonRoad.
+    Nothing in the file is run.
 
     \b
     greybox import trained/net.json --sample-time 0.05 --out run/fit.json

@@ -98,6 +98,7 @@ def _same_units(start: Learned, place: World) -> None:
     for name, unit in place.units.items():
         if name in held and abs(held[name] - unit) > SAME * unit:
             raise BadInput(
-                f"start: learned with a unit of {name} of {held[name]:.6g}, that of this track is {unit:.6g}. Name the "
+                f"start: the policy was learned with {held[name]:.6g} as the unit of {name}, but this track has the "
+                f"unit {unit:.6g}. Name the "
                 "vehicle it was learned with: like=."
             )

@@ -78,7 +78,7 @@ def entries(plan: FleetPlan, known: Mapping[str, tuple[int, int, str]] | None = 
     """
     listed = list(_listed(plan))
     if not listed:
-        raise BadInput(f"{plan.file}: there are no recordings called like {', '.join(plan.recordings)}.")
+        raise BadInput(f"{plan.file}: no recordings match {', '.join(plan.recordings)}.")
     vehicles: dict[str, tuple[str, str]] = {}
     result = [_keyed(plan, entry, known or {}, vehicles) for entry in _without_contradictions(listed)]
     return _once(result)
@@ -308,7 +308,7 @@ def _hashed(entry: FleetEntry, known: Mapping[str, tuple[int, int, str]]) -> Fle
         if entry.file.is_dir():
             return replace(entry, sha256=hash_of(entry.file))
         if not stat.S_ISREG(value.st_mode):
-            raise BadInput(f"{entry.path} is no file that can be read twice; copy it into one.")
+            raise BadInput(f"{entry.path} is not a regular file, and cannot be read twice; copy it to a file.")
         before = known.get(entry.path)
         same = before is not None and before[:2] == (value.st_size, value.st_mtime_ns)
         digest = before[2] if before is not None and same else hash_of(entry.file)

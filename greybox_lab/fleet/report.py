@@ -99,18 +99,27 @@ def _answer(how_far: FleetStatus, fleet_estimate: FleetEstimate, names: list[str
     if tested:
         yield (
             "changed",
-            f"{changed['vehicle'].nunique()} of {counted(tested, 'vehicle')} with enough recordings, at a false "
-            "discovery rate of 5 %.",
+            f"{changed['vehicle'].nunique()} of {counted(tested, 'vehicle')} with enough recordings have changed, at "
+            "a false discovery rate of 5 %.",
         )
     else:
         yield "changed", "No vehicle has enough recordings for a test."
     listed = counted(
         fleet_estimate.vehicles[fleet_estimate.vehicles["vehicle"].isin(names)]["vehicle"].nunique(), "vehicle"
     )
-    yield "apart", f"{apart['vehicle'].nunique()} of {listed}, further from the mean than the fleet's spread explains."
+    yield (
+        "apart",
+        (f"{apart['vehicle'].nunique()} of {listed} are further from the mean than the fleet's spread explains."),
+    )
     set_apart = int(fleet_estimate.apart["vehicle"].isin(names).sum())
     if set_apart:
-        yield "set apart", f"{counted(set_apart, 'recording')}, whose fit ended in another optimum, or of another car."
+        yield (
+            "set apart",
+            (
+                f"{counted(set_apart, 'recording')}: the fit ended in another optimum, or the "
+                "recording is of another car."
+            ),
+        )
     counts = [how_far.vehicles[name] for name in names]
     broken = sum(sum(count.get(state, 0) for state in BROKEN) for count in counts)
     distrusted = sum(count.get(NOT_TRUSTED, 0) for count in counts)
@@ -163,7 +172,7 @@ def _more(table: pd.DataFrame) -> Iterator[Text]:
     """What a table of vehicles leaves out."""
     left = table["vehicle"].nunique() - MOST_ROWS
     if left > 0:
-        yield Text(f"{counted(left, 'further vehicle')} nearer to the mean: see the dataset vehicles.")
+        yield Text(f"{counted(left, 'further vehicle')} nearer to the mean are not shown: see the dataset vehicles.")
 
 
 def _apart(fleet_estimate: FleetEstimate, names: list[str]) -> Points:
@@ -244,7 +253,8 @@ def _changes(store: Store, fleet_estimate: FleetEstimate, names: list[str]) -> I
                 f"drift_{entry['vehicle']}_{entry['name']}",
                 figure,
                 f"{entry['sentence'] or entry['vehicle'] + ': ' + entry['name'] + ', no change found'}. "
-                "Dots are fits of single recordings with their standard errors, without those set apart. The line "
+                "Dots are fits of single recordings with their standard errors; recordings set apart are not drawn. "
+                "The line "
                 "is the vehicle's estimate; the band holds the date of a step with a probability of 95 %.",
                 f"{entry['name']} of {entry['vehicle']} along its recordings.",
             )
@@ -332,7 +342,7 @@ def _ranks(fleet_estimate: FleetEstimate) -> Iterator[Part]:
         yield Drawing(
             f"vehicles_{item['name']}",
             sheet,
-            f"{item['name']} of {whose} with its standard error, shrunk towards the mean where it is uncertain; the "
-            "band is one standard deviation of the fleet about its mean.",
+            f"{item['name']} of {whose}, with its standard error. Uncertain estimates are shrunk towards the mean. "
+            "The band is one standard deviation of the fleet about its mean.",
             f"{item['name']} of all vehicles.",
         )

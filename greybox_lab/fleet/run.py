@@ -141,7 +141,11 @@ class FleetRun:
 
     def summary(self) -> str:
         """The same in lines."""
-        again = f"again    {self.refitted} fitted with the fleet's mean and spread as prior\n" if self.refitted else ""
+        again = (
+            f"again    {self.refitted} recordings fitted again with the fleet's mean and spread as prior\n"
+            if self.refitted
+            else ""
+        )
         why = f"why      greybox fleet status {self.folder}\n" if self.failed else ""
         anew = f"anew     {self.anew}\n" if self.anew else ""
         return (
@@ -204,7 +208,7 @@ def run(
     must_be_one_of(ENGINES, engine, "engine: there is no engine")
     must_be_one_of(ONLY, only, "only: there is no")
     if scheduler is not None and engine != "dask":
-        raise BadInput("‹scheduler› is of the engine dask; add ‹engine› dask.")
+        raise BadInput("‹scheduler› is for the engine dask; add ‹engine› dask.")
     must_be_whole(jobs, "jobs", 1)
     requested = plan if isinstance(plan, FleetPlan) else plan_of(plan)
     protect(requested.file)

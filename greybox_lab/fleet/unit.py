@@ -55,7 +55,7 @@ def worked(job: Mapping[str, Any], tell: Tell) -> None:
     try:
         recording = read(job["path"], job["columns"])
         if job["sha256"] and recording.source.sha256 != job["sha256"]:
-            raise BadInput(f"{job['path']} was written to while the fleet was run; run it again.")
+            raise BadInput(f"{job['path']} was changed while the fleet was run; run the fleet again.")
         recording = replace(recording, source=replace(recording.source, path=job["shown"]))
         duration = float(len(recording) * recording.sample_time) if recording.sample_time > 0 else None
         tell({"rows": len(recording), "seconds": duration})
@@ -84,7 +84,9 @@ def requested_of(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[R
         if not isinstance(item, str):
             raise BadInput(f"[fit]: model and with must be names, not {item!r:.40}.")
         if is_place(item):
-            raise BadInput(f"[fit] {item}: a file of a fleet names no code to run; name a shipped or installed one.")
+            raise BadInput(
+                f"[fit] {item}: a fleet's file cannot name code to run; name a shipped or an installed model or effect."
+            )
     install()
     settings = options.get("set", {})
     if not isinstance(settings, Mapping):

@@ -66,17 +66,21 @@ def window_of(network: Network, relation: NetworkRelation) -> tuple[str, int, in
     """
     where = f"relation {relation.name}"
     if len(relation.rest) != 2 or len(relation.inputs) != 1 or relation.inputs[0] not in network.inputs:
-        raise network.wrong(f"{where} is not a plain window of an input; offsets and windows of windows are not read.")
+        raise network.wrong(
+            f"{where} is not a plain window of an input; offsets and windows of windows cannot be imported."
+        )
     ends = relation.rest[1]
     if not (isinstance(ends, list) and len(ends) == 2 and all(_is_number(end) for end in ends)):
         raise network.wrong(f"{where} must have a window of two numbers, [from, to].")
     step = network.sample_time if relation.operation == "TimePart" else 1.0
     if any(abs(end / step) > LONGEST_WINDOW for end in ends):
-        raise network.wrong(f"{where} looks further than {LONGEST_WINDOW} samples; models here remember no more.")
+        raise network.wrong(
+            f"{where} looks further than {LONGEST_WINDOW} samples, the longest window that can be imported."
+        )
     start, stop = (round(end / step) for end in ends)
     if not start < stop <= 0:
         raise network.wrong(
-            f"{where} looks at samples {start} to {stop} of {relation.inputs[0]}; only past ones are read."
+            f"{where} looks at samples {start} to {stop} of {relation.inputs[0]}; only past samples can be imported."
         )
     return relation.inputs[0], start, stop
 
@@ -103,7 +107,7 @@ def weights_of(network: Network, relation: NetworkRelation) -> tuple[Array, Arra
     where = f"relation {relation.name}"
     W = network.number(relation.rest[0] if relation.rest else None, where)
     if W.ndim != 2:
-        raise network.wrong(f"the weights of {where} have {W.ndim} axes in place of two.")
+        raise network.wrong(f"the weights of {where} have {W.ndim} axes; they must have two.")
     bias = relation.rest[1] if len(relation.rest) > 1 else None
     b = np.zeros(W.shape[1]) if bias is None else network.number(bias, where)
     if b.shape != (W.shape[1],):
@@ -122,10 +126,10 @@ def _value(network: Network, name: str, values: Mapping[str, Array]) -> Array:
     if name in network.numbers:
         number = network.numbers[name]
         if number.size != 1:
-            raise network.wrong(f"{name} holds {number.size} numbers where a formula takes one.")
+            raise network.wrong(f"{name} holds {number.size} numbers, but its formula takes one number.")
         return number.reshape(1, 1, 1)
     if name in network.inputs:
-        raise network.wrong(f"input {name} is taken where it should not count.")
+        raise network.wrong(f"input {name} has an effect in a place where it should have none.")
     relation = network.relations[name]
     if relation.operation not in ("SamplePart", "TimePart") and any(item in network.inputs for item in relation.inputs):
         raise network.wrong(f"relation {name} takes an input without a window; make one with sw() or last().")
@@ -163,7 +167,7 @@ def _called(network: Network, relation: NetworkRelation, taken: list[Array]) -> 
         )
     where = f"function {function}"
     if any(value.shape[-1] != 1 for value in taken):
-        raise network.wrong(f"{where} takes inputs other than single signals and numbers.")
+        raise network.wrong(f"{where} must take single signals and numbers only.")
     _together(network, relation.name, lambda: _fitting(taken))
     return understood(network.file, str(function), entry.get("code"))(*taken)
 

@@ -47,12 +47,14 @@ def assignments(
     used = [name for name in network.order(output) if name in network.inputs]
     for name in used:
         if one.get(name, signals[0]) not in signals:
-            raise network.wrong(f"input {name} is said to be {one[name]}; {output} is made of {', '.join(signals)}.")
+            raise network.wrong(
+                f"‹inputs› says that input {name} is {one[name]}, but {output} depends on {', '.join(signals)}."
+            )
     named = {name: one.get(name) or by_name(name) for name in used}
     known = {name: signal for name, signal in named.items() if signal is not None and signal in signals}
     if len(set(known.values())) < len(known) or len(used) > len(signals):
         raise network.wrong(
-            f"output {output} depends on {', '.join(used)[:200]}; a model here takes one input each for "
+            f"output {output} depends on {', '.join(used)[:200]}; a model takes one input for each of "
             f"{', '.join(signals)}. Say which is which with ‹inputs›."
         )
     unknown = [name for name in used if name not in known]
@@ -166,7 +168,7 @@ def _must_be_ahead(network: Network, part: NetworkPart) -> None:
             if isinstance(ends, list) and len(ends) == 2 and ends[-1] in (0, 0.0):
                 raise network.wrong(
                     f"{part.relation} was trained to give the newest sample of {', '.join(target.inputs)[:100]}; "
-                    "models here give the sample after it (next() in place of last())."
+                    "models of greybox-id give the sample after it (next() in place of last())."
                 )
 
 

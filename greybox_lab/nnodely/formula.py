@@ -58,7 +58,7 @@ class Formula:
     def __call__(self, *values: Array) -> Array:
         """The result for arrays that broadcast. Raises `BadInput` where there is not one value per argument."""
         if len(values) != len(self.arguments):
-            raise BadInput(f"{self.where} takes {len(self.arguments)} arguments; the file hands it {len(values)}.")
+            raise BadInput(f"{self.where} takes {len(self.arguments)} arguments, but the file passes {len(values)}.")
         known: dict[str, Any] = dict(zip(self.arguments, values, strict=True))
         try:
             for name, expression in self.assignments:

@@ -23,8 +23,8 @@ from .network import Network
 from .recognised import NetworkPart, padded, put
 
 LAW = (
-    "((T_t + T_b)/r - k_a v_x^2 - c_l v_x - F_yf sin(steer))/m - c_r g, over 1 + 2 (I_wf + I_wr)/(m r^2) with twice "
-    "one inertia or two, each term with a constant factor"
+    "((T_t + T_b)/r - k_a v_x^2 - c_l v_x - F_yf sin(steer))/m - c_r g, divided by 1 + 2 (I_wf + I_wr)/(m r^2), with "
+    "one or two wheel inertias, and a constant factor on each term"
 )
 PHYSICAL = ("m", "r", "k_a", "c_l", "c_r")
 INERTIAS = {6: ("I_w",), 7: ("I_wf", "I_wr")}
@@ -96,7 +96,10 @@ def _made_of(
     windows = {name: window_of(network, network.relations[name]) for name in others if name in network.relations}
     for name, start, stop in windows.values():
         if (start, stop) != (-1, 0) or roles[name] not in ("v_x", "steer"):
-            raise network.wrong(f"relation {output} takes {name} at samples {start} to {stop}; {LAW}, all newest.")
+            raise network.wrong(
+                f"relation {output} takes {name} at samples {start} to {stop}; {LAW}; all inputs "
+                "must be the newest samples."
+            )
     numbers = [name for name in others if name not in windows]
     if len(numbers) not in INERTIAS or any(network.number(name, f"relation {output}").size != 1 for name in numbers):
         raise network.wrong(f"relation {output} is made of {len(numbers)} numbers; Newton's law has 6 or 7: {LAW}.")

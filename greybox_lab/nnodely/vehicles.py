@@ -59,7 +59,7 @@ def _bounded(events: Any, where: str, yaml: Any) -> None:
             line = event.start_mark.line + 1
             raise BadInput(f"{where}: line {line}: anchors and aliases are not followed; write the value out.")
         if getattr(event, "tag", None):
-            raise BadInput(f"{where}: line {event.start_mark.line + 1}: tags are not followed; take it out.")
+            raise BadInput(f"{where}: line {event.start_mark.line + 1}: tags are not followed; remove it.")
         if isinstance(event, yaml.MappingStartEvent | yaml.SequenceStartEvent):
             depth += 1
         elif isinstance(event, yaml.MappingEndEvent | yaml.SequenceEndEvent):
@@ -78,7 +78,9 @@ def _no_key_twice(node: Any, where: str, yaml: Any) -> None:
         seen = set()
         for key, value in node.value:
             if key.value.__hash__ is None or key.value in seen:
-                raise BadInput(f"{where}: line {key.start_mark.line + 1}: a key is there twice or is none; mend it.")
+                raise BadInput(
+                    f"{where}: line {key.start_mark.line + 1}: this key is there twice, or is not text; correct it."
+                )
             seen.add(key.value)
             _no_key_twice(value, where, yaml)
     elif isinstance(node, yaml.SequenceNode):
@@ -131,7 +133,8 @@ def import_vehicle(path: str | Path) -> ImportedVehicle:
 
 
 _KNOWN = (
-    "understood are Autoware's vehicle_info.param.yaml (wheel_base, wheel_tread, ...), f1tenth_gym's parameters (mu, "
+    "these files can be imported: Autoware's vehicle_info.param.yaml (wheel_base, wheel_tread, ...), f1tenth_gym's "
+    "parameters (mu, "
     "C_Sf, lf, lr, m, I) and CommonRoad's (m, a, b, I_z, or tire)."
 )
 

@@ -77,20 +77,21 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     answers = (
         f"The inverse single track needs {one.parameters} parameters where the published network has 155 to 225; its "
         f"error {verdict} below the best one printed ({one.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
-        f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}). Fitted to the validation lap "
-        f"itself its error is {floor:.2f} mrad, so better parameters would not help.",
+        f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}). Even fitted to the validation lap "
+        f"itself, its error is {floor:.2f} mrad, so better parameters would not help.",
         servo_words(result),
         f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap are also in the training lap, so published "
         "figures are partly in sample. The table of rows that are not in the training lap has no such overlap.",
     )  # fmt: skip
     protocol = (
-        "Steering from curvature, speed and accelerations of the same and the next nine samples, as published; target "
-        "steer_target, and steer_meas in a full run.",
-        "Fitted to the training lap alone; its terms were chosen by blocked cross-validation of that lap. The authors "
+        "Task, as published: predict the steering from curvature, speed and accelerations of the same and the next "
+        "nine samples. The target is steer_target; a full run also has steer_meas.",
+        "The single track is fitted to the training lap alone; its terms were chosen by blocked cross-validation on "
+        "that lap. The authors "
         "chose structure and seed on the validation lap.",
-        "RMSE is pooled over all windows; that of the authors is as printed in the paper. Servo: whole laps simulated "
-        "from the target, "
-        f"linear between rows; intervals of 95 % of the mean over {PARTS} parts of a lap.",
+        "RMSE is pooled over all windows; that of the authors is as printed in the paper. Servo: whole laps are "
+        f"simulated from the target, linear between rows. The 95 % intervals are those of the mean over {PARTS} "
+        "parts of a lap.",
     )
     about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."
     return PublishedBench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, result)

@@ -81,12 +81,12 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         f"Use a tracked grip only while its standard deviation is below {TOLD:g}: its error is {rows[0].value:.3f} "
         "there. "
         "Elsewhere no axle locks and the interval is wide.",
-        f"A car of {free} parameters, fitted on ice alone, is used on all roads: sliding friction of the front axle "
-        "is "
-        f"{low:.0f} to {high:.0f} N at grip 1.",
+        f"A car with {free} free parameters, fitted on ice alone, is used on all roads. Its sliding friction of the "
+        f"front axle at grip 1 is {low:.0f} to {high:.0f} N (95 % interval).",
     )  # fmt: skip
     protocol = (
-        "Task: grip from pedals' torques, speeds and acceleration, sample by sample, from past samples only.",
+        "Task: estimate the grip from the pedals' torques, speeds and acceleration, sample by sample, from past "
+        "samples only.",
         f"Lap: {name}. Grip is what its authors set: 1 on dry, 0.25 on ice.",
         "Ours: gb.fit of an own model on ice, gb.track of grip_scale along the lap; walk and scatter are stated, "
         "they are not tuned on the lap.",

@@ -115,18 +115,19 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         far = {row.model: row.value for row in rows if row.task.startswith("RMSE")}
         answers.insert(
             0,
-            f"Beside the fastest other tool here, {fastest}, the search of greybox-id, estimates alone as the others "
-            f"give them, is {number(speed[SEARCH] / others[fastest], 2)} times as fast, and a whole fit, with "
+            f"Beside the fastest other tool here, {fastest}, the search of greybox-id, which like the others gives "
+            f"estimates only, is {number(speed[SEARCH] / others[fastest], 2)} times as fast, and a whole fit, with "
             f"intervals and errors over horizons, is {number(speed[WHOLE] / others[fastest], 2)} times as fast "
             f"({number(speed['greybox-id'] / others[fastest], 2)} times from the second call on); the error on the "
             f"held-out run is {number(far[WHOLE] / far[fastest], 2)} times that of the other tool.",
         )
     protocol = (
-        f"Four parameters from position and force, {rows_of_all} rows at 200 Hz, from the same start; every tool "
+        f"Task: estimate four parameters from position and force, {rows_of_all} rows at 200 Hz, from the same start; "
+        "every tool "
         "gets the same rows, or the first ones up to its row limit. CPU seconds include compiling but no imports "
         "(greybox-id: the first call and a later one). Ratios are those of the first call unless they say "
         "otherwise, since the other tools compile, too.",
-        "Tools use the same equations; friction's sign is tanh of the velocity over 1 mm/s. Runge-Kutta of fourth "
+        "Tools use the same equations; the sign in the friction is tanh(velocity / 1 mm/s). Runge-Kutta of fourth "
         "order, one step per row, unless a tool has its own integrator.",
         "Other tools use the settings of their examples; experts may get better results.",
         "The ten published baselines (Champneys et al., arXiv 2405.10779) were fitted to the recording of the real "

@@ -64,7 +64,7 @@ def inverse_steering() -> MemoryModel:
         name="inverse_steering", about="steering angle of the path that follows",
         inputs=("curvature", "v_x", "a_x", "a_y"), outputs=("steering",), sample_time=0.05, equations=equations,
         parameters=(
-            Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which the path follows the steering"),
+            Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which the path lags the steering"),
             Parameter("width", "1", 1.3, (0.3, 8.0), about="their spread, samples"),
             Parameter("force_lag", "1", 2.4, (0.3, 20.0), about="samples over which forces fade in"),
             Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="mean curvature at which self-steer saturates"),
@@ -77,7 +77,7 @@ def inverse_steering() -> MemoryModel:
             weight("brake_path", 0.0, "steering per curvature, under braking"),
             weight("brake_turn", 0.0, "steering per a_y / v_x², under braking"),
             weight("power", 0.0, "steering per a_y, under power at 40 m/s"),
-            weight("slip", 0.0, "steering that slip of the tyres needs, per a_y / v_x² and a_y"),
+            weight("slip", 0.0, "additional steering for the slip of the tyres, per unit of a_y / v_x² and of a_y"),
         ),
     )  # fmt: skip
 
@@ -132,7 +132,8 @@ def driven_rear() -> MotionModel:
             Parameter("brake_front", "1", 0.6, (0.0, 1.0), about="front share of braking"),
             Parameter("brake_pull", "m", 0.0, (-0.5, 0.5), about="yaw moment per braking force"),
             Parameter("drive_pull", "m", 0.0, (-0.5, 0.5), about="yaw moment per driving force"),
-            Parameter("ratio", "1", 1.0, (0.4, 1.4), about="road wheel over hand wheel, of what is stated"),
+            Parameter("ratio", "1", 1.0, (0.4, 1.4), about="ratio of road-wheel to hand-wheel angle, divided by the "
+            "stated ratio"),
             Parameter("ratio_slope", "1/rad^2", 0.0, (-30.0, 30.0), about="how that changes with the angle squared"),
             Parameter("steer_0", "rad", 0.0, (-0.03, 0.03), about="angle at which the wheels stand straight"),
         ),

@@ -131,16 +131,17 @@ def page(
                 "high": pair.high,
             }
     protocol = (
-        f"Trained on {' and '.join(TRAIN)} alone. Inputs: hand wheel, v_x and a_x; no measured yaw. "
-        "Networks read the last ten samples and predict the next, the single track runs freely over whole drives.",
+        f"Trained on {' and '.join(TRAIN)} alone. The inputs are the hand wheel, v_x and a_x, without any measured "
+        "yaw. Networks read the last ten samples and predict the next; the single track runs freely over whole drives.",
         "Networks are trained by Gauss-Newton with priors on their weights, not by the authors' Adam stopped on the "
-        f"validation drive. The black box: mean and standard error over {QUICK_SEEDS if quick else SEEDS} seeds, and "
-        "the error of their mean prediction. Combined with the single track, networks learn its residual.",
+        "validation drive. For the black box, tables give mean and standard error over "
+        f"{QUICK_SEEDS if quick else SEEDS} seeds, and the error of the mean prediction. Combined with the single "
+        "track, networks learn its residual.",
         "For the single track, the zero of each drive's hand wheel is its median where the car gains speed above "
         f"{FAST:g} m/s with the hand wheel within {SMALL:g} deg: this uses the inputs of the whole drive, not the "
         "yaw. The authors' networks get the hand wheel as recorded.",
-        "Yaw angle: the predicted rate integrated by the trapezoidal rule over windows of 5 and 60 s in turn, from the "
-        "measured angle at their start; pooled.",
+        "Yaw angle: the predicted rate is integrated by the trapezoidal rule over consecutive windows of 5 or 60 s, "
+        "from the measured angle at the start of each; errors are pooled.",
         f"The first {FIRST * STEP:g} s of each drive are not scored. Intervals of differences come from paired "
         "blocks as long as the correlation time of the errors. The single track was designed on plots of both "
         "training drives and valid_0, not of test_0.",

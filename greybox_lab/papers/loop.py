@@ -244,7 +244,7 @@ class _BenchCase:
         if name == ORACLE:
             return oracle(self.vehicle, self.scene.effects)
         if not rows and name not in WITHOUT_ROWS:
-            raise BadInput("The vehicle crashed too early in every attempt to leave rows to learn from.")
+            raise BadInput("In every attempt, the vehicle crashed before there were enough rows to learn from.")
         return twin(name, self.vehicle, rows, self.seed + k)
 
     def _learned(self, result: Twin, start: Learned, cap: float, k: int, say: Say) -> Learned:

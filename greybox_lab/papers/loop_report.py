@@ -59,15 +59,16 @@ def bars(cases: Sequence[Case]) -> list[dict[str, Any]]:
         *_nearer(known, "first"),
         *_nearer(known, "last"),
         _bar("named, last cap: crashes per lap begun", "at most", allowed, rate, laps + crashes),
-        _of_median("named: lap time over that of base at the same cap", "at most", 1.0, known, lap_time("first")),
-        _of_median("named: lap time at the last cap over that of base at the first cap", "at most", 0.95, known,
+        _of_median("named: lap time divided by that of base at the same cap", "at most", 1.0, known, lap_time("first")),
+        _of_median("named: lap time at the last cap divided by that of base at the first cap", "at most", 0.95, known,
                    lap_time("last")),
         _bar("outside the vocabulary: share of cases without a wrong name", "at least", 0.9,
              float(np.mean(right)) if len(right) else None, len(right)),
         _of_median("outside the vocabulary: median difference in the share of path error removed, named_residual minus "
                    "actuator_net", "at least", -0.05, outside,
                    lambda item: saved(item, "named_residual") - saved(item, "actuator_net")),
-        _of_median("yaw rate error at 0.5 s and 90 % of the grip: model of named over actuator_net, median", "at most",
+        _of_median("yaw rate error at 0.5 s and 90 % of the grip: model of named divided by actuator_net, median",
+                   "at most",
                    0.5, known, lambda item: _over(_error(item, "named"), _error(item, "actuator_net"))),
         _of_median("model from 2000 rows: share of the vehicle file's error that named removes, median", "at least",
                    0.8, known, _with_few_rows),
@@ -87,7 +88,7 @@ def _nearer(cases: Sequence[Case], when: str) -> list[dict[str, Any]]:
                    lambda item: removed(item, "named", when) - removed(item, "actuator_net", when)),
         _bar(f"{when} cap: p of a sign test: named is closer to the path than actuator_net", "below", 0.01, sign,
              len(closer)),
-        _of_median(f"{when} cap: path error of named over that of base, median", "at most", 0.6, cases,
+        _of_median(f"{when} cap: path error of named divided by that of base, median", "at most", 0.6, cases,
                    lambda item: 1.0 - saved(item, "named", when)),
     ]  # fmt: skip
 
@@ -216,7 +217,10 @@ def tables(result: Mapping[str, Any]) -> list[Any]:
         for name, item in case["arms"].items()
         if "failed" in item
     ]
-    head = "Medians over cases: path error and lap at the first cap; model: yaw rate error at 0.5 s, 90 % of the grip\n"
+    head = (
+        "Medians over cases. Path error and lap: at the first cap. Model: yaw rate error at 0.5 s and 90 % of the "
+        "grip.\n"
+    )
     return [head, arms, "", bars, *(["", *failed] if failed else [])]
 
 

@@ -23,14 +23,16 @@ from .msnn_figures import adapted, criterion, densities, handling, predicted, re
 UNITS = {"yaw_rate": "rad/s", "a_x": "m/s²"}
 WORDS = {"yaw_rate": "yaw rate", "a_x": "a_x"}
 PROTOCOLS = (
-    "published: batches of 100 windows laid across joins, the mean of their RMSE; FVU as the authors' validator forms "
-    "it; prior strength and stopping are chosen on valid.csv, as the authors chose theirs. Table 3: adapted to the "
-    "whole recording of the changed car, and scored on it.",
-    "honest: no window crosses a join, all samples pooled, with a standard error over blocks of one second; nothing "
-    "is chosen on scored data. Table 3: adapted to the first 20 s of motion, scored on the rest.",
+    "published: windows are laid across joins, and the RMSE is the mean of that of batches of 100 windows. FVU is "
+    "computed as in the authors' validator. Prior strength and stopping are chosen on valid.csv, as by the authors. "
+    "In Table 3, models are adapted to the whole recording of the changed car, and scored on it.",
+    "honest: no window crosses a join, all samples are pooled, and standard errors are over blocks of one second. "
+    "Nothing is chosen on scored data. In Table 3, models are adapted to the first 20 s of motion and scored on the "
+    "rest.",
 )
 ADAM = (
-    "CPU s: of our fit, on one core. The authors train by Adam, some thousand epochs in batches of 100. The paper's "
+    "CPU s are those of our fit, on one core. The authors train by Adam, some thousand epochs in batches of 100. The "
+    "paper's "
     "recording with 10 % more mass is not public; single_mass is used instead, without a published figure."
 )
 
@@ -53,11 +55,13 @@ def msnn_report(bench: MsnnBench) -> Document:
             "95 % interval from blocks drawn in pairs. A difference whose interval includes zero is not significant.")),
         *titled("Table 3: a changed car, yaw rate in rad/s, a_x in m/s²",
                 _adapted_table([row for row in rows if row["table"] == 3]), Text(
-            "RMSE of the original network → fine-tuned. CPU s: of the slower of the two ways of tuning.")),
+            "RMSE of the original network → fine-tuned. CPU s are those of the slower of the two ways of tuning.")),
         *titled("Coupled networks: yaw rate in rad/s, a_x in m/s²",
                 _coupled_table([row for row in rows if row["table"] == "coupled"]), Text(
-            "Trained on train.csv, scored on valid.csv; ablations are those of their lateral or longitudinal network. "
-            f"Timing calibrated: one sample ahead, with {calibration_words(CALIBRATED)}, which are not scored.")),
+            "Networks are trained on train.csv and scored on valid.csv; an ablation is that of the lateral or the "
+            "longitudinal network. "
+            f"Timing calibrated: errors one sample ahead, with {calibration_words(CALIBRATED)}; these seconds are "
+            "not scored.")),
         *titled("Physical parameters", _physical(bench), Text(
             "The authors' figures come from their stored networks, which have a wheel of negative radius and "
             "inertia, a negative factor D on inertia, drag that drives, and a gain close to its pole. Bounds and "
@@ -177,9 +181,9 @@ def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
     lat, long = bench.fits[OURS, "msnn_lat"], bench.fits[OURS, "msnn_long"]
     made = [
         Drawing("fig_2", speed_ranges(bench.train, lat),
-                "As Fig. 2 of the paper. Curvature of the path over the steering angle in train.csv, samples of all "
-                "speeds as a density, with least-squares lines for thirds of the samples by speed; memberships of "
-                "MS-NN-lat's local models over the steering angle.",
+                "As Fig. 2 of the paper. Curvature of the path over the steering angle in train.csv: the density of "
+                "samples at all speeds, and a least-squares line for each third of the samples by speed. On the right: "
+                "memberships of MS-NN-lat's local models over the steering angle.",
                 "Curvature over steering angle with three lines; triangular memberships."),
         Drawing("fig_7", criterion(bench.grids), _criterion_words(bench), "AIC over the number of parameters."),
     ]  # fmt: skip
@@ -211,8 +215,9 @@ def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
     cars = {"nominal": bench.train, **bench.cars}
     made.append(Drawing(
         "fig_11", handling(cars),
-        "As Fig. 11b. Handling diagram as measured: steering angle less wheelbase (0.325 m) times curvature, where yaw "
-        "rate and speed hardly change, with cubic fits and their 95 % bands. The recordings are laps, not the paper's "
+        "As Fig. 11b. Handling diagram as measured: steering angle minus wheelbase (0.325 m) times curvature, over "
+        "lateral acceleration, from samples at which yaw rate and speed hardly change. Curves are cubic fits with 95 "
+        "% bands. The recordings are laps, not the paper's "
         "sinusoidal steering.",
         "Handling diagrams of several cars.",
     ))  # fmt: skip
@@ -226,8 +231,8 @@ def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
         ]
         made.append(Drawing(
             f"fig_12_{car}", adapted(rest, seen_on),
-            f"As Fig. 12, {car}. One sample ahead, by the original network and by the one adapted to the first 20 s "
-            "of motion. Shown are the 8 s after that in which each signal varies most. "
+            f"As Fig. 12, {car}. Predictions one sample ahead, by the original network and by the one adapted to the "
+            "first 20 s of motion. Shown are the 8 s of the rest in which each signal varies most. "
             + " ".join(_choice(bench, car, kind) for kind in ("msnn_lat", "msnn_long")),
             "Predictions before and after adaptation.",
         ))  # fmt: skip

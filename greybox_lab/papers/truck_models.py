@@ -116,7 +116,7 @@ v_y_bias = reading(
 )  # fmt: skip
 
 v_y_lead = reading(
-    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "lead of v_y over yaw rate and steering, to first order",
+    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "time by which v_y leads yaw rate and steering, to first order",
     typical=0.05, needs=("velocity_lever_arm",),
     v_y=lambda read, q: read.v_y + q.p.v_y_lead * (q.rates.v_y + q.p.velocity_lever_arm * q.rates.yaw_rate),
 )  # fmt: skip
@@ -137,7 +137,7 @@ def _lasting(model: MotionModel) -> MotionModel:
 
 lasting_v_y = effect(
     GROUP, "lasting_v_y", "1", 0.0, (-3.0, 3.0),
-    "share of the initial excess of v_y over steady cornering that remains in its readings",
+    "share of the initial difference between v_y and its steady value that remains in its readings",
     touches=("v_y",), needs=("yaw_rate", "B_r"), apply=_lasting, typical=0.2,
 )  # fmt: skip
 
@@ -174,7 +174,8 @@ def _rolling(model: MotionModel) -> MotionModel:
 
 
 roll = effect(
-    GROUP, "roll_steer", "rad s^2/m", 0.0, (-0.1, 0.1), "front slip angle per roll, which stands for filtered a_y",
+    GROUP, "roll_steer", "rad s^2/m", 0.0, (-0.1, 0.1), "front slip angle per unit of filtered a_y, which represents "
+    "the roll",
     touches=("alpha_f",), needs=("F_yf", "F_yr"), apply=_rolling, typical=0.01,
     others=(
         Parameter("roll_arm", "s^2", 0.0, (-0.1, 0.1), about="lateral acceleration per second derivative of roll"),
@@ -225,16 +226,17 @@ def with_held_angle(recording: Recording, model: MotionModel) -> Recording:
 
 held_angle = effect(
     GROUP, "share_held", "1", 0.0, (-3.0, 3.0), (
-        "share of the last change of alpha1 that continues for 1 s while it is constant"
+        "share of the last change of alpha1 that persists for 1 s while alpha1 is constant"
     ),
     touches=("steer",), apply=_held, typical=0.3,
     others=(
         Parameter("share_held_short", "1", 0.0, (-3.0, 3.0), about="the same, for 0.2 s"),
         Parameter("share_held_long", "1", 0.0, (-3.0, 3.0), about="the same, for 5 s"),
         Parameter("share_sliding", "1", 0.0, (-3.0, 3.0), about=(
-            "share of the change at its last slope, while alpha1 is constant"
+            "share by which alpha1 continues at its last slope while it is constant"
         )),
-        Parameter("share_turning", "s", 0.0, (-1.0, 1.0), about="effect of its slope, while alpha1 is not constant"),
+        Parameter("share_turning", "s", 0.0, (-1.0, 1.0), about="effect of the slope of alpha1 while it is not "
+        "constant"),
     ),
 )  # fmt: skip
 

@@ -94,17 +94,21 @@ Found = Mapping[str, Any]
 BICYCLES = ("bicycle, signs as published", "bicycle, signs corrected, lever arm")
 """Grey boxes of Fig. 3, beside networks."""
 OUT_OF_RANGE = (
-    "Trained and stopped on trajectories below 60 km/h; scored on trajectories of other recordings with a mean "
-    f"above 70 km/h. Intervals are over recordings. After {FASTER}: networks are also trained on simulations of the "
+    "Models are trained and stopped on trajectories below 60 km/h, and scored on trajectories of other recordings "
+    f"with a mean speed above 70 km/h. Intervals are over recordings. Networks named “{FASTER}” are also "
+    "trained on simulations of the "
     f"bicycle at up to {BEYOND:g} times the fastest of these speeds."
 )
-PAIRED = "Difference of RMSE, trajectory by trajectory; a difference whose interval includes zero is not significant."
+PAIRED = (
+    "The difference of the RMSE is taken trajectory by trajectory; if its interval includes zero, it is not "
+    "significant."
+)
 PROTOCOLS = (
     "as published: chunks of one recording of the truck lie in train and val. Networks are stopped by their error on "
     "val over the whole 10 s, so errors on val are lower than on a new recording.",
     "by recording: a third of the recordings of train and val is held out whole; networks are stopped by them too. "
     "Standard errors and intervals are over recordings.",
-    "test, where the authors' file is there, is scored and never used to fit, stop or choose.",
+    "test: if the authors' file of test trajectories is there, it is scored; it is never used to fit, stop or choose.",
 )
 
 
@@ -113,10 +117,10 @@ def truck_report(one: Found) -> Document:
     split = "test" if any(item["split"] == "test" for item in one["rows"]) else "val"
     notes: list[Part] = []
     if one["quick"]:
-        notes.append(Text("The smallest networks at 1 s from one seed.", "Quick:"))
+        notes.append(Text("Only the smallest networks were trained, with windows of 1 s and from one seed.", "Quick:"))
     if one["left_out"]:
         notes.append(
-            Text(f"{one['left_out']} trainings were left out, as time ran out; tables show the others.", "Left out:")
+            Text(f"{one['left_out']} trainings were left out, since time ran out; tables show the others.", "Left out:")
         )
     rows = one["rows"]
     published = [row for row in rows if not row["by_recording"]]
@@ -126,15 +130,15 @@ def truck_report(one: Found) -> Document:
             "RMSE of free runs of 10 s from the first reading, mean over trajectories, with standard errors. All "
             "models have the inputs v_x and alpha1. Models with both angles also have alpha2; the model with a map "
             "of the road's bank also has alpha2 and the position. From the fourth model on, inputs pass through "
-            "filters that are not causal. Table II of the paper: the bicycle as its authors coded it, not the one they "
-            "print; mean of the fifteen particles of least distance.")),
+            "filters that are not causal. Rows of Table II show the bicycle as its authors coded it, which differs "
+            "from the printed one; they are means over the fifteen particles of least distance.")),
         *titled("Published figures, on the authors' test split", _paper(one["paper"])),
         *titled("Table III: networks, as published", _models([item for item in published if item["table"] == "III"])),
         *titled("Further networks", _models([item for item in published if item["table"] == "own"])),
         *titled("By recording", _models([row for row in rows if row["by_recording"]])),
         *titled("Table IV: gain over the MLP", _gains(published, split), Text(
-            f"On {split}, the best of each method in each column; above zero is better. The best of several is "
-            "chosen on the scored data, so all figures are too good by about the same amount.")),
+            f"Gains on {split} of the best network of each method in each column; a gain above zero is better. The "
+            "best network is chosen on the scored data, so all gains are too good by about the same amount.")),
         *titled("Paired, against the MLP of that size", _pairs(one["comparisons"], False), Text(PAIRED)),
         *titled(f"Paired, against the {BICYCLES[1]}", _pairs(one["comparisons"], True), Text(PAIRED)),
         *titled("Which effects of transfer learning are significant", _lessons(one["lessons"]), Text(
@@ -169,9 +173,9 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
         )
         made.append(Drawing(
             "fig_4", slalom(traces),
-            f"As Fig. 4, a slalom of {traces['split']} (trajectory {traces['trajectory'] + 1}). Bands of 95 % "
-            "combine the spread of errors on train this long after a start with that of trainings from several "
-            f"seeds. Share of all readings of {traces['split']} inside: {held}.",
+            f"As Fig. 4, a slalom of {traces['split']} (trajectory {traces['trajectory'] + 1}). The 95 % bands "
+            "combine the spread of errors on train at the same time after the start with the spread of trainings "
+            f"from several seeds. Share of all readings of {traces['split']} inside: {held}.",
             "Measured and predicted lateral velocity and yaw rate over time.",
         ))  # fmt: skip
     if len({item["share"] for item in result["learning_curves"]}) > 1:

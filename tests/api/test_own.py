@@ -132,7 +132,7 @@ def test_a_file_of_defaults_may_not_name_code(folder):
         ("x = 1\n", "my_car.py has no own_model. It has no model and no effect."),
         ("def own_model(:\n", "my_car.py, line 1: SyntaxError"),
         ("x = 1\n\ny = 1 / 0\n", "my_car.py, line 3: ZeroDivisionError: division by zero"),
-        ("own_model = 3\n", "my_car.py:own_model is no model but 3"),
+        ("own_model = 3\n", "my_car.py:own_model must give a model, but gives 3"),
     ],
 )
 def test_what_is_wrong_with_a_file_is_a_sentence(folder, text, sentence):

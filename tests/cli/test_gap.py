@@ -197,7 +197,7 @@ def test_a_vehicle_beside_a_fit_states_its_sensors(laps, asked, fitted):
 def test_bad_input_is_a_sentence(laps, asked, fitted, tmp_path):
     lap, car = laps[0], ("--vehicle", "full_size_car")
     assert "Name the vehicle with --vehicle, or a fit with --fit" in refused("gap", lap)
-    assert "brings its own model" in refused("gap", lap, "--fit", fitted, "--model", "lateral")
+    assert "a fit has its own model" in refused("gap", lap, "--fit", fitted, "--model", "lateral")
     assert "model with memory" in refused("gap", lap, *car, "--model", "msnn_lat")
     assert "no vehicle" in refused("gap", lap, "--vehicle", "nothing")
     assert "nothing.csv" in refused("gap", tmp_path / "nothing.csv", *car)
@@ -256,7 +256,7 @@ def test_doubts_on_the_data_come_first():
 
 def test_what_makes_things_worse_is_said():
     words = " ".join(printed(unknown(), 100).split())
-    assert "makes predictions worse by 12 % of the excess [−4, 30] on lap8 and lap9 (held out)" in words
+    assert "increases the excess error by 12 % [−4, 30] on lap8 and lap9 (held out)" in words
     assert "all of the excess unexplained" in words
 
 

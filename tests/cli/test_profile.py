@@ -86,7 +86,7 @@ def test_an_interruption_keeps_the_profiles_that_are_done(fitted, monkeypatch):
     [
         ([], "Name it with --parameter, or --all of them: I_z, C_alpha_f, C_alpha_r"),
         (["--parameter", "C_alfa_f"], "Did you mean C_alpha_f?"),
-        (["--parameter", "m"], "m is held in this fit"),
+        (["--parameter", "m"], "m is fixed in this fit"),
         (["--parameter", "yaw_rate_bias"], "has a value for each run"),
         (["--parameter", "I_z", "--out", "curve.xlsx"], ".csv or .parquet"),
         (["missing.csv", "--parameter", "I_z"], "missing.csv"),

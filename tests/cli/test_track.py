@@ -101,7 +101,7 @@ def test_people_read_tables_and_what_to_mind(files):
     assert "NIS" in said
     assert "No sideslip was measured" not in said, "the lap holds v_y"
     assert "checked sideslip: RMSE" in " ".join(said.split())
-    assert "of it is within two sd, where 95 % should be" in " ".join(said.split())
+    assert "of these measurements are within two sd, where 95 % are expected" in " ".join(said.split())
     lap = pd.read_csv(files / "lap.csv").drop(columns="v_y")
     lap.to_csv(files / "without.csv", index=False)
     without = greybox("track", "--vehicle", files / "car.toml", files / "without.csv", "--out", files / "e.csv",
@@ -192,7 +192,7 @@ def test_lines_are_followed_through_standard_input(files, monkeypatch):
         (["--gate", "0"], "gate"),
         (["--model", "msnn_lat"], "a model with memory; filters track equations of motion"),
         (["--follow"], "--follow reads standard input"),
-        (["--fit", "fit.json"], "omit one of them"),
+        (["--fit", "fit.json"], "omit one or the other"),
     ],
 )
 def test_what_cannot_be_done_is_a_sentence(files, more, said):

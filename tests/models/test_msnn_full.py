@@ -53,7 +53,7 @@ def test_open_loop_the_full_model_is_its_two_parts_side_by_side():
 
 
 def test_parts_with_different_sample_times_are_refused():
-    with pytest.raises(BadInput, match="one sample time"):
+    with pytest.raises(BadInput, match="needs the same sample time for both"):
         msnn_full(FullSettings(LateralSettings(sample_time=0.02), LongitudinalSettings()))
 
 

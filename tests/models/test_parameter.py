@@ -48,7 +48,7 @@ def test_an_impossible_value_is_refused_in_a_sentence(value, bounds, says):
     ("given", "says"),
     [
         ({"sd": -1.0}, "Prior, sd: standard deviations above zero are needed, not -1.0"),
-        ({"sd": 0.0}, "exactly is a fixed parameter"),
+        ({"sd": 0.0}, "known exactly, fix the parameter"),
         ({"sd": np.nan}, "above zero"),
         ({"sd": [1.0, -1.0]}, "above zero"),
         ({"sd": "wide"}, "Prior, sd: a number or an array of numbers is needed, not 'wide'"),

@@ -90,7 +90,7 @@ def test_it_is_a_setting_whose_numbers_a_vehicle_states():
 
 def test_a_body_that_its_springs_do_not_hold_up_is_refused():
     tall = Vehicle("tall truck", {"m": Stated(17000.0), "h_cg": Stated(1.4)})
-    with pytest.raises(BadInput, match=r"tips over: roll_stiffness is .*2\.33·10⁵ N m/rad"):
+    with pytest.raises(BadInput, match=r"tips over, since roll_stiffness is .*2\.33·10⁵ N m/rad"):
         build("single_track", {"body": "rolling"}, vehicle=tall)
     springs = Vehicle("tall truck", {**tall.values, "roll_stiffness": Stated(1e6)})
     assert build("single_track", {"body": "rolling"}, vehicle=springs)["roll_stiffness"].array == 1e6

@@ -153,7 +153,7 @@ def test_draws_of_a_posterior_add_bands_and_a_corner_plot(motion_fit, laps, tmp_
     ).told  # fmt: skip
     assert {str(tmp_path / "figures" / f"{name}.svg") for name in ("corner", "bands")} < set(told["figures"])
     page = (tmp_path / "own.html").read_text()
-    assert "200 draws about the fit, weighted by the posterior" in page
+    assert "200 draws from the fit's normal distribution, weighted by the posterior" in page
     assert "of the readings are expected" in page
     fit(model, read_again[1:2], how=how).save(tmp_path / "other.json")
     arguments = ("--posterior", tmp_path / "posterior.parquet", "--out", tmp_path / "none.pdf")

@@ -105,7 +105,7 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
     [
         (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
         (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); the gap may not close at all"),
-        (-0.12, (-0.3, 0.04), "adding steering_delay makes predictions worse by 12 % of the excess [−4, 30]"),
+        (-0.12, (-0.3, 0.04), "adding steering_delay increases the excess error by 12 % [−4, 30]"),
         (-0.12, (-0.3, -0.02), "worse by 12 % of the excess [2, 30] on lap8 (held out)"),
         (NAN, (NAN, NAN), "no excess error above the floor on lap8 (held out)"),
         (-0.001, (-0.3, 0.3), "worse by 0 % of the excess [−30, 30]"),

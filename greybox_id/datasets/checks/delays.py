@@ -305,7 +305,7 @@ def _scattered(pair: Pair, lags: dict[int, Lag], odd: dict[int, tuple[float, flo
     ends = [f"{short_with_sd(ms * lags[n].samples, ms * lags[n].error)} ms in run {n}" for n in (low, high)]
     sentence = (
         f"the delay of {pair.left} after {pair.right} differs from run to run, from {ends[0]} to {ends[1]}; "
-        f"{len(odd)} of {len(lags)} runs lie apart from the rest. "
+        f"{len(odd)} of {len(lags)} runs have another delay than the rest. "
     )
     if pair.kinematic:
         sentence += "Both are the same quantity: the clocks of the two channels are not synchronised."

@@ -20,9 +20,9 @@ ABOUT = """\
    A model with memory: the outputs one sample later follow from a window of past inputs. You allocate the
    window, a struct of {window} bytes. One sample is {time:g} s. u are the inputs handed in, p the
    parameters, y the outputs. SI units throughout; angles to the left are positive (ISO 8855). Matrices are
-   dense, column after column: by_u[row + rows * column]. No function keeps anything but in the window,
-   takes memory from the heap or calls more than the mathematical library; windows of their own may run at
-   the same time. Stack: at most {stack} bytes. */"""
+   dense, column after column: by_u[row + rows * column]. Functions keep data in the window only, take no
+   memory from the heap and call no library other than the mathematical one. They may run at the same time
+   on different windows. Stack: at most {stack} bytes. */"""
 
 
 class MemoryC:

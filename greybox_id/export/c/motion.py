@@ -19,9 +19,9 @@ CAPACITY = 256
 ABOUT = """\
    x is the state and p the parameters; u are the inputs as commanded or measured, held over a step; y is
    what sensors read. SI units throughout; angles to the left are positive (ISO 8855). Matrices are dense,
-   column after column: by_x[row + rows * column]. No function keeps anything, takes memory from the heap or
-   calls more than the mathematical library; all may run at the same time. x_next may be x; other results
-   have places of their own. Stack: at most {stack} bytes. */"""
+   column after column: by_x[row + rows * column]. Functions keep no data between calls, take no memory from
+   the heap and call no library other than the mathematical one. They may run at the same time. x_next may
+   be x; other results have places of their own. Stack: at most {stack} bytes. */"""
 
 
 class MotionC:

@@ -106,8 +106,9 @@ def driven_elsewhere(rides: Sequence[FollowedRun], since: Sequence[FollowedRun])
     """How hard recordings are driven beside those from before, in a sentence."""
     (v, a), (w, b) = ((_percentile(part, _speed), _percentile(part, _turning)) for part in (rides, since))
     return (
-        f"The recordings to be examined reach {number(v, 2)} m/s and {number(a, 2)} m/s² across, those from before "
-        f"{number(w, 2)} m/s and {number(b, 2)} m/s² ({FAST:g}th percentiles). Model errors beyond the earlier range "
+        f"The recordings to be examined reach a speed of {number(v, 2)} m/s and a lateral acceleration of "
+        f"{number(a, 2)} m/s²; those from before reach {number(w, 2)} m/s and {number(b, 2)} m/s² ({FAST:g}th "
+        "percentiles). Model errors beyond the earlier range "
         "look like a change, so a change needs more evidence to be named."
     )
 

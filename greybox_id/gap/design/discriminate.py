@@ -128,7 +128,7 @@ def discriminating(
     ]
     known = tuple(name for name in rest if name in effects and effects[name].concerns(model))
     if unheld := [name for name in rest if name not in known]:
-        impossible.append(f"{', '.join(unheld)}: it has no equations here and is left out.")
+        impossible.append(f"{', '.join(unheld)}: left out, since this model has no equations for it.")
     if len(known) < 2:
         why = "No manoeuvre distinguishes them." if alike else "There is nothing to distinguish."
         return _nothing("discriminate", model, design_task, why, impossible)
@@ -192,7 +192,7 @@ def detecting(
     rivals = _Rivals(gap, [_without(shown[0]), *shown], design_task, detect=True)
     found_plan, separation = rivals.told_apart(say)
     impossible = [
-        f"No manoeuvre that was found in {design_task.arena.words} shows {item.pair[0]} at its usual size "
+        f"No manoeuvre was found in {design_task.arena.words} that shows {item.pair[0]} at its usual size "
         f"({item.nats:.1f} nats)."
         for item in separation
         if item.nats < HOPELESS

@@ -59,7 +59,7 @@ def known_by(fit: Fit) -> Known:
     """
     model = must_be(MotionModel, fit.model)
     if fit.covariance is None:
-        raise BadInput("The fit has no covariance, from which a manoeuvre is designed. Fit again.")
+        raise BadInput("The fit has no covariance, and a manoeuvre is designed from it. Fit again.")
     free = [(k, one) for k, one in scalars(model) if not one.fixed]
     if not free:
         raise BadInput(f"The fit of {model.name} has no free parameter whose precision a manoeuvre could raise.")
@@ -83,7 +83,7 @@ def wanted_names(fit: Fit, known: Known, names: Sequence[str]) -> tuple[str, ...
     for name in names:
         if name not in known.names:
             why = (
-                f"{name} is held in this fit; free it (‹free›) and fit again"
+                f"{name} is fixed in this fit; free it (‹free›) and fit again"
                 if name in fit.model
                 else f"{fit.model.name} has no parameter {name}.{near_or_all(name, known.names)}"
             )

@@ -153,10 +153,10 @@ class PlanSearch:
         worst = max(tight, key=lambda name: float(tight[name][0]))
         kept = self._holding(nearest, self.samples[0])[0]
         return BadInput(
-            f"The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for {100 * NEEDED:.0f} "
-            f"% of the plausible parameter values, and the best that was found does so for {100 * kept:.0f} %; for the "
-            f"other values, {worst} exceeds its limit. Raise that limit (‹limits›), or drive something gentle first "
-            "and fit again."
+            "The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for "
+            f"{100 * NEEDED:.0f} % of the plausible parameter values, but the best manoeuvre that was found keeps to "
+            f"them for {100 * kept:.0f} %. For the other values, {worst} exceeds its limit. Raise that limit "
+            "(‹limits›), or drive a gentle manoeuvre first and fit again."
         )
 
     def design(self, goal: str, found_plan: FoundPlan, **more: Any) -> Design:

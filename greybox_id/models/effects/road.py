@@ -63,7 +63,7 @@ wind_gust = effect(
     touches=("F_drag",), needs=("v_x", "c_2"), apply=_blowing, typical=8.0,
     others=(Parameter(
         "wind_direction", "rad", 0.0, (-2 * pi, 2 * pi), fixed=True,
-        about="direction the wind blows to, from the heading at the start of a run, positive to the left",
+        about="direction the wind blows to, relative to the heading at the start of a run, positive to the left",
     ),),
 )  # fmt: skip
 

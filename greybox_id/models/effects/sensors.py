@@ -76,7 +76,7 @@ velocity_lever_arm = reading(
 )  # fmt: skip
 
 wheel_speed_scale = effect(
-    GROUP, "wheel_speed_scale", "1", 1.0, (0.5, 2.0), "gain on the speed, as of a wheel's radius",
+    GROUP, "wheel_speed_scale", "1", 1.0, (0.5, 2.0), "gain of the speed reading, as from a wrong wheel radius",
     touches=("v_x",), apply=_wheel_speed, typical=1.05,
 )  # fmt: skip
 

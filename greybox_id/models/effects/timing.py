@@ -49,7 +49,8 @@ sensor_latency_imu = effect(
 )  # fmt: skip
 
 timestamp_jitter = effect(
-    GROUP, "timestamp_jitter", "s", 0.0, (0.0, 0.05), "standard deviation of the time of a reading about its stamp",
+    GROUP, "timestamp_jitter", "s", 0.0, (0.0, 0.05), "standard deviation of the difference between the time of a "
+    "reading and its stamp",
     touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.003,
 )  # fmt: skip
 """Moves no expected reading: it scatters readings by their rate of change times this. What tells it is residuals whose

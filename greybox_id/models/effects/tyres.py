@@ -102,8 +102,8 @@ grip_scale = alteration(
     road_limit=lambda limit, q: limit * q.p.grip_scale,
     others=(Parameter(
         "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
-        about="exponent of grip_scale in the slopes at zero slip: 1 scales them with D, 0 leaves them, as on "
-              "another road",
+        about="exponent of grip_scale in the slopes at zero slip: with 1 they scale like D, with 0 they stay, as on "
+        "a road with other friction",
     ),),
 )  # fmt: skip
 

@@ -389,13 +389,14 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
         result += [
             Drawing(
                 "gap_along", strips(gap.strip, stretch, applied),
-                "Where: mean square errors of all channels over those of the noise, along time and along the path.",
+                "Where: mean square errors of all channels divided by those of the noise, along time and along the "
+                "path.",
                 "Errors over time and along the path.",
             ),
             Drawing(
                 "gap_spectra", spectra(gap.strip, applied),
-                "Where: spectral density of the errors over that of the noise, which is one everywhere.",
-                "Spectra of the errors over the noise's.",
+                "Where: spectral density of the errors divided by that of the noise; 1 means that only noise is left.",
+                "Spectra of the errors, divided by those of the noise.",
             ),
         ]  # fmt: skip
     return tuple(result)
@@ -405,14 +406,14 @@ def _causes(gap: Gap) -> Drawing:
     """Which effects there may be; without a gap, which there could be unseen."""
     if gap.gap_detected or not gap.limits:
         caption = (
-            "Which: how probable each effect is, its magnitude with its 95 % interval over the estimate (0: absent)"
-            + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
+            "Which: how probable each effect is, and the 95 % interval of its magnitude, divided by the estimate (0: "
+            "absent)" + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
         )
         alt = "Bars of probabilities of effects with their intervals; map of the gap."
         return Drawing("gap_ranking", ranking(gap), caption, alt)
     caption = (
-        "Unseen: the effects that are hardest to detect, with their smallest detectable size over their usual one; "
-        "and where in speed and lateral acceleration the recordings were driven (blank: never)."
+        "Unseen: the effects that are hardest to detect, with their smallest detectable size divided by their usual "
+        "size; and the speeds and lateral accelerations that were driven (blank: none)."
     )
     return Drawing("gap_limits", limits(gap), caption, "Bars of the smallest detectable sizes; map of what was driven.")
 

@@ -61,7 +61,8 @@ CLOSURE = (
 )
 MATHEMATICS = (
     "The equations that an added effect changes, derived from the model. A dot is a time derivative; w is an "
-    "abbreviation. A prime marks a quantity that an effect alters, late a delayed one, read the reading of a sensor."
+    "abbreviation. A prime marks a quantity that an effect alters; “late” marks a delayed quantity, and "
+    "“read” the reading of a sensor."
 )
 METHOD = (
     (
@@ -90,10 +91,10 @@ METHOD = (
 ERRORS = "RMSE before → after (noise), from measured states over each horizon, and in free run."
 ERRORS_ALONE = "RMSE (noise), from measured states over each horizon, and in free run."
 LIMITS = (
-    "Would show from: the size from which an effect would be detected here, twice the standard deviation of its "
-    "estimate, to first order and with all parameters that have a tolerance refitted. Not absorbed: the share of the "
-    "information on the effect that these parameters cannot absorb. Effects with a threshold, such as plays, are "
-    "found by refits alone and are not listed."
+    "Would show from: the smallest size of an effect that would be detected here. It is twice the standard deviation "
+    "of the effect's estimate, computed to first order, with all parameters that have a tolerance refitted. Not "
+    "absorbed: the share of the information on the effect that remains when these parameters are refitted. Effects "
+    "with a threshold, such as a play, are not listed: they are detected by refits only."
 )
 CHANNELS = (
     "A ratio of error to noise of 1 means that only noise is left. The last two columns give the frequency at which "
@@ -266,9 +267,9 @@ def _could_be(gap: Gap) -> str:
         return ""
     unseen = [name for name, limit in gap.limits.items() if limit.share >= 1.0]
     if not unseen:
-        return f"Each of {len(gap.limits)} effects would be detected here in its usual size."
+        return f"Each of {len(gap.limits)} effects would be detected here at its usual size."
     return (
-        f"Of {len(gap.limits)} effects, {len(unseen)} could be present in their usual size without being detected "
+        f"Of {len(gap.limits)} effects, {len(unseen)} could be present at their usual size without being detected "
         f"here: {listed(unseen)}."
     )
 

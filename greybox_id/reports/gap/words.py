@@ -103,12 +103,12 @@ def carried_over(gap: Gap) -> list[str]:
         if one.effect in gap.applied and one.since is not None:
             stated.append(
                 f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model describes the "
-                "vehicle after that, with the effect"
+                "vehicle from then on, with the effect"
             )
         elif one.effect in gap.applied and one.until is not None:
             stated.append(
                 f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model describes the "
-                "vehicle after that, without the effect"
+                "vehicle from then on, without the effect"
             )
     return stated
 
@@ -194,7 +194,7 @@ def _whether(gap: Gap) -> str:
     if not gap.gap_detected:
         return (
             f"No gap: simulation and vehicle agree within {listed(suffices)} ({p_words(gap.p_value)})"
-            f"{_largest(gap)}{' once parameters are moved within tolerances' if gap.moved else ''}."
+            f"{_largest(gap)}{' once parameters are re-estimated within their tolerances' if gap.moved else ''}."
         )
     return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
 
@@ -217,7 +217,7 @@ def _largest(gap: Gap) -> str:
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda item: channels[item])
     times = f"{number(channels[name], 2) if channels[name] < MANY else f'over {MANY}'} times its noise"
     if gap.gap_detected and channels[name] < SLIGHT and gap.applied:
-        return f", though hardly in free run: the error of {name}, the largest, is {times}"
+        return f", though hardly in free run, where the largest error, that of {name}, is {times}"
     if gap.gap_detected:
         refitted = ", with tolerances refitted," if gap.moved else ""
         return f": in free run{refitted} the error of {name} is {times}"
@@ -357,14 +357,14 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     if not tells(closure):
         over = percent(max(closure.before - closure.floor, 0.0))
         return (
-            f"with {listed([*gap.applied])}; once tolerances are refitted, free runs exceed noise by {over} {place}: "
-            "the gap is too small to state shares of it"
+            f"with {listed([*gap.applied])}; once parameters with tolerances are refitted, the errors of free runs "
+            f"exceed noise by {over} {place}: the gap is too small to state shares of it"
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
         known = "" if high < 0 else "; the sign is uncertain here"
         return (
-            f"adding {listed([*gap.applied])} makes predictions worse by {whole_percent(-share)} % of the excess "
+            f"adding {listed([*gap.applied])} increases the excess error by {whole_percent(-share)} % "
             f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
         )
     known = "" if not low <= 0 else "; the gap may not close at all"

@@ -58,7 +58,8 @@ def beside_truth(digest: Digest) -> list[str]:
     for name, one in digest.truth.items():
         sentence = (
             f"{name}: RMSE {decimal(one.rmse)} {one.unit} against measurements that did not enter the filter "
-            f"({decimal(one.size)} {one.unit} rms); {percent(one.inside)} of it is within two sd, where 95 % should be"
+            f"({decimal(one.size)} {one.unit} rms); {percent(one.inside)} of these measurements are within two sd, "
+            "where 95 % are expected"
         )
         if one.inside < COVERED:
             sentence += ": the bands are too narrow, do not trust them"

@@ -92,7 +92,7 @@ def _error(name: str, value: Measured) -> str:
 
 
 NOISES = {
-    "walk": "random walk of {}, over the root of a second",
+    "walk": "random walk of {}, per square root of a second",
     "noise": "white noise of the readings of {}",
     "colour": "slow part of the error of {}",
     "memory": "correlation time of {}",
@@ -199,7 +199,7 @@ MIDDLE, LOW = 60.0, 75.0
 def drawings(digest: Digest) -> tuple[Drawing, ...]:
     """Estimates over time, forces over slip angle where a model has them, and the innovations over time and lags."""
     how = f"{digest.filter.upper()} and smoother" if digest.smoothed else digest.filter.upper()
-    more = " Measurements of them are drawn, too." if digest.course.measured else ""
+    more = " Measurements of the estimated quantities are drawn, too." if digest.course.measured else ""
     more += f" One of {digest.course.every} rows is drawn." if digest.course.every > 1 else ""
     if digest.runs > 1:
         more += " Runs begin at dotted lines; runs whose clocks start again are drawn one after the other."
@@ -226,7 +226,8 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
         Drawing(
             "whiteness",
             whiteness(digest),
-            "Correlation of innovations with those a lag later. If the filter uses all information in the readings, "
+            "Correlation of each innovation with the one a lag later. If the filter uses all information in the "
+            "readings, "
             "an innovation does not depend on earlier ones. Correlations outside the band come from an effect that "
             "the model lacks, or from correlated noise.",
             "Correlation of the innovations of each reading over lags, with its band.",
@@ -308,28 +309,29 @@ ESTIMATES = (
     "row. Identifiable in: for each tracked parameter, the share of rows that determine it."
 )
 TRUTH = (
-    "Estimate less measurement, over the rows that have both. These numbers include the errors of the measurement. "
+    "Estimate minus measurement, over the rows that have both. These numbers include the errors of the measurement. "
     "If the bands are right, 95 % of the rows lie within two standard deviations."
 )
 READINGS = (
-    "An innovation is a reading less what the filter expected of it. NIS: its square over the variance that the "
-    "filter expected, 1 on average if that variance is right; windows within: share of means over 2 s inside their "
-    "95 % bounds; autocorrelation: with the innovation before, and its 95 % bound if there is none; gated: readings so "
-    "far off that they counted as noisier."
+    "An innovation is a reading minus the filter's prediction of it. NIS: the square of the innovation divided by "
+    "the variance that the filter expects; its mean is 1 if that variance is right. Windows within: share of means "
+    "over 2 s that lie inside their 95 % bounds. Autocorrelation: correlation of an innovation with the one before; "
+    "the bound holds with 95 % if there is none. Gated: readings so far off that they counted as noisier."
 )
 NOISE = (
-    "The size of a random walk against the noise of the readings decides whether the filter follows its model or "
-    "the readings. A tuned size makes the readings most likely; sideslip that was not measured does not enter it."
+    "The ratio of a random walk's size to the noise of the readings decides whether the filter follows its model or "
+    "the readings. Sizes are tuned so that the readings are most likely; sideslip has no influence on them unless it "
+    "was measured."
 )
 BANDS = (
     "Bands are two standard deviations, from the filter and from parameters stated with a standard deviation. They "
     "do not include the error of a model with the wrong form."
 )
-RANGE = "Beyond the ranges given in What went in, this track says nothing about the vehicle."
+RANGE = "Outside the ranges in the section “What went in”, this track says nothing about the vehicle."
 EQUATIONS = (
     "Derived from the model, with tracked parameters as states. A dot is a time derivative; w is an abbreviation. A "
-    "prime marks a quantity that an effect or a tracked parameter alters, late a delayed one, read the reading of a "
-    "sensor."
+    "prime marks a quantity that an effect or a tracked parameter alters; “late” marks a delayed quantity, and "
+    "“read” the reading of a sensor."
 )
 
 

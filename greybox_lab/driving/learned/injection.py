@@ -94,7 +94,7 @@ def injected(model: Model, net: ActuatorNet, weight: Weight | None = None) -> In
     >>> model.effects, model.physics.effects
     (('learned_yaw',), ())
     """
-    no = f"{model.name} has no equations of motion, in which a network could act. Name single_track."
+    no = f"{model.name} has no equations of motion, so a network cannot act in them. Name single_track."
     model = must_be(MotionModel, model, no)
     if isinstance(model, InjectedModel):
         raise BadInput(f"{model.name} has a network already; inject into its equations of motion (.physics).")
@@ -136,7 +136,7 @@ def _refusing(name: str, sample_time: float) -> Callable[..., Mapping[str, Symbo
     def dynamics(*_: object) -> Mapping[str, Symbol]:
         raise BadInput(
             f"{name} has an actuator network with steps of {sample_time:g} s, and no equations in continuous time. "
-            "Drive it (racing.worlds.world) or lay it along a recording (learned.open_loop); fit and export its "
+            "Drive it (racing.worlds.world) or simulate it along a recording (learned.open_loop); fit and export its "
             ".physics."
         )
 

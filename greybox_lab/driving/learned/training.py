@@ -75,7 +75,7 @@ def train_actuator_net(
         raise BadInput(f"members and steps are 1 or more, not {members} and {steps}.")
     step = round(given[0].sample_time, 9) if sample_time is None else float(sample_time)
     if not step > 0:
-        raise BadInput(f"sample_time: s above zero are needed, not {sample_time!r}.")
+        raise BadInput(f"sample_time: seconds above zero are needed, not {sample_time!r}.")
     even = [resampled(recording, step) for recording in given]
     known = [_foretold(model, recording, value.outputs) for recording in even]
     result = windows(even, value, channel, step, known)
@@ -129,7 +129,7 @@ def _checked(given: Sequence[Recording], variant: str, model: MotionModel | None
     if value.residual and model is None:
         raise BadInput("A residual network adds to a model: give it with model=.")
     if model is not None and not value.residual:
-        raise BadInput(f"Networks of variant {variant} add to no model; omit model, or ask for 'residual'.")
+        raise BadInput(f"Networks of variant {variant} add to no model; omit model, or choose the variant 'residual'.")
     channel = "" if DRIVE not in value.inputs else _channel(given, model)
     for recording in given:
         recording.require(

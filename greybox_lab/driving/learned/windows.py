@@ -125,7 +125,9 @@ def windows(
                 blocks.append(before + np.stack([(at[:, -1] - a) // per_block, (ends + 1 - a) // per_block], axis=1))
             before += (b - a) // per_block + 1
     if not seen:
-        raise BadInput(f"No unbroken run is longer than the {H} steps that the network reads, and one more.")
+        raise BadInput(
+            f"No unbroken run is long enough: a run of {H + 1} steps is needed, of which the network reads {H}."
+        )
     parts = [np.concatenate(each) for each in (seen, following, value)]
     whole = np.all([np.all(np.isfinite(part.reshape(len(part), -1)), axis=1) for part in parts], axis=0)
     return StepWindows(parts[0][whole], parts[1][whole], parts[2][whole], np.concatenate(blocks)[whole])

@@ -90,7 +90,7 @@ class Connection(H11Protocol):
     def _give_up(self) -> None:
         if not self.transport.is_closing():
             with suppress(h11.LocalProtocolError):
-                self.send_400_response("The head of the request did not come in time.")
+                self.send_400_response("The header of the request did not arrive in time.")
             self.transport.close()
 
 

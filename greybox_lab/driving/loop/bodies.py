@@ -82,5 +82,5 @@ def json_object(body: bytes) -> dict[str, Any]:
         inner = (part.values() if isinstance(part, dict) else part for part in level if isinstance(part, (dict, list)))
         level = [item for items in inner for item in items]
     if level:
-        raise BadInput(f"The body has more than {DEEPEST} brackets within each other.")
+        raise BadInput(f"The body has more than {DEEPEST} levels of nested brackets.")
     return value

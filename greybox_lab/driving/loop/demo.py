@@ -204,7 +204,10 @@ class _Running(Underway):
         self.count(drive, cap, cycle=k)
         recordings = last_rows(drive.recordings, self.size.diagnosed)
         if not recordings:
-            raise BadInput("The vehicle crashed too early in every attempt to diagnose anything; try another ‹seed›.")
+            raise BadInput(
+                "In every attempt, the vehicle crashed before there were enough rows for a diagnosis; try "
+                "another ‹seed›."
+            )
         write_recording(joined(recordings), folder / "rows.csv")
         self.say(f"cycle {k}: identifying a model from the rows, and learning on it")
         learned, model, seconds = adapted(

@@ -25,7 +25,8 @@ def demo_report(demo: Mapping[str, Any]) -> Document:
     parts = (
         Text(
             "A 1:10 car in simulation has effects that its vehicle file does not state: "
-            f"{effect_words(demo['withheld'])}. Neither the diagnosis nor the driver knows them. The simulated car "
+            f"{effect_words(demo['withheld'])}. Neither the diagnosis nor the driver knows these effects. The "
+            "simulated car "
             "shares no code with the models of the diagnosis and the driver.",
             small=False,
         ),

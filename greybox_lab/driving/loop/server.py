@@ -278,7 +278,7 @@ class Server:
         try:
             encoded = vehicle.encode()
         except UnicodeEncodeError as error:
-            raise BadInput("vehicle: this is no text of a file.") from error
+            raise BadInput("vehicle must be the text of a vehicle file.") from error
         if await asyncio.to_thread(self._store.is_new, session, vehicle, policy):
             async with self._staged("vehicle", encoded, ".toml"):
                 pass

@@ -172,7 +172,7 @@ class ServerStore:
             return False
         folder = self.folder / "sessions"
         if folder.is_dir() and sum(1 for _ in folder.iterdir()) >= SESSIONS:
-            raise Full(f"There are {SESSIONS} sessions; go on with one of them.")
+            raise Full(f"There are {SESSIONS} sessions already, the most that this server keeps; use one of them.")
         return True
 
     def rows_known(self, session: str, sha: str, size: int) -> bool:
@@ -219,7 +219,7 @@ class ServerStore:
         if same is not None:
             return same
         if any(job.session == session and job.status in (QUEUED, TRAINING) for job in jobs):
-            raise Busy(f"Session {session} has a job that is not over; wait for it.")
+            raise Busy(f"Session {session} has an unfinished job; wait for its end.")
         job = Job(name, session, arm, rows=rows, policy=policy, place=len(jobs), **numbers)
         self.keep(job)
         return job

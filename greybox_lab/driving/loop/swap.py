@@ -187,7 +187,7 @@ def drivers_policy(file: Path) -> Policy:
     """A policy that sees what a `World` shows. Raises `BadInput`."""
     policy = load_policy(file)
     if policy.size != SIZE:
-        raise BadInput(f"The policy takes observations of {policy.size} numbers; a driver here has {SIZE}.")
+        raise BadInput(f"The policy takes observations of {policy.size} numbers; drivers of this server take {SIZE}.")
     return policy
 
 
@@ -229,9 +229,9 @@ def agree(new: Policy, present: Policy, minute: Sequence[Observations]) -> None:
     for name, square, most in zip(("steering", "drive"), apart, spread, strict=True):
         if not square <= most:
             raise NotSwapped(
-                f"In the last minute its {name} would have differed by {np.sqrt(square):.2f} from that of the "
-                f"present policy (RMS on a scale of 1), whose actions vary by {np.sqrt(most):.2f}; try the "
-                "new policy in a twin first."
+                f"In the last minute, the {name} of the new policy would have differed from that of the present "
+                f"policy by {np.sqrt(square):.2f} (RMS, on a scale of 1). The actions of the present policy vary by "
+                f"{np.sqrt(most):.2f} only. Try the new policy in a twin first."
             )
 
 

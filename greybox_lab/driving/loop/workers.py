@@ -106,7 +106,7 @@ class Workers:
         order = {"folder": str(self._store.folder.resolve()), "job": job.id}
         ended = await asyncio.to_thread(nursery.unit, WORK, order, job.seconds, MEMORY, hear)
         if ended.how in ("time", "clock"):
-            return f"Its budget of {job.seconds:g} s is used up; ask for more seconds, or fewer steps."
+            return f"The job's budget of {job.seconds:g} s is used up; ask for more seconds, or fewer steps."
         if ended.how == "memory":
             return f"More than {MEMORY >> 30} GB of memory would be needed; send fewer rows."
         if ended.how != "done":

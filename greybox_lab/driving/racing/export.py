@@ -38,7 +38,7 @@ OPSET, IR_VERSION = 17, 8
 """Of ONNX: what runtimes from 2022 on read."""
 POINTS, TOLERANCE = 100, 1e-6
 """Observations of the self-test, and how far actions may be from Python's: rounding in single precision."""
-DONE = {"steering": "of the largest angle", "drive": "drive or target speed, whichever the rules of its training name"}
+DONE = {"steering": "of the largest angle", "drive": "drive or target speed, as the rules of the policy's training say"}
 """Actions, and what they are."""
 UNITS: Mapping[str, tuple[str, int, str]] = {
     "v_x": ("speed", -1, "m/s"), "v_y": ("speed", -1, "m/s"), "yaw_rate": ("yaw_rate", -1, "rad/s"),

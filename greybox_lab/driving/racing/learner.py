@@ -180,7 +180,9 @@ def learn(
     if not steps > 0:
         raise BadInput(f"steps: a number above zero is needed, not {steps!r}.")
     if start is not None and start.policy.size != world.size:
-        raise BadInput(f"The policy takes {start.policy.size} numbers, the track gives {world.size}; learn a new one.")
+        raise BadInput(
+            f"The policy takes {start.policy.size} numbers, but the track gives {world.size}; learn a new policy."
+        )
     result = settings or (Settings() if start is None else FINE_TUNING)
     with threadpool_limits(1):  # matrices are small: further threads only wait for each other
         return _Learning(world, result, start, seed).run(steps, say, stopped)

@@ -141,12 +141,12 @@ def read_track(path: str | Path, limits: Usage, half_width: float | None = None)
         raise BadInput(f"{path}: a number is missing or not finite.")
     if half_width is None:
         if table.shape[1] < 4:
-            raise BadInput(f"{path} states no widths; say how wide the track is (half_width).")
+            raise BadInput(f"{path} has no columns of widths; state half the width of the track (half_width).")
         half_width = float(np.min(table[:, 2:4]))
     points = table[:, 0] + 1j * table[:, 1]
     points = points[np.abs(points - np.roll(points, 1)) > 0]
     if len(points) < FEWEST or abs(np.sum((np.conj(points) * np.roll(points, -1)).imag)) < 1e-9:
-        raise BadInput(f"{path}: the line crosses no area; name the points of a closed track in their order.")
+        raise BadInput(f"{path}: the line encloses no area; list the points of a closed track in their order.")
     line, curvature = _even(points)
     if not half_width > 0 or half_width * float(np.max(np.abs(curvature))) >= 1.0:
         raise BadInput(

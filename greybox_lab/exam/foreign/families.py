@@ -73,7 +73,7 @@ _OUTSIDE = (
     Entry("assist_fade", "1", 0.0, "share of the steering that the assistance takes back at speed", 0.12, 0.3,
           resembles=("steering_ratio",)),
     Entry("locked_axle", "1", 0.0, "how far the rear wheels are locked together", 0.4, 1.0),
-    Entry("camber_thrust", "1", 0.0, "lateral force of leaning wheels over load, at one g", 0.1, 0.3, sides="both"),
+    Entry("camber_thrust", "1", 0.0, "lateral force of leaning wheels, per load, at one g", 0.1, 0.3, sides="both"),
     Entry("crosswind", "1", 0.0, "sd of gusts across, over the weight", 0.015, 0.04),
     Entry("sinking_voltage", "1/min", 0.0, "share of the driving force lost per minute", 0.12, 0.3,
           resembles=("motor_gain",)),

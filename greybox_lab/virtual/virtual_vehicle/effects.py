@@ -116,7 +116,7 @@ _VEHICLE = (
     Entry("combined_slip", "1", 0.0, "strength of the friction ellipse", 0.5, 1.2),
     Entry("load_sensitivity", "1", 0.0, "loss of a wheel's friction per relative growth of its load", 0.1, 0.35,
           special={"racer": (0.25, 0.6), "truck": (0.06, 0.25)}),
-    Entry("longitudinal_load_transfer", "1", 0.0, "height of the centre of gravity over its nominal one", 0.3, 0.8),
+    Entry("longitudinal_load_transfer", "1", 0.0, "height of the centre of gravity (1: nominal height)", 0.3, 0.8),
     Entry("tyre_temperature", "1", 0.0, "share of the friction that warm tyres lose", 0.08, 0.3),
     Entry("mass_change", "1", 1.0, "factor on the mass: inertia and loads", 0.03, 0.15, "one", "both"),
     Entry("cog_shift", "m", 0.0, "forward shift of the centre of gravity", 0.015, 0.05, "length", "both",
@@ -165,19 +165,20 @@ _SENSORS = (
     Entry("sensor_latency_yaw", "s", 0.0, "latency of the yaw rate reading", 0.008, 0.04),
     Entry("sensor_latency_vx", "s", 0.0, "latency of the speed reading", 0.02, 0.1),
     Entry("sensor_latency_imu", "s", 0.0, "latency of yaw rate and accelerations", 0.008, 0.04),
-    Entry("timestamp_jitter", "s", 0.0, "sd of the time of a reading about its stamp", 0.0015, 0.006),
+    Entry("timestamp_jitter", "s", 0.0, "sd of the difference between a reading's time and its stamp", 0.0015, 0.006),
     Entry("dropped_samples", "1", 0.0, "share of rows at which sensors repeat their last reading", 0.03, 0.25),
 )  # fmt: skip
 
 _OUTSIDE_VEHICLE = (
-    Entry("dragging_brake", "1", 0.0, "drag of the front left brake over the weight", 0.008, 0.025,
+    Entry("dragging_brake", "1", 0.0, "drag of the front left brake divided by the weight", 0.008, 0.025,
           resembles=("rolling_resistance", "steering_offset")),
     Entry("puncture", "1", 0.0, "share of its stiffness, grip and radius that the front right tyre has lost",
           0.12, 0.35, resembles=("front_stiffness",)),
     Entry("limited_slip", "1", 0.0, "share of an axle's driving force that goes to its slower wheel", 0.35, 0.9),
     Entry("torque_vectoring", "1", 0.0, "gain of a yaw moment towards the yaw rate that the steering asks for",
           0.4, 1.5),
-    Entry("rear_steer", "1", 0.0, "rear over front road-wheel angle, both to the same side above a third of top speed",
+    Entry("rear_steer", "1", 0.0, "ratio of rear to front road-wheel angle; above a third of top speed both turn to "
+    "the same side",
           0.05, 0.15),
     Entry("steering_compliance", "rad", 0.0, "angle by which the front wheels yield under a lateral force as large as "
         "their load",
@@ -197,7 +198,7 @@ _OUTSIDE_VEHICLE = (
           "share of the steering that passes through a linkage oscillating at 2.5 Hz (scaled to the car)",
           0.2, 0.7, resembles=("steering_lag",),
           special={"racer": (0.5, 1.0)}),
-    Entry("drive_dead_zone", "1", 0.0, "dead zone of drive and brake forces, over the weight",
+    Entry("drive_dead_zone", "1", 0.0, "dead zone of drive and brake forces, divided by the weight",
           0.015, 0.05),
     Entry("driveline_oscillation", "1", 0.0,
           "share of the force that passes through a shaft oscillating at 2 Hz (scaled to the car)",
@@ -219,7 +220,8 @@ _OUTSIDE_VEHICLE = (
     Entry("slippery_patches", "1", 0.0, "share of the friction lost on patches of the road", 0.15, 0.35,
           resembles=("grip_scale",)),
     Entry("side_gusts", "m/s", 0.0, "sd of gusts that push and turn the vehicle", 0.35, 0.9, "speed"),
-    Entry("aero_yaw", "1", 0.0, "yaw moment of the air per sideslip at top speed, over weight times wheelbase",
+    Entry("aero_yaw", "1", 0.0, "yaw moment of the air per unit of sideslip at top speed, divided by weight times "
+    "wheelbase",
           0.6, 1.8),
 )  # fmt: skip
 

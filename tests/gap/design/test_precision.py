@@ -216,7 +216,7 @@ def test_what_cannot_be_designed_for_is_a_sentence(fit):
         ("there is no limit", {"arena": "disc:60", "limits": {"gripp": 0.5}}),
         ("is no number", {"arena": "disc:60", "limits": {"grip": 3.0}}),
         ("no parameter", {"arena": "disc:60", "parameters": ["I_zz"]}),
-        ("held in this fit", {"arena": "disc:60", "parameters": ["m"]}),
+        ("fixed in this fit", {"arena": "disc:60", "parameters": ["m"]}),
         ("goal discriminate needs a gap", {"arena": "disc:60", "goal": "discriminate"}),
         ("^duration", {"arena": "disc:60", "duration": -1.0}),
         ("^duration", {"arena": "disc:60", "duration": float("nan")}),

@@ -34,7 +34,7 @@ def test_sitting_and_scoring(exam):
     assert sat.code == 0
     assert sat.told["diagnosed"] == 2
     assert "2 of 2 cases to diagnose" in sat.err
-    assert "(2 were before)" in greybox("exam", "run", exam / "cases", *SILENT).out
+    assert "(2 of them earlier)" in greybox("exam", "run", exam / "cases", *SILENT).out
 
     score = greybox("exam", "score", exam, "--detail")
     assert score.code == 0

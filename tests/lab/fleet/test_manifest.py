@@ -107,7 +107,7 @@ def test_a_manifest_that_cannot_be_read_is_a_sentence(tmp_path):
 
 
 def test_no_recordings_is_a_sentence(tmp_path):
-    with pytest.raises(BadInput, match="there are no recordings"):
+    with pytest.raises(BadInput, match="no recordings match"):
         entries(fleet(tmp_path, "*.mf4"))
 
 

@@ -32,7 +32,7 @@ def test_what_is_not_said_has_a_default(tmp_path):
         (GOOD + '[fit]\nmodel = "laterl"\n', "Did you mean lateral?"),
         (GOOD + FIT + "horizn = 2\n", "no option 'horizn'. Did you mean horizon?"),
         (GOOD + FIT + "horizon = -2\n", "seconds above zero"),
-        (GOOD + FIT + 'with = ["own.py:effect"]\n', "names no code to run"),
+        (GOOD + FIT + 'with = ["own.py:effect"]\n', "cannot name code to run"),
         (GOOD + FIT + 'fix = ["mass=3"]\n', "has no parameter mass"),
         (GOOD + "limits = {seconds = 0}\n" + FIT, "limits.seconds is a number above zero"),
         (GOOD + 'limits = {memory = "lots"}\n' + FIT, "limits.memory is a size"),

@@ -199,7 +199,7 @@ def test_damaged_results_are_a_sentence(copied):
 
 def test_an_engine_that_is_not_there_is_a_sentence(fleet, tmp_path):
     plan, _, _ = fleet
-    assert "--scheduler is of the engine dask" in refused(
+    assert "--scheduler is for the engine dask" in refused(
         "fleet", "run", plan, "--out", tmp_path / "R", "--scheduler", "x"
     )
     with pytest.raises(gb.BadInput, match="there is no engine 'ray'"):

@@ -247,8 +247,8 @@ def test_names_that_do_not_tell_are_asked_for(tmp_path):
         (["speed=omega_rear"], "one of v_x, steer"),
         (["v_x=omega"], "there is no input omega; there are"),
         (["v_x=omega_rear", "steer=omega_rear"], "both v_x and steer"),
-        (["v_x=omega_rear", "v_x=handwheel"], "one input each"),
-        (["motor_current=omega_rear"], "is said to be motor_current"),
+        (["v_x=omega_rear", "v_x=handwheel"], "one input for each"),
+        (["motor_current=omega_rear"], "is motor_current, but"),
         (["steer=omega_rear", "v_x=handwheel", "a_x=imu_long"], "is not of the form"),
     ],
 )

@@ -153,7 +153,7 @@ def test_an_argument_may_be_called_as_a_library_is():
 
 
 def test_the_number_of_arguments_is_checked():
-    with pytest.raises(BadInput, match="takes 2 arguments; the file hands it 1"):
+    with pytest.raises(BadInput, match="takes 2 arguments, but the file passes 1"):
         returning("x")(X)
 
 

@@ -386,7 +386,7 @@ def test_a_job_that_a_kill_interrupts_is_done_after_the_restart(known, policy):
     with serving(known) as own:
         job = own.client.post("/v1/sessions/car/train", wanted)
         assert own.client.post("/v1/sessions/car/train", wanted)["id"] == job["id"]
-        with pytest.raises(Declined, match="not over"):
+        with pytest.raises(Declined, match="unfinished job"):
             own.client.post("/v1/sessions/car/train", {**wanted, "steps": 5})
         waited(own.client, job["id"], lambda now: now["status"] == TRAINING)
         own.kill()

@@ -210,7 +210,7 @@ def test_what_makes_no_sense_is_refused():
             Settings(**wrong)
     other = learn(racing, 32, settings=SMALL)
     racing.size += 1
-    with pytest.raises(BadInput, match="takes 27 numbers, the track gives 28"):
+    with pytest.raises(BadInput, match="takes 27 numbers, but the track gives 28"):
         learn(racing, 32, start=other)
     with pytest.raises(BadInput, match="No policy is shipped"):
         shipped_learned("bicycle")

@@ -43,8 +43,8 @@ def test_the_shipped_track_is_closed_and_as_narrow_as_asked():
         ("\n".join("1,two" for _ in range(20)), "points or more"),
         ("\n".join(f"{k},nan" for k in range(20)), "points or more"),
         ("\n".join(f"{k},1e400,1,1" for k in range(20)), "not finite"),
-        ("\n".join(f"{k},0,1,1" for k in range(20)), "crosses no area"),
-        ("\n".join("0,0,1,1" for k in range(20)), "crosses no area"),
+        ("\n".join(f"{k},0,1,1" for k in range(20)), "encloses no area"),
+        ("\n".join("0,0,1,1" for k in range(20)), "encloses no area"),
         ("0,0\n" * 3 + "1,0,3\n" * 30, "are needed"),
     ],
 )
@@ -55,7 +55,7 @@ def test_what_is_no_track_is_a_sentence(tmp_path, text, said):
 
 
 def test_widths_that_are_not_stated_or_too_large_are_sentences(tmp_path):
-    with pytest.raises(BadInput, match="states no widths"):
+    with pytest.raises(BadInput, match="has no columns of widths"):
         read_track(circle(tmp_path / "circle.csv", widths=False, head="x,y"), LIMITS)
     assert read_track(circle(tmp_path / "circle.csv", widths=False, head="x,y"), LIMITS, 1.0).half_width == 1.0
     with pytest.raises(BadInput, match="narrowest bend"):
