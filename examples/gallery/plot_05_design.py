@@ -2,8 +2,7 @@
 The next manoeuvre
 ==================
 
-A fit shows which parameters are uncertain. A designed manoeuvre makes them more certain, inside the
-arena that there is.
+A fit shows which parameters are uncertain. A designed manoeuvre makes them more certain, within a given arena.
 """
 
 import matplotlib.pyplot as plt

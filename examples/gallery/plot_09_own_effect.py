@@ -24,8 +24,7 @@ soft_steering = gb.effects.alteration(
 )
 
 # %%
-# The recordings are of a car with tyres: slow steering at 6 to 26 m/s, so they contain
-# information on an effect of the speed.
+# A car with tyres is steered slowly at 6 to 26 m/s, so the recordings contain information on an effect of the speed.
 car = gb.models.lateral(tyre="linear", vehicle="full_size_car")
 
 
@@ -41,7 +40,7 @@ def driven(name, rate, seed):
 lap, other = driven("lap", 0.5, 0), driven("other", 0.7, 1)
 
 # %%
-# The model is geometry alone, once without and once with the effect.
+# The model has geometry only. It is fitted once without and once with the effect.
 rigid = gb.models.kinematic(understeer=False, vehicle="full_size_car")
 fits = {
     name: gb.fit(model, lap, validation=other)

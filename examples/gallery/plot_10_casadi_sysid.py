@@ -28,7 +28,7 @@ start = np.array([float(servo_axis()[name].array) for name in TRUTH])
 print(inspect.getsource(peers.by_casadi))
 
 # %%
-# Both, in CPU seconds.
+# CPU seconds of both.
 begun = clock.process_time()
 by_hand = peers.by_casadi(*rows, start)
 middle = clock.process_time()

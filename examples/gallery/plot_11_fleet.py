@@ -35,7 +35,7 @@ for vehicle, inertia in {"V0": 2274.0, "V1": 2729.0}.items():
         table.to_csv(file, index=False)
 
 # %%
-# A file says what is done with each of them; ``greybox fleet run fleet.toml --out results`` does the same.
+# A file says what is done with each recording; ``greybox fleet run fleet.toml --out results`` does the same.
 (folder / "fleet.toml").write_text(
     """recordings = "data/{vehicle}/*.csv"
 vehicle = "full_size_car"
@@ -60,7 +60,8 @@ vehicles[["vehicle", "recordings", "value", "low", "high"]].round(0)
 
 # %%
 # The estimate from each recording, and that of each vehicle from all its recordings, with 95 % intervals. Every single
-# fit is drawn to its priors, the numbers of the vehicle file; the vehicles' estimates are free of them.
+# fit is pulled towards its priors, the numbers of the vehicle file; the estimates of the vehicles do not contain these
+# priors.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 each = estimates.query("name == 'I_z'")
 place = {"V0": 0.0, "V1": 1.0}

@@ -3,7 +3,7 @@ A predictive controller closes the loop
 =======================================
 
 If a controller ignores a delay, it steers too late, and the car oscillates about the path. The same controller on the
-closed model, exported to CasADi, knows which command acts when.
+closed model, exported to CasADi, takes the delay into account.
 """
 
 import importlib.util

@@ -32,7 +32,7 @@ FORMS = {
     "effects": [("effects",)],
     "effects NAME": [("effects", "steering_rate_limit")],
     "fit, equations of motion": [MOTION],
-    "fit, maps with memory and hybrids": [
+    "fit, models with memory and hybrids": [
         ("fit", *TINY, SHIPPED, "--solver", "gauss-newton", "--out", "map"),
         (
             "fit",

@@ -124,7 +124,10 @@ def variables_of(subject: Subject, steps: Steps) -> list[Variable]:
             for k, state in enumerate(e.states)
         ]
     result += _parameters(subject)
-    about = "longest inner step of the Runge-Kutta method; near standstill shorter ones are taken where it is stiff"
+    about = (
+        "longest inner step of the Runge-Kutta method; near standstill, where the equations are stiff, shorter "
+        "steps are taken"
+    )
     return [*result, Variable("settings.longest_step", "setting", 0, "s", about, steps.longest, 0.0)]
 
 
