@@ -78,7 +78,7 @@ def closed_vehicle(vehicle: Vehicle, gap: Gap) -> Vehicle:
 
 def no_place(model: str) -> str:
     """Why there is no closed vehicle for a model that holds a network's weights, and what there is instead."""
-    return f"a vehicle file has no place for the weights of {model}; gb.diagnose hands over its closed model."
+    return f"a vehicle file has no place for the weights of {model}; use the closed model that gb.diagnose returns."
 
 
 def fitted_vehicle(fit: Fit, name: str) -> Vehicle:

@@ -231,7 +231,7 @@ def _must_be_possible(duration: float, rate: float, repeat: int, effort: float) 
         ("effort", effort, 0.01, 20.0),
     ):  # fmt: skip
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise BadInput(f"‹{name}› {value!r:.40} is no number between {low:g} and {high:g}.")
+            raise BadInput(f"‹{name}› {value!r:.40} must be a number between {low:g} and {high:g}.")
     if duration * rate > MOST_ROWS:
         raise BadInput(
             f"‹duration› {duration:g} s at ‹rate› {rate:g} Hz are more than {MOST_ROWS} rows; lower one of them."

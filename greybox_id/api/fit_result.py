@@ -440,7 +440,7 @@ def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Han
     otherwise : what to do where it is not found.
     """
     if not record.path:
-        raise BadInput(f"The recording {record.name} was made in memory, and no file holds it. {otherwise}")
+        raise BadInput(f"The recording {record.name} was made in memory and is in no file. {otherwise}")
     above = [] if fit_file is None else fit_file.resolve().parents[:FOLDERS_ABOVE]
     around = [folder / name for folder in above for name in (record.path, Path(record.path).name)]
     for place in (Path(record.path), *around):

@@ -320,7 +320,7 @@ def _split(text: str, where: str) -> tuple[float, str]:
     """The number, and the unit behind it."""
     result = _WRITTEN.fullmatch(text.replace("−", "-"))
     if result is None:
-        raise BadInput(f"{where}: {text!r} is no number; write 3.5 or, with a unit, 3.5kg.")
+        raise BadInput(f"{where}: {text!r} is not a number; write 3.5 or, with a unit, 3.5kg.")
     return float(result[1]), result[2]
 
 

@@ -129,7 +129,7 @@ GROUPS: Groups = {
     },
     "Gap": {
         "gap": ("greybox_id.cli.gap", "Say where a simulation deviates from the vehicle, and why."),
-        "design": ("greybox_id.cli.design", "Design the next manoeuvre: the most informative one."),
+        "design": ("greybox_id.cli.design", "Design the most informative next manoeuvre."),
     },
     "Estimate": {
         "track": ("greybox_id.cli.track", "Track sideslip, tyre parameters and forces along a recording."),

@@ -43,7 +43,7 @@ class RepairTarget(Guarded):
 
 @click.group(cls=CommandGroup)
 def data() -> None:
-    """Check, map and convert recordings before anything is fitted to them.
+    """Check, map and convert recordings before a fit.
 
     \b
     greybox data map lap.csv --out my_car.toml
@@ -139,7 +139,8 @@ def map_command(
 ) -> None:
     """Propose a column map for FILE from names, units and cross-checks, and list what is uncertain.
 
-    Several FILEs are topics or sensors of one drive, each with a clock of its own: one map for all of them.
+    If several FILEs are given, they must be topics or sensors of one drive, each with its own clock; the command
+    proposes one map for all.
 
     \b
     greybox data map lap7.csv --out my_car.toml

@@ -35,7 +35,7 @@ def design(
     grip: float | None = option("Largest share of an axle's friction to use; default: 0.85.", "SHARE"),
     repeat: int = option("How many times the manoeuvre will be driven.", default=1),
     driver: bool = option(
-        "A driver corrects speed and path, or the planned commands are given unchanged.",
+        "Whether a driver corrects speed and path, or the planned commands are sent unchanged.",
         name="--driver/--open-loop",
         default=True,
         show_default=True,

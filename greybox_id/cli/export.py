@@ -34,7 +34,7 @@ def export(
     target: str = option(f"One of {', '.join(TARGETS)}.", "TARGET", required=True, shell_complete=names(TARGETS)),
     out: str = option("Folder to write; an earlier export there is replaced.", "FOLDER", required=True),
     parameters: str = option(
-        "Parameters that the code takes as arguments; all others become constants, which makes it faster.",
+        "Parameters that the code takes as arguments; all others become constants, which makes the code faster.",
         "free|all|NAME,...",
         default="free",
     ),

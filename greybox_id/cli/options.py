@@ -262,7 +262,7 @@ def settings_of(pairs: Sequence[str]) -> dict[str, Any]:
             value = json.loads(text)
         except (ValueError, RecursionError) as error:
             if not WORD.fullmatch(text):
-                raise click.UsageError(f"{pair!r}: {text!r} is no number, word, true, false or [list].") from error
+                raise click.UsageError(f"{pair!r}: {text!r} must be a number, word, true, false or [list].") from error
             value = text
         *groups, last = name.split(".")
         inner = result

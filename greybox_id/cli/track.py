@@ -86,7 +86,7 @@ def track(
     --follow prints its verdict on standard error at the end.
 
     A .json of the same name is written beside the table; greybox report makes a report of it. Exit code 3: the
-    estimates are written, but the filter has lost the vehicle; the verdict says where.
+    estimates are written, but the filter no longer follows the vehicle; the verdict says where.
     """  # fmt: skip
     chosen = requested(**options)
     tracked = _tracked(chosen, fit_file)

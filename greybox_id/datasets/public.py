@@ -116,7 +116,7 @@ def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda 
     """
     if not dataset.files:
         raise BadInput(
-            f"The files of {dataset.name} have no address that is known here; fetch them from {dataset.source} "
+            f"The files of {dataset.name} have no known address; fetch them from {dataset.source} "
             f"yourself and read them with ‹columns› {dataset.columns}."
         )
     target = folder or folder_of(dataset)

@@ -417,4 +417,4 @@ def _numbers(values: object, where: str) -> Array:
     try:
         return np.asarray(values, dtype=float)
     except (TypeError, ValueError) as error:
-        raise BadInput(f"{where} holds something that is no number ({error}).") from error
+        raise BadInput(f"{where} holds something that is not a number ({error}).") from error

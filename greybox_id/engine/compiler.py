@@ -224,8 +224,8 @@ def _kernels() -> Path | None:
             folder.mkdir(mode=0o700)
         if not (_ours(folder.lstat()) and _stays(folder.parent.stat())):
             _told_once(
-                f"{folder} is not used: it belongs to another user, or others can write to it or to the folder it is "
-                "in, and what lies there would be executed. Remove it, or name another cache in GREYBOX_CACHE."
+                f"{folder} is not used: it belongs to another user, or others can write to it or to the folder above "
+                "it, and its files would be executed. Remove it, or name another cache in GREYBOX_CACHE."
             )
             return None
         with tempfile.TemporaryFile(dir=folder):

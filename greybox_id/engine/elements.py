@@ -26,7 +26,7 @@ class Actuation:
             if actuator.signal in trace.fed_back:
                 raise BadModel(
                     f"Model {trace.model.name} feeds {actuator.signal} back from its own outputs; "
-                    "an actuator can only stand before a recorded command."
+                    "an actuator can act only on a recorded command."
                 )
         self._steps = [_Step(trace, k) for k in range(len(trace.model.actuators))]
         held = np.concatenate([np.full(q.size, q.fixed) for q in trace.model.parameters])

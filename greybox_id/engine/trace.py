@@ -62,7 +62,7 @@ def called(
         raise BadModel(f"The equations of {model.name} must give a mapping of names to expressions, not {one!r:.40}.")
     for name, value in one.items():
         if isinstance(value, str) or not isinstance(value, Real | cs.SX | cs.MX | cs.DM):
-            raise BadModel(f"The equations of {model.name} give {name} as {value!r:.40}, which is no expression.")
+            raise BadModel(f"The equations of {model.name} give {name} as {value!r:.40}, which is not an expression.")
     return dict(one)
 
 
@@ -195,7 +195,7 @@ class Trace:
         self.h = cs.vertcat(*self._windows.symbols) if self._windows.symbols else cs.SX(0, 1)
         if self.h.numel() and cs.depends_on(self.z, self.h):
             raise BadModel(
-                f"{model.name}: a window looks at another window; past(past(...)) has no finite memory here."
+                f"{model.name}: a window looks at another window; past(past(...)) would have no finite memory."
             )
         self.tap_signal: Index = np.array(self._windows.which, dtype=np.intp)
         self.memory = max((len(w) for w in self._windows.weights), default=1)

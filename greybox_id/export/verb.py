@@ -56,7 +56,7 @@ def _must_be_replaceable(folder: Path, becomes: str) -> None:
     if not folder.exists() and not folder.is_symlink():
         return
     if not folder.is_dir() or folder.is_symlink():
-        raise BadInput(f"{folder} is no folder. Name another place with ‹out›.")
+        raise BadInput(f"{folder} is not a folder. Name another place with ‹out›.")
     held = {str(file.relative_to(folder)): file for file in folder.rglob("*") if not file.is_dir()}
     if not held:
         return

@@ -110,7 +110,7 @@ def guarded(recording: Recording, inputs: Sequence[str]) -> tuple[Recording, lis
             bridged, _ = _bridged(recording, without)
             known.append(
                 f"{finding.sentence.removesuffix(' Leave such rows out.')} "
-                "These values are taken as missing and bridged."
+                "These values are treated as missing and are bridged."
             )
         if gaps > 0:
             known.append(f"{name}: {gaps} missing values in gaps of up to {LONGEST_GAP:g} s were bridged.")

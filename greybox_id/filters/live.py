@@ -291,7 +291,7 @@ def _rows(lines: TextIO, separator: str) -> Iterator[tuple[int, list[str]]]:
             f"Line {number} of standard input cannot be read ({error}); send numbers between {separator!r}."
         ) from error
     except UnicodeDecodeError as error:
-        raise BadInput(f"Standard input after line {number} is no text ({error.reason}); send UTF-8.") from error
+        raise BadInput(f"Standard input after line {number} is not text ({error.reason}); send UTF-8.") from error
 
 
 def _live(tracker: Tracker, hold: str) -> LiveFilter:
@@ -314,5 +314,5 @@ def _number(row: Sequence[str], place: int, line: int) -> float:
     try:
         result = float(text)
     except ValueError as error:
-        raise BadInput(f"Line {line} of standard input: {text!r} is no number.") from error
+        raise BadInput(f"Line {line} of standard input: {text!r} is not a number.") from error
     return result if np.isfinite(result) else np.nan  # an infinite number is no reading

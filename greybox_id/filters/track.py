@@ -213,8 +213,8 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
     if share > MOSTLY_LOST:
         yield Reason(
             NOT_USABLE,
-            f"{name} lies far from what the filter expects for {100 * share:.0f} % of the time: the filter has lost "
-            "the vehicle. Check units and signs with greybox data check, and the vehicle's numbers.",
+            f"{name} is far from what the filter expects for {100 * share:.0f} % of the time: the filter no longer "
+            "follows the vehicle. Check units and signs with greybox data check, and the vehicle's numbers.",
         )
     elif value.nis > NARROW:
         yield Reason(

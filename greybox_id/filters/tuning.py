@@ -321,7 +321,7 @@ def start_levels(
         if name not in space.noises:
             raise BadInput(f"There is no noise {name}.{near_or_all(name, space.noises)}")
         if not 0 < size < np.inf:
-            raise BadInput(f"The noise {name} = {size:g} is no number above zero.")
+            raise BadInput(f"The noise {name} = {size:g} must be a number above zero.")
     sizes = {name: stated.get(name, _usual(space, name, scatter)) for name in space.noises}
     unread = {f"noise_{name}" for name in space.model.outputs if name not in read}
     return NoiseLevels(

@@ -423,7 +423,7 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
 CLOSE, GRADIENTS = float(np.sqrt(2.0 * NOTHING)), 60
 """How far about an optimum gradients are averaged, in standard deviations by its curvature: so far, the objective
 changes by `NOTHING`; gradients that are looked at."""
-IN_A_CORNER = "; the optimum lies at a kink between local models, where the gradients on both sides balance"
+IN_A_CORNER = "; the optimum is at a kink between local models, where the gradients of both sides balance"
 
 
 def _settled(problem: Problem, solution: Solution) -> tuple[Solution, float]:

@@ -349,4 +349,4 @@ def values_of(text: str) -> Iterator[Any]:
             else:
                 yield json.loads(piece)
         except ValueError as error:
-            raise BadInput(f"‹settings›: {piece!r} is no number, true, false or range such as 1:4.") from error
+            raise BadInput(f"‹settings›: {piece!r} must be a number, true, false or a range such as 1:4.") from error

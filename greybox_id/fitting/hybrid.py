@@ -171,7 +171,10 @@ def _noise(model: HybridModel, stretchs: Sequence[Stretch], p: Array) -> Array:
 def _estimated(model: HybridModel, task: FitTask) -> Fit:
     recordings, how, say, pretraining = task.recordings, task.how, task.say, task.pretraining
     if how.solver == "ipopt":
-        raise BadInput(f"{model.name} is trained by its gradient, stopped by held-out manoeuvres; omit ‹solver›.")
+        raise BadInput(
+            f"{model.name} is trained with gradients, and training stops by the error on held-out "
+            "manoeuvres; omit ‹solver›."
+        )
     if task.validate is not None:
         stretches(model, task.validate)  # what is wrong with it is better said before the work than after
     if isinstance(pretraining, TrainedBefore):
@@ -202,6 +205,6 @@ def _refused(model: HybridModel, option: str) -> str:
     if option == "‹noise›":
         return ""
     return (
-        f"{option} cannot be used with {model.name}, which is trained over windows and stopped by held-out "
-        "manoeuvres. Omit it."
+        f"{option} cannot be used with {model.name}, which is trained over windows until the error on held-out "
+        "manoeuvres rises. Omit it."
     )

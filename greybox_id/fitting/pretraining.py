@@ -124,7 +124,8 @@ def pretrained(
     def told(step: int, loss: float, held_out: float) -> None:
         del loss
         say(
-            f"{model.name}: pretraining, step {step}, held-out error of the rates {np.sqrt(held_out):.3f}",
+            f"{model.name}: pretraining, step {step}, held-out error of the state's derivatives "
+            f"{np.sqrt(held_out):.3f}",
             passing=True,
         )
 

@@ -108,7 +108,9 @@ def magnitudes(written: Sequence[str]) -> Magnitudes:
     for text in written:
         name, equals, value = (part.strip() for part in text.partition("="))
         if name not in EFFECTS:
-            raise BadInput(f"There is no effect {name!r}.{near_or_all(name, EFFECTS)} All of them: greybox effects.")
+            raise BadInput(
+                f"There is no effect {name!r}.{near_or_all(name, EFFECTS)} greybox effects lists all of them."
+            )
         if name in result:
             raise BadInput(f"‹effects› {name} is there twice; omit one of them.")
         if not equals:

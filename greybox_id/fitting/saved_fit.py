@@ -138,8 +138,8 @@ def _checked(build: Build, origins: Mapping[str, Mapping[str, str]], path: Path)
                 raise
             where = "; ".join(f"{name} in {origin.words}" for name, origin in recorded.items())
             raise BadInput(
-                f"{path} needs equations that greybox-id does not ship: {where}. A fit's file never runs code: hand "
-                f"them over when loading it (‹own|models=, effects=›). {error}"
+                f"{path} needs equations that greybox-id does not ship: {where}. A fit's file never runs code: pass "
+                f"them when loading it (‹own|models=, effects=›). {error}"
             ) from error
         present = {**model.origins, name: model.origin}
         for item, origin in recorded.items():

@@ -25,7 +25,7 @@ from .estimation.preparing import excerpt, thinned, with_beliefs
 from .examining import Examined
 from .gap import Budget, Closure, Moved
 
-WORSE = "it makes held-out errors larger while the other parameters stay as they are: fit them together with it"
+WORSE = "it makes held-out errors larger unless the other parameters change: fit them together with the effect"
 HARMS = "it makes held-out errors larger, whether or not the other parameters are fitted"
 
 

@@ -206,7 +206,8 @@ def _held(examined: Examined) -> str:
     if name not in names or not (rate := examined.selection.search.nominal[names.index(name)]) > 0:
         return ""
     return (
-        "Free runs spin here, with and without effects. An observer therefore pulls yaw_rate to its reading within "
+        "Free runs of this model spin, with and without effects. An observer therefore pulls yaw_rate to its reading "
+        "within "
         f"{number(1 / rate, 2)} s; errors are those of predictions about that far ahead"
     )
 
@@ -384,4 +385,4 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
     if value.left > CAL.form_of_size:
         on = listed([recording.name for recording in examined.recordings])
         parts.append(f"{100 * min(value.left, 1.0):.0f} % of the error beyond noise is left on {on}")
-    return "; ".join(parts) or "its shape matches no effect that is known here"
+    return "; ".join(parts) or "its shape matches no known effect"

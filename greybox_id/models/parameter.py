@@ -129,9 +129,7 @@ class Parameter:
         if np.any(value < low) or np.any(value > high):
             raise BadInput(f"Parameter {self.name}: value {value} is outside its bounds [{low:g}, {high:g}].")
         if self.scope not in SCOPES:
-            raise BadInput(
-                f"Parameter {self.name}: there is no scope {self.scope!r:.40}. There are {', '.join(SCOPES)}."
-            )
+            raise BadInput(f"Parameter {self.name}: scope must be one of {', '.join(SCOPES)}, not {self.scope!r:.40}.")
         self._must_suit(self.prior)
 
     def _bounds(self) -> tuple[float, float]:

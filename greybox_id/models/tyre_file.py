@@ -189,7 +189,7 @@ def parse_tyre_file(text: str, path: str) -> TyreFile:
                 raise BadInput(f"{path}: line {count}: {key} = {value:.40} is too large; mend it.")
             numbers[key] = number
         elif key in NEEDED or key in DEFAULTS:
-            raise BadInput(f"{path}: line {count}: {key} = {value:.40} is no number; mend it.")
+            raise BadInput(f"{path}: line {count}: {key} = {value:.40} is not a number; correct it.")
     missing = [key for key in NEEDED if key not in numbers]
     if missing:
         raise BadInput(

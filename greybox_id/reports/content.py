@@ -52,9 +52,9 @@ def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str
     seconds = sum(one.recording.duration for one in data)
     where = listed([one.recording.name for one in data])
     if role == "train":
-        return f"On {where}, the {seconds:.1f} s it was fitted to (no recording was held back)"
+        return f"On {where}, the {seconds:.1f} s of the training data (no recording was held out)"
     if chose:
-        return f"On {where}, {seconds:.1f} s that it was not fitted to, but which chose {chose}"
+        return f"On {where}, {seconds:.1f} s that were not fitted but used to choose {chose}"
     return f"On {where} ({seconds:.1f} s, held out)"
 
 

@@ -38,7 +38,7 @@ def data_parts(recordings: Sequence[Seen], signals: Sequence[str]) -> tuple[Part
     where = Drawing(
         "excitation",
         excitation(recordings),
-        "Where the data lie: samples over speed and lateral acceleration. In regions without samples, the model "
+        "Distribution of the samples over speed and lateral acceleration. In regions without samples, the model "
         "extrapolates.",
         "Maps of the samples over speed and lateral acceleration, training and validation.",
     )

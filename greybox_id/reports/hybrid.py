@@ -79,7 +79,7 @@ def network_words(model: HybridModel) -> str:
 
 LOSS = (
     "The objective is half the mean square of the errors over windows, in standard deviations of each output's noise; "
-    "training stopped where held-out manoeuvres were predicted best."
+    "training stopped when held-out manoeuvres were predicted best."
 )
 
 
@@ -159,7 +159,7 @@ def _estimates(fit: Fit, runs: Sequence[Seen]) -> Drawing:
     return Drawing(
         "forces_over_slip",
         forces_over_slip(values),
-        "Lateral force of each axle over its slip angle in all recordings, as estimated, darker where more samples "
-        "lie. No tyre force was measured: the network was trained through the vehicle's equations.",
+        "Estimated lateral force of each axle over its slip angle, in all recordings; darker where there are more "
+        "samples. No tyre force was measured: the network was trained through the vehicle's equations.",
         "Estimated lateral force over slip angle, front and rear.",
     )

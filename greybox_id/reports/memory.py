@@ -289,8 +289,8 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> tuple[Draw
         Drawing(
             "impulse_responses",
             impulse_responses(model, fit),
-            "Finite impulse responses: weight over the age of the sample at the time of the prediction, with a "
-            "band of one standard deviation; titles give the centre of the local model. A parameter of more than "
+            "Finite impulse responses: the weight of a sample over its age at the time of the prediction, with a "
+            "band of one standard deviation. Titles give the centre of the local model. A parameter of more than "
             f"{MOST_PANELS} responses has them in one panel, without bands.",
             "Weights of the model's finite impulse responses over age.",
         ),

@@ -68,7 +68,9 @@ class Session:
         try:
             return dict(json.loads(path.read_text("utf-8")))
         except (OSError, ValueError, TypeError):
-            raise BadInput(f"{path}: this is no session of greybox app; name another with --session.") from None
+            raise BadInput(
+                f"{path}: this is not a session of greybox app; name another session with --session."
+            ) from None
 
     def __getitem__(self, key: str) -> Any:
         return self.state[key]
@@ -158,7 +160,7 @@ def safe_name(name: str) -> str:
     bare = re.split(r"[/\\]", name)[-1]
     bare = "".join(letter for letter in bare if letter.isprintable()).strip().lstrip(".-")[-120:]
     if not bare:
-        raise BadInput(f"{name!r:.40} is no name of a file; rename the file.")
+        raise BadInput(f"{name!r:.40} cannot be the name of a file; rename the file.")
     return bare
 
 

@@ -53,7 +53,7 @@ def cells(session: Session) -> list[str]:
 
 def notebook(session: Session) -> dict[str, Any]:
     """The same as a notebook of Jupyter's format 4."""
-    words = f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings lie beside this file."
+    words = f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings are beside this file."
     made: list[dict[str, Any]] = [{"cell_type": "markdown", "metadata": {}, "source": words}]
     for source in cells(session):
         made.append({"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source})

@@ -117,4 +117,6 @@ def read_answer(file: Path) -> Answer:
     try:
         return cast(Answer, of_plain(Answer, body, "answer", null=nan))
     except TypeError as error:
-        raise BadInput(f"{file} is no answer of an examination; restore it, or make the examination again.") from error
+        raise BadInput(
+            f"{file} is not an answer of an examination; restore it, or make the examination again."
+        ) from error

@@ -150,7 +150,7 @@ def _verified(
     done = side_by_side(one, len(target), jobs)
     if done.interrupted:
         raise KeyboardInterrupt
-    say(f"{len(target)} closed models verified on what was held out")
+    say(f"{len(target)} closed models verified on held-out recordings")
     return {item.case: both for item, both in zip(target, done.results, strict=True)}
 
 

@@ -240,7 +240,7 @@ def engine(name: str, jobs: int, scheduler: str | None = None) -> Iterator[Engin
         from distributed import Client, LocalCluster
     except ImportError as error:
         raise BadInput(
-            'The engine dask needs Dask: pip install "greybox-id[dask]"; or take the engine local.'
+            'The engine dask needs Dask: pip install "greybox-id[dask]"; or use the engine local.'
         ) from error
     quiet = {"distributed.worker.memory.target": False, "distributed.worker.memory.spill": False,
              "distributed.worker.memory.pause": False, "distributed.worker.memory.terminate": False,

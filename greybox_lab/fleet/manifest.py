@@ -202,7 +202,9 @@ def _instant(value: Any, where: str) -> float:
     try:
         read = datetime.fromisoformat(text)
     except ValueError as error:
-        raise BadInput(f"{where}: time {text!r:.40} is no date; write 2026-03-01T08:00:00, or s since 1970.") from error
+        raise BadInput(
+            f"{where}: time {text!r:.40} is not a date; write 2026-03-01T08:00:00, or s since 1970."
+        ) from error
     return (read if read.tzinfo else read.replace(tzinfo=UTC)).timestamp()
 
 
@@ -211,7 +213,7 @@ def _distance(value: Any, where: str) -> float:
         return math.nan
     result = number(str(value), "m", f"{where}: odometer")
     if not math.isfinite(result) or result < 0:
-        raise BadInput(f"{where}: odometer {str(value)!r:.40} is no distance; write metres, or 12000 km.")
+        raise BadInput(f"{where}: odometer {str(value)!r:.40} is not a distance; write metres, or 12000 km.")
     return result
 
 

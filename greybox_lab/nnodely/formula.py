@@ -136,7 +136,7 @@ def formula(code: object, where: str) -> Formula:
     BadInput : it is not one plain function of arithmetic.
     """
     if not isinstance(code, str) or len(code) > MOST_CODE:
-        raise BadInput(f"{where} is no Python source of at most {MOST_CODE} characters.")
+        raise BadInput(f"{where} must be Python source of at most {MOST_CODE} characters.")
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # what the compiler thinks of a stranger's spelling is not for the user

@@ -142,7 +142,7 @@ def _place(network: Network, selects: Sequence[str]) -> LocalPlace:
         form, result = fuzzy_of(network, fuzzy)
         window = network.relations.get(fuzzy.inputs[0])
         if window is None or window.operation not in ("SamplePart", "TimePart"):
-            raise network.wrong(f"relation {fuzzy.name} is not over the window of an input.")
+            raise network.wrong(f"relation {fuzzy.name} must have the window of an input as its argument.")
         if form == "Rectangular" and len(result) > 1:
             raise network.wrong(f"relation {fuzzy.name} has rectangular memberships; triangular ones are understood.")
         signal, at = window_of(network, window)[0], index_of(network, relation)

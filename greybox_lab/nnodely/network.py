@@ -154,7 +154,7 @@ def _json(file: Path) -> dict[str, Any]:
     protect(file)
     try:
         if not file.is_file():
-            raise BadInput(f"{file} is no file; name one that nnodely's saveModel wrote.{near_file(file)}")
+            raise BadInput(f"{file} is not a file; name a file that nnodely's saveModel wrote.{near_file(file)}")
         with file.open("rb") as opened:
             content = opened.read(MOST_BYTES + 1)
     except (OSError, ValueError) as error:
@@ -178,7 +178,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def _no_constant(word: str) -> float:
-    raise ValueError(f"it holds {word}, which is no number; a training that diverged leaves such files")
+    raise ValueError(f"it holds {word}, which is not a number; a training that diverged leaves such files")
 
 
 def _part(body: Mapping[str, Any], name: str, file: Path, otherwise: dict[str, Any] | None = None) -> dict[str, Any]:
@@ -206,8 +206,8 @@ def _loop(file: Path, name: str, value: Any) -> str | None:
         raise BadInput(f"{file}: input {_short(name)} is not a single signal (dim {_short(value.get('dim'))}).")
     if "connect" in value:
         raise BadInput(
-            f"{file}: input {_short(name)} is connected to {_short(value['connect'])} within one sample. Models here "
-            "feed predictions back from one sample to the next: use addClosedLoop in place of addConnect."
+            f"{file}: input {_short(name)} is connected to {_short(value['connect'])} within one sample. Models of "
+            "greybox-id feed predictions back from one sample to the next: use addClosedLoop in place of addConnect."
         )
     return _text(file, value["closedLoop"], f"the loop of input {_short(name)}") if "closedLoop" in value else None
 

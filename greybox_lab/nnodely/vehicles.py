@@ -66,9 +66,8 @@ def _bounded(events: Any, where: str, yaml: Any) -> None:
             depth -= 1
         if depth > DEEPEST or count > MOST:
             raise BadInput(
-                f"{where}: tables are nested deeper than {DEEPEST} or there are more than {MOST} entries; that is "
-                "no "
-                "parameter file."
+                f"{where}: tables are nested deeper than {DEEPEST} or there are more than {MOST} entries; this is "
+                "not a parameter file."
             )
 
 

@@ -116,7 +116,10 @@ def _model(network: Network, family: NetworkFamily) -> tuple[MemoryModel, tuple[
     values = {name: value for part in family.parts for name, value in part.values.items()}
     beyond = [p for p in model.parameters if not _within(p, values[p.name])]
     odd = (
-        [f"{', '.join(p.name for p in beyond)}: impossible for a vehicle; kept, since the network predicts with it."]
+        [
+            f"{', '.join(p.name for p in beyond)}: impossible for a vehicle, but kept, since the network predicts with "
+            "it."
+        ]
         if beyond
         else []
     )

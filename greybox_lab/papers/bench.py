@@ -171,7 +171,7 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
     path = next((item for item in (data / f"{name}.csv.gz", data / f"{name}.csv") if item.is_file()), None)
     if path is None:
         raise BadInput(
-            f"{data / name}.csv is not there; greybox datasets fetch {fetched} brings it, or name its folder."
+            f"{data / name}.csv is not there; greybox datasets fetch {fetched} downloads it, or name its folder."
         )
     try:
         one = pd.read_csv(path)
@@ -189,7 +189,7 @@ def frame(data: Path, name: str, columns: Sequence[str], fetched: str) -> pd.Dat
 def must_be_folder(data: Path, files: str) -> None:
     """Raise `BadInput` where the folder of recordings is none."""
     if not data.is_dir():
-        raise BadInput(f"{data} is no folder; name the one that holds {files} (‹data›).")
+        raise BadInput(f"{data} is not a folder; name the folder that holds {files} (‹data›).")
 
 
 def hashes(data: Path | None) -> dict[str, str]:

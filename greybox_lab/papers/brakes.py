@@ -87,7 +87,7 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     protocol = (
         "Task: estimate the grip from the pedals' torques, speeds and acceleration, sample by sample, from past "
         "samples only.",
-        f"Lap: {name}. Grip is what its authors set: 1 on dry, 0.25 on ice.",
+        f"Lap: {name}. The true grip is the value that the authors of the recordings set: 1 on dry road, 0.25 on ice.",
         "Ours: gb.fit of an own model on ice, gb.track of grip_scale along the lap; walk and scatter are stated, "
         "they are not tuned on the lap.",
         "Compared with the authors' selection among networks: a model of each road predicts the acceleration of the "

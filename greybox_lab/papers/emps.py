@@ -115,7 +115,8 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         far = {row.model: row.value for row in rows if row.task.startswith("RMSE")}
         answers.insert(
             0,
-            f"Beside the fastest other tool here, {fastest}, the search of greybox-id, which like the others gives "
+            f"Compared with {fastest}, the fastest other tool here, the search of greybox-id, which like the others "
+            "gives "
             f"estimates only, is {number(speed[SEARCH] / others[fastest], 2)} times as fast, and a whole fit, with "
             f"intervals and errors over horizons, is {number(speed[WHOLE] / others[fastest], 2)} times as fast "
             f"({number(speed['greybox-id'] / others[fastest], 2)} times from the second call on); the error on the "

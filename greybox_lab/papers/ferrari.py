@@ -139,7 +139,7 @@ def page(
         "track, networks learn its residual.",
         "For the single track, the zero of each drive's hand wheel is its median where the car gains speed above "
         f"{FAST:g} m/s with the hand wheel within {SMALL:g} deg: this uses the inputs of the whole drive, not the "
-        "yaw. The authors' networks get the hand wheel as recorded.",
+        "yaw. The authors' networks read the hand wheel as recorded.",
         "Yaw angle: the predicted rate is integrated by the trapezoidal rule over consecutive windows of 5 or 60 s, "
         "from the measured angle at the start of each; errors are pooled.",
         f"The first {FIRST * STEP:g} s of each drive are not scored. Intervals of differences come from paired "

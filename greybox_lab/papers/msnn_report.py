@@ -51,8 +51,9 @@ def msnn_report(bench: MsnnBench) -> Document:
         *titled("Table 1: yaw rate, rad/s", _table([row for row in rows if row["table"] == 1])),
         *titled("Table 2: longitudinal acceleration, m/s²", _table([row for row in rows if row["table"] == 2])),
         *titled("Models compared", _comparisons(bench.comparisons), Text(
-            f"RMSE less that of {OURS}, on valid.csv, one sample ahead at the same rows, trained on all of train.csv; "
-            "95 % interval from blocks drawn in pairs. A difference whose interval includes zero is not significant.")),
+            f"RMSE minus that of {OURS}, on valid.csv, one sample ahead at the same rows; both models are trained on "
+            "all of train.csv. 95 % intervals come from blocks drawn in pairs. A difference whose interval includes "
+            "zero is not significant.")),
         *titled("Table 3: a changed car, yaw rate in rad/s, a_x in m/s²",
                 _adapted_table([row for row in rows if row["table"] == 3]), Text(
             "RMSE of the original network → fine-tuned. CPU s are those of the slower of the two ways of tuning.")),
@@ -64,8 +65,8 @@ def msnn_report(bench: MsnnBench) -> Document:
             "not scored.")),
         *titled("Physical parameters", _physical(bench), Text(
             "The authors' figures come from their stored networks, which have a wheel of negative radius and "
-            "inertia, a negative factor D on inertia, drag that drives, and a gain close to its pole. Bounds and "
-            "priors forbid that here.")),
+            "inertia, a negative factor D on inertia, drag that drives, and a gain close to its pole. The bounds and "
+            "priors of our models exclude such values.")),
         *titled("Figures", *drawings(bench)),
     )  # fmt: skip
     return Document("Model-structured networks of a 1:10 car", about, "a bench", f"greybox-id {__version__}", parts)

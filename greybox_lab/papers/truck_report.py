@@ -106,7 +106,8 @@ PAIRED = (
 PROTOCOLS = (
     "as published: chunks of one recording of the truck lie in train and val. Networks are stopped by their error on "
     "val over the whole 10 s, so errors on val are lower than on a new recording.",
-    "by recording: a third of the recordings of train and val is held out whole; networks are stopped by them too. "
+    "by recording: a third of the recordings of train and val is held out as a whole; these recordings also decide "
+    "when the training of networks stops. "
     "Standard errors and intervals are over recordings.",
     "test: if the authors' file of test trajectories is there, it is scored; it is never used to fit, stop or choose.",
 )
@@ -159,7 +160,7 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
     if len(drawn) > 1:
         made.append(Drawing(
             "fig_3", over_durations(drawn),
-            f"As Fig. 3 of the paper, on {drawn[0]['split']}. Errors over all trajectories against time since their "
+            f"As Fig. 3 of the paper, on {drawn[0]['split']}. Errors of all trajectories over the time since their "
             "start, for the network of each method that is best over the whole 10 s. The bicycle with signs as "
             "published "
             f"is off by {_end(bicycles, BICYCLES[0])} after 10 s and is not drawn.",
@@ -183,7 +184,8 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
         made.append(Drawing(
             "learning_curves", learning_curves(result["learning_curves"]),
             "Errors on val over the share of the training recordings, for networks of 4 x 8 with windows of 1 s: "
-            "trained alone, and pretrained on a bicycle fitted to the same share. Below, their ratio with 95 % "
+            "without pretraining, and pretrained on a bicycle that is fitted to the same share. Below, their ratio "
+            "with 95 % "
             f"intervals over recordings. Seeds: {seeds}.",
             "Errors over the share of training data, and their ratio.",
         ))  # fmt: skip

@@ -67,7 +67,7 @@ WRONG = [
     ("give yaw_rate as NaN. Functions of math",
      lambda lap: gb.simulate(turner(lambda x, u, p, q: {"yaw_rate": __import__("math").tan(u.steer) / p.lag}), lap)),
     ("branch on a symbol", lambda lap: gb.simulate(turner(lambda x, u, p, q: {"yaw_rate": max(u.steer, 0)}), lap)),
-    ("do not give the derivative of yaw_rate. They give yawrate, which is no state.",
+    ("do not give the derivative of yaw_rate. They give yawrate, which is not a state.",
      lambda lap: gb.simulate(turner(lambda x, u, p, q: {"yawrate": u.steer}), lap)),
     ("must give a mapping", lambda lap: gb.simulate(turner(lambda x, u, p, q: None), lap)),
 ]  # fmt: skip
@@ -124,7 +124,7 @@ def test_a_table_becomes_a_recording_and_back():
         ({"units": {"sped": "m/s"}}, "units: table has no column 'sped'. Did you mean speed?"),
         ({"units": {"v_x": "deg/s"}}, "units['v_x']: unit \"deg/s\" is not a unit of this quantity"),
         ({"time": "stamp"}, "time: table has no column 'stamp'."),
-        ({"units": {"note": "m"}}, "column 'note' holds something that is no number"),
+        ({"units": {"note": "m"}}, "column 'note' holds something that is not a number"),
     ],
 )
 def test_a_table_that_is_no_recording_is_said(given, sentence):

@@ -34,8 +34,8 @@ def test_a_number_is_read_in_the_unit_of_its_parameter(text, unit, value):
         ("3.5m", "kg", "SI unit here is kg"),
         ("3 rad", "1", "is not a unit of this quantity"),
         ("3 florins", "kg", '"florins" is not known'),
-        ("heavy", "kg", "'heavy' is no number"),
-        ("", "kg", "is no number"),
+        ("heavy", "kg", "'heavy' is not a number"),
+        ("", "kg", "is not a number"),
         ("3,5", "kg", "cannot be understood"),
     ],
 )

@@ -38,7 +38,7 @@ def test_a_fit_says_what_stopped_it_and_how_far_off_it_is(fitted):
     assert path.exists()
     said = " ".join(done.out.split())
     assert "stopped by run_" in said
-    assert "held out; RMSSE over windows" in said
+    assert "held out; RMS error over windows" in said
     assert "free run of whole manoeuvres" in said
 
 

@@ -90,7 +90,7 @@ def test_bad_options_are_sentences(fitted, options, words):
 def test_what_is_no_posterior_is_refused(fitted, tmp_path):
     lap = fitted.parent / "lap10.csv"
     out = tmp_path / "p.csv"
-    assert "is no posterior" in refused("predict", fitted, lap, "--posterior", fitted, "--out", out)
+    assert "is not a posterior" in refused("predict", fitted, lap, "--posterior", fitted, "--out", out)
     assert "is not there" in refused("predict", fitted, lap, "--posterior", tmp_path / "no.parquet", "--out", out)
     assert not out.exists()
 

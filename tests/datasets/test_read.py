@@ -128,7 +128,7 @@ def test_a_missing_column_is_answered_with_what_there_is(write):
         (CSV.splitlines()[0], "lap.csv", "no rows"),
         (CSV.splitlines()[0] + "\n\n\n", "lap.csv", "no rows"),
         (CSV.replace("accy", "accx"), "lap.csv", "accx 2"),
-        (b"\x89PNG\r\n\x1a\n\x00\x00", "lap.csv", "no text file"),
+        (b"\x89PNG\r\n\x1a\n\x00\x00", "lap.csv", "not a text file"),
         (CSV.encode().replace(b"accx", b"acc\x81"), "lap.csv", "byte 0x81 in row 1"),
         (CSV + "1,2,3,4,5,6,7,8\n", "lap.csv", f"row {ROWS + 2} has more cells"),
         (CSV + "1,2,3,4,5,6,7,8,9,10\n", "lap.csv", f"row {ROWS + 2} has more cells"),

@@ -38,7 +38,7 @@ def test_spikes_of_one_sample_are_said_by_row_and_bridged(steer, rows):
         assert found["steer"][row] == pytest.approx(0.5 * (steer[row - 1] + steer[row + 1]), rel=1e-9)
         assert f"t = {DT * row:.2f} s" in told
     assert ("row 700, counted from 0" if rows == (700,) else "rows 300, 1204 and 1700, counted from 0") in told
-    assert told.endswith("These values are taken as missing and bridged.")
+    assert told.endswith("These values are treated as missing and are bridged.")
     assert "Leave such rows out" not in told
 
 

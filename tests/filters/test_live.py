@@ -129,7 +129,7 @@ ROW = "0,0.01,14,0.1,1.0\n"
     [
         ("", "Standard input is empty"),
         ("t,steer,v_x,yaw_rate,a_y\n" + ROW, 'no column "time" for time'),
-        (HEADER + ROW + "0.02,zero,14,0.1,1\n", "Line 3 of standard input: 'zero' is no number."),
+        (HEADER + ROW + "0.02,zero,14,0.1,1\n", "Line 3 of standard input: 'zero' is not a number."),
         (HEADER + "0,,14,0.1,1\n", "The first row lacks steer"),
         (HEADER + ROW + ROW, "rows must come in the order of time"),
         ("time,steer,v_x\n0,0.01,14\n", "none of v_x, yaw_rate, a_y"),
@@ -194,7 +194,7 @@ def test_a_vehicle_that_the_filter_has_lost_gets_the_verdict_of_a_track():
         true_simrod(), (), (), EFFECTS, how, column_map("canonical"), io.StringIO(lines(lost)), io.StringIO()
     )
     assert judged.usability == verdict(track(true_simrod(), lost, (), how=how)).usability == NOT_USABLE
-    assert "the filter has lost the vehicle" in judged.reasons[0]
+    assert "the filter no longer follows the vehicle" in judged.reasons[0]
 
 
 def test_noise_of_readings_must_be_stated():

@@ -63,7 +63,7 @@ def test_every_noise_has_a_unit_and_an_origin(space):
 
 @pytest.mark.parametrize("size", [0.0, -1.0, np.nan, np.inf])
 def test_a_size_that_is_no_number_above_zero_is_refused(space, size):
-    with pytest.raises(BadInput, match=r"The noise walk_v_y = .* is no number above zero"):
+    with pytest.raises(BadInput, match=r"The noise walk_v_y = .* must be a number above zero"):
         levels(space, walk_v_y=size)
 
 

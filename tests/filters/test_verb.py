@@ -180,7 +180,7 @@ def test_a_glitch_of_the_steering_is_bridged_and_said_and_moves_nothing(kind):
     )
     (said,) = glitch.sentences
     assert "t = 8.00 s" in said
-    assert "These values are taken as missing and bridged." in said
+    assert "These values are treated as missing and are bridged." in said
     off = np.abs(glitch.values["sideslip"] - clean.values["sideslip"])
     assert np.all(off < 0.1 * clean.sds["sideslip"])
     np.testing.assert_array_equal(np.delete(glitch.recording["steer"], 400), np.delete(steer, 400))

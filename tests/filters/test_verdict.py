@@ -60,7 +60,7 @@ def test_innovations_outside_their_band_are_to_be_used_with_care(off, words):
 def test_a_filter_that_has_lost_the_vehicle_is_not_usable():
     found = verdict(tracked(yaw_rate=white(1.0), a_y=6.0 + white(1.0)))
     assert found.usability == NOT_USABLE
-    assert "lost the vehicle" in found.reasons[0]
+    assert "no longer follows the vehicle" in found.reasons[0]
 
 
 @pytest.mark.parametrize(

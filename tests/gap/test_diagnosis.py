@@ -136,7 +136,7 @@ def test_where_free_runs_spin_it_is_said_what_was_looked_at_in_their_place():
     soft = Vehicle("car", {**NUMBERS, "B_r": Stated(2.0)}, noise=NOISE)
     names = ("steering_offset", "yaw_rate_bias", "wheel_speed_scale")
     found = diagnose(nominal(vehicle=soft), [lap(seconds=12.0)], {n: EFFECTS[n] for n in names}, vehicle=soft)
-    assert "Free runs spin here" in found.held
+    assert "Free runs of this model spin" in found.held
     assert "within 0.12 s" in whether(found)
 
 

@@ -58,7 +58,7 @@ def test_a_recording_that_chose_when_to_stop_is_not_called_unseen(small_fit, sen
 def test_a_fit_without_validation_says_so(small_fit, found, train):
     alone = replace(small_fit, metrics={"train": small_fit.metrics["train"]}, data=small_fit.data[:1])
     words = verdict(alone.model, alone, found[:1], yardsticks(alone, found[:1]))
-    assert "no recording was held back" in words[0]
+    assert "no recording was held out" in words[0]
     assert "not known" in words[1]
     assert len(below(prepared(alone, [train]), "Errors")[0].head) == 4
 

@@ -100,7 +100,7 @@ def test_what_is_told_together_is_said(motion_report):
 def test_a_fit_without_validation_says_so(motion_fit, laps):
     alone = replace(motion_fit, metrics={"train": motion_fit.metrics["train"]}, data=motion_fit.data[:2])
     said = three(prepared(alone, laps[:2]))
-    assert "no recording was held back" in said[0]
+    assert "no recording was held out" in said[0]
     assert "training data" not in said[1]
 
 

@@ -371,7 +371,8 @@ def _upright(r: Recording) -> list[Finding]:
         if abs(abs(usual) - GRAVITY) < ABOUT and away < ABOUT and high - low < STEADILY:
             sentence = (
                 f"{name} reads {signed(usual)} m/s² all the time, which is gravity: this axis of the IMU points "
-                f"{'up' if usual > 0 else 'down'}, and its gyro about z is no yaw rate either. Map {name} to the "
+                f"{'up' if usual > 0 else 'down'}, and its gyro about z does not read the yaw rate either. Map "
+                f"{name} to the "
                 f"column of the axis that points {'forward' if name == 'a_x' else 'to the left'}."
             )
             findings.append(Finding("mapping", Severity.DISTRUST, FoundAt(name), sentence, usual, None, "m/s^2"))
@@ -392,7 +393,8 @@ def _sideways(r: Recording) -> list[Finding]:
         return []
     sentence = (
         f"|v_y| is usually {number(share)} times |v_x|: no vehicle moves sideways for most of the time. The columns of "
-        "v_x and v_y are exchanged, or v_x is no speed: swap the columns of v_x and v_y."
+        "v_x and v_y are exchanged, or the column of v_x holds something else than the speed: swap the columns of "
+        "v_x and v_y."
     )
     return [Finding("mapping", Severity.DISTRUST, FoundAt("v_x"), sentence, share)]
 

@@ -95,7 +95,7 @@ def _parsed(text: str, where: str) -> Any:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
         reason = "brackets are nested too deep" if isinstance(error, RecursionError) else str(error)
-        raise BadInput(f"{where} is no JSON ({reason:.80}). Mend it, or write CSV.") from error
+        raise BadInput(f"{where} is not JSON ({reason:.80}). Mend it, or write CSV.") from error
 
 
 def _flat(row: dict[str, Any], path: str = "", depth: int = 0) -> dict[str, Any]:

@@ -305,7 +305,9 @@ def _utf_16(data: bytes) -> str:
 def _utf_8(data: bytes, where: str) -> bytes:
     """Text as UTF-8; names and units in the code page of Windows (a degree sign) are understood."""
     if b"\0" in data:
-        raise BadInput(f"{where} is no text file: it holds null bytes. Name a CSV file in UTF-8, or a .parquet file.")
+        raise BadInput(
+            f"{where} is not a text file: it holds null bytes. Name a CSV file in UTF-8, or a .parquet file."
+        )
     try:
         data.decode("utf-8")
         return data
@@ -457,7 +459,7 @@ def notes_of(layout: TableLayout) -> tuple[str, ...]:
     if layout.header:
         notes.append(f"{layout.header} lines above the names, which are in row {layout.header + 1}, were skipped.")
     if layout.between:
-        notes.append(f"{layout.between} rows of numbers between names and values were skipped: they are no samples.")
+        notes.append(f"{layout.between} rows of numbers between names and values were skipped: they are not samples.")
     if layout.words:
         notes.append(f"rows of words among the values were skipped: {layout.words}.")
     if layout.cut:

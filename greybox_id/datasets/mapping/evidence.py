@@ -324,7 +324,9 @@ def _counted(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     """A speed that is none in any usual unit: counts, whose number in 1 m/s the other channels tell; else nothing."""
     if entry.signal != "v_x" or sizes["v_x"] <= 3.6 * LIMITS["v_x"][0]:
         return []
-    why = f"values up to {number(sizes['v_x'])} are no speed in m/s or km/h: counts, such as a motor's rpm"
+    why = (
+        f"values up to {number(sizes['v_x'])} are not a speed in m/s or km/h; they may be counts, such as a motor's rpm"
+    )
     counts = []
     for item in met(raw):
         if item.pair.nodes[0] == "v_x":

@@ -369,7 +369,7 @@ class MotionTrace:
         missing = [name for name in self.names if name not in rates]
         if missing:
             others = [name for name in rates if name not in self.names]
-            but = f" They give {', '.join(others)}, which is no state." if others else ""
+            but = f" They give {', '.join(others)}, which is not a state." if others else ""
             raise BadModel(f"The dynamics of {model.name} do not give the derivative of {', '.join(missing)}.{but}")
         return [rates[name] for name in self.names], q
 

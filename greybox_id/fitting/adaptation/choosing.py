@@ -107,7 +107,7 @@ def must_name_something(subset: str, parts: Sequence[MemoryModel]) -> None:
                 *(parameter.name for part in parts for parameter in part.parameters if not parameter.fixed),
             ]
             raise BadInput(
-                f"‹free›: {word.strip()!r} is no set of parameters and no parameter of this fit; there are auto, "
+                f"‹free›: {word.strip()!r} is neither a set of parameters nor a parameter of this fit; use auto, "
                 f"{', '.join(SUBSETS)} and names of parameters.{near(word.strip(), known)}"
             )
 

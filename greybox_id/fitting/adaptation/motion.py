@@ -139,7 +139,7 @@ def _free(fit: Fit, free: str) -> tuple[str, ...]:
     for name in names:
         if name not in known:
             raise BadInput(
-                f"‹free›: {name!r:.40} is no parameter of this fit of {fit.model.name} that may move."
+                f"‹free›: {name!r:.40} is not a parameter of this fit of {fit.model.name} that may change."
                 f"{near_or_all(name, ['auto', 'all', *known])}"
             )
     return tuple(dict.fromkeys(names))

@@ -169,6 +169,6 @@ def moved(target: Target, start: Ensemble, seed: int, until: Callable[[Ensemble]
         burnt = ensemble.burnt if ensemble.block >= BURN_IN else np.concatenate([ensemble.burnt, state.coords[None]])
         ensemble = Ensemble(ensemble.block + 1, state.coords.copy(), state.log_prob.copy(), accepted, proposed, burnt)
         if ensemble.block >= STANDING and ensemble.accepted == 0:
-            raise BadInput("No walker has moved: the posterior has no width here. Is a parameter at its bound?")
+            raise BadInput("No walker has moved: the posterior has no width. Is a parameter at its bound?")
         if until(ensemble):
             return ensemble

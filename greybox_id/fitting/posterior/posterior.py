@@ -376,7 +376,9 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
         known = table.schema.metadata or {}
         head, source = json.loads(known[METADATA]), known.get(SOURCE, b"").decode()
     except (pa.ArrowException, OSError, ValueError, KeyError, RecursionError) as error:
-        raise BadInput(f"{file} is no posterior of greybox-id, or is damaged; make one with greybox sample.") from error
+        raise BadInput(
+            f"{file} is not a posterior of greybox-id, or is damaged; make one with greybox sample."
+        ) from error
     try:
         if head["version"] != VERSION:
             raise BadInput(f"{file} has format version {head['version']!r:.20}, not {VERSION}. Sample again.")
@@ -397,7 +399,7 @@ def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
     values = np.ascontiguousarray(frame[names].to_numpy(dtype=float))  # sums depend on the order in memory
     weight = frame["weight"].to_numpy(dtype=float)
     if not (np.all(np.isfinite(values)) and np.all(np.isfinite(weight)) and np.all(weight >= 0)):
-        raise ValueError("it has draws or weights that are no numbers")
+        raise ValueError("it has draws or weights that are not numbers")
     if len(weight) and not np.isclose(np.sum(weight), 1.0):
         raise ValueError("its weights do not sum to one")
     return Posterior(

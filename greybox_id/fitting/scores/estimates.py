@@ -65,10 +65,10 @@ def apply_hybrid(fits: Fit | Sequence[Fit], recording: Recording) -> Estimates:
     BadInput : a fit is of another kind of model, or the recording lacks an input.
     """
     members = [fits] if isinstance(fits, Fit) else list(fits)
-    none = "{} is no hybrid model; fit hybrid_stiffness or hybrid_force."
+    none = "{} is not a hybrid model; fit hybrid_stiffness or hybrid_force."
     models = [must_be(HybridModel, fit.model, none.format(fit.model.name)) for fit in members]
     if not models:
-        raise BadInput("There is no fit to apply.")
+        raise BadInput("No fit was given; pass at least one.")
     if len({model.name for model in models}) > 1:
         raise BadInput(
             "An ensemble takes fits of one hybrid model; apply hybrid_stiffness and hybrid_force one after the other."

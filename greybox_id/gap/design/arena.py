@@ -162,12 +162,12 @@ def _outline(path: Path) -> Array:
     except OSError as error:
         raise BadInput(f"‹arena› {path} cannot be read: {error.strerror or error}.") from error
     except (ValueError, KeyError, UnicodeDecodeError) as error:
-        raise BadInput(f"‹arena› {path} is no outline: columns x and y with numbers, in m.") from error
+        raise BadInput(f"‹arena› {path} is not an outline: it must have columns x and y with numbers, in m.") from error
     if len(corners) > 1 and np.array_equal(corners[0], corners[-1]):
         corners = corners[:-1]
     if len(corners) < 3 or len(corners) > 5000 or not np.all(np.isfinite(corners)):
         raise BadInput(
-            f"‹arena› {path}: an outline has 3 to 5000 corners, all of them numbers; this one {len(corners)}."
+            f"‹arena› {path}: an outline has 3 to 5000 corners, all of them numbers; this one has {len(corners)}."
         )
     return corners
 

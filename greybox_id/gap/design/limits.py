@@ -106,7 +106,7 @@ def stated(limits: DriveLimits, more: Mapping[str, object], where: str) -> Drive
             raise BadInput(f"{where}: there is no limit {name!r:.40}.{near_or_all(name, known)}")
         low, high = RANGE[name]
         if isinstance(value, bool) or not isinstance(value, int | float) or not low <= value <= high:
-            raise BadInput(f"{where}: {name} = {value!r:.40} is no number between {low:g} and {high:g}.")
+            raise BadInput(f"{where}: {name} must be a number between {low:g} and {high:g}, not {value!r:.40}.")
         result[name] = float(value)
     new = replace(limits, **result)
     if "speed_min" not in result and new.speed_min >= new.speed_max:

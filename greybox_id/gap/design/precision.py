@@ -89,4 +89,4 @@ def _hardly(model: MotionModel, known: Mapping[str, tuple[float, float]]) -> tup
             )
     if not parts:
         return ()
-    return (f"Of {model.name}, the best manoeuvre that was found here adds {'; '.join(parts)}.",)
+    return (f"Of {model.name}, the best manoeuvre that was found in this arena adds {'; '.join(parts)}.",)

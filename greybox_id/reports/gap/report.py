@@ -74,8 +74,8 @@ METHOD = (
         "Which effect",
         "Each effect is added to the model, alone and with others, and estimated together with all numbers that "
         "have a tolerance. Every hypothesis also has unknown forces and coloured sensor noise. The probability of "
-        "an effect follows from the likelihood gained, less a cost for every effect; hypotheses that explain the "
-        "recordings equally well share it.",
+        "an effect follows from the gain of log-likelihood minus a cost for every effect. Hypotheses that explain "
+        "the recordings equally well share the probability.",
     ),
     (
         "How far",
@@ -144,7 +144,7 @@ def _data(gap: Gap) -> tuple[Part, ...]:
     noise = (
         "The noise of the sensors is stated."
         if gap.noise_stated
-        else "No sensor noise is stated: the residual of the best explanation is taken as noise, so that an unmodelled "
+        else "No sensor noise is stated: the residual of the best explanation is taken as noise, so an unmodelled "
         "effect cannot be detected."
     )
     words = f"Units, signs, time and delays of {listed([*gap.recordings])} raise no doubts. {noise}"

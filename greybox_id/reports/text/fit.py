@@ -88,7 +88,10 @@ def chosen_lines(model: Model, result: Fit) -> Iterator[str]:
     """How the fit was kept from learning its recordings by heart."""
     if "stopped_by" in result.how:
         trained, held_out = result.how["errors_over_windows"]  # the paper's loss, Eq. 13, in units of noise
-        windows = f"RMSSE over windows {trained:.3f} of the noise, held out {held_out:.3f}"
+        windows = (
+            f"RMS error over windows, divided by the noise: {trained:.3f} on training data, {held_out:.3f} on "
+            "held-out data"
+        )
         yield f"stopped  by {', '.join(result.how['stopped_by'])}, held out; {windows}"
 
 

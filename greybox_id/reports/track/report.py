@@ -213,7 +213,7 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
         Drawing(
             "forces_over_slip",
             forces_over_slip(digest.course.values),
-            "Lateral force of each axle over its slip angle, as estimated: darker where more samples lie.",
+            "Estimated lateral force of each axle over its slip angle; darker where there are more samples.",
             "Lateral force over slip angle, front and rear, as a density of samples.",
         ),
         Drawing(

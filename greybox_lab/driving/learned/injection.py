@@ -162,7 +162,7 @@ class LearnedPeriod(Period):
         times = round(period / self.net.sample_time)
         if times < 1 or abs(times * self.net.sample_time - period) > 1e-6 * period:
             raise BadInput(
-                f"The network has steps of {self.net.sample_time:g} s, and a period of {period:g} s is no whole "
+                f"The network has steps of {self.net.sample_time:g} s, and a period of {period:g} s is not a whole "
                 "number of them: train it with that sample_time, or choose another period."
             )
         self._times, self._chosen = times, (*moving, PUSH.name)

@@ -74,7 +74,7 @@ def json_object(body: bytes) -> dict[str, Any]:
     try:
         value = json.loads(body)
     except (ValueError, RecursionError) as error:
-        raise BadInput(f"The body is no JSON ({error}).") from error
+        raise BadInput(f"The body is not JSON ({error}).") from error
     if not isinstance(value, dict):
         raise BadInput("The body has to be one JSON object.")
     level: list[Any] = [value]

@@ -94,6 +94,6 @@ def _bounded_parquet(file: Path) -> None:
     try:
         about = pq.read_metadata(file)
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise BadInput(f"{file} is damaged: it is no Parquet file ({str(error).splitlines()[0]}).") from error
+        raise BadInput(f"{file} is damaged: it is not a Parquet file ({str(error).splitlines()[0]}).") from error
     if 8 * about.num_rows * about.num_columns > LARGEST:
         raise TooLarge(f"{file} has more than {LARGEST >> 23} million numbers; send it in parts.")

@@ -92,7 +92,7 @@ def _object(body: bytes) -> dict[str, Any]:
     try:
         answer = json.loads(body)
     except ValueError as error:
-        raise Unanswered("The answer is no JSON: this is no server of greybox-id.") from error
+        raise Unanswered("The answer is not JSON: this is not a server of greybox-id.") from error
     if not isinstance(answer, dict):
-        raise Unanswered("The answer is no JSON object: this is no server of greybox-id.")
+        raise Unanswered("The answer is not a JSON object: this is not a server of greybox-id.")
     return answer

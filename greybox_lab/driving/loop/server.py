@@ -416,7 +416,7 @@ def _status(error: Exception) -> tuple[int, str]:
     if isinstance(error, HTTPException):
         if error.status_code == 405:
             return 405, f"This path takes {(error.headers or {}).get('Allow', 'another method')} only."
-        return error.status_code, "There is nothing here; the paths begin with /v1/, and GET /healthz."
+        return error.status_code, "This path does not exist; the paths are GET /healthz and those that begin with /v1/."
     if isinstance(error, ClientDisconnect):
         return 400, "The body is cut short."
     return 500, f"This server has a fault ({type(error).__name__}); nothing changed."

@@ -193,4 +193,4 @@ def draws(randomisation: Randomisation) -> Draws:
     try:
         return of_posterior(pd.read_parquet(randomisation), str(randomisation))
     except (OSError, ValueError) as error:
-        raise BadInput(f"{randomisation} is no table of draws that can be read ({error}).") from error
+        raise BadInput(f"{randomisation} cannot be read as a table of draws ({error}).") from error

@@ -97,7 +97,7 @@ def policy_of(learner: Any) -> Policy:
     trained, vehicles = learner.policy, learner.get_env().unwrapped
     layers = [*getattr(getattr(trained, "mlp_extractor", None), "policy_net", ()), getattr(trained, "action_net", None)]
     if [type(one).__name__ for one in layers] != ["Linear", "Tanh"] * (len(layers) // 2) + ["Linear"]:
-        raise BadInput("Only networks of tanh layers become a policy here; learn with PPO and its MlpPolicy.")
+        raise BadInput("Only networks of tanh layers can be converted to a policy; learn with PPO and its MlpPolicy.")
     weights = tuple(one.weight.detach().cpu().numpy().T.astype(np.float32) for one in layers[::2])
     biases = tuple(one.bias.detach().cpu().numpy().astype(np.float32) for one in layers[::2])
     about = {

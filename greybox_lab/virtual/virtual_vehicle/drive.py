@@ -178,7 +178,8 @@ def _hold(rate: float) -> int:
     hold = int(round(1.0 / (rate * STEP)))
     if hold < 1 or abs(hold * STEP * rate - 1.0) > 1e-6:
         raise BadInput(
-            f"At {rate:g} rows per second the time between rows is no whole number of milliseconds; take 50 or 100."
+            f"At {rate:g} rows per second the time between rows is not a whole number of milliseconds; use 50 or 100 "
+            "rows per second."
         )
     return hold
 

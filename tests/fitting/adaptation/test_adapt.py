@@ -151,7 +151,7 @@ def test_the_expected_interval_is_as_wide_as_runs_of_the_old_car_differ(trained)
     [
         ({"seconds": 0}, "above zero"),
         ({"seconds": 100.0}, "holds 30 s of motion, but 100 s"),
-        ({"free": "FF"}, "no set of parameters"),
+        ({"free": "FF"}, "neither a set of parameters nor"),
         ({"calibrate": ("time",)}, "Write timing, or timing=8s"),
     ],
 )

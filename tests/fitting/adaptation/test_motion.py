@@ -53,7 +53,7 @@ def test_only_what_is_named_moves(fitted):
 def test_what_cannot_be_adapted_is_a_sentence(fitted):
     new = driven(runs=1, seconds=20.0, seed=7)
     for call, says in (
-        ({"free": "F"}, "no parameter of this fit of lateral that may move"),
+        ({"free": "F"}, "not a parameter of this fit of lateral that may change"),
         ({"seconds": 60.0}, "holds 20 s of motion"),
         ({"seconds": 6.0}, "one run of 10 s is needed"),
         ({"calibrate": "timing"}, "for models with memory"),

@@ -202,7 +202,7 @@ def test_what_is_saved_is_what_is_loaded(drawn, tmp_path):
 def test_a_damaged_file_is_a_sentence(drawn, tmp_path):
     file = drawn.save(tmp_path / "posterior.parquet")
     file.write_bytes(file.read_bytes()[:-200])
-    with pytest.raises(BadInput, match="is no posterior"):
+    with pytest.raises(BadInput, match="is not a posterior"):
         load_posterior(file)
     with pytest.raises(BadInput, match="is not there"):
         load_posterior(tmp_path / "none.parquet")

@@ -214,7 +214,7 @@ def test_what_cannot_be_designed_for_is_a_sentence(fit):
         ("is too small", {"arena": "straight:10x3"}),
         ("contradict", {"arena": "disc:60", "limits": {"speed_min": 9.0}, "speed_max": 5.0}),
         ("there is no limit", {"arena": "disc:60", "limits": {"gripp": 0.5}}),
-        ("is no number", {"arena": "disc:60", "limits": {"grip": 3.0}}),
+        ("must be a number between", {"arena": "disc:60", "limits": {"grip": 3.0}}),
         ("no parameter", {"arena": "disc:60", "parameters": ["I_zz"]}),
         ("fixed in this fit", {"arena": "disc:60", "parameters": ["m"]}),
         ("goal discriminate needs a gap", {"arena": "disc:60", "goal": "discriminate"}),

@@ -48,7 +48,7 @@ def test_a_kill_loses_nothing(tmp_path):
 def test_a_file_that_is_no_session_is_left_alone(tmp_path):
     (tmp_path / "lap").mkdir()
     (tmp_path / "lap" / "recordings.json").write_text("[1, 2]")
-    with pytest.raises(gb.BadInput, match="no session of greybox app"):
+    with pytest.raises(gb.BadInput, match="not a session of greybox app"):
         Session(tmp_path / "lap")
     assert (tmp_path / "lap" / "recordings.json").read_text() == "[1, 2]"
 

@@ -62,9 +62,9 @@ def test_a_manifest_says_when_and_at_which_odometer(tmp_path):
     [
         ({"path": "missing.csv", "vehicle": "V1"}, "missing.csv cannot be read: No such file"),
         ({"path": "", "vehicle": "V1"}, "names no path"),
-        ({"path": "b.csv", "vehicle": "V1", "time": "yesterday"}, "is no date"),
+        ({"path": "b.csv", "vehicle": "V1", "time": "yesterday"}, "is not a date"),
         ({"path": "b.csv", "vehicle": "V1", "odometer": "12 kg"}, "kg"),
-        ({"path": "b.csv", "vehicle": "V1", "odometer": "-3"}, "is no distance"),
+        ({"path": "b.csv", "vehicle": "V1", "odometer": "-3"}, "is not a distance"),
         ({"path": ".", "vehicle": "V1"}, ""),
     ],
 )

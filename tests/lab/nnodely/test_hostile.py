@@ -133,7 +133,9 @@ def test_files_that_cannot_be_read_are_a_sentence(tmp_path):
     folder.mkdir()
     os.mkfifo(pipe)
     assert f"larger than {MOST_BYTES // 1_000_000} MB" in refused(large)
-    assert all("is no file" in refused(path) for path in (folder, pipe, tmp_path / "nowhere.json", "/dev/zero", "a\0b"))
+    assert all(
+        "is not a file" in refused(path) for path in (folder, pipe, tmp_path / "nowhere.json", "/dev/zero", "a\0b")
+    )
     (tmp_path / "latin.json").write_bytes(b'{"Info": "\xff"}')
     assert "not JSON" in refused(tmp_path / "latin.json")
 

@@ -187,7 +187,7 @@ def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
     monkeypatch.setattr(emps, "PEERS", tools)
     bench = emps.measure(None, True, quiet)
     assert {"greybox-id", "greybox-id, search only", "scipy least_squares"} <= {row.model for row in bench.rows}
-    assert bench.answers[0].startswith("Beside the fastest other tool here, scipy least_squares,")
+    assert bench.answers[0].startswith("Compared with scipy least_squares, the fastest other tool here,")
     assert "none is left out: it is not installed" in " ".join(bench.protocol)
     assert list(bench.found["left_out"]) == ["none"]
     published = [row.value for row in bench.rows if row.published]

@@ -82,7 +82,7 @@ def test_standard_errors_are_over_recordings():
 
 
 def test_folders_without_the_recordings_are_refused(tmp_path):
-    assert "is no folder" in refused("bench", "truck", "--data", tmp_path / "none")
+    assert "is not a folder" in refused("bench", "truck", "--data", tmp_path / "none")
     assert "train.parquet is not there" in refused("bench", "truck", "--data", tmp_path, "--quick", "--json")
     for split in ("train", "val"):
         (tmp_path / f"{split}.parquet").write_bytes(b"no parquet")

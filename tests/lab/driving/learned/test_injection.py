@@ -168,7 +168,7 @@ def test_a_network_of_a_shorter_step_acts_several_times_a_period(car):
 
 def test_what_does_not_go_together_is_said(car):
     net = network("paper")
-    with pytest.raises(BadInput, match=r"steps of 0\.02 s, and a period of 0.05 s is no whole number"):
+    with pytest.raises(BadInput, match=r"steps of 0\.02 s, and a period of 0.05 s is not a whole number"):
         world(1, model=injected(car, net), period=0.05)
     with pytest.raises(BadInput, match="no whole number"):
         world(1, model=injected(car, net), period=0.01)
