@@ -111,7 +111,7 @@ def _allow(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 Groups = dict[str, dict[str, tuple[str, str]]]
 GROUPS: Groups = {
     "Recordings": {
-        "data": ("greybox_id.cli.data", "Check, map and convert recordings before anything is fitted to them."),
+        "data": ("greybox_id.cli.data", "Check, map and convert recordings before a fit."),
         "datasets": ("greybox_id.cli.datasets", "Fetch public recordings, or make synthetic ones."),
     },
     "Fit": {

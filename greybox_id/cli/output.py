@@ -53,7 +53,7 @@ def tell_result(result: Any, as_json: bool) -> None:
 def progress() -> Iterator[Say]:
     """Report progress on standard error: as one live line on a terminal, as plain lines elsewhere.
 
-    If GREYBOX_PROGRESS is "all", passing messages are printed as plain lines, too.
+    If GREYBOX_PROGRESS is "all", transient messages are printed as plain lines, too.
     """
     errors = Screen(errors=True, soft_wrap=True)
     if not errors.is_terminal:

@@ -183,7 +183,8 @@ def _read(file: Path) -> tuple[dict[str, Array], list[str]]:
     lacking = [what for what in NEEDED if what not in chosen]
     if lacking:
         raise BadInput(
-            f"{file}: no column is called like the {' or the '.join(lacking)} of a tyre rig (SA, FZ, FY); it has "
+            f"{file}: no column name is a usual one for the {' or the '.join(lacking)} of a tyre rig (SA, FZ, FY); "
+            "it has "
             f"{', '.join(group.names[:12])}. Name the columns so."
         )
     table = group.load(list(chosen.values()))

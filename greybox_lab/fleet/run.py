@@ -142,7 +142,7 @@ class FleetRun:
     def summary(self) -> str:
         """The same in lines."""
         again = (
-            f"again    {self.refitted} recordings fitted again with the fleet's mean and spread as prior\n"
+            f"again    {self.refitted} recordings fitted a second time, with the fleet's mean and spread as prior\n"
             if self.refitted
             else ""
         )

@@ -119,7 +119,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
             "gives "
             f"estimates only, is {number(speed[SEARCH] / others[fastest], 2)} times as fast, and a whole fit, with "
             f"intervals and errors over horizons, is {number(speed[WHOLE] / others[fastest], 2)} times as fast "
-            f"({number(speed['greybox-id'] / others[fastest], 2)} times from the second call on); the error on the "
+            f"({number(speed['greybox-id'] / others[fastest], 2)} times from the second call on). The error on the "
             f"held-out run is {number(far[WHOLE] / far[fastest], 2)} times that of the other tool.",
         )
     protocol = (

@@ -138,7 +138,7 @@ class ActuatorNet:
         if (self.inputs, self.outputs, self.history) != (value.inputs, value.outputs, value.history):
             raise ValueError(f"inputs, outputs or history are not those of the variant {self.variant}")
         if not (self.members and np.isfinite(self.sample_time) and self.sample_time > 0):
-            raise ValueError("a network has a sample time above zero, and members")
+            raise ValueError("a network must have a sample time above zero, and at least one member")
         if value.residual != bool(self.model) or (DRIVE in self.inputs) != bool(self.channel):
             raise ValueError("the model it adds to, or the drive's channel, is missing")
         ends = (self.history * len(self.inputs), len(self.outputs))

@@ -211,7 +211,7 @@ _OUTSIDE_VEHICLE = (
     Entry("brake_cycling", "1", 0.0, "share of hard braking that is released 6 times a second (scaled to the car)",
           0.2, 0.6),
     Entry("stability_control", "1", 0.0,
-          "gain of one-wheel braking against deviations of the yaw rate from the steering",
+          "gain of a control that brakes single wheels if the yaw rate deviates from the steering",
           0.4, 1.5),
     Entry("fuel_burn", "1/min", 0.0, "share of the mass lost per minute", 0.08, 0.2, resembles=("mass_change",)),
     Entry("sloshing_load", "1", 0.0, "share of the mass that sloshes sideways at 0.8 Hz (scaled to the car)",
