@@ -225,7 +225,9 @@ class Fit:
 
     def _scaled(self, name: str) -> list[str]:
         """That a number scales with a stated one, if it does."""
-        return [f"scales with {stated}, as stated" for stated, of in self.how.get("scaling", {}).items() if name in of]
+        return [
+            f"proportional to {stated}, as stated" for stated, of in self.how.get("scaling", {}).items() if name in of
+        ]
 
     def notes(self) -> dict[str, str]:
         """What a reader must know of single parameters: held, at a bound, or hardly told by the recording."""

@@ -31,7 +31,7 @@ def test_a_number_is_read_in_the_unit_of_its_parameter(text, unit, value):
 @pytest.mark.parametrize(
     ("text", "unit", "says"),
     [
-        ("3.5m", "kg", "SI unit here is kg"),
+        ("3.5m", "kg", "SI unit is kg"),
         ("3 rad", "1", "is not a unit of this quantity"),
         ("3 florins", "kg", '"florins" is not known'),
         ("heavy", "kg", "'heavy' is not a number"),

@@ -137,5 +137,5 @@ def test_the_model_file_has_every_parameter_with_bounds(tmp_path):
 def test_what_the_files_lack_is_said(tmp_path):
     told = " ".join(cautions(written(tmp_path, {"steering_delay": 0.03, "sensor_latency_imu": 0.02})))
     assert "The idnlgrey model lacks the delay of steer" in told
-    assert "yaw_rate, a_x, a_y late" in told
+    assert "yaw_rate, a_x, a_y: put a delay" in told
     assert "covariance of the parameters is not known" in told

@@ -112,5 +112,5 @@ def test_a_motor_without_dead_band_and_back_emf_is_the_linear_drive():
 
 
 def test_an_unknown_drive_is_refused():
-    with pytest.raises(BadInput, match="no drive 'engine'; there are linear, motor"):
+    with pytest.raises(BadInput, match="no drive 'engine'; choose one of linear, motor"):
         build("single_track", {"drive": "engine"})

@@ -54,7 +54,7 @@ def test_without_validation_a_fit_is_to_be_used_with_care():
     found = fit(model(), [lap(0)], how=QUICK)
     assert found.verdict.usability == WITH_CARE
     assert "no recording was held out" in found.verdict.reasons[0]
-    assert "scale with m" in found.verdict.reasons[1]
+    assert "proportional to m" in found.verdict.reasons[1]
 
 
 def test_a_verdict_is_kept_in_the_file(good, tmp_path):

@@ -245,7 +245,7 @@ def test_names_that_do_not_tell_are_asked_for(tmp_path):
     [
         (["v_x"], "write SIGNAL=INPUT"),
         (["speed=omega_rear"], "one of v_x, steer"),
-        (["v_x=omega"], "there is no input omega; there are"),
+        (["v_x=omega"], "there is no input omega; the inputs are"),
         (["v_x=omega_rear", "steer=omega_rear"], "both v_x and steer"),
         (["v_x=omega_rear", "v_x=handwheel"], "one input for each"),
         (["motor_current=omega_rear"], "is motor_current, but"),
