@@ -220,7 +220,7 @@ def _goal(source: Fit | Gap, goal: str | None) -> str:
         raise BadInput(f"‹goal›: there is no {chosen!r:.40}; choose one of {', '.join(GOALS)}.")
     if isinstance(source, Fit) != (chosen == "precision"):
         needs, is_one = ("a fit", "a gap") if chosen == "precision" else ("a gap (gap.json of greybox gap)", "a fit")
-        raise BadInput(f"‹goal› {chosen} needs {needs}, and this is {is_one}. Name the other file or another ‹goal›.")
+        raise BadInput(f"‹goal› {chosen} needs {needs}, but {is_one} was given. Name the other file or another ‹goal›.")
     return chosen
 
 

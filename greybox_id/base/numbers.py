@@ -49,7 +49,8 @@ def number(value: float, digits: int = 3) -> str:
     power = _power(float(f"{value:.{digits - 1}e}"))  # of what is shown: 9.997 is 10.0
     if SMALLEST <= power < LARGEST:
         return _minus(f"{value:.{max(0, digits - 1 - power)}f}")
-    return f"{_minus(f'{value / 10.0**power:.{digits - 1}f}')}·10{_raised(power)}"
+    mantissa = f"{value:.{digits - 1}e}".partition("e")[0]  # no division: 10^-324 is zero
+    return f"{_minus(mantissa)}·10{_raised(power)}"
 
 
 def exact(value: float, digits: int = 3) -> str:

@@ -53,7 +53,7 @@ def streams() -> Iterator[None]:
 def interrupts() -> Iterator[list[int]]:
     """Record the signals that Ctrl-C sends, and raise each as `KeyboardInterrupt`.
 
-    Commands that keep what they have end as usual after it; what was sent tells that they were interrupted. Where
+    Commands that keep partial results end as usual; the recorded signals tell that they were interrupted. Where
     interrupts are ignored, as in the background of a shell, they stay so.
     """
     sent: list[int] = []

@@ -230,7 +230,7 @@ def standing(sideslip: Array | None, slowest: float) -> list[str]:
     count = 0 if sideslip is None else int(np.count_nonzero(np.isnan(sideslip)))
     if count == 0:
         return []
-    return [f"In {count} rows the vehicle is slower than {slowest:g} m/s: they have no sideslip."]
+    return [f"In {count} rows the vehicle is slower than {slowest:g} m/s: sideslip is not defined there."]
 
 
 def only_over_mass(model: MotionModel) -> list[str]:

@@ -183,7 +183,7 @@ def split(
     if not named:
         raise BadInput(
             f"No unbroken stretch of the recordings is as long as a window of {model.name}, {model.window} rows, with "
-            f"all of {', '.join(model.inputs)} there; set window and warm_up to smaller ones."
+            f"all of {', '.join(model.inputs)} present; set window and warm_up to fewer rows."
         )
     if len(named) == 1:
         name, whole = named[0]

@@ -150,7 +150,7 @@ def _bounded(parameter: Parameter, stated: Stated, where: str) -> Parameter:
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         raise BadInput(
             f"{where}: {parameter.name} = {value:g}{unit} is outside what models take for it, {low:g} to "
-            f"{high:g}. Mend it, or state min and max with it."
+            f"{high:g}. Correct the value, or state min and max with it."
         )
     prior = Prior(stated.sd, mean=value) if stated.sd is not None else parameter.prior
     if prior is not None and stated.sd is None and stated.value is not None:

@@ -370,7 +370,7 @@ def _convergence(stage: Stage) -> Drawing:
         "convergence",
         convergence(stage),
         "The objective minus its best value, over the steps of the last solve"
-        + ("; beside it, the end of each start." if several else "."),
+        + ("; beside it, where each start ended." if several else "."),
         "The objective over the solver's steps.",
     )
 

@@ -95,7 +95,7 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
         "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
         "Draws of the posterior: each parameter on the diagonal, pairs below. They show curved or long shapes, which "
         f"standard deviations do not.{more}",
-        "Histograms of parameters, and dots of pairs of them.",
+        "Histograms of the parameters, and scatter plots of their pairs.",
     )  # fmt: skip
 
 

@@ -94,7 +94,7 @@ def _show_vehicle(vehicle: ImportedVehicle, path: Path) -> None:
     out.print(f"vehicle  {vehicle.kind}: {', '.join(vehicle.vehicle.values) or 'nothing but limits'}")
     for note in vehicle.notes:
         out.print(f"note     {note}")
-    out.print(f"\nwritten  {path}   with a recording: greybox fit --model single_track --vehicle {path} RECORDING")
+    out.print(f"\nwritten  {path}   to use it: greybox fit --model single_track --vehicle {path} RECORDING")
 
 
 def _show(imported: Imported, path: Path) -> None:

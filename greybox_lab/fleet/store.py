@@ -290,5 +290,7 @@ def _read(file: Path, columns: list[str] | None) -> pa.Table:
     known = (result.schema.metadata or {}).get(f"{MARK}_schema".encode(), b"").decode()
     if known != SCHEMA:
         was = f"columns of version {known}" if known else "no results of a fleet"
-        raise BadInput(f"{file} holds {was}; this greybox-id reads version {SCHEMA}. Run the fleet into a new folder.")
+        raise BadInput(
+            f"{file} holds {was}; this version of greybox-id reads version {SCHEMA}. Run the fleet into a new folder."
+        )
     return result

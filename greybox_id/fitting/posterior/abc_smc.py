@@ -94,7 +94,10 @@ def priors_of(density: PosteriorDensity) -> tuple[ParticlePrior, ...]:
         parameter = density.problem.model[one.parameter]
         prior = parameter.prior
         if prior is not None and any(step is not None for step in prior.step_sd):
-            raise BadInput(f"abc-smc draws numbers one by one, but the prior of {one.parameter} joins them. Use mcmc.")
+            raise BadInput(
+                f"abc-smc draws every number independently, but the prior of {one.parameter} correlates "
+                "several numbers. Use mcmc."
+            )
         sd = (
             np.inf
             if prior is None

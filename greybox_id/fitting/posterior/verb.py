@@ -74,7 +74,7 @@ def must_suit_sampling(fit: Fit) -> MotionModel:
     )
     model = must_be(MotionModel, fit.model, no)
     if all(parameter.fixed for parameter in model.parameters):
-        raise BadInput("Every parameter of the fit is fixed: there is nothing to draw. Fit again with free ones.")
+        raise BadInput("Every parameter of the fit is fixed: there is nothing to draw. Fit again with free parameters.")
     return model
 
 

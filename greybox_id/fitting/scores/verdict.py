@@ -100,7 +100,9 @@ def judged(
             reasons += _carried_over(value.get(TRAINED) or _trained(fit), value[role], what)
     reasons += misfit(fit)
     if roles == [TRAINED]:
-        reasons.append(Reason(WITH_CARE, "Not validated: no recording was held out; validate it on another one."))
+        reasons.append(
+            Reason(WITH_CARE, "Not validated: no recording was held out; validate the fit on another recording.")
+        )
     return weighed(reasons, comparison)
 
 
@@ -186,7 +188,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
         elif not stage.confirmed and isinstance(fit.model, MotionModel):
             yield Reason(WITH_CARE, f"The optimum is not confirmed ({stage.status}); there are no intervals.")
         elif stage.certificate is None and fit.how.get("solver") == "gauss-newton":
-            yield Reason(WITH_CARE, "Ipopt was not asked to confirm the optimum (solver auto asks it).")
+            yield Reason(WITH_CARE, "Ipopt was not asked to confirm the optimum (the solver auto does this).")
         elif stage.confirmed and isinstance(fit.model, HybridModel):
             yield Reason(USABLE, "Training was stopped where the held-out error was least.")
         elif stage.confirmed:

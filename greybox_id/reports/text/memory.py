@@ -48,4 +48,4 @@ def _errors(model: MemoryModel, result: Fit) -> Iterator[RenderableType]:
     if "validate" in result.how.get("timing", {}):
         yield ""
         for line in timing_lines(result.how["timing"]["validate"]):
-            yield led("timing", f"held out, {line}; readings against the inputs, compared with the training data")
+            yield led("timing", f"held out, {line}; delays of readings after inputs, relative to the training data")
