@@ -67,7 +67,7 @@ def check_command(
     """List what is noteworthy or wrong in each FILE. Exit code 1: at least one FILE is not to be trusted.
 
     --repair corrects signs, units and columns as the findings propose, writes the corrected map, and gives the verdict
-    on the FILEs read with it. If MAP.toml is the map of --columns, the former one is kept as MAP.toml.bak.
+    on the FILEs read with it. If MAP.toml is the map of --columns, its former content is kept as MAP.toml.bak.
 
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml

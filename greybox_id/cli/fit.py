@@ -88,13 +88,13 @@ def fit(
     greybox fit --model tyre rig.csv --out tyre.tir
     greybox fit --model hybrid_force step*.csv sine*.csv --vehicle simrod --columns canonical
 
-    The model "tyre" is a magic formula of what a tyre rig measured (SA, FZ, FY); it is written as .tir.
+    The model "tyre" is a magic formula, fitted to data of a tyre rig (SA, FZ, FY) and written as .tir.
 
     Numbers may carry a unit; without one they are SI. The strength of the priors on the weights of a model with memory
     is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength is given.
     --calibrate timing aligns training runs by their delays; of the validation recording, the first seconds of each run
-    determine its delay and the rest is scored. Ctrl-C keeps the best so far. Exit code 3: the fit is written, but is
-    not usable; the verdict says why.
+    determine its delay and the rest is scored. Ctrl-C keeps the best fit so far. Exit code 3: the fit is written, but
+    is not usable; the verdict says why.
     """  # fmt: skip
     from .. import FitOptions
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers

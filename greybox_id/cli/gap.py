@@ -195,7 +195,7 @@ def what_would_show(
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
     console().print(
-        f"Smallest change that one more recording like {listed([item.name for item in before])} would detect:"
+        f"Smallest change that would be detected with one more recording like {listed([item.name for item in before])}:"
     )
     console().print(table)
 
@@ -249,7 +249,7 @@ def gap(
         type=FILE,
     ),
     sensitivity: bool = option(
-        "With --since and no RECORDING: print the smallest change that one more such recording would detect."
+        "With --since and no RECORDING: print the smallest change that would be detected with one more such recording."
     ),
     out: str | None = option("Folder for gap.json, gap.png, gap.pdf and closed.toml.", "FOLDER"),
     report: str | None = option("Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.", "FILE"),
@@ -272,7 +272,7 @@ def gap(
     greybox gap lap7.csv --vehicle car.toml --apply car_closed.toml
     greybox simulate lap9.csv --vehicle car_closed.toml
 
-    How far the gap closes is only known on recordings that chose nothing: name some with --held-out.
+    How far the gap closes is known only on recordings that were not used for the diagnosis: name some with --held-out.
     """  # fmt: skip
     if sensitivity:
         what_would_show(recordings, vehicle, fit_file, since, columns, model, as_json)

@@ -220,7 +220,7 @@ COLUMNS: Any = replace(
         ),
         click.option(
             "--where", metavar="CONDITION", callback=_kept, expose_value=False,
-            help='Only rows at which this holds, such as "v_x > 5 and abs(steer) < 0.1".',
+            help='Only rows at which this condition holds, such as "v_x > 5 and abs(steer) < 0.1".',
         ),
     ),
 )  # fmt: skip

@@ -55,7 +55,13 @@ def exam() -> None:
     type=click.Path(path_type=Path),
     help="New folder of the examination, or an unfinished one to continue.",
 )
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Says which examination.")
+@click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=0,
+    show_default=True,
+    help="Seed of the examination; the same seed makes the same cases.",
+)
 @click.option(
     "--tier",
     type=click.Choice(list(ASKED)),
