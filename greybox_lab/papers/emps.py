@@ -128,8 +128,8 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         "gets the same rows, or the first ones up to its row limit. CPU seconds include compiling but no imports "
         "(greybox-id: the first call and a later one). Ratios are those of the first call unless they say "
         "otherwise, since the other tools compile, too.",
-        "Tools use the same equations; the sign in the friction is tanh(velocity / 1 mm/s). Runge-Kutta of fourth "
-        "order, one step per row, unless a tool has its own integrator.",
+        "Tools use the same equations; the sign in the friction is tanh(velocity / 1 mm/s). Equations are integrated "
+        "by a fourth-order Runge-Kutta method with one step per row, unless a tool has its own integrator.",
         "Other tools use the settings of their examples; experts may get better results.",
         "The ten published baselines (Champneys et al., arXiv 2405.10779) were fitted to the recording of the real "
         "axis. An axis that is simulated by the fitted equations is easier: compare orders of magnitude, no more.",
