@@ -29,20 +29,20 @@ seed and number of cases (n). `DIR` is the folder of recordings by others (`grey
 those of one core at 3.1 GHz. Bars that were missed are marked. The [decision notes](decisions/README.md) say what was
 tried and failed.
 
-This page is about the diagnosis. Others: [recordings of others](results_recordings.md), [intervals, verdicts and
+This page is about the diagnosis. Other pages: [recordings of others](results_recordings.md), [intervals, verdicts and
 designed manoeuvres](results_uncertainty.md), [speed, sizes and damage](results_speed.md).
 """,
     "results_recordings": """# Results on recordings of others
 
-Data and baselines that others published. How to read the tables: [results](results.md).
+Data and baselines on this page were published by others. [Results](results.md) says how to read the tables.
 """,
     "results_uncertainty": """# Results: intervals, verdicts, designed manoeuvres
 
-How to read the tables: [results](results.md).
+[Results](results.md) says how to read the tables.
 """,
     "results_speed": """# Results: speed, sizes, damage
 
-How to read the tables: [results](results.md).
+[Results](results.md) says how to read the tables.
 """,
 }
 """Of each page, in the order of the first digits of files."""

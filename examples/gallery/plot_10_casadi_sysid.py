@@ -2,8 +2,8 @@
 CasADi's sysid.py beside ours
 =============================
 
-The same axis, the same rows, the same start: multiple shooting with Ipopt as in CasADi's example ``sysid.py``, and
-``gb.fit``. What the library adds to the estimate is its uncertainty.
+Two programs estimate the parameters of an axis from the same rows and the same start: multiple shooting with Ipopt, as
+in CasADi's example ``sysid.py``, and ``gb.fit``. What the library adds to the estimate is its uncertainty.
 """
 
 import inspect

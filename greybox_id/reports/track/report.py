@@ -316,7 +316,8 @@ READINGS = (
     "An innovation is a reading minus the filter's prediction of it. NIS: the square of the innovation divided by "
     "the variance that the filter expects; its mean is 1 if that variance is right. Windows within: share of means "
     "over 2 s that lie inside their 95 % bounds. Autocorrelation: correlation of an innovation with the one before; "
-    "the bound holds with 95 % if there is none. Gated: readings so far off that they counted as noisier."
+    "without any correlation, 95 % of the values are within the bound. Gated: readings so far off that they counted "
+    "as noisier."
 )
 NOISE = (
     "The ratio of a random walk's size to the noise of the readings decides whether the filter follows its model or "
