@@ -59,7 +59,7 @@ def test_a_number_alone_is_a_belief_without_a_standard_deviation():
 
 
 @pytest.mark.parametrize(
-    ("text", "says"), [("1±0", "above zero"), ("1±2±3", "MEAN±SD"), ("1±", "no number"), ("inf±1", "mean")]
+    ("text", "says"), [("1±0", "above zero"), ("1±2±3", "MEAN±SD"), ("1±", "not a number"), ("inf±1", "mean")]
 )
 def test_a_belief_that_cannot_be_is_a_sentence(text, says):
     with pytest.raises(BadInput, match=says):

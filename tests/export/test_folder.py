@@ -49,7 +49,7 @@ def test_an_empty_folder_is_taken_and_a_file_is_not(tmp_path):
     (tmp_path / "car").mkdir()
     write_folder(tmp_path / "car", FILES, {})
     (tmp_path / "file").write_text("mine")
-    with pytest.raises(BadInput, match="no folder"):
+    with pytest.raises(BadInput, match="not a folder"):
         write_folder(tmp_path / "file", FILES, {})
     assert (tmp_path / "file").read_text() == "mine"
 
@@ -57,7 +57,7 @@ def test_an_empty_folder_is_taken_and_a_file_is_not(tmp_path):
 def test_a_link_is_not_followed(tmp_path):
     (tmp_path / "mine").mkdir()
     (tmp_path / "link").symlink_to(tmp_path / "mine")
-    with pytest.raises(BadInput, match="no folder"):
+    with pytest.raises(BadInput, match="not a folder"):
         write_folder(tmp_path / "link", FILES, {})
 
 

@@ -73,7 +73,7 @@ def test_what_a_prior_leaves_free_is_infinite():
     [
         ({"value": "heavy"}, "Parameter m, value: a number"),
         ({"bounds": (2.0,)}, "Parameter m, bounds: a lowest and a highest value"),
-        ({"scope": "lap"}, "no scope 'lap'. There are model, run"),
+        ({"scope": "lap"}, "scope must be one of model, run, not 'lap'"),
         ({"prior": 3.0}, "prior: a Prior is needed"),
         ({"prior": Prior([1.0, 2.0])}, r"has shape \(\); the sd of its prior has shape \(2,\)"),
         ({"value": [1.0, 2.0], "prior": Prior(1.0, mean=[1.0, 2.0, 3.0])}, "the mean of its prior"),

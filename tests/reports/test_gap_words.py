@@ -106,9 +106,9 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
         (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
         (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); the gap may not close at all"),
         (-0.12, (-0.3, 0.04), "adding steering_delay increases the excess error by 12 % [−4, 30]"),
-        (-0.12, (-0.3, -0.02), "worse by 12 % of the excess [2, 30] on lap8 (held out)"),
+        (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on lap8 (held out)"),
         (NAN, (NAN, NAN), "no excess error above the floor on lap8 (held out)"),
-        (-0.001, (-0.3, 0.3), "worse by 0 % of the excess [−30, 30]"),
+        (-0.001, (-0.3, 0.3), "the excess error by 0 % [−30, 30]"),
     ],
 )
 def test_how_far_is_honest(closed, interval, said):
@@ -125,7 +125,7 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     assert "worse" not in said
     assert "excess" not in left(gap)
     assert "the gap is too small" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
-    assert "worse by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
+    assert "increases the excess error by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
     sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
     assert "closes by 90 %" in how_far(gap, sure, False)
 

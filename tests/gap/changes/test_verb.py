@@ -168,7 +168,7 @@ def test_where_it_was_driven_otherwise_that_is_said():
         )
 
     words = driven_elsewhere([ride(3.3, -5.6)], [ride(1.5, 1.8), ride(1.5, 1.8)])
-    assert "3.3 m/s and 5.6 m/s²" in words
+    assert "a speed of 3.3 m/s and a lateral acceleration of 5.6 m/s²" in words
     assert "1.5 m/s and 1.8 m/s²" in words
 
 

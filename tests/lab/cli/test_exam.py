@@ -47,7 +47,7 @@ def test_sitting_and_scoring(exam):
     assert any("case_001" in line and "not detected" in line for line in lines)
 
     again = greybox("exam", "score", exam, "--json")
-    assert "opened before" in again.err
+    assert "the answers were opened on" in again.err
     assert again.told["opened_before"] is True
     assert json.loads((exam / "score.json").read_text())["cases"] == 2
 

@@ -25,7 +25,7 @@ def test_a_policy_is_learned_kept_and_tuned_to_a_vehicle_with_an_effect(tmp_path
 
 
 def test_a_start_with_other_units_is_refused():
-    with pytest.raises(gb.BadInput, match=r"unit of speed of 7\.63.* like="):
+    with pytest.raises(gb.BadInput, match=r"7\.63108 as the unit of speed.* like="):
         learn_policy("roboracer", 1, lanes=2, effects="grip_scale=0.8", start=shipped_learned())
 
 

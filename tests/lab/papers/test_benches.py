@@ -204,7 +204,7 @@ def test_another_tool_finds_the_axis_from_the_same_rows():
 
 
 def test_files_that_are_not_there_or_are_none_are_sentences(tmp_path):
-    assert "no folder" in refused("bench", "a2rl", "--data", tmp_path / "none")
+    assert "not a folder" in refused("bench", "a2rl", "--data", tmp_path / "none")
     assert "greybox datasets fetch abs" in refused("bench", "abs", "--data", tmp_path)
     (tmp_path / "train_0.csv").write_text("time,vxCG\n1,2\n", encoding="utf-8")
     assert "has no column handwheelAngle" in refused("bench", "ferrari", "--data", tmp_path)

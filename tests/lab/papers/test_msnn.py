@@ -54,9 +54,9 @@ def test_the_authors_loss_is_lowered_where_batches_differ_in_noise():
 
 
 def test_recordings_that_are_not_there_are_named(tmp_path):
-    assert "no folder" in refused("bench", "msnn", "--data", tmp_path / "nowhere")
+    assert "not a folder" in refused("bench", "msnn", "--data", tmp_path / "nowhere")
     assert "train.csv" in refused("bench", "msnn", "--data", tmp_path)
-    with pytest.raises(BadInput, match="no folder"):
+    with pytest.raises(BadInput, match="not a folder"):
         measure(tmp_path / "nowhere")
 
 

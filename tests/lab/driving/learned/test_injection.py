@@ -170,7 +170,7 @@ def test_what_does_not_go_together_is_said(car):
     net = network("paper")
     with pytest.raises(BadInput, match=r"steps of 0\.02 s, and a period of 0.05 s is not a whole number"):
         world(1, model=injected(car, net), period=0.05)
-    with pytest.raises(BadInput, match="no whole number"):
+    with pytest.raises(BadInput, match="not a whole number"):
         world(1, model=injected(car, net), period=0.01)
     with pytest.raises(BadInput, match=r"delays commands .delay of steer 30 ms"):
         injected(with_effects(car, {"steering_delay": 0.03}), net)
@@ -211,7 +211,7 @@ def test_open_loop_is_the_models_free_run_and_needs_what_was_before(car, lap):
         OpenLoop(car, lap.rows(0, 60)).ahead(1.0)
     with pytest.raises(BadInput, match=r"recorded every 0\.02 s"):
         OpenLoop(injected(car, replace(network("paper"), sample_time=0.01)), lap, 0.01)
-    with pytest.raises(BadInput, match="no whole number"):
+    with pytest.raises(BadInput, match="not a whole number"):
         OpenLoop(injected(car, replace(network("paper"), sample_time=0.03)), lap)
 
 

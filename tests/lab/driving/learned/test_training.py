@@ -145,7 +145,7 @@ def test_what_cannot_be_learned_is_said(car, lap):
     bare = Recording("bare", lap.time, {name: lap[name] for name in ("steer", "yaw_rate", "v_x")})
     for told, recordings, options in (
         ("too few to train on some and hold others out", short, {}),
-        ("longer than the 3 steps", lap.rows(0, 3), {}),
+        ("a run of 4 steps is needed", lap.rows(0, 3), {}),
         ("yaw_rate is constant", still, {}),
         ("Fewer than two windows", lap.with_signals(v_x=np.full(2000, np.nan)), {}),
         ("holds no drive command", bare, {"variant": "abstract"}),
