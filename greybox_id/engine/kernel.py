@@ -215,25 +215,27 @@ class Kernel:
         """
         states, numbers, parameters, _ = self._checked(z[:1], np.asarray(s)[None], p, np.zeros(len(np.asarray(s))))
         places, set_to = np.ascontiguousarray(begins, dtype=np.intp), np.ascontiguousarray(given, dtype=bool)
-        there, found = np.ascontiguousarray(complete, dtype=bool), np.ascontiguousarray(z, dtype=float)
-        shapes = (len(found),), (len(found),), states.shape[1:]
+        there, trajectory = np.ascontiguousarray(complete, dtype=bool), np.ascontiguousarray(z, dtype=float)
+        shapes = (len(trajectory),), (len(trajectory),), states.shape[1:]
         inside = np.all(np.diff(places, prepend=0, append=len(numbers[0])) >= 0)  # in order, and none beyond the last
         if (places.shape, there.shape, set_to.shape) != shapes or not inside:
-            raise ValueError(f"Rows, or what is given at them, do not match {found.shape} states.")
+            raise ValueError(f"Rows, or what is given at them, do not match {trajectory.shape} states.")
         self._load(len(numbers[0]))
         if self._library is not None:
             few = hasattr(self._library, "follow_few")
             run = self._library.follow_few if few else self._library.follow
-            run(len(found), *_places(places, numbers, parameters, there, set_to, found))
-            return found
-        for row in range(1, len(found)):
+            run(len(trajectory), *_places(places, numbers, parameters, there, set_to, trajectory))
+            return trajectory
+        for row in range(1, len(trajectory)):
             if there[row] and set_to.all():
                 continue
-            own = slice(places[row - 1], places[row])
-            nothing = np.zeros(own.stop - own.start, dtype=bool)
-            following, _ = self._model.virtual.simulate(found[row - 1 : row], numbers[:, own], parameters, nothing)
-            found[row] = np.where(there[row] & set_to, found[row], following[0, -1])
-        return found
+            stretch = slice(places[row - 1], places[row])
+            nothing = np.zeros(stretch.stop - stretch.start, dtype=bool)
+            following, _ = self._model.virtual.simulate(
+                trajectory[row - 1 : row], numbers[:, stretch], parameters, nothing
+            )
+            trajectory[row] = np.where(there[row] & set_to, trajectory[row], following[0, -1])
+        return trajectory
 
     def linearise(
         self, z0: ArrayLike, s: ArrayLike, p: ArrayLike, reads: ArrayLike, columns: ArrayLike
