@@ -285,9 +285,12 @@ class Calibration:
         0.5, "cosine between what two causes do, all else refitted, from which they act alike", DEFINED
     )
     exchange_steps: int = _known(6, "steps at most of a cause in another one's place: secants halve errors")
-    step_shares: tuple[float, ...] = _known(
-        (1.0, 0.4, 0.16, 0.064, 0.026, 0.01), "of a step of everything: the first that lowers the objective", SEARCHED
+    dampings: tuple[float, ...] = _known(
+        (0.0, *(10.0**k for k in range(7))),
+        "precisions, over those of beliefs, of staying where all is: the step that lowers the objective most",
+        SEARCHED,
     )
+    leaves: float = _known(3.0, "standard deviations at most that a cause is off while a search is on its way", DEFINED)
     exchanged: int = _known(3, "causes that are tried in the place of each", SEARCHED)
     exchange_look: float = _known(6.0, "nats to first order, within which they are", SEARCHED)
     as_rough: float = _known(

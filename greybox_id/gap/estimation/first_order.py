@@ -20,18 +20,24 @@ class FirstOrder:
     linear, prec : the problem, and beliefs.
     switched_at : (causes,) how far off one is that simulations have.
     switched : (causes,) those that simulations have from this step on.
+
+    Attributes
+    ----------
+    low, high : (K,) how far a step of all coordinates may go, so that it goes where these are at their best.
     """
 
     def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Mask) -> None:
         here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
         reach = np.append(switched_at, np.inf)[linear.cause[here]]  # of what is no cause, -1, all of it
         self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
-        self._low = np.maximum((linear.low - linear.at)[here], -reach - self._off)
-        self._high = np.minimum((linear.high - linear.at)[here], reach - self._off)
+        self.low, self.high = linear.low - linear.at, linear.high - linear.at
+        self.low[here] = np.maximum(self.low[here], -reach - self._off)
+        self.high[here] = np.minimum(self.high[here], reach - self._off)
+        self._within = self.low[here], self.high[here]
         self._H = self._A.T @ self._A + np.diag(self._prec)
 
     def left(self, r: Array) -> float:
         """What is left of residuals, with the charge."""
         g = self._A.T @ r + self._prec * self._off
-        step = least_within(self._H, g, self._low, self._high, np.ones(len(g), dtype=bool))
+        step = least_within(self._H, g, *self._within, np.ones(len(g), dtype=bool))
         return float(r @ r + self._off @ (self._prec * self._off) + 2 * g @ step + step @ self._H @ step)

@@ -381,21 +381,18 @@ class JointProblem:
         """Forget what causes that are not there would do: it was taken elsewhere."""
         self._slopes.clear()
 
-    def moved(self, state: JointState, x: Array, share: float, on: Mask) -> JointState:
-        """A share of the way from a state to coordinates of `Linear`; causes that are switched on begin there."""
+    def moved(self, state: JointState, x: Array, on: Mask) -> JointState:
+        """A state at coordinates of `Linear`; causes that are switched on begin there."""
         nt, E = len(self.tolerances), len(self.causes)
-        theta = state.theta + share * (x[:nt] - state.theta)
-        goes = self.smooth | on
-        m = np.where(goes, state.m + share * (x[nt : nt + E] - state.m), self.null)
-        m = np.clip(m, self.low, self.high)
+        m = np.clip(np.where(self.smooth | on, x[nt : nt + E], self.null), self.low, self.high)
         seconds, place = [list(second) for second in state.seconds], nt + E
         for k in range(E):
             if state.on[k] and not self.smooth[k]:
                 for j, axis in enumerate(self._form(state, k).candidate.axes[1:]):
                     if axis.low < axis.high:
-                        seconds[k][j] += share * (x[place] - seconds[k][j])
+                        seconds[k][j] = x[place]
                         place += 1
-        return JointState(theta, m, tuple(tuple(second) for second in seconds), state.form, on.copy())
+        return JointState(x[:nt], m, tuple(tuple(second) for second in seconds), state.form, on.copy())
 
 
 def _by(p: Array, axes: Sequence[Axis]) -> Array:

@@ -50,23 +50,32 @@ class Quadratic:
         sd[self.about.main] = np.sqrt(variance)
         return np.asarray(1 / np.maximum(sd, 1e-150) ** 2)
 
-    def best(self, variance: Array, stride: float | Array = np.inf) -> tuple[Array, Array]:
-        """(K,) the best coordinates within bounds and no further than a stride, and their marginal variances."""
+    def best(self, variance: Array, within: tuple[Array, Array] | None = None, damping: float | Array = 0.0) -> Array:
+        """(K,) the best coordinates within bounds.
+
+        Parameters
+        ----------
+        variance : (causes,) of beliefs about magnitudes.
+        within : (K,) and (K,) how far coordinates may go from where they are; None: to their bounds.
+        damping : (K,) precisions with which they stay where they are.
+        """
         value, prec = self.about, self.precision(variance)
-        H = self.G + np.diag(prec)
-        slope = self.g + prec * (value.at - value.mean)
-        low, high = np.maximum(value.low - value.at, -stride), np.minimum(value.high - value.at, stride)
-        step = least_within(H, slope, low, high, np.ones(len(H), dtype=bool))
-        return value.at + step, np.diag(inverse(H))
+        low, high = within or (value.low - value.at, value.high - value.at)
+        slope, H = self.g + prec * (value.at - value.mean), self.G + np.diag(prec + damping)
+        return np.asarray(value.at + least_within(H, slope, low, high, np.ones(len(H), dtype=bool)))
 
     def switched(self, variance: Array, zone: Array, usual: Array, rounds: int = CAL.evidence_rounds) -> Array:
-        """(causes,) variances that maximise the evidence, within the zone and three times the usual size."""
-        least = zone**2
-        about = self.about
+        """(causes,) variances that maximise the evidence, within the zone and three times the usual size.
+
+        Nor so small that magnitudes are more standard deviations off than `CAL.leaves`: before they leave, everything
+        else has to be where it belongs without them.
+        """
+        about, main = self.about, self.about.main
+        least = np.maximum(zone**2, ((about.at - about.mean)[main] / CAL.leaves) ** 2)
         for _ in range(rounds):
-            x, v = self.best(variance)
-            off, known = (x - about.mean)[about.main], 1 - v[about.main] / variance
-            new = np.clip(off**2 / np.maximum(known, 1e-3), least, (3 * usual) ** 2)
+            off = (self.best(variance) - about.mean)[main]
+            known = 1 - np.diag(inverse(self.G + np.diag(self.precision(variance))))[main] / variance
+            new = np.clip(off**2 / np.maximum(known, 1e-3), least, np.maximum(least, (3 * usual) ** 2))
             done = np.max(np.abs(np.log(new / variance)), initial=0.0) < CAL.evidence_settled
             variance = new
             if done:

@@ -9,8 +9,8 @@ win. What a recording does not want falls to its zone by itself (`sparse`).
 from __future__ import annotations
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -18,11 +18,11 @@ from ...base.shorthands import Array, Mask
 from .bench import Bench
 from .calibration import CAL
 from .constancy import steadily
-from .first_order import FirstOrder
 from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelError, estimated, linearised, model_error
 from .noise import Whitener, colour, white_noise
-from .problem import JointProblem, JointState, Linear
+from .problem import JointProblem, JointState
 from .sparse import Quadratic, Sets
+from .steps import Steps
 
 
 @dataclass(frozen=True)
@@ -119,20 +119,24 @@ class JointSearch:
     """
 
     def __init__(self, problem: JointProblem, whitening: JointWhitening, tell: Callable[..., None]) -> None:
-        self.problem, self.whitening, self.tell, self.stride = problem, whitening, tell, CAL.strides[0]
+        self.problem, self.whitening, self.tell, self.steps = problem, whitening, tell, Steps(problem)
         names = [cause.name for cause in problem.causes]
         self.never = [
             (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
             if other in cause.forms[0].candidate.never_beside
         ]  # fmt: skip
-        self._switched_at = np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)
         self.odds = np.full(len(names), CAL.against)
         for k, cause in enumerate(problem.causes):
             self.odds[k] += CAL.second_odds * len(cause.forms[0].seconds)
 
-    def annealed(self, stride: float = CAL.strides[0]) -> list[JointStage]:
-        """Every stage, roughest first, by steps that long at most."""
-        self.stride = stride
+    def by_steps(self, stride: float) -> JointSearch:
+        """The search by steps of another length at most, in standard deviations and usual sizes."""
+        other = copy(self)
+        other.steps = Steps(self.problem, stride)
+        return other
+
+    def annealed(self) -> list[JointStage]:
+        """Every stage, roughest first."""
         problem, result = self.problem, list[JointStage]()
         problem.roughly(1.0)
         problem.forget()
@@ -151,7 +155,6 @@ class JointSearch:
                 if went < CAL.still and step > 0:
                     break
             result.append(self.settled(state, rough, variance, whitener))
-        self.stride = CAL.strides[0]
         return result
 
     def explained(self, best: JointStage) -> JointStage:
@@ -438,58 +441,7 @@ class JointSearch:
         self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None,
         trial: bool = False,
     ) -> tuple[JointState, float]:  # fmt: skip
-        """A bounded Gauss-Newton step of everything, shortened while the objective rises; and how far it went."""
-        problem, value = self.problem, squares.about
-        x, _ = squares.best(variance, self._stride(value))
-        off = np.abs(x - value.mean)[value.main]
-        if there is None:
-            there = (off > self._switched_at) & (variance > 4 * problem.zone**2)
-        on = there & ~problem.smooth
-        prec = squares.precision(variance)
-        back = state
-        if np.any(state.on & ~on & ~problem.smooth):  # switched off
-            back = replace(state, on=state.on & on)
-        new: JointState | None = None
-        for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to be nearer first
-            first = FirstOrder(value, prec, self._switched_at, goes & ~state.on)
-            objective = partial(self._objective, first=first, whitener=whitener, prec=prec, linear=value)
-            here = objective(back)
-            tried = (problem.moved(state, x, share, goes) for share in CAL.step_shares)
-            new = next((each for each in tried if objective(each) < here + 1e-6), None)
-            if new is not None:
-                break
-        if new is None:
-            return back, 0.0
-        scales = np.concatenate([problem.theta_sd, problem.usual])
-        went = np.concatenate([new.theta - state.theta, new.m - state.m]) / scales
-        far = float(np.max(np.abs(went), initial=0.0))
-        if far > CAL.moved_on and not trial:
-            problem.forget()
-        return new, far
-
-    def _stride(self, linear: Linear) -> Array:
-        """(K,) how far a step goes at most: farther off, simulations are not what they are to first order."""
-        scale = np.full(len(linear.at), np.inf)
-        scale[: len(self.problem.theta_sd)], scale[linear.main] = self.problem.theta_sd, self.problem.usual
-        return np.where(linear.moved, self.stride * scale, np.inf)
-
-    def _objective(
-        self, state: JointState, first: FirstOrder, whitener: Whitener, prec: Array, linear: Linear
-    ) -> float:
-        problem = self.problem
-        (e,) = problem.residuals([problem.vector(state)])
-        if not np.all(np.isfinite(e)):
-            return np.inf
-        squares = first.left(whitener.white(e[:, :, None]).ravel())
-        theta = (state.theta - problem.theta_mean) / problem.theta_sd
-        goes = problem.smooth | state.on
-        mains = np.sqrt(prec[linear.main]) * np.where(goes, state.m - problem.mean, 0.0)
-        extra = 0.0
-        for k in np.flatnonzero(state.on & ~problem.smooth):
-            for axis, at in zip(
-                problem.causes[k].forms[state.form[k]].candidate.axes[1:], state.seconds[k], strict=True
-            ):
-                if axis.low < axis.high:
-                    extra += ((at - axis.mean) / axis.sd) ** 2
-        total = 0.5 * (squares + float(theta @ theta) + float(mains @ mains) + extra)
-        return total if np.isfinite(total) else np.inf
+        state, went = self.steps.taken(state, squares, variance, whitener, there)
+        if went > CAL.moved_on and not trial:
+            self.problem.forget()
+        return state, went

@@ -35,12 +35,12 @@ def walked(search: JointSearch) -> tuple[JointStage, Array]:
     disputed = np.zeros(len(best.there))
     for other in rest:
         apart = best.evidence - other.evidence
-        disputed[~_alike(best, other, search.problem.null)] += apart if np.isfinite(apart) else 0.0
+        disputed[~_of_one_size(best, other, search.problem.null)] += apart if np.isfinite(apart) else 0.0
     return best, disputed
 
 
 def _end(search: JointSearch, stride: float) -> JointStage:
-    return max(search.annealed(stride), key=lambda stage: stage.evidence)
+    return max(search.by_steps(stride).annealed(), key=lambda stage: stage.evidence)
 
 
 def _far_off(search: JointSearch, stage: JointStage) -> bool:
@@ -51,7 +51,7 @@ def _far_off(search: JointSearch, stage: JointStage) -> bool:
     return float(off @ off) > len(off)
 
 
-def _alike(one: JointStage, other: JointStage, null: Array) -> Mask:
+def _of_one_size(one: JointStage, other: JointStage, null: Array) -> Mask:
     """(causes,) whether two stages have a cause of one size, or neither has it.
 
     One size is what sds leave open, or what may differ between parts of one drive.

@@ -145,6 +145,6 @@ def test_evidence_switches_off_what_a_recording_does_not_want():
     variance = squares.switched(np.full(12, 0.1), np.full(12, ZONE), np.full(12, USUAL), 60)
     there = np.sqrt(variance) > 0.2
     assert set(np.flatnonzero(there)) == {3, 8}
-    best, _ = squares.best(variance)
+    best = squares.best(variance)
     np.testing.assert_allclose(best[2:][there], [0.8, -0.6], atol=0.2)
     assert np.all(np.abs(best[2:][~there]) < 0.15)

@@ -123,14 +123,14 @@ def test_what_is_not_simulated_makes_up_for_no_more_than_it_may_without_being_si
     whitener, variance = search.whitening.usual(None, 1.0), search.variance(there)
     _, squares = search._linear(problem.begin(), whitener, True, variance)
     prec, linear = squares.precision(variance), squares.about
-    first = FirstOrder(linear, prec, search._switched_at, np.zeros(2, dtype=bool))
+    first = FirstOrder(linear, prec, search.steps.switched_at, np.zeros(2, dtype=bool))
     column = linear.A[:, linear.main][:, 1]
     left = first.left(linear.r + 0.7 * column)  # a simulation that is off by what 0.7 of it would explain
-    sizes = np.linspace(-1.0, 1.0, 4001)[:, None] * search._switched_at[1]
+    sizes = np.linspace(-1.0, 1.0, 4001)[:, None] * search.steps.switched_at[1]
     best = np.min(np.sum((linear.r + (0.7 + sizes) * column) ** 2, axis=1) + prec[linear.main][1] * sizes[:, 0] ** 2)
     assert left == pytest.approx(best, rel=1e-6)
     assert left > 0.5 * np.sum((linear.r + 0.7 * column) ** 2)
-    simulated = FirstOrder(linear, prec, search._switched_at, np.array([False, True]))
+    simulated = FirstOrder(linear, prec, search.steps.switched_at, np.array([False, True]))
     assert simulated.left(linear.r) == pytest.approx(float(linear.r @ linear.r))
 
 
@@ -194,7 +194,7 @@ def test_a_step_goes_no_further_than_what_is_usual():
     state, far = problem.begin(), []
     for _ in range(8):
         state, squares = search._linear(state, whitener, False, variance)
-        state, went = search._stepped(state, squares, variance, whitener, every)
+        state, went = search.steps.taken(state, squares, variance, whitener, every)
         far.append(went)
     assert max(far) == pytest.approx(CAL.strides[0])
     assert far[-1] < CAL.still

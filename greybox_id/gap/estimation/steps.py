@@ -1,0 +1,107 @@
+"""Steps of everything at once, bounded, and damped as lowers the objective most."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ...base.shorthands import Array, Mask
+from .calibration import CAL
+from .first_order import FirstOrder
+from .noise import Whitener
+from .problem import JointProblem, JointState, Linear
+from .sparse import Quadratic
+
+
+class Steps:
+    """Gauss-Newton steps of a problem's coordinates.
+
+    Each is tried with several dampings (Levenberg, Q. Appl. Math. 2, 1944), simulated side by side: of most
+    combinations of coordinates a recording says nothing, and where simulations bend, steps along these lead away.
+
+    Parameters
+    ----------
+    problem : what is explained.
+    stride : how far a step goes at most, in standard deviations of parameters and in usual sizes of causes.
+    """
+
+    def __init__(self, problem: JointProblem, stride: float = CAL.strides[0]) -> None:
+        self.problem = problem
+        self.switched_at = np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)
+        usual = np.concatenate([problem.theta_sd, problem.usual])
+        self._usual, self._longest = usual, stride * usual
+
+    def taken(
+        self, state: JointState, squares: Quadratic, variance: Array, whitener: Whitener, there: Mask | None = None
+    ) -> tuple[JointState, float]:
+        """The state a step ahead, and how far that is in standard deviations and usual sizes.
+
+        Parameters
+        ----------
+        squares : the problem about the state.
+        variance : (causes,) of beliefs about magnitudes.
+        there : the set of causes, where it is known; else those that the step makes large enough to be simulated, and
+            those that still are.
+        """
+        problem, linear = self.problem, squares.about
+        stride = self._stride(linear)
+        if there is None:
+            within = np.maximum(linear.low - linear.at, -stride), np.minimum(linear.high - linear.at, stride)
+            off = np.abs(squares.best(variance, within) - linear.mean)[linear.main]
+            there = (off > self.switched_at) & (variance > 4 * problem.zone**2)
+            there |= state.on & (np.abs(state.m - problem.null) > self.switched_at)
+        on = there & ~problem.smooth
+        back = replace(state, on=state.on & on) if np.any(state.on & ~on & ~problem.smooth) else state
+        new, least = back, np.inf
+        for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to be nearer first
+            first = FirstOrder(linear, squares.precision(variance), self.switched_at, goes & ~state.on)
+            within = np.maximum(first.low, -stride), np.minimum(first.high, stride)
+            ahead = [
+                problem.moved(back, squares.best(variance, within, damping), goes) for damping in self._dampings(linear)
+            ]
+            here, *values = self._objectives([back, *ahead], first, whitener, squares, variance)
+            best = int(np.argmin(values))
+            if values[best] < min(here + 1e-6, least):
+                new, least = ahead[best], values[best]
+        if new is back:
+            return back, 0.0
+        moved = np.concatenate([new.theta - state.theta, new.m - state.m])
+        return new, float(np.max(np.abs(moved) / self._usual, initial=0.0))
+
+    def _dampings(self, linear: Linear) -> list[Array]:
+        """(K,) each; what is not simulated is not damped."""
+        scale = linear.sd.copy()
+        scale[linear.main] = self.problem.usual
+        return [np.where(linear.moved, damping / scale**2, 0.0) for damping in CAL.dampings]
+
+    def _stride(self, linear: Linear) -> Array:
+        """(K,) how far coordinates go at most: farther off, simulations are not what they are to first order."""
+        stride = np.full(len(linear.at), np.inf)
+        stride[: len(self._longest)] = self._longest
+        return np.where(linear.moved, stride, np.inf)
+
+    def _objectives(
+        self, states: Sequence[JointState], first: FirstOrder, whitener: Whitener, squares: Quadratic, variance: Array
+    ) -> list[float]:
+        """Half of the squares that each state leaves, with the charges of what is believed."""
+        residuals = self.problem.residuals([self.problem.vector(state) for state in states])
+        return [
+            self._objective(state, first.left(whitener.white(e[:, :, None]).ravel()), variance)
+            if np.all(np.isfinite(e)) else np.inf
+            for state, e in zip(states, residuals, strict=True)
+        ]  # fmt: skip
+
+    def _objective(self, state: JointState, left: float, variance: Array) -> float:
+        problem = self.problem
+        theta = (state.theta - problem.theta_mean) / problem.theta_sd
+        mains = np.where(problem.smooth | state.on, state.m - problem.mean, 0.0) / np.sqrt(variance)
+        seconds = 0.0
+        for k in np.flatnonzero(state.on & ~problem.smooth):
+            axes = problem.causes[k].forms[state.form[k]].candidate.axes[1:]
+            for axis, at in zip(axes, state.seconds[k], strict=True):
+                if axis.low < axis.high:
+                    seconds += ((at - axis.mean) / axis.sd) ** 2
+        total = 0.5 * (left + float(theta @ theta) + float(mains @ mains) + seconds)
+        return total if np.isfinite(total) else np.inf
