@@ -28,7 +28,7 @@ class Steps:
     """
 
     def __init__(self, problem: JointProblem, stride: float = CAL.strides[0]) -> None:
-        self.problem = problem
+        self.problem, self.stride = problem, stride
         self.switched_at = np.maximum(3 * problem.zone, CAL.switched_on * problem.usual)
         usual = np.concatenate([problem.theta_sd, problem.usual])
         self._usual, self._longest = usual, stride * usual
@@ -46,7 +46,7 @@ class Steps:
             those that still are.
         """
         problem, linear = self.problem, squares.about
-        stride = self._stride(linear)
+        stride = self._strides(linear)
         if there is None:
             within = np.maximum(linear.low - linear.at, -stride), np.minimum(linear.high - linear.at, stride)
             off = np.abs(squares.best(variance, within) - linear.mean)[linear.main]
@@ -76,7 +76,7 @@ class Steps:
         scale[linear.main] = self.problem.usual
         return [np.where(linear.moved, damping / scale**2, 0.0) for damping in CAL.dampings]
 
-    def _stride(self, linear: Linear) -> Array:
+    def _strides(self, linear: Linear) -> Array:
         """(K,) how far coordinates go at most: farther off, simulations are not what they are to first order."""
         stride = np.full(len(linear.at), np.inf)
         stride[: len(self._longest)] = self._longest

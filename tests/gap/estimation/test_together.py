@@ -201,6 +201,50 @@ def test_a_step_goes_no_further_than_what_is_usual():
     assert state.m[0] == pytest.approx(5.0, abs=0.1)
 
 
+def stepped(search, state, variance, there):
+    """A step from a state, and how far it went."""
+    whitener = search.whitening.usual(None, 1.0)
+    state, squares = search._linear(state, whitener, True, variance)
+    return search.steps.taken(state, squares, variance, whitener, there)
+
+
+def bent_bench(at):
+    """The second coordinate acts with its exponential, and its columns are nearly those of the first."""
+    X = smooth_columns(3)
+    X[:, :, 1] = 0.98 * X[:, :, 0] + 0.02 * X[:, :, 1]
+
+    def respond(p):
+        return X[:, :, 0] * p[0] + X[:, :, 1] * np.expm1(np.minimum(6 * p[1], 30.0)) / 6 + X[:, :, 2] * p[2]
+
+    return GivenBench(respond, respond(np.array(at)) + SD * np.random.default_rng(3).standard_normal((400, 2)), 3)
+
+
+def test_where_a_whole_step_overshoots_a_damped_one_still_gains():
+    """Of what two coordinates do alike, a whole Gauss-Newton step makes much of both; that is nothing like it."""
+    search = together(bent_bench([0.4, 0.0, 0.3]), [cause(k) for k in range(3)])
+    search = search.by_steps(50.0)
+    begin = replace(search.problem.begin(), m=np.array([0.0, -0.6, 0.0]))
+    every = np.ones(3, dtype=bool)
+    variance = np.full(3, 1e4)
+    state, costs = begin, []
+    for _ in range(12):
+        (e,) = search.problem.residuals([search.problem.vector(state)])
+        costs.append(0.5 * float(np.sum((e / SD) ** 2)))
+        state, _ = stepped(search, state, variance, every)
+    assert all(b <= a + 1e-6 for a, b in zip(costs, costs[1:], strict=False))
+    assert costs[-1] == pytest.approx(400.0, rel=0.1)  # what noise alone leaves of 800 readings
+
+
+def test_a_step_goes_where_all_is_best_beside_as_little_of_what_is_not_simulated_as_there_may_be():
+    X = smooth_columns(2)
+    X[:, :, 1] = 0.95 * X[:, :, 0] + 0.3 * X[:, :, 1]
+    search = together(linear_bench(X, [0.5, 1.0], SD), [cause(0), cause(1, gradual=False)])
+    begin, first = replace(search.problem.begin(), m=np.array([1.2, 0.0])), np.array([True, False])
+    state, _ = stepped(search, begin, np.ones(2), first)
+    at, rest = X[:, :, 0].ravel(), X[:, :, 1].ravel() * (1.0 - search.steps.switched_at[1])
+    assert state.m[0] == pytest.approx(0.5 + float(at @ rest) / float(at @ at), abs=0.05)
+
+
 TOLERATED = (axis(0, sd=0.1),)
 
 
@@ -219,11 +263,11 @@ def test_walks_that_end_in_the_same_place_dispute_nothing():
 def test_a_cause_that_is_not_alike_in_both_must_gain_what_they_differ_by(far, monkeypatch):
     """The first walk ends 40 nats below, with other causes, or with one of another size: the second one counts."""
     search = searched()
-    walk = search.annealed
+    walk = JointSearch.annealed
 
-    def annealed(stride):
-        stages = walk(stride)
-        if stride != CAL.strides[0]:
+    def annealed(walker):
+        stages = walk(walker)
+        if walker.steps.stride != CAL.strides[0]:
             return stages
         there = stages[-1].there.copy()
         there[list(far)] = ~there[list(far)]
@@ -232,7 +276,7 @@ def test_a_cause_that_is_not_alike_in_both_must_gain_what_they_differ_by(far, mo
         monkeypatch.setattr(sets, "base", lower)
         return [replace(stages[-1], there=there)]
 
-    monkeypatch.setattr(search, "annealed", annealed)
+    monkeypatch.setattr(JointSearch, "annealed", annealed)
     stage, disputed = walked(search)
     assert list(stage.there) == [True, True, False]
     assert list(np.flatnonzero(disputed)) == list(far)
@@ -243,11 +287,11 @@ def test_a_cause_that_is_not_alike_in_both_must_gain_what_they_differ_by(far, mo
 def test_a_size_that_is_another_one_is_disputed(further, disputed, monkeypatch):
     """Sizes may differ as they may between parts of a drive, however surely each is known."""
     search = searched()
-    walk = search.annealed
+    walk = JointSearch.annealed
 
-    def annealed(stride):
-        stages = walk(stride)
-        if stride == CAL.strides[0]:
+    def annealed(walker):
+        stages = walk(walker)
+        if walker.steps.stride == CAL.strides[0]:
             return stages
         sets, there = stages[-1].sets, stages[-1].there
         sizes, sds = sets.sizes(there)
@@ -255,15 +299,15 @@ def test_a_size_that_is_another_one_is_disputed(further, disputed, monkeypatch):
         monkeypatch.setattr(sets, "sizes", lambda _: (sizes + np.array([further, 0.0, 0.0]), sds))
         return stages[-1:]
 
-    monkeypatch.setattr(search, "annealed", annealed)
+    monkeypatch.setattr(JointSearch, "annealed", annealed)
     assert list(np.flatnonzero(walked(search)[1])) == disputed
 
 
 @pytest.mark.parametrize(("tolerances", "off", "walks"), [((), 0.15, 1), (TOLERATED, 0.05, 1), (TOLERATED, 0.15, 2)])
 def test_a_second_walk_is_for_tolerances_that_are_further_off_than_stated(tolerances, off, walks, monkeypatch):
     search = searched(tolerances, off)
-    walk, strides = search.annealed, []
-    monkeypatch.setattr(search, "annealed", lambda stride: strides.append(stride) or walk(stride))
+    walk, strides = JointSearch.annealed, []
+    monkeypatch.setattr(JointSearch, "annealed", lambda self: strides.append(self.steps.stride) or walk(self))
     _, disputed = walked(search)
     assert strides == list(CAL.strides[:walks])
     assert not np.any(disputed)
