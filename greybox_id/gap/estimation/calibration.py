@@ -287,7 +287,7 @@ class Calibration:
     exchange_steps: int = _known(6, "steps at most of a cause in another one's place: secants halve errors")
     dampings: tuple[float, ...] = _known(
         (0.0, *(10.0**k for k in range(7))),
-        "precisions, over those of beliefs, of staying where all is: the step that lowers the objective most",
+        "precisions of staying where all is, over those of usual sizes: the step that lowers the objective most",
         SEARCHED,
     )
     leaves: float = _known(3.0, "standard deviations at most that a cause is off while a search is on its way", DEFINED)

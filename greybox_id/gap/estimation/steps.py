@@ -15,7 +15,7 @@ from .problem import JointProblem, JointState, Linear
 from .sparse import Quadratic
 
 
-class Steps:
+class DampedSteps:
     """Gauss-Newton steps of a problem's coordinates.
 
     Each is tried with several dampings (Levenberg, Q. Appl. Math. 2, 1944), simulated side by side: of most
@@ -41,7 +41,7 @@ class Steps:
         Parameters
         ----------
         squares : the problem about the state.
-        variance : (causes,) of beliefs about magnitudes.
+        variance : (causes,) of the priors of magnitudes.
         there : the set of causes, where it is known; else those that the step makes large enough to be simulated, and
             those that still are.
         """

@@ -22,7 +22,7 @@ from .model_error import Amplitudes, Believed, ForceSizes, Linearised, ModelErro
 from .noise import Whitener, colour, white_noise
 from .problem import JointProblem, JointState
 from .sparse import Quadratic, Sets
-from .steps import Steps
+from .steps import DampedSteps
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ class JointSearch:
     """
 
     def __init__(self, problem: JointProblem, whitening: JointWhitening, tell: Callable[..., None]) -> None:
-        self.problem, self.whitening, self.tell, self.steps = problem, whitening, tell, Steps(problem)
+        self.problem, self.whitening, self.tell, self.steps = problem, whitening, tell, DampedSteps(problem)
         names = [cause.name for cause in problem.causes]
         self.never = [
             (a, b) for a, cause in enumerate(problem.causes) for b, other in enumerate(names)
@@ -132,7 +132,7 @@ class JointSearch:
     def by_steps(self, stride: float) -> JointSearch:
         """The search by steps of another length at most, in standard deviations and usual sizes."""
         other = copy(self)
-        other.steps = Steps(self.problem, stride)
+        other.steps = DampedSteps(self.problem, stride)
         return other
 
     def annealed(self) -> list[JointStage]:
