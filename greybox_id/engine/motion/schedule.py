@@ -56,18 +56,22 @@ class MotionRun:
     def __len__(self) -> int:
         return len(self.time)
 
-    @property
+    @cached_property
     def sample_time(self) -> float:
         """Usual step, s."""
         return float(np.median(np.diff(self.time)))
 
+    @cached_property
+    def is_read(self) -> Mask:
+        """(outputs,) whether an output has a reading somewhere in this run."""
+        return np.asarray(np.any(np.isfinite(self.measured), axis=0))
+
     def states_read(self, model: MotionModel) -> tuple[str, ...]:
         """States of the model that have a reading somewhere in this run."""
-        result = np.any(np.isfinite(self.measured), axis=0)
         return tuple(
             state.name
             for state in model.states
-            if state.name in model.outputs and result[model.outputs.index(state.name)]
+            if state.name in model.outputs and self.is_read[model.outputs.index(state.name)]
         )
 
     def starts(self, measured: Sequence[int], index: Index) -> Index:

@@ -27,7 +27,7 @@ from ..least_squares import NormalEquations
 from .lanes import Chain, Interval, Lanes, Targets, chained, even_cuts, lay, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
 from .simulator import IntervalStarts, Simulator
-from .unknowns import lay_out_unknowns
+from .unknowns import Unknowns, lay_out_unknowns
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
@@ -116,14 +116,15 @@ class MotionProblem:
         if not self.intervals:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
-        self.copies = len(self.intervals)
-        self._run = np.array([interval.run for interval in self.intervals])
-        unknowns = lay_out_unknowns(self.model, self.runs, self._run, starts == "free", strengths)
+        self.copies, self._run = len(self.intervals), np.array([interval.run for interval in self.intervals])
+        same = like is not None and self.intervals == like.intervals
+        known = like.unknowns_laid if like is not None and same else None
+        unknowns = lay_out_unknowns(self.model, self.runs, self._run, starts == "free", strengths, known)
+        self.unknowns_laid: Unknowns = unknowns
         self.parameters, self.loose, self.layout = unknowns.parameters, unknowns.loose, unknowns.layout
         self.bounds, self.free, self.R, self.r = unknowns.bounds, unknowns.free, unknowns.R, unknowns.r
         self.believed = (self.R.T @ self.R).toarray()
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
-        same = like is not None and self.intervals == like.intervals
         self._valid: list[Mask] = like._valid if like is not None and same else self._where_valid()
         self.targets: Targets = self._targets(robust, keep, like.targets.reading if like is not None and same else None)
         about = self.model.values if about is None else about

@@ -7,7 +7,7 @@ from what the model says.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse as sp
@@ -28,6 +28,7 @@ class Unknowns:
     loose : states that start freely.
     layout : per interval, where its parameters and its free starts stand.
     bounds, free, R, r : as of `LeastSquares`.
+    stated : whether intervals start freely, and the strengths.
     """
 
     parameters: Layout
@@ -37,6 +38,7 @@ class Unknowns:
     free: Mask
     R: sp.csr_matrix
     r: Array
+    stated: tuple[bool, dict[str, float]]
 
 
 def lay_out_unknowns(
@@ -45,6 +47,7 @@ def lay_out_unknowns(
     run_of: Index,
     free_starts: bool,
     strengths: Mapping[str, float] | None,
+    known: Unknowns | None = None,
 ) -> Unknowns:
     """Lay out the unknowns of some runs.
 
@@ -54,7 +57,11 @@ def lay_out_unknowns(
     run_of : (intervals,) the run of each interval.
     free_starts : whether intervals start freely.
     strengths : how much stronger than stated each group of priors is taken.
+    known : those of the same model, runs and intervals, which are taken where they were stated alike.
     """
+    stated = (free_starts, dict(strengths or {}))
+    if known is not None and known.stated == stated:
+        return known
     parameters = lay_out(model, len(runs), len(runs))
     read, size = [run.states_read(model) for run in runs], parameters.size
     value = [k for k, s in enumerate(model.states) if callable(s.start) or any(s.name in names for names in read)]
@@ -65,8 +72,7 @@ def lay_out_unknowns(
     layout = Layout(tuple(index), size + more)
     (low, high), free = limits(model, parameters)
     bounds = (np.append(low, np.full(more, -np.inf)), np.append(high, np.full(more, np.inf)))
-    R, r = beliefs(model, parameters, len(runs), strengths)
-    R = sp.hstack([R, sp.csr_matrix((R.shape[0], more))], format="csr")
+    R, r = beliefs(model, replace(parameters, size=layout.size), len(runs), strengths)
     guessed = [  # deviations that no reading tells
         (place[j], 1.0 / model.states[state].scale)
         for j, state in enumerate(loose)
@@ -78,4 +84,4 @@ def lay_out_unknowns(
         at, weights = np.array([a for a, _ in guessed]), np.array([b for _, b in guessed])
         rows = sp.csr_matrix((weights, (np.arange(len(guessed)), at)), shape=(len(guessed), layout.size))
         R, r = sp.vstack([R, rows], format="csr"), np.append(r, np.zeros(len(guessed)))
-    return Unknowns(parameters, loose, layout, bounds, np.append(free, np.ones(more, dtype=bool)), R, r)
+    return Unknowns(parameters, loose, layout, bounds, np.append(free, np.ones(more, dtype=bool)), R, r, stated)

@@ -144,6 +144,10 @@ def test_a_problem_stated_again_for_another_noise_is_laid_out_once():
     afresh = MotionProblem(first.simulator, [driven(duration=2.0, noise=1.0)], **stated)
     x = first.start
     assert again.lanes(x)[1] is first.lanes(x)[1]
+    assert again.unknowns_laid is first.unknowns_laid
+    for other in ({"horizon": 1.0}, {"starts": "measured"}, {"strengths": {"weights": 2.0}}):
+        own = MotionProblem(first.simulator, [driven(duration=2.0, noise=1.0)], **stated, **other, like=first)
+        assert own.unknowns_laid is not first.unknowns_laid
     one, other = (own.normal_equations(x, own.simulated_nodes(x)) for own in (again, afresh))
     np.testing.assert_allclose(one.H, other.H, rtol=1e-9)
 
