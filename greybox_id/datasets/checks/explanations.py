@@ -104,7 +104,7 @@ def check_explanations(recording: Recording) -> list[Finding]:
     short = thinned(recording)
     if len(short) < 10 * BLOCKS or not short.has("v_x"):
         return result
-    explained = _sideways(short)
+    explained = [*_sideways(short), *_ahead(short)]
     if speed := _speed(short):  # which says of what is off as well
         explained = [*speed, *(item for item in explained if item.unit != "1")]
     offset = next((item.value for item in explained if item.channel == "yaw_rate" and item.unit == "rad/s"), 0.0)
@@ -222,6 +222,26 @@ def _vanishes_slowly(r: Recording, scale: float) -> bool:
     left, right = (smooth(r, item, SLOW) for item in (r["a_y"], r["v_x"] * r["yaw_rate"]))
     slow = _regression(left, [right, np.ones(len(left))])
     return slow is not None and abs(np.log(max(float(slow.values[0]), 1e-9))) < 0.5 * abs(np.log(max(scale, 1e-9)))
+
+
+def _ahead(r: Recording) -> list[Explanation]:
+    """A constant in a_x: an IMU that is pitched, a road that climbs throughout, an offset."""
+    if not r.has("a_x"):
+        return []
+    columns = [rate(r, r["v_x"]), np.ones(len(r))]
+    columns += [r["v_x"] * r["yaw_rate"]] if r.has("yaw_rate") and np.nanstd(r["yaw_rate"]) > 0 else []
+    both = _regression(smooth(r, r["a_x"], SMOOTHING), [smooth(r, item, SMOOTHING) for item in columns])
+    if both is None or both.explained < FITS or not both.sure(1, ACCELERATION):
+        return []
+    size = float(both.values[1])
+    pitch = np.degrees(np.arcsin(np.clip(size / 9.81, -1.0, 1.0)))
+    return [
+        Explanation(
+            f"a_x contains a constant of {signed(size, 2)} m/s²: the IMU is pitched, or the road climbs throughout, by "
+            f"{number(abs(float(pitch)), 2)}°, or a_x has an offset. Subtract it.",
+            "a_x", size, float(both.errors[1]), "m/s^2", float((both.values[1] / both.errors[1]) ** 2), offset=-size,
+        )
+    ]  # fmt: skip
 
 
 def _turned(r: Recording, aside: float | None) -> list[Explanation]:

@@ -253,9 +253,9 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     counted = _counted(entry, raw, sizes)
     if counted:
         return counted
-    if entry.unit:
-        return [entry]
     unit = SIGNALS[entry.signal].unit
+    if entry.unit:
+        return [entry if entry.signal == "steer" else _beyond_belief(entry, sizes)]
     usual = [replace(entry, unit=item) for item in USUAL.get(unit, (unit,))]
     if entry.signal != "steer" and all(_impossible(option, sizes) for option in usual):
         why = (
@@ -264,6 +264,16 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
         )
         return [replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, f"{why} many make one {unit}"))]
     return usual
+
+
+def _beyond_belief(entry: MapEntry, sizes: Mapping[str, float]) -> MapEntry:
+    """An entry whose unit, as the file states it, cannot be: asked about, in the usual one that can be."""
+    others = [replace(entry, unit=item) for item in USUAL.get(SIGNALS[entry.signal].unit, ()) if item != entry.unit]
+    possible = [option for option in others if not _impossible(option, sizes)]
+    if not possible or not _impossible(entry, sizes):
+        return entry
+    why = f"the file says {entry.unit}, in which no vehicle reaches {number(sizes[entry.signal])}"
+    return replace(possible[0], decided=False, reasons=(*entry.reasons, why))
 
 
 def _by_margin(
@@ -447,9 +457,13 @@ def with_signs(
                 name = "y"
             if name in result:
                 why = "; ".join(word for word in words if name in word) or "; ".join(words)
-                requested = "" if sure else "; either this column counts the other way round or " + " and ".join(right)
+                of_course = name == "y" and "y" not in wrong
+                sure_of_it = sure and not of_course
+                requested = (
+                    "" if sure_of_it else "; either this column counts the other way round or " + " and ".join(right)
+                )
                 result[name] = replace(
-                    result[name], sign=-result[name].sign, decided=result[name].decided and sure,
+                    result[name], sign=-result[name].sign, decided=result[name].decided and sure_of_it,
                     reasons=(*result[name].reasons, f"sign: {why}{requested}"),
                 )  # fmt: skip
     return list(result.values())

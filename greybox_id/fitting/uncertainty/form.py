@@ -113,7 +113,7 @@ def form_error(problem: MotionProblem, x: Array, nodes: SimulatedRuns | None) ->
         del here
         problem.forget()
     passed = _of_inputs(problem, x, y, every)
-    here = problem.simulated_nodes(x) if nodes is None else nodes
+    here = _foretold(problem, x) if nodes is None else nodes
     low, high = problem.bounds
     kept = problem.free & (x > low) & (x < high)
     kept[problem.parameters.size :] = False
@@ -301,6 +301,12 @@ class _Drive:
             explained, dict(sorted(on.items(), key=lambda item: -item[1])), gain,
             float(np.count_nonzero(self.read)) / self.correlation,
         )  # fmt: skip
+
+
+def _foretold(problem: MotionProblem, x: Array) -> SimulatedRuns:
+    """The simulation in the lanes in which it is linearised: in others, readings would be laid out twice."""
+    problem.normal_equations(x, problem.simulated_nodes(x))
+    return problem.simulated_nodes(x)
 
 
 def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterator[_Drive]:

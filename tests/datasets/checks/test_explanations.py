@@ -62,6 +62,11 @@ FAULTS = {
     "IMU at 60 degrees": (lambda r: turned(r, 60.0), "The IMU is turned by", 60.0),
     "a_y's scale": (lambda r: moved(r, "a_y", scale=0.8), "a_y is 0.798 times", 0.8),
     "bank": (lambda r: moved(r, "a_y", by=1.2), "the road is banked", 1.2),
+    "pitched IMU": (
+        lambda r: moved(r, "a_x", by=-1.4),
+        "a_x contains a constant of −1.4 m/s²: the IMU is pitched",
+        -1.4,
+    ),
     "steering's offset": (lambda r: moved(r, "steer", by=0.02), "steer has an offset of +20 mrad", 0.02),
     "early steering": (lambda r: early(r, "steer", 0.4), "steer is early", 0.5),
     "fast clock": (

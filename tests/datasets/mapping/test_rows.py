@@ -101,3 +101,24 @@ def test_a_last_value_as_long_as_others_is_kept_without_a_line_end(tmp_path):
     recording = read(tmp_path / "lap.csv", parse_column_map(text, "own.toml"))
     assert len(recording) == 60
     assert not recording.notes
+
+
+def test_a_unit_that_cannot_be_is_asked_about_though_the_file_states_it(table, tmp_path):
+    table.rename(columns={"YawRate [deg/s]": "YawRate [rad/s]"}).to_csv(tmp_path / "lap.csv", index=False)
+    entry = next(item for item in propose(tmp_path / "lap.csv").entries if item.signal == "yaw_rate")
+    assert (entry.unit, entry.decided) == ("deg/s", False)
+    assert "the file says rad/s, in which no vehicle reaches" in entry.reasons[-1]
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_which_way_is_left_is_asked_where_all_sensors_contradict_the_course(tmp_path, clockwise):
+    turned = -1.0 if clockwise else 1.0
+    names = {"v_x": "vx", "yaw_rate": "yawrate", "a_y": "ay", "steer": "steering", "x": "x", "y": "y"}
+    signs = {"yaw_rate": turned, "a_y": turned, "steer": turned}
+    start, stop = TRUE.runs[0]
+    columns = {names[n]: signs.get(n, 1.0) * TRUE[n][start:stop] for n in names}
+    pd.DataFrame({"time": TRUE.time[start:stop], **columns}).to_csv(tmp_path / "lap.csv", index=False)
+    proposal = propose(tmp_path / "lap.csv")
+    entry = next(item for item in proposal.entries if item.signal == "y")
+    assert entry.decided is not clockwise
+    assert bool(proposal.left_assumed) is clockwise
