@@ -18,24 +18,22 @@ from ...base.toml_file import quoted
 from ...base.units import DEGREES_AND_MINUTES, to_si
 from ..alignment import aligned
 from ..checks import Finding, Severity, check
-from ..checks.values import placeholders
 from ..column_map import Column, ColumnMap
 from ..formats import Contents, contents
-from ..instants import is_instants, newest_first
+from ..instants import is_instants
 from ..joining import LONGEST, SHARE, join_files
 from ..read import Part, contents_together, one_signal, read, read_together
 from ..recording import Recording
 from ..repair import column_fields, repaired
 from .evidence import USUAL, MapEntry, by_gravity, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, of_a_tyre_rig, time_of
+from .readings import in_no_unit, readings, with_codes
 from .sign_columns import with_sign_columns
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers
 
 MOSTLY = 0.8
 """Share of cells that are numbers from which a column was meant to hold them."""
-FEWEST_CODES = 2
-"""Rows of one number, far from all others, from which a map says that it stands for no reading."""
 SIGNALS_OF = {HAND_WHEEL: "steer"}
 MEASURED = "steer_measured"
 ALIKE = 2.0
@@ -126,13 +124,13 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     if rig:  # its forces are none of a vehicle's drive
         guesses = {name: guess for name, guess in guesses.items() if guess.signal == TIME}
     numbers, labels, texts = _numbers(result, guesses)
-    numbers, codes = _readings(result, guesses, numbers)
+    numbers, codes = readings(result, guesses, numbers)
     clocks = [t for g in result.groups if (t := time_of(g, guesses, numbers, texts))] if not rate else []
     time = _one_time(result, clocks)
     run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
     taken = {run, *(name for clock in clocks for name in (clock.column, clock.rest))}
     chosen, rivals = _candidates(result, guesses, numbers, taken)
-    chosen, rivals = ([_with_codes(entry, codes) for entry in entries] for entries in (chosen, rivals))
+    chosen, rivals = ([with_codes(entry, codes) for entry in entries] for entries in (chosen, rivals))
     chosen = with_sign_columns(chosen, result, numbers, labels)
     rivals = [entry for entry in rivals if entry.column not in {known.sign_column for known in chosen}]
     used = taken | {name for entry in (*chosen, *rivals) for name in (entry.column, entry.sign_column)}
@@ -159,7 +157,7 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     if len(result.groups) == 1:
         unknown = [*rivals, *(MapEntry("", name, "", decided=False) for name in others if len(others) <= 40)]
         rivals = strangers(_in_si(raw, decided), unknown, numbers, {e.signal for e in decided if e.decided})
-        rivals = [_with_codes(entry, codes) for entry in rivals]
+        rivals = [in_no_unit(with_codes(entry, codes)) for entry in rivals]
         others = tuple(name for name in others if name not in {entry.column for entry in rivals})
     if draft.files:
         decided, rivals = _shared(decided, rivals, guesses, result, draft)
@@ -192,33 +190,6 @@ def _candidates(
             else:
                 chosen.append(entry)
     return chosen, rivals
-
-
-def _readings(
-    result: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]
-) -> tuple[dict[str, Array], dict[str, tuple[float, ...]]]:
-    """Columns of numbers as they are read: oldest row first, NaN for numbers that stand for no reading; and those."""
-    read, codes = dict(numbers), dict[str, tuple[float, ...]]()
-    for group in result.groups:
-        clocks = [numbers[n] for n, g in guesses.items() if g.signal == TIME and n in group.names and n in numbers]
-        turned = any(map(newest_first, clocks))
-        for name in group.names:
-            if name not in numbers:
-                continue
-            read[name] = numbers[name][::-1] if turned else numbers[name]
-            levels = tuple(level for level, _ in placeholders(numbers[name], FEWEST_CODES))
-            if levels and not (name in guesses and guesses[name].signal == TIME):
-                read[name], codes[name] = np.where(np.isin(read[name], levels), np.nan, read[name]), levels
-    return read, codes
-
-
-def _with_codes(entry: MapEntry, codes: Mapping[str, tuple[float, ...]]) -> MapEntry:
-    """An entry with the numbers of its column that stand for no reading."""
-    levels = codes.get(entry.column, ())
-    if not levels or entry.missing:
-        return entry
-    why = f"missing: {' and '.join(exact(code, 6) for code in levels)} is far from all other values"
-    return replace(entry, missing=levels, reasons=(*entry.reasons, why))
 
 
 def _as_commanded(entry: MapEntry, entries: Sequence[MapEntry], raw: Recording) -> MapEntry:

@@ -122,3 +122,14 @@ def test_which_way_is_left_is_asked_where_all_sensors_contradict_the_course(tmp_
     entry = next(item for item in proposal.entries if item.signal == "y")
     assert entry.decided is not clockwise
     assert bool(proposal.left_assumed) is clockwise
+
+
+def test_a_unit_in_a_name_that_is_none_of_the_signal_is_said(tmp_path):
+    start, stop = TRUE.runs[0]
+    table = pd.DataFrame({n: TRUE[n][start:stop] for n in ("v_x", "yaw_rate", "a_x", "a_y")})
+    table.insert(0, "time", TRUE.time[start:stop])
+    table["Steering [%]"] = 100 * TRUE["steer"][start:stop] / 0.4
+    table.to_csv(tmp_path / "lap.csv", index=False)
+    entry = next(item for item in propose(tmp_path / "lap.csv").entries if item.signal == "steer")
+    assert not entry.decided
+    assert "the file says %, which is no unit of steer" in entry.reasons[-1]

@@ -1,0 +1,59 @@
+"""What columns of numbers hold before they are taken for signals: the order of rows, codes for no reading, units."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from ...base.numbers import exact
+from ...base.shorthands import Array
+from ...base.units import known_unit
+from ..checks.values import placeholders
+from ..formats import Contents
+from ..instants import newest_first
+from .evidence import MapEntry
+from .names import TIME, Guess, fits
+
+_IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
+FEWEST_CODES = 2
+"""Rows of one number, far from all others, from which a map says that it stands for no reading."""
+
+
+def readings(
+    result: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array]
+) -> tuple[dict[str, Array], dict[str, tuple[float, ...]]]:
+    """Columns of numbers as they are read: oldest row first, NaN for numbers that stand for no reading; and those."""
+    read, codes = dict(numbers), dict[str, tuple[float, ...]]()
+    for group in result.groups:
+        clocks = [numbers[n] for n, g in guesses.items() if g.signal == TIME and n in group.names and n in numbers]
+        turned = any(map(newest_first, clocks))
+        for name in group.names:
+            if name not in numbers:
+                continue
+            read[name] = numbers[name][::-1] if turned else numbers[name]
+            levels = tuple(level for level, _ in placeholders(numbers[name], FEWEST_CODES))
+            if levels and not (name in guesses and guesses[name].signal == TIME):
+                read[name], codes[name] = np.where(np.isin(read[name], levels), np.nan, read[name]), levels
+    return read, codes
+
+
+def with_codes(entry: MapEntry, codes: Mapping[str, tuple[float, ...]]) -> MapEntry:
+    """An entry with the numbers of its column that stand for no reading."""
+    levels = codes.get(entry.column, ())
+    if not levels or entry.missing:
+        return entry
+    why = f"missing: {' and '.join(exact(code, 6) for code in levels)} is far from all other values"
+    return replace(entry, missing=levels, reasons=(*entry.reasons, why))
+
+
+def in_no_unit(entry: MapEntry) -> MapEntry:
+    """An entry of a column whose name ends in a unit that is none of the signal: what one SI unit is has to be said."""
+    bracket = _IN_BRACKETS.search(entry.column)
+    stated = known_unit(bracket[1]) if bracket else ""
+    if not stated or not entry.signal or fits(stated, entry.signal):
+        return entry
+    why = f"the file says {stated}, which is no unit of {entry.signal}: set divide_by to how many make one SI unit"
+    return replace(entry, unit="", units=(), decided=False, reasons=(*entry.reasons, why))
