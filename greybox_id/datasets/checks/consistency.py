@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -26,6 +28,8 @@ FACTORS = (
 )
 FACTOR_TOLERANCE = 1.5
 """A gain within this factor of a known unit factor is put down to that unit."""
+UNKNOWN = "check unit and scale of both in the column map."
+"""What is said where the factor is that of no unit."""
 LIMITS = {
     "steer": (1.3, "no road wheel turns so far; degrees, or the hand wheel's angle?"),
     "yaw_rate": (15.0, "no vehicle turns so fast; degrees per second?"),
@@ -51,7 +55,7 @@ def check_consistency(recording: Recording, pairs: list[Pair], wheelbase: float 
         *_signs(certain),
         *_lateral_velocity(recording),
         *_turned_runs(recording, pairs),
-        *_units(certain, wheelbase),
+        *_units(certain, wheelbase, recording.sample_time),
         *_limits(recording),
     ]
 
@@ -145,16 +149,20 @@ def _turned_runs(recording: Recording, pairs: list[Pair]) -> list[Finding]:
     return findings
 
 
-def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> list[Finding]:
-    findings = []
+def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None, step: float) -> list[Finding]:
+    findings, (low, high) = [], GAIN_RANGE
+    sound = {
+        name for pair, agreed in certain if pair.kinematic and low < abs(agreed.gain) < high for name in pair.channels
+    }
     for pair, agreed in certain:
         gain, error = abs(agreed.gain), abs(agreed.gain) / np.sqrt(agreed.independent)
         if pair.kinematic:
-            low, high = GAIN_RANGE
             if not low < gain < high:
-                sentence = (
-                    f"{pair.left} is {number(gain)} times {pair.right}, where 1 is expected: {_blame(pair, gain)}"
-                )
+                blame = _blame(pair, gain, sound=sound)
+                if blame == UNKNOWN and pair.right.endswith("/dt"):
+                    blame = f"the rate of rows or the unit of time is wrong ({number(gain / step)} a second agree), or "
+                    blame += UNKNOWN
+                sentence = f"{pair.left} is {number(gain)} times {pair.right}, where 1 is expected: {blame}"
                 place = FoundAt(pair.nodes[0])
                 findings.append(Finding("unit", Severity.DISTRUST, place, sentence, gain, error))
         elif pair.nodes == ("yaw_rate", "steer"):
@@ -173,10 +181,13 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None) -> li
     return findings
 
 
-def _blame(pair: Pair, gain: float, loosely: bool = False) -> str:
-    """Which unit slipped, if the gain is near a known factor; `loosely` takes the nearest of the pair's own kinds."""
+def _blame(pair: Pair, gain: float, loosely: bool = False, sound: Collection[str] = ()) -> str:
+    """Which unit slipped, if the gain is near a known factor; `loosely` takes the nearest of the pair's own kinds.
+
+    `sound` are channels that agree with others, and are not to blame.
+    """
     for factor, kinds, foreign, ours in FACTORS:
-        names = [name for name in pair.channels if name in kinds]
+        names = [name for name in pair.channels if name in kinds and name not in sound]
         ratio = abs(np.log(gain)) / np.log(factor)
         near = abs(abs(np.log(gain)) - np.log(factor)) < np.log(FACTOR_TOLERANCE)
         if names and (near or (loosely and ratio > 0.3)):
@@ -192,7 +203,7 @@ def _blame(pair: Pair, gain: float, loosely: bool = False) -> str:
                 f"{' or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
                 "Check the unit in the column map."
             )
-    return "check unit and scale of both in the column map."
+    return UNKNOWN
 
 
 def _limits(recording: Recording) -> list[Finding]:

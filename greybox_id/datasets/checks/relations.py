@@ -201,6 +201,10 @@ def _pushing(requested: _Asked) -> list[Relation | None]:
         words, right = acceleration_aside(r)
         offsets = (PUSHES, TURNS * _usual(r["v_x"]))
         result.append(_relation(r, ("a_y", words), involved, r["a_y"], right, offsets, SAME))
+    if requested.wants("a_y", "v_x", "curvature") and not r.has("yaw_rate"):
+        right = r["v_x"] * np.abs(r["v_x"]) * r["curvature"]
+        result.append(_relation(r, ("a_y", "v_x² · curvature"), ("a_y", "v_x", "curvature"), r["a_y"], right,
+                               (PUSHES, 0.0), SAME))  # fmt: skip
     if requested.wants("sideslip", "v_x", "v_y"):
         slow = np.abs(r["v_x"]) < MOVING * _usual(r["v_x"])
         angle = np.where(slow, np.nan, np.arctan2(r["v_y"], np.abs(r["v_x"])))

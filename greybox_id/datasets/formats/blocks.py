@@ -29,11 +29,11 @@ from .text import (
     KIND,
     LINE_END,
     TableLayout,
+    as_sentences,
     laid_out,
     notes_of,
     options,
     table_of,
-    told,
     without_cut,
     without_sums,
 )  # fmt: skip
@@ -63,7 +63,7 @@ def contents(file: Path, mapping: ColumnMap) -> Contents | None:
     kept, cut = without_cut(without_sums(tail, layout.separator), layout)
     with _opened(file) as opened:
         rows = _Rows(opened, len(head) - len(above[-1]), size - len(tail) + len(kept))
-        with told(str(file), layout):
+        with as_sentences(str(file), layout):
             frame = _frame(rows, layout, _places(mapping, layout))
     if frame is None:
         return None

@@ -341,7 +341,7 @@ def csv_table(data: bytes, where: str, separator: str = "", decimal: str = "") -
         units = {name: unit for name, unit in zip(names, layout.units, strict=True) if unit}
         empty = tuple(pd.Series([], dtype=float) for _ in names)
         return RawTable(where, names, empty, layout.first + 1, units), layout
-    with told(where, layout):
+    with as_sentences(where, layout):
         frame = pd.read_csv(io.BytesIO(body), **options(layout))
     return table_of(frame, layout, where)
 
@@ -439,7 +439,7 @@ def options(layout: TableLayout) -> dict[str, Any]:
 
 
 @contextmanager
-def told(where: str, layout: TableLayout) -> Iterator[None]:
+def as_sentences(where: str, layout: TableLayout) -> Iterator[None]:
     """Turns what pandas says against a table into a sentence."""
     try:
         with warnings.catch_warnings():

@@ -7,10 +7,11 @@ import pytest
 from simulated import clean, clean_runs
 from toys import without
 
-from greybox_id.datasets.checks import check, distrusted
+from greybox_id.datasets.checks import Severity, check, distrusted
 from greybox_id.datasets.checks.consistency import check_duplicates
 from greybox_id.datasets.column_map import column_map
 from greybox_id.datasets.read import read
+from greybox_id.datasets.recording import Recording
 
 DEGREES = 180 / np.pi
 
@@ -116,3 +117,15 @@ def test_the_trucks_raw_signs_are_found_out_by_the_gps_course(real_data):
     (course,) = [f for f in findings if "course over ground" in f.sentence]
     assert "yaw_rate and steer must be clockwise-positive" in course.sentence
     assert any(f.where.channel == "v_y" for f in findings)
+
+
+def test_a_rate_of_rows_that_is_wrong_is_told_where_the_path_says_that_speeds_are_right():
+    r = clean(3)
+    turn = r["yaw_rate"] / r["v_x"]
+    own = Recording("path", 0.2 * r.time, {"v_x": r["v_x"], "a_x": r["a_x"], "a_y": r["a_y"], "curvature": turn})
+    found = [one for one in check(own) if one.severity is Severity.DISTRUST]
+    assert found
+    assert not any(one.repair for one in found)
+    (one,) = (one for one in found if one.kind == "unit")
+    assert "the rate of rows or the unit of time is wrong (" in one.sentence
+    assert float(one.sentence.partition("wrong (")[2].split()[0]) == pytest.approx(50.0, rel=0.1)
