@@ -10,8 +10,8 @@ bridged. Glitches in readings are no matter here; the filter weighs each against
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -24,6 +24,9 @@ from ..engine.motion.schedule import MotionRun, longest_segment, motion_runs, sc
 from .kernel import CompiledFilter, History, Kept, Kind, SigmaPoints
 from .plain import PlainFilter
 from .state_space import StateSpace
+
+PART = 200_000
+"""Segments of which a filter keeps its history at a time: half an hour at 100 Hz."""
 
 
 @dataclass(frozen=True)
@@ -188,6 +191,32 @@ class Filtering:
             assert history is not None
             result.append(history)
         return result
+
+    def in_parts(self, runs: Sequence[LaidRun], p: Array) -> Iterator[tuple[LaidRun, int, LaidRun, History]]:
+        """As `histories`, some segments at a time: the run, where in it they begin, they as a run, and their history.
+
+        What a filter keeps of hours is large; of a part, only where it ends matters to the next one: as it predicts the
+        first segment of that.
+        """
+        x, P = self.begin(runs[0], p[None])
+        for k, run in enumerate(runs):
+            if k:
+                x, P = self.begin(run, p[None], (x, P))
+            for first in range(0, len(run.segments), PART):
+                stop = min(first + PART, len(run.segments))
+                on = slice(first, stop + (stop < len(run.segments)))
+                kept: Kept = "filtered" if on.stop == stop else "both ways"
+                s, y = run.segments[on], run.readings[on]
+                _, history = self.filter.run(x, P, s, y, p[None], self.gate, kept)
+                assert history is not None
+                if on.stop > stop:
+                    x, P = history.predicted[-1:].copy(), history.predicted_P[-1:].copy()
+                low, high = np.searchsorted(run.row_segment, (first, stop))
+                rows = slice(int(low), int(high))
+                part = LaidRun(run.run, s[: stop - first], y[: stop - first], run.row_segment[rows] - first,
+                               run.read_segment[rows])  # fmt: skip
+                names = ("filtered", "filtered_P", "off", "spread")
+                yield run, first, part, replace(history, **{n: getattr(history, n)[: stop - first] for n in names})
 
     def innovations(self, runs: Sequence[LaidRun], p: Array) -> list[tuple[Array, Array]]:
         """What filters of parameters (L, parameters) did not foresee, run by run: (L, S, m), and their variance."""

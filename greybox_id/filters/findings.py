@@ -166,16 +166,15 @@ def window_rows(sample_time: float) -> int:
     return max(2, round(WINDOW / sample_time))
 
 
-def must_be_finite(histories: Sequence[History], runs: Sequence[LaidRun], name: str) -> None:
-    """Raise `BadInput` where a filter diverged."""
-    for run, history in zip(runs, histories, strict=True):
-        bad = np.flatnonzero(~np.all(np.isfinite(history.filtered), axis=1))
-        if len(bad):
-            row = min(int(np.searchsorted(run.row_segment, bad[0])), len(run.run) - 1)
-            raise BadInput(
-                f"{name}: the filter diverges at t = {run.run.time[row]:.2f} s. Check units and signs there (greybox "
-                "data check), the vehicle's numbers, or track fewer parameters."
-            )
+def must_be_finite(history: History, run: LaidRun, first: int, name: str) -> None:
+    """Raise `BadInput` where a filter diverged; `first` is the segment of the run at which the history begins."""
+    bad = np.flatnonzero(~np.all(np.isfinite(history.filtered), axis=1))
+    if len(bad):
+        row = min(int(np.searchsorted(run.row_segment, first + bad[0])), len(run.run) - 1)
+        raise BadInput(
+            f"{name}: the filter diverges at t = {run.run.time[row]:.2f} s. Check units and signs there (greybox "
+            "data check), the vehicle's numbers, or track fewer parameters."
+        )
 
 
 def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping[str, int]) -> list[str]:

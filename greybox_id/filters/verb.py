@@ -34,7 +34,7 @@ from .findings import (
     window_rows,
 )
 from .how import READINGS, TrackOptions
-from .kernel import History, Kept
+from .kernel import History
 from .state_space import SLOWEST, StateSpace, walking
 from .track import Track
 from .tuning import (
@@ -58,6 +58,20 @@ REPORTED = ("sideslip", "C_alpha_f", "C_alpha_r", "F_yf", "F_yr", "alpha_f", "al
 STIFFNESSES = ("C_alpha_f", "C_alpha_r")
 AT_A_TIME = 20_000
 """Rows whose estimates are linearised at once, which bounds memory."""
+
+
+def joined(parts: Sequence[History], segments: Sequence[int]) -> list[History]:
+    """Innovations of parts as those of the runs, of so many segments, that they are parts of."""
+    result, left = [], list(parts)
+    for count in segments:
+        mine = [left.pop(0)]
+        while sum(len(part.off) for part in mine) < count:
+            mine.append(left.pop(0))
+        off, spread = (np.concatenate([getattr(part, name) for part in mine]) for name in ("off", "spread"))
+        result.append(replace(mine[0], off=off, spread=spread) if len(mine) > 1 else mine[0])
+    return result
+
+
 STATES = ("predicted", "predicted_P", "filtered", "filtered_P", "forward")
 """Of a history, what is large, and let go once the estimates are made."""
 
@@ -156,13 +170,9 @@ class Tracker:
         floors = resolution_of(clean, self.readings)
         p, moves = self._tune(runs, p, levels, floors, say)
         say(f"{how.filter.upper()} over {sum(len(run.run) for run in runs)} rows")
-        kept: Kept = "both ways" if how.smooth else "filtered"
-        clock = time.process_time()
-        histories = self.filtering.histories(runs, p, kept)
-        seconds = time.process_time() - clock
-        must_be_finite(histories, runs, recording.name)
-        result = self._estimates(runs, histories, p)
-        histories = [replace(history, **dict.fromkeys(STATES, np.empty(0))) for history in histories]
+        seen, spent = list[History](), list[float]()
+        result = self._estimates(self._through(runs, p, seen, spent, recording.name), runs, p)
+        histories = joined(seen, [len(run.segments) for run in runs])
         judged = self._judged(runs, histories)
         widened = widening([judged[name] for name in self.readings])
         known, about = self._told(result)
@@ -172,7 +182,7 @@ class Tracker:
             sd *= widened
         for j, move in enumerate(moves):
             say(f"uncertainty from parameters, {j + 1} of {len(moves)}")
-            for here, again, _ in self._along(runs, self.filtering.histories(runs, p + move, kept), p + move):
+            for here, again, _ in self._along(self._through(runs, p + move), p + move):
                 for k, name in enumerate(sds):
                     off = again[:, k] - result.values[name][here]
                     sds[name][here] = np.hypot(sds[name][here], np.where(np.isfinite(off), off, 0.0))
@@ -209,7 +219,7 @@ class Tracker:
             sentences=(*doubted, *sentences, *weighed, *about, *slow, *lost(runs, histories, columns)),
             told=known,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
-            seconds=seconds,
+            seconds=sum(spent),
         )
 
     @property
@@ -256,22 +266,50 @@ class Tracker:
         places = {item.name: self.space.place(item.name) for item in free}
         return {name: (float(p[k]), float(spread[k])) for name, k in places.items()}
 
-    def _estimates(self, runs: Sequence[LaidRun], histories: Sequence[History], p: Array) -> _Estimates:
+    def _through(
+        self,
+        runs: Sequence[LaidRun],
+        p: Array,
+        seen: list[History] | None = None,
+        spent: list[float] | None = None,
+        name: str = "",
+    ) -> Iterator[tuple[LaidRun, Array, Array]]:
+        """Runs, or parts of them, with estimates and their variances at their segments.
+
+        `seen` is given what the filter had not foreseen, `spent` the filter's seconds; under a name, a filter that
+        diverges is a sentence.
+        """
+        began = time.process_time()
+        if self.how.smooth:
+            histories = self.filtering.histories(runs, p, "both ways")
+            parts = iter([(run, 0, run, history) for run, history in zip(runs, histories, strict=True)])
+        else:
+            parts = self.filtering.in_parts(runs, p)
+        for run, first, part, history in parts:
+            if spent is not None:
+                spent.append(time.process_time() - began)
+            if name:
+                must_be_finite(history, run, first, name)
+            if seen is not None:
+                seen.append(replace(history, **dict.fromkeys(STATES, np.empty(0))))
+            yield (part, *(smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)))
+            began = time.process_time()
+
+    def _estimates(
+        self, parts: Iterator[tuple[LaidRun, Array, Array]], runs: Sequence[LaidRun], p: Array
+    ) -> _Estimates:
         names = self.reported
         values, variances = np.empty((2, len(names), sum(len(run.row_segment) for run in runs)))
-        for here, value, variance in self._along(runs, histories, p):
+        for here, value, variance in self._along(parts, p):
             values[:, here] = value.T
             variances[:, here] = np.where(np.isnan(value), np.nan, np.maximum(variance, 0.0)).T
         return _Estimates(dict(zip(names, values, strict=True)), dict(zip(names, variances, strict=True)))
 
-    def _along(
-        self, runs: Sequence[LaidRun], histories: Sequence[History], p: Array
-    ) -> Iterator[tuple[slice, Array, Array]]:
+    def _along(self, parts: Iterator[tuple[LaidRun, Array, Array]], p: Array) -> Iterator[tuple[slice, Array, Array]]:
         """Some rows at a time, of all runs one after the other: estimates and their variances, (rows, names) each."""
         count, n, done = len(self.reported), self.space.size, 0
         seen = self.space.seen(self.reported)
-        for run, history in zip(runs, histories, strict=True):
-            x, P = smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)
+        for run, x, P in parts:
             for first in range(0, len(run.row_segment), AT_A_TIME):
                 rows = run.row_segment[first : first + AT_A_TIME]
                 result = seen(x[rows], run.segments[rows], p)

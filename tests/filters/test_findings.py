@@ -136,10 +136,10 @@ def history():
 
 
 def test_a_filter_that_diverges_is_a_sentence_that_says_when(run, history):
-    must_be_finite([history], [run], "lap")
+    must_be_finite(history, run, 0, "lap")
     history.filtered[400:] = np.nan
     with pytest.raises(BadInput, match=r"lap: the filter diverges at t = 18.00 s"):
-        must_be_finite([history], [run], "lap")
+        must_be_finite(history, run, 0, "lap")
 
 
 def test_stretches_in_which_readings_are_far_off_are_said(run, history):

@@ -23,6 +23,7 @@ from toys import without
 
 from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording, join
+from greybox_id.filters import filtering
 from greybox_id.filters.how import TrackOptions
 from greybox_id.filters.verb import track
 from greybox_id.models.effects import EFFECTS
@@ -167,6 +168,23 @@ def test_a_long_gap_in_an_input_begins_a_new_run(kind):
     np.testing.assert_array_equal(found.rows, [*range(200), *range(300, 500)])
     assert list(np.unique(found.run)) == [0, 1]
     assert any("starts anew" in sentence for sentence in found.sentences)
+
+
+@both_kinds
+def test_a_long_recording_is_tracked_part_by_part_alike(kind, monkeypatch):
+    first, second = shaken(8.0)[0], shaken(5.0, seed=3)[0]
+    how = TrackOptions(kind, noise=WALKS | NOISES)
+    once = track(wrong(), join([first, second], "two runs"), TWO, how=how)
+    monkeypatch.setattr(filtering, "PART", 37)
+    parts = track(wrong(), join([first, second], "two runs"), TWO, how=how)
+    for name in once.values:
+        np.testing.assert_allclose(parts.values[name], once.values[name], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(parts.sds[name], once.sds[name], rtol=1e-8)
+    for name in once.innovations:
+        np.testing.assert_allclose(parts.innovations[name], once.innovations[name], rtol=1e-8, atol=1e-12)
+        np.testing.assert_allclose(parts.expected[name], once.expected[name], rtol=1e-8)
+    assert parts.log_likelihood == pytest.approx(once.log_likelihood)
+    assert parts.sentences == once.sentences
 
 
 @both_kinds
