@@ -107,7 +107,7 @@ def choose_strengths(
     chosen, here, interrupted = dict.fromkeys(names, 1.0), None, False
     tried: dict[tuple[float, ...], float] = {}
 
-    def told(strengths: Mapping[str, float], squares: Array) -> Array:
+    def scored(strengths: Mapping[str, float], squares: Array) -> Array:
         tried[tuple(strengths.values())] = root_mean(squares)
         if progress is not None:
             named = ", ".join(f"{n} {s:g}" for n, s in strengths.items())
@@ -116,14 +116,14 @@ def choose_strengths(
 
     def fitted(strengths: Mapping[str, float], begin: Array) -> Folds:
         folds = cross_validated(laid.counted(strengths=strengths), begin)
-        told(strengths, folds.squares)
+        scored(strengths, folds.squares)
         return folds
 
     try:
         here = fitted(chosen, start)
         for name in names:
             options = [option for factor in FACTORS if (option := {**chosen, name: factor}) != chosen]
-            expected = [told(option, here.nearby(option)) for option in options]
+            expected = [scored(option, here.nearby(option)) for option in options]
             best = int(np.argmin([np.mean(squares) for squares in expected]))
             if np.mean(expected[best]) > (1 - TOLERANCE) * np.mean(here.squares):
                 continue
@@ -171,13 +171,13 @@ def choose_structure(
         problem = Problem(Trace(part), recordings, noise=spread * NOISE_SHARE)
         return NOISE_SHARE * root_mean(cross_validated(problem, problem.start).squares)
 
-    def told(number: int, error: float) -> bool:
+    def report(number: int, error: float) -> bool:
         if progress is not None:
             stated = f"cross-validated error {error:.4f} of the signals' spread"
             progress(f"structure {number + 1} of {len(models)}: {stated}")
         return True
 
-    done = side_by_side(work, len(models), jobs, told)
+    done = side_by_side(work, len(models), jobs, report)
     if done.interrupted:
         raise KeyboardInterrupt
     return int(np.argmin(done.results)), done.cpu_seconds

@@ -140,7 +140,7 @@ def fit_grid(
         with threadpool_limits(1):
             return _row(models[missing[number]], several[missing[number]], train, validate, strengths)
 
-    def told(number: int, row: dict[str, Any]) -> bool:
+    def report(number: int, row: dict[str, Any]) -> bool:
         cell = several[missing[number]]
         rows[_key(cell)] = row | {FINGERPRINT: data, STRENGTHS_USED: json.dumps(strengths)}
         stated = ", ".join(f"{n}={v}" for n, v in cell.items())
@@ -152,7 +152,7 @@ def fit_grid(
     interrupted = False
     if missing:
         try:
-            interrupted = side_by_side(work, len(missing), jobs, told).interrupted
+            interrupted = side_by_side(work, len(missing), jobs, report).interrupted
         except KeyboardInterrupt:
             interrupted = True
     table = _table(rows, several)

@@ -121,7 +121,7 @@ def pretrained(
     )
     problem = HybridProblem(model, (), np.ones(len(rates)), errors)
 
-    def told(step: int, loss: float, held_out: float) -> None:
+    def report(step: int, loss: float, held_out: float) -> None:
         del loss
         say(
             f"{model.name}: pretraining, step {step}, held-out error of the state's derivatives "
@@ -131,7 +131,7 @@ def pretrained(
 
     result = descend(
         problem, lambda q: outside(problem.parameters(q)), problem.unknowns(start), problem.bounds,
-        warm_up=ADAM, steps=STEPS, patience=PATIENCE, say=told,
+        warm_up=ADAM, steps=STEPS, patience=PATIENCE, say=report,
     )  # fmt: skip
     if result.status == "interrupted":
         raise KeyboardInterrupt

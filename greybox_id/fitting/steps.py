@@ -66,13 +66,16 @@ def fit_alone(
     def name(k: int) -> str:
         return part.name if how.starts == 1 else f"{part.name}, start {k + 1} of {how.starts}"
 
-    def told(k: int, solution: Solution) -> bool:
+    def report_progress(k: int, solution: Solution) -> bool:
         if away:
             say(f"{name(k)}: {solution.status.value} after {solution.steps} steps")
         return solution.status is not Status.INTERRUPTED
 
     done = side_by_side(
-        lambda k: _solve(problem, starts[k], validate, how, quiet if away else say, name(k)), how.starts, how.jobs, told
+        lambda k: _solve(problem, starts[k], validate, how, quiet if away else say, name(k)),
+        how.starts,
+        how.jobs,
+        report_progress,
     )
     solutions = done.results
     best = min(solutions, key=lambda solution: solution.objective)

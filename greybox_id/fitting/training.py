@@ -127,13 +127,13 @@ def trained_best(
     """
     away = apart(how.starts, how.jobs)
 
-    def told(k: int, one: Descent) -> bool:
+    def report(k: int, one: Descent) -> bool:
         if away:
             error = np.sqrt(one.held_out[one.best])
             say(f"{model.name}, seed {how.seed + k}: {one.status}, held out {error:.3f}")
         return one.status != "interrupted"
 
-    done = side_by_side(lambda k: train(how.seed + k, quiet if away else say), how.starts, how.jobs, told)
+    done = side_by_side(lambda k: train(how.seed + k, quiet if away else say), how.starts, how.jobs, report)
     best = min(done.results, key=lambda each: each.held_out[each.best])
     stage = Stage(
         model=model.name, closed_loop=True, status=best.status, converged=best.converged, steps=best.best,
@@ -154,14 +154,14 @@ def descent(
     What it ends at are the model's parameters.
     """
 
-    def told(step: int, loss: float, held_out: float) -> None:
+    def report(step: int, loss: float, held_out: float) -> None:
         line = f"{model.name}, seed {seed}: step {step}, held-out error {np.sqrt(2.0 * loss):.3f} times the noise "
         say(line + f"{np.sqrt(held_out):.3f}", passing=step % _SAID != 0)
 
     start = problem.unknowns(drawn(model, seed) if begin is None else begin)
     result = descend(
         problem, lambda q: outside(problem.parameters(q)), start, problem.bounds,
-        warm_up=WARM_UP if begin is None else 0, steps=STEPS, patience=PATIENCE, say=told,
+        warm_up=WARM_UP if begin is None else 0, steps=STEPS, patience=PATIENCE, say=report,
     )  # fmt: skip
     return replace(result, x=problem.parameters(result.x))
 
