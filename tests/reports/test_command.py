@@ -3,6 +3,7 @@
 import json
 import shutil
 from dataclasses import replace
+from html import unescape
 
 import numpy as np
 import pytest
@@ -153,7 +154,7 @@ def test_draws_of_a_posterior_add_bands_and_a_corner_plot(motion_fit, laps, tmp_
     ).told  # fmt: skip
     assert {str(tmp_path / "figures" / f"{name}.svg") for name in ("corner", "bands")} < set(told["figures"])
     page = (tmp_path / "own.html").read_text()
-    assert "200 draws from the fit's normal distribution, weighted by the posterior" in page
+    assert "200 draws from the fit's normal distribution, weighted by the posterior" in unescape(page)
     assert "of the readings are expected" in page
     fit(model, read_again[1:2], how=how).save(tmp_path / "other.json")
     arguments = ("--posterior", tmp_path / "posterior.parquet", "--out", tmp_path / "none.pdf")
