@@ -110,12 +110,12 @@ def test_five_hours_at_100_hz_are_read_in_half_a_gigabyte(tmp_path):
             block[:, 0] = 3600 * hour + 0.01 * np.arange(360_000)
             np.savetxt(file, block, "%.5f", ",")
     program = (
-        "import resource, sys; from greybox_id.datasets.read import read; r = read(sys.argv[1]); "
-        "print(len(r), resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024)"
+        "import sys; from greybox_id.datasets.read import read; r = read(sys.argv[1]); "
+        "status = open('/proc/self/status').read(); print(len(r), status.split('VmHWM:')[1].split()[0])"
     )
     out = subprocess.run(
         [sys.executable, "-c", program, tmp_path / "log.csv"], capture_output=True, check=True, text=True
     )
     length, most = map(float, out.stdout.split())
     assert length == 1_800_000
-    assert most < 512
+    assert most / 1024 < 512  # not of `getrusage`, which holds the most of the process that started it, too
