@@ -61,8 +61,8 @@ def advice(
     one, known = list[str](), set[frozenset[str]]()
     if apart > CAL.walks_apart:
         one.append(
-            "The vehicle is so far from its file that two searches for causes ended in different places. Fit the "
-            "numbers of the file first (greybox fit), then look for causes again."
+            "The vehicle differs so much from its file that two searches for causes gave different results. First fit "
+            "the numbers of the file (greybox fit), then repeat the diagnosis."
         )
     for item in sets:
         if frozenset(item) in known:
@@ -71,12 +71,13 @@ def advice(
         first, *others = item
         if same_readings(item):
             one.append(
-                f"{first} and {' and '.join(others)} have the same readings in every manoeuvre: measure the mounting."
+                f"{first} and {' and '.join(others)} produce the same readings in every manoeuvre: to distinguish "
+                "them, measure the mounting angle of the sensor."
             )
         else:
             one.append(
                 f"To tell {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
-                f"{COMMAND} designs it for your arena."
+                f"{COMMAND} designs the manoeuvre for your arena."
             )
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]

@@ -365,7 +365,7 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
     like : effects that it looks like.
     """
     value, names, left = examined.signs, examined.best.names, examined.unnamed
-    parts = [f"most in {channel}"] if channel else []
+    parts = [f"largest in {channel}"] if channel else []
     if like:
         first, *others = like
         unit = "" if first.unit == "1" else f" {pretty_unit(first.unit)}"
@@ -381,7 +381,10 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
             "longitudinal ones"
         )
     if names and value.spread > CAL.form_of_size:
-        parts.append(f"{names[0]}, the nearest name, would differ by {100 * value.spread:.0f} % {value.place}")
+        parts.append(
+            f"the estimate of {names[0]}, the nearest named effect, would differ by {100 * value.spread:.0f} % "
+            f"{value.place}"
+        )
     if value.left > CAL.form_of_size:
         on = listed([recording.name for recording in examined.recordings])
         parts.append(f"{100 * min(value.left, 1.0):.0f} % of the error beyond noise is left on {on}")

@@ -77,30 +77,30 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
             reasons[name] = "with it, free runs still spin where the vehicle did not"
         elif spread is not None and spread.relative > limit:
             reasons[name] = (
-                f"another effect may mimic it: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
+                f"it may only imitate another cause: its estimate differs by {100 * min(spread.relative, 2.0):.0f} % "
                 f"{spread.place}, and that of a true cause does not"
             )
         elif _beside_unknown(one, best, name) > CAL.present:
             reasons[name] = (
-                f"another effect may mimic it: it gains {number(gain_of(one, best, name), 2)} nats, while "
-                f"{number(one.beside_it[name], 2)} are left unexplained in the channels it acts on"
+                f"it may only imitate another cause: it gains {number(gain_of(one, best, name), 2)} nats, while "
+                f"{number(one.beside_it[name], 2)} nats are left unexplained in the channels on which it acts"
             )
         elif one.unnamed is not None and _strains(one, best, name) > CAL.present:
             reasons[name] = (
-                "another effect may mimic it: it needs parameters beyond their stated tolerances (chi-square "
+                "it may only imitate another cause: it needs parameters beyond their stated tolerances (chi-square "
                 f"{one.unnamed.tolerances:.0f}; {one.unnamed.expected:.0f} is usual) and explains little more than "
-                "they do"
+                "these parameters do"
             )
         elif sure <= CAL.present:
             alike = alike_of(one, name, CAL.alike)
-            beside = f"; {listed(alike)} would explain the recording as well" if alike else ""
+            beside = f"; {listed(alike)} would explain the recording equally well" if alike else ""
             reasons[name] = f"its probability is {sure:.2f}, not more than one half{beside}"
         elif min(abs(m - axis.low), abs(m - axis.high)) < CAL.at_bound * axis.scale:
             reasons[name] = "it is at its bound: a symptom of another cause, not an estimate"
         elif shared is not None and share is not None:
             judged = "on the held-out recordings" if shared.held_out else "in free run"
             reasons[name] = (
-                f"small: {judged} it closes {whole_percent(share.share)} % of the excess "
+                f"small: {judged} it closes {whole_percent(share.share)} % of the excess error "
                 f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
             )
         else:  # several doubts, each of them below one half
@@ -121,7 +121,7 @@ def next_to_nothing(shared: Budget, exact: bool) -> str:
     if not (shared.shows and closed < least):
         return ""
     judged = "on the held-out recordings" if shared.held_out else "in free run"
-    return f"small: {judged} all that is named closes {whole_percent(closed)} % of the excess together"
+    return f"small: {judged} all named effects together close {whole_percent(closed)} % of the excess error"
 
 
 def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
@@ -157,8 +157,8 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
                 break
             for name, each in weak.items():
                 reasons[name] = (
-                    f"its magnitude may be zero: {number(each, 2)} standard deviations away; "
-                    f"among the {len(one.effects)} effects looked at, chance alone brings one to {number(surely, 2)}"
+                    f"it may be absent: its magnitude is {number(each, 2)} standard deviations from none; among the "
+                    f"{len(one.effects)} effects examined, chance alone brings one to {number(surely, 2)}"
                 )
                 k = names.index(name)
                 rest = np.arange(len(names)) != k

@@ -263,9 +263,9 @@ def test_fits_and_gaps_stand_in_one_report(fit, laps, tmp_path):
 
 def test_what_changed_cannot_be_asked_of_the_same_data(laps):
     lap, other = laps
-    with pytest.raises(gb.BadInput, match="is from before, but it is the same data"):
+    with pytest.raises(gb.BadInput, match="is named as a recording from before"):
         gb.diagnose("lateral", lap, since=lap, vehicle="roboracer")
-    with pytest.raises(gb.BadInput, match="is from before, but it is the same data"):
+    with pytest.raises(gb.BadInput, match="is named as a recording from before"):
         gb.diagnose("lateral", lap, since=other, held_out=other, vehicle="roboracer")
 
 

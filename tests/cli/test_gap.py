@@ -109,7 +109,7 @@ def test_next_is_computed_where_an_arena_is_named(laps, asked):
     ranking = [replace(clear().ranking[0], effect=own, probability=0.5, indistinguishable_from=pair) for own in pair]
     asked.said = clear(ranking=tuple(ranking))
     said = " ".join(greybox(*arguments, "disc:40").out.split())
-    assert "Next accel_bias_x and imu_mount_pitch have the same readings in every manoeuvre: no manoeuvre" in said
+    assert "Next accel_bias_x and imu_mount_pitch produce the same readings in every manoeuvre, so no manoeuvre" in said
 
 
 def test_applied_effects_become_a_vehicle_that_simulates(laps, asked, tmp_path):
@@ -242,10 +242,12 @@ def test_every_diagnosis_fits_every_terminal(case, width):
 def test_a_person_reads_whether_where_which_and_how_far():
     words = " ".join(printed(clear(), 160).split())
     assert "in free run, with tolerances refitted, the error of yaw_rate is 3.1 times its noise (p < 0.001)" in words
-    assert "Where steering 78 % and M_z 15 %; 78 % of it lies in 22 % of the time, while the steering moves" in words
+    assert (
+        "Where steering 78 % and M_z 15 %; 78 % of the gap lies in 22 % of the time, while the steering moves" in words
+    )
     assert "1 steering_delay 31 ± 3 ms 0.94 applied" in words
     assert "18 ms [5, 60] 0.04 cannot be distinguished from number 1 on this recording" in words
-    assert "with steering_delay the excess closes by 84 % [76, 90] on lap8 (held out)" in words
+    assert "with steering_delay the excess error falls by 84 % [76, 90] on lap8 (held out)" in words
     assert "yaw_rate [rad/s] 0.018 → 0.013 (0.012)" in words
     assert "below the detection limit here: mass_change up to 0.12" in words
 
@@ -257,7 +259,7 @@ def test_doubts_on_the_data_come_first():
 def test_what_makes_things_worse_is_said():
     words = " ".join(printed(unknown(), 100).split())
     assert "increases the excess error by 12 % [−4, 30] on lap8 and lap9 (held out)" in words
-    assert "all of the excess unexplained" in words
+    assert "all of the excess error is unexplained" in words
 
 
 def test_without_held_out_recordings_that_is_said():

@@ -19,5 +19,5 @@ def test_what_acts_on_a_channel_that_nobody_reads_shows_in_no_manoeuvre():
 
 def test_a_search_that_ended_in_two_places_advises_a_fit_first():
     first, *others = advice([], ["grip_scale"], EFFECTS, apart=1000.0)
-    assert "two searches for causes ended in different places. Fit the numbers of the file first" in first
+    assert "two searches for causes gave different results. First fit the numbers of the file" in first
     assert others == list(advice([], ["grip_scale"], EFFECTS, apart=20.0))

@@ -168,7 +168,7 @@ def test_the_report_holds_what_the_diagnosis_says(tmp_path):
         assert row[1] in text
         assert row[4] in text
     assert MADE.command in text
-    assert "Doubts on the data" in text
+    assert "Doubts about the data" in text
     assert [file.name for file in tmp_path.iterdir()] == ["gap.pdf"]
 
 

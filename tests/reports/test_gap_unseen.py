@@ -103,7 +103,7 @@ def test_the_simulation_that_was_compared_is_written_down(case):
         own.title for part in document.parts if isinstance(part, Together) for own in part.parts
         if isinstance(own, Section)
     }  # fmt: skip
-    assert {"What could be present undetected", "What was simulated", "How to repeat it"} <= titles
+    assert {"What could be present undetected", "What was simulated", "How to repeat the diagnosis"} <= titles
     assert any(isinstance(part, Formulas) for part in document.parts)
 
 
@@ -111,5 +111,5 @@ def test_without_a_gap_nothing_is_shared_out():
     said = page(gap_report(none_driven(), MADE))
     assert "share of the gap" not in said
     assert "How large the gap is" in said
-    assert "of the gap" not in said.partition("Where it was driven")[2]
-    assert "→" not in said.partition("Held out: lap8")[2].partition("Errors beside noise")[0]
+    assert "of the gap" not in said.partition("Where the vehicle was driven")[2]
+    assert "→" not in said.partition("Held out: lap8")[2].partition("Errors compared with the noise")[0]

@@ -73,8 +73,8 @@ def test_whether_there_is_a_gap():
     assert "agree within noise and stated tolerances (p" in whether(none())
     far = replace(none(), where=replace(none().where, channels={"yaw_rate": 1.8}))
     assert (
-        "agree within noise, stated tolerances and unknown forces of 0.40 % (their effects add up along a free run)"
-        in whether(far)
+        "agree within noise, stated tolerances and unknown forces of 0.40 % of the modelled forces (their effects add "
+        "up along a free run)" in whether(far)
     )
     bare = clear(where=replace(clear().where, channels={}), p_value=NAN)
     assert (
@@ -85,8 +85,10 @@ def test_whether_there_is_a_gap():
 def test_where_is_silent_without_a_gap_and_names_shares_with_one():
     assert where(none()) == ""
     said = where(clear())
-    assert said.startswith("steering 78 % and M_z 15 %; 78 % of it lies in 22 % of the time, while the steering moves")
-    assert said.endswith("half of it between 31.5 and 40.0 s, 14 % of the time")
+    assert said.startswith(
+        "steering 78 % and M_z 15 %; 78 % of the gap lies in 22 % of the time, while the steering moves"
+    )
+    assert said.endswith("half of the gap lies between 31.5 and 40.0 s, 14 % of the time")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
     assert where(everywhere) == "steering 78 % and M_z 15 %; evenly spread"
     thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))
@@ -103,11 +105,11 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
 @pytest.mark.parametrize(
     ("closed", "interval", "said"),
     [
-        (0.88, (0.81, 0.93), "with steering_delay the excess closes by 88 % [81, 93] on lap8 (held out)"),
+        (0.88, (0.81, 0.93), "with steering_delay the excess error falls by 88 % [81, 93] on lap8 (held out)"),
         (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); the gap may not close at all"),
         (-0.12, (-0.3, 0.04), "adding steering_delay increases the excess error by 12 % [−4, 30]"),
         (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on lap8 (held out)"),
-        (NAN, (NAN, NAN), "no excess error above the floor on lap8 (held out)"),
+        (NAN, (NAN, NAN), "no error above the floor on lap8 (held out)"),
         (-0.001, (-0.3, 0.3), "the excess error by 0 % [−30, 30]"),
     ],
 )
@@ -127,7 +129,7 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     assert "the gap is too small" in how_far(gap, small, True)  # held out or not, tolerances may close it by chance
     assert "increases the excess error by 57 %" in how_far(gap, replace(small, before=1.2, after=1.3), False)
     sure = replace(small, after=1.0, closed=0.9, closed_interval=(0.8, 1.0))
-    assert "closes by 90 %" in how_far(gap, sure, False)
+    assert "falls by 90 %" in how_far(gap, sure, False)
 
 
 def test_second_parameters_stand_behind_a_magnitude():
@@ -165,16 +167,16 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
 def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
     assert how_far(gap, gap.gap, False) == "no effect applied: the excess error is unchanged on lap7"
-    assert how_far(none(), none().gap, False) == "no excess error to close on lap7"
+    assert how_far(none(), none().gap, False) == "there is no excess error to close on lap7"
     assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
-        "no effect applied, parameters re-estimated; errors on lap7 (held out)"
+        "no effect applied; parameters re-estimated; errors are those on lap7 (held out)"
     )
 
 
 def test_what_is_left_never_exceeds_everything_and_is_never_certain():
-    assert left(clear()).startswith("16 % of the excess unexplained; ")
-    assert "all of the excess unexplained" in left(unknown())
+    assert left(clear()).startswith("16 % of the excess error is unexplained; ")
+    assert "all of the excess error is unexplained" in left(unknown())
     assert left(clear(unknown_probability=1.0)).endswith("probability above 0.99")
     assert left(clear(unknown_probability=0.0)).endswith("probability below 0.01")
 
@@ -190,7 +192,7 @@ def test_doubts_come_first_and_many_are_counted():
 def test_a_report_holds_words_only(case):
     record = DataRecord("validate", "lap8", "runs/lap8.csv", "b3" * 32, "canonical", 3000, 1, 60.0)
     document = gap_report(CASES[case](), Made("car", "greybox gap lap7.csv", 0, "0.1.0", (record,)))
-    recordings, made = below(document, "How to repeat it")
+    recordings, made = below(document, "How to repeat the diagnosis")
     assert recordings.rows[0][:2] == ("held out", "lap8.csv")
     assert dict(made.pairs)["command"] == "greybox gap lap7.csv"
     for table in tables(document):
@@ -202,4 +204,7 @@ def test_a_report_holds_words_only(case):
 def test_the_runner_up_is_always_discussed():
     (first, _), (second, words) = evidence(clear())
     assert (first, second) == ("steering_delay", "steering_lag")
-    assert "gains 190, 24.0 less than with the best hypothesis. It cannot be distinguished from steering_delay" in words
+    assert (
+        "by 190, 24.0 less than the effect with the largest gain. It cannot be distinguished from steering_delay"
+        in words
+    )

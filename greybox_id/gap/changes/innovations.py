@@ -66,7 +66,7 @@ class FollowedRun:
             high = float(np.nanpercentile(recording["v_x"], 95.0))
             moving = recording.where(f"v_x > {max(SLOWEST, CAL.slow * high)}")
         if not moving.sample_time > 0:
-            raise BadInput(f"{recording.name} has no two rows in motion that follow each other.")
+            raise BadInput(f"{recording.name} has no two successive rows in which the vehicle moves.")
         step = max(1, round(CAL.apart / moving.sample_time))
         moving = join(excerpt([moving], round(seconds / moving.sample_time)), recording.name)
         kept = np.zeros(len(moving), dtype=bool)

@@ -219,9 +219,9 @@ def _must_differ(recordings: Sequence[Recording], since: Sequence[Recording]) ->
         ):
             other = same if same is not None else recording
             raise BadInput(
-                f"{recording.source.path or recording.name} is from before, but it is the same data as "
-                f"{other.source.path or other.name}, in which something may have changed; name recordings from before "
-                "the change."
+                f"{recording.source.path or recording.name} is named as a recording from before the change, but it "
+                f"holds the same data as {other.source.path or other.name}, in which something may have changed. Name "
+                "recordings from before the change."
             )
 
 
@@ -281,7 +281,7 @@ def _answer(
         if judged.closed_interval[0] <= 0:
             reason = "it does not improve predictions of held-out recordings"
         elif sure[0] <= CAL.present:
-            beside = f"; {listed(alike)} would explain the recordings as well" if alike else ""
+            beside = f"; {listed(alike)} would explain the recordings equally well" if alike else ""
             reason = f"its probability is {sure[0]:.2f}, not more than one half{beside}"
         elif not each.low < mean[first.place] < each.high:
             reason = "it is at its bound: a symptom of another cause, not an estimate"

@@ -122,8 +122,8 @@ def discriminating(
         return _nothing("discriminate", model, design_task, f"There is nothing to distinguish: {_alone(gap)}.")
     rest, alike = parted(names)
     impossible = [
-        f"{one} and {other} have the same readings in every manoeuvre: no manoeuvre distinguishes them; measure the "
-        "mounting."
+        f"{one} and {other} produce the same readings in every manoeuvre, so no manoeuvre distinguishes them: measure "
+        "the mounting angle of the sensor."
         for one, other in alike
     ]
     known = tuple(name for name in rest if name in effects and effects[name].concerns(model))
@@ -138,16 +138,16 @@ def discriminating(
     found_plan, separation = rivals.told_apart(say)
     impossible += [
         f"No manoeuvre that was found in {design_task.arena.words} distinguishes {item.pair[0]} from {item.pair[1]} "
-        f"({item.nats:.1f} nats, and {ENOUGH:g} are needed)."
+        f"(separation {item.nats:.1f} nats; {ENOUGH:g} are needed)."
         for item in separation
         if item.nats < HOPELESS
     ]
-    sentences = [f"To tell {chosen[0]} from {', '.join(chosen[1:])}."]
+    sentences = [f"Purpose: to distinguish {chosen[0]} from {', '.join(chosen[1:])}."]
     worst = min(item.nats for item in separation)
     if HOPELESS <= worst < ENOUGH:
         sentences.append(
-            f"One drive distinguishes them by {worst:.1f} nats, but {ENOUGH:g} are needed: drive it several times, "
-            "or use a larger arena."
+            f"The separation in one drive is {worst:.1f} nats, but {ENOUGH:g} are needed: drive the manoeuvre "
+            "several times, or use a larger arena."
         )
     return rivals.design("discriminate", chosen, found_plan, separation, impossible, sentences)
 
@@ -157,7 +157,7 @@ def _alone(gap: Gap) -> str:
     if not gap.gap_detected:
         return "no gap was detected"
     if gap.applied or gap.unknown_probability <= LIKELY:
-        return "its explanations are distinguished already"
+        return "the diagnosis distinguishes its explanations already"
     return (
         "no two named effects are similarly likely, and an unmodelled effect is present with probability "
         f"{min(gap.unknown_probability, 0.99):.2f}"
@@ -193,11 +193,11 @@ def detecting(
     found_plan, separation = rivals.told_apart(say)
     impossible = [
         f"No manoeuvre was found in {design_task.arena.words} that shows {item.pair[0]} at its usual size "
-        f"({item.nats:.1f} nats)."
+        f"(separation {item.nats:.1f} nats)."
         for item in separation
         if item.nats < HOPELESS
     ]
-    sentences = [f"To show {', '.join(chosen)} at usual sizes."]
+    sentences = [f"Purpose: to detect {', '.join(chosen)} at usual sizes."]
     if len(target) > len(chosen):
         sentences.append(f"Left out: {', '.join(target[len(chosen) :])}; name them as parameters.")
     return rivals.design("detect", chosen, found_plan, separation, impossible, sentences)

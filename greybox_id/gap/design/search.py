@@ -146,8 +146,8 @@ class PlanSearch:
         if out > 0 and np.isfinite(out):
             wide = self.arena.breadth + 2.0 * out
             return BadInput(
-                f"‹arena› {self.arena.words} is too small: the best manoeuvre leaves it by {out:.1f} m. Use an arena "
-                f"{wide:.0f} m wide, or a lower ‹speed_max›."
+                f"‹arena› {self.arena.words} is too small: the best manoeuvre leaves the arena by {out:.1f} m. Use an "
+                f"arena {wide:.0f} m wide, or a lower ‹speed_max›."
             )
         tight = strain(nearest.plan.motion, self.limits)
         worst = max(tight, key=lambda name: float(tight[name][0]))

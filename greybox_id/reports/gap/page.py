@@ -189,7 +189,7 @@ def driven(ax: Axes, strip: Strip) -> None:
     share = np.asarray(strip.map.get("time", 0.0), dtype=float)
     most = float(np.nanmax(share, initial=0.0))
     if not {"v_x", "a_y", "time"} <= strip.map.keys() or not (isfinite(most) and most > 0):
-        notice(ax, "the position is not known")
+        notice(ax, "speed and lateral acceleration are not known")
         return
     draw_map(ax, strip, np.where(share > 0, share, np.nan), "share of the time [%]", BLUE, TIME_OPACITY)
 
@@ -263,7 +263,7 @@ def _intervals(ax: Axes, shown: Sequence[Ranked]) -> None:
     ax.axvline(0.0, **ZERO)
     for row, item in enumerate(shown):
         _interval(ax, row, item)
-    ax.set(xlabel="95 % interval over estimate [1]", xlim=REACH, ylim=_rows(shown), xticks=(0, 1, 2), yticks=())
+    ax.set(xlabel="95 % interval / estimate [1]", xlim=REACH, ylim=_rows(shown), xticks=(0, 1, 2), yticks=())
 
 
 def _rows(shown: Sequence[Ranked]) -> tuple[float, float]:
@@ -367,7 +367,7 @@ def spectra(strip: Strip, applied: bool) -> Sheet:
         if applied and channel in strip.spectrum_after:
             ax.plot(strip.frequency[known], strip.spectrum_after[channel][known], **AFTER)
         ax.set(xlabel="frequency [Hz]", xscale="log", yscale="log", ylim=(low, high), title=symbol(channel))
-    axes[0].set_ylabel("errors over noise [1]")
+    axes[0].set_ylabel("PSD of errors / noise [1]")
     return sheet
 
 
@@ -379,7 +379,7 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
     result = [
         Drawing(
             "gap_errors", bars(closure, after_words(closure, applied)),
-            f"How far: errors of every channel by horizon of prediction, on {on}.",
+            f"Errors of every channel over the prediction horizon, on {on}.",
             "Bars of errors over horizons, before and after, with the floor.",
         ),
         _causes(gap),
@@ -389,13 +389,12 @@ def drawings(gap: Gap) -> tuple[Drawing, ...]:
         result += [
             Drawing(
                 "gap_along", strips(gap.strip, stretch, applied),
-                "Where: mean square errors of all channels divided by those of the noise, along time and along the "
-                "path.",
+                "Mean square error of all channels, divided by that of the noise, along time and along the path.",
                 "Errors over time and along the path.",
             ),
             Drawing(
                 "gap_spectra", spectra(gap.strip, applied),
-                "Where: spectral density of the errors divided by that of the noise; 1 means that only noise is left.",
+                "Spectral density of the errors, divided by that of the noise; 1 means that only noise is left.",
                 "Spectra of the errors, divided by those of the noise.",
             ),
         ]  # fmt: skip
@@ -406,14 +405,14 @@ def _causes(gap: Gap) -> Drawing:
     """Which effects there may be; without a gap, which there could be unseen."""
     if gap.gap_detected or not gap.limits:
         caption = (
-            "Which: how probable each effect is, and the 95 % interval of its magnitude, divided by the estimate (0: "
-            "absent)" + ("; where: share of the gap over speed and lateral acceleration." if gap.strip else ".")
+            "Probability of each effect, and the 95 % interval of its magnitude, divided by the estimate (0: the "
+            "effect is absent)" + (". Map: share of the gap over speed and lateral acceleration." if gap.strip else ".")
         )
         alt = "Bars of probabilities of effects with their intervals; map of the gap."
         return Drawing("gap_ranking", ranking(gap), caption, alt)
     caption = (
-        "Unseen: the effects that are hardest to detect, with their smallest detectable size divided by their usual "
-        "size; and the speeds and lateral accelerations that were driven (blank: none)."
+        "Effects that are hardest to detect: their smallest detectable size, divided by their usual size. Map: speeds "
+        "and lateral accelerations that were driven (blank: never driven)."
     )
     return Drawing("gap_limits", limits(gap), caption, "Bars of the smallest detectable sizes; map of what was driven.")
 

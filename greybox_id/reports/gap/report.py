@@ -53,11 +53,12 @@ ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
     "Probability: that the effect is present. Gain: how much higher the log-likelihood is with the effect than without "
-    "it, with the other applied effects in the model. Effects that cannot be distinguished share the evidence."
+    "it; the other applied effects stay in the model. Effects that cannot be distinguished share the probability."
 )
 CLOSURE = (
-    "Mean square errors divided by that of the noise; every channel has the same weight. The floor is the error that "
-    "noise alone leaves, and the excess is what lies above it. 95 % intervals come from paired blocks of time."
+    "The table gives mean square errors, divided by the mean square of the noise; every channel has the same weight. "
+    "The floor is the error that noise alone leaves, and the excess is the error above the floor. The 95 % intervals "
+    "come from paired blocks of time."
 )
 MATHEMATICS = (
     "The equations that an added effect changes, derived from the model. A dot is a time derivative; w is an "
@@ -80,7 +81,8 @@ METHOD = (
     (
         "How far",
         "Parameters with tolerances are refitted without the effects and with them. On the recordings from which the "
-        "effects were chosen the share is too high; on held-out recordings it is not.",
+        "effects were chosen, the share of the excess error that they close is overestimated; on held-out recordings "
+        "it is not.",
     ),
     (
         "Unknown",
@@ -88,8 +90,13 @@ METHOD = (
         "where readings scatter by more than their stated noise.",
     ),
 )
-ERRORS = "RMSE before → after (noise), from measured states over each horizon, and in free run."
-ERRORS_ALONE = "RMSE (noise), from measured states over each horizon, and in free run."
+ERRORS = (
+    "RMSE before → after; in brackets, the RMSE that noise alone leaves. Predictions over a horizon start from "
+    "measured states."
+)
+ERRORS_ALONE = (
+    "RMSE; in brackets, the RMSE that noise alone leaves. Predictions over a horizon start from measured states."
+)
 LIMITS = (
     "Would show from: the smallest size of an effect that would be detected here. It is twice the standard deviation "
     "of the effect's estimate, computed to first order, with all parameters that have a tolerance refitted. Not "
@@ -101,8 +108,8 @@ CHANNELS = (
     "the errors of the original model exceed noise most, and by how much."
 )
 STATED = (
-    "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; what this "
-    "explains is not counted as a gap."
+    "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; the error that this "
+    "removes is not counted as a gap."
 )
 EQUATIONS = "The equations of the simulation that was compared, with its effects, derived from the model."
 
@@ -126,11 +133,11 @@ def gap_report(gap: Gap, made: Made) -> Document:
             limits_table(gap), Text(LIMITS if gap.limits else ""), Text(_absorbed(gap)),
         ),
         *_how_far(gap),
-        *titled("Where it was driven" if apart else "Where it lies", _equations(gap), _regimes(gap)),
-        *(titled("What was tried", ranking, Text(RANKING)) if ranking.rows and apart else ()),
+        *titled("Where the vehicle was driven" if apart else "Where the gap lies", _equations(gap), _regimes(gap)),
+        *(titled("Which effects were tried", ranking, Text(RANKING)) if ranking.rows and apart else ()),
         *_simulated(made, gap),
-        *titled("How it was found", *(Text(words, lead=f"{lead}:") for lead, words in METHOD)),
-        *titled("How to repeat it", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
+        *titled("How the diagnosis was made", *(Text(words, lead=f"{lead}:") for lead, words in METHOD)),
+        *titled("How to repeat the diagnosis", recorded_in(made.data, ROLES), Pairs(_provenance(made))),
     )  # fmt: skip
     about = f"Where the simulation of {made.vehicle} deviates from {listed([*gap.recordings])}, and why"
     title = heading("Gap", made.vehicle, [one for one in made.data if one.role == "train"])
@@ -140,7 +147,7 @@ def gap_report(gap: Gap, made: Made) -> Document:
 def _data(gap: Gap) -> tuple[Part, ...]:
     """Whether the data are to be trusted."""
     if gap.doubts:
-        return titled("Doubts on the data", Text(DOUBTS, small=False), Points(gap.doubts))
+        return titled("Doubts about the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
         "The noise of the sensors is stated."
         if gap.noise_stated
@@ -191,15 +198,15 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
     about = known.parameter.about if known is not None else ""
     one = [
         f"{capital(about)}: {magnitude_words(value)}." if about else f"{magnitude_words(value)}.",
-        f"It is of the group {known.group} and changes {listed([*known.touches])}." if known is not None else "",
+        f"It belongs to the group {known.group} and changes {listed([*known.touches])}." if known is not None else "",
         f"It is present with probability {probability_words(value.probability)}"
         + (" and was applied." if value.effect in gap.applied else "."),
-        f"With it the log-likelihood gains {number(value.gain)}"
-        + (f", {number(best - value.gain)} less than with the best hypothesis." if value.gain < best else "."),
+        f"It raises the log-likelihood by {number(value.gain)}"
+        + (f", {number(best - value.gain)} less than the effect with the largest gain." if value.gain < best else "."),
     ]
     one = [sentence for sentence in one if sentence]
     if _touches_null(value):
-        one.append("Its interval includes the value at which it has no effect.")
+        one.append("The interval of its magnitude includes the value at which the effect is absent.")
     if value.indistinguishable_from:
         one.append(
             f"It cannot be distinguished from {listed([*value.indistinguishable_from])} on {on_these(gap.recordings)}."
@@ -222,7 +229,7 @@ def _runner_up(gap: Gap) -> str:
     less = first.gain - second.gain
     how = f"{number(less)} less than" if less > 0 else "no less than"
     return (
-        f"{second.effect}, {magnitude_words(second)}, with probability {probability_words(second.probability)}; alone "
+        f"{second.effect}, {magnitude_words(second)}, has probability {probability_words(second.probability)}. Alone, "
         f"it would raise the log-likelihood by {number(second.gain)}, {how} {first.effect}."
     )
 
@@ -244,7 +251,8 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
         if shown:
             parts.append(Together((Text("", lead=lead), Formulas(shown))))
         else:
-            parts.append(Text(f"acts before or after the equations, on {listed([*effect.touches])}.", lead=lead))
+            words = "the effect alters inputs or outputs of the equations of motion, not the equations themselves"
+            parts.append(Text(f"{words}: {listed([*effect.touches])}.", lead=lead))
     return titled("What these effects do to the equations", Text(MATHEMATICS if parts else ""), *parts)
 
 
@@ -280,7 +288,7 @@ def _hardly_driven(gap: Gap) -> str:
     rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < RARELY]
     if not rare:
         return ""
-    return f"Hardly driven: {listed(rare)}. Effects that show only there could go undetected."
+    return f"Hardly driven: {listed(rare)}. Effects that act only there could go undetected."
 
 
 def limits_table(gap: Gap) -> Table:
@@ -335,7 +343,7 @@ def _how_far(gap: Gap) -> tuple[Part, ...]:
         *titled(title, Text(judged, small=False), closures(both), Text(CLOSURE)),
         *(part for title, table in errors for part in titled(title, table, level=2)),
         Text(stated),
-        *titled("Errors beside noise", channels(gap), Text(CHANNELS), level=2),
+        *titled("Errors compared with the noise", channels(gap), Text(CHANNELS), level=2),
     )
 
 
@@ -377,7 +385,7 @@ def channels(gap: Gap) -> Table:
     rows = []
     for name, ratio in gap.where.channels.items():
         rows.append((signal_words(name), number(ratio, 2), *_loudest(gap, name)))
-    head = ("channel", "error over noise in free run", "largest at", "PSD there over the noise's")
+    head = ("channel", "error / noise in free run", "largest at", "PSD there / PSD of the noise")
     return Table(head, tuple(rows), "lRRR")
 
 
@@ -453,13 +461,13 @@ def what_changed(gap: Gap, answer: Mapping[str, Any]) -> tuple[Part, ...]:
     )
     same = [unchanged_words(each["effect"], each["within"]) for each in answer["not_changed"]]
     others = (
-        ("Not changed, to two standard deviations:", same),
-        ("Unknown, since a usual change is below the detection limit:", answer["not_seen"]),
+        ("Unchanged within two standard deviations:", same),
+        ("Unknown, since a change of usual size is below the detection limit:", answer["not_seen"]),
     )
     return titled(
         f"Changed since {listed(answer['since'])}",
         Table(("effect", "before", "after", "probability"), rows, "LLLL"),
-        Text("" if rows else "Nothing beyond the scatter of the earlier drives.", small=False),
+        Text("" if rows else "No change exceeds the scatter between the earlier drives.", small=False),
         *(Text(f"{listed(names)}.", lead=lead, small=False) for lead, names in others if names),
         level=2,
     )

@@ -179,7 +179,7 @@ def whether(gap: Gap) -> str:
 def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
-            f"No named effect explains this recording better ({p_words(gap.p_value)}). "
+            f"No named effect explains this recording better than the model alone ({p_words(gap.p_value)}). "
             "Whether there is a gap is unknown: no sensor noise is stated, so the residuals were taken as noise."
         )
     beyond = [item for item in gap.moved if item.far > CAL.tolerated_sd]
@@ -187,9 +187,9 @@ def _whether(gap: Gap) -> str:
     if not gap.gap_detected and beyond:
         far = listed([f"{item.name} is {number(item.far, 2)}" for item in beyond[:MOST_SHARES]])
         return (
-            f"No named gap ({p_words(gap.p_value)}): simulation and vehicle agree within {listed(suffices)} "
-            f"once {far} standard deviations from its stated value{_largest(gap)}. A wrong tyre model or an "
-            "unmodelled effect would look the same."
+            f"No named effect is needed ({p_words(gap.p_value)}): simulation and vehicle agree within "
+            f"{listed(suffices)} once {far} standard deviations from its stated value{_largest(gap)}. A wrong tyre "
+            "model or an unmodelled effect would look the same."
         )
     if not gap.gap_detected:
         return (
@@ -205,7 +205,7 @@ def _unknown_forces(gap: Gap) -> list[str]:
     if gap.unnamed is None or most < SLIGHT:
         return []
     share = percent(max(gap.unnamed.share_y, gap.unnamed.share_x))
-    return [f"unknown forces of {share} (their effects add up along a free run)"]
+    return [f"unknown forces of {share} of the modelled forces (their effects add up along a free run)"]
 
 
 def _largest(gap: Gap) -> str:
@@ -245,7 +245,7 @@ def _regime(gap: Gap) -> str:
         return REGIMES["any"]
     place = REGIMES.get(where.regime, where.regime)
     if isfinite(time) and isfinite(share) and share > CONCENTRATED * time:
-        return f"{percent(share)} of it lies in {percent(time)} of the time, {place}"
+        return f"{percent(share)} of the gap lies in {percent(time)} of the time, {place}"
     return place
 
 
@@ -254,7 +254,7 @@ def _time(gap: Gap) -> str:
     if not {"from", "to"} <= time.keys():
         return ""
     share = f", {percent(time['share'])} of the time" if isfinite(time.get("share", float("nan"))) else ""
-    return f"half of it between {time['from']:.1f} and {time['to']:.1f} s{share}"
+    return f"half of the gap lies between {time['from']:.1f} and {time['to']:.1f} s{share}"
 
 
 def told_apart(gap: Gap, ranked: Ranked) -> str:
@@ -330,7 +330,7 @@ def budget(gap: Gap) -> str:
         for share in (*gap.budget.shares, gap.budget.unnamed)
     ]
     place = "held out" if gap.budget.held_out else "from which the effects were chosen"
-    return f"of the excess error on {listed([*gap.budget.recordings])} ({place}): {listed(shares)}"
+    return f"shares of the excess error on {listed([*gap.budget.recordings])} ({place}): {listed(shares)}"
 
 
 def judged(gap: Gap) -> tuple[Closure, bool]:
@@ -345,20 +345,20 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     place = f"on {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
         if not gap.gap_detected and not gap.moved:
-            return f"no excess error to close {place}"
+            return f"there is no excess error to close {place}"
         if not gap.gap_detected:
-            return f"no effect applied, parameters re-estimated within their tolerances; errors {place}"
+            return f"no effect applied; parameters re-estimated within their tolerances; errors are those {place}"
         if gap.moved:
-            return f"no effect applied, parameters re-estimated; errors {place}"
+            return f"no effect applied; parameters re-estimated; errors are those {place}"
         return f"no effect applied: the excess error is unchanged {place}"
     share, (low, high) = closure.closed, closure.closed_interval
     if not isfinite(share):
-        return f"with {listed([*gap.applied])}: no excess error above the floor {place}"
+        return f"with {listed([*gap.applied])} applied, there is no error above the floor {place}"
     if not tells(closure):
         over = percent(max(closure.before - closure.floor, 0.0))
         return (
-            f"with {listed([*gap.applied])}; once parameters with tolerances are refitted, the errors of free runs "
-            f"exceed noise by {over} {place}: the gap is too small to state shares of it"
+            f"once parameters with tolerances are refitted, the errors of free runs exceed noise by {over} {place}: "
+            f"the gap is too small to state which share of it {listed([*gap.applied])} closes"
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
@@ -368,7 +368,7 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
             f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
         )
     known = "" if not low <= 0 else "; the gap may not close at all"
-    return f"with {listed([*gap.applied])} the excess closes by {whole_percent(share)} % {bounds} {place}{known}"
+    return f"with {listed([*gap.applied])} the excess error falls by {whole_percent(share)} % {bounds} {place}{known}"
 
 
 def tells(closure: Closure) -> bool:
@@ -413,7 +413,7 @@ def left(gap: Gap) -> str:
     clauses = []
     if gap.gap_detected and gap.applied and isfinite(closure.closed) and tells(closure):
         share = f"{whole_percent(1 - closure.closed)} %" if closure.closed > 0 else "all"
-        clauses.append(f"{share} of the excess unexplained")
+        clauses.append(f"{share} of the excess error is unexplained")
     if gap.unknown:
         clauses.append(gap.unknown.rstrip("."))
     probability = probability_words(gap.unknown_probability)

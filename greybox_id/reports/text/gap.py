@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from ...base.numbers import listed, number, pretty_unit, quantity, rmse, short_with_sd, whole_percent
+from ...base.numbers import counted, listed, number, pretty_unit, quantity, rmse, short_with_sd, whole_percent
 from ...fitting.scores.horizons import Errors
 from ...gap.gap import Budget, Closure, Gap
 from ..gap.words import (
@@ -84,7 +84,7 @@ def _which(gap: Gap, width: int) -> Group | None:
             notes.append(f"{k}  {note}")
     rest = len(gap.ranking) - len(likely)
     if rest:
-        notes.append(f"and {rest} less likely")
+        notes.append(f"and {counted(rest, 'less likely effect')}")
     return Group(*notes)
 
 
@@ -93,7 +93,9 @@ def _budget(budget: Budget) -> Group:
     table = Table.grid(padding=(0, 2, 0, 0))
     for _ in range(3):
         table.add_column()
-    place = f"on {listed([*budget.recordings])}, {'held out' if budget.held_out else 'which chose the effects'}"
+    place = (
+        f"on {listed([*budget.recordings])}, {'held out' if budget.held_out else 'from which the effects were chosen'}"
+    )
     for share in (*budget.shares, budget.unnamed):
         bar = "█" * round(BAR * min(max(share.share, 0.0), 1.0))
         interval = f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"

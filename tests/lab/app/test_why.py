@@ -47,10 +47,10 @@ def test_what_changed_what_did_not_and_what_is_not_known_are_stated():
     words = re.sub(r"<[^>]+>", "|", change_parts(gap, answer))
     assert "|12 ms|" in words
     assert "|31 ± 3 ms|" in words
-    assert "Not changed, to two standard deviations:| mass_change (± 7.0\u00a0%)." in words
+    assert "Unchanged within two standard deviations:| mass_change (± 7.0\u00a0%)." in words
     assert "below the detection limit:| grip_scale." in words
     nothing = change_parts(gap, {"since": ["dry1"], "changed": [], "not_changed": [], "not_seen": []})
-    assert "Nothing beyond the scatter of the earlier drives." in nothing
+    assert "No change exceeds the scatter between the earlier drives." in nothing
     assert "table" not in nothing
 
 
