@@ -16,7 +16,7 @@ import greybox_id as gb
 folder = Path(mkdtemp())  # where this page writes
 
 # %%
-# Somebody else's file: km/h, degrees, a gyro mounted upside down.
+# A file as some logger writes it: speed in km/h, angles in degrees, and a gyro that is mounted upside down.
 lap = gb.read(gb.datasets.shipped("racer_train"), columns="roboracer").rows(0, 800)
 table = pd.DataFrame(
     {
@@ -31,7 +31,7 @@ table.round(4).to_csv(folder / "lap.csv", index=False)
 table.head(3)
 
 # %%
-# The map. ``greybox data map lap.csv --out my_car.toml`` proposes one.
+# The column map of this file. ``greybox data map lap.csv --out my_car.toml`` proposes such a map.
 columns = folder / "my_car.toml"
 columns.write_text(
     """name = "my_car"
@@ -54,11 +54,11 @@ fit = gb.fit("kinematic", folder / "lap.csv", vehicle="roboracer", columns=colum
 print(fit)
 
 # %%
-# Estimates with their 95 % intervals, each divided by the magnitude of its estimate.
+# Estimates with their 95 % intervals. Each interval is divided by the magnitude of its estimate.
 fit.plot.parameters()
 
 # %%
-# C99 without allocation: a step, its derivatives, and a test that checks the code where it is compiled.
+# C99 code without memory allocation: a step, its derivatives, and a test of the code for the machine that compiles it.
 for file in gb.export(fit, to=folder / "car", target="c"):
     print(file.name, file.stat().st_size, "bytes")
 print("\n".join((folder / "car" / "car.h").read_text(encoding="utf-8").splitlines()[:40]))

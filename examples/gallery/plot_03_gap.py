@@ -3,7 +3,7 @@ A gap with four causes
 ======================
 
 A car has four effects that its model lacks. The page shows which of them a diagnosis names, and what
-it reports of the others.
+it reports on the others.
 """
 
 import numpy as np
@@ -34,13 +34,13 @@ lap, other = driven("lap", 0.9, 0), driven("other", 1.3, 1)
 
 # %%
 # The diagnosis gets only the vehicle file. Six candidate effects keep this page short; without ``effects``,
-# nearly all 47 are tried.
+# nearly all of the 47 shipped effects are tried.
 suspects = ["steering_delay", "steering_lag", "yaw_rate_scale", "tyre_relaxation", "steering_ratio", "mass_change"]
 gap = gb.diagnose("lateral", lap, vehicle="full_size_car", held_out=other, effects=suspects)
 print(gap.summary())
 
 # %%
-# Three of the four are named, with intervals that hold the truth. The steering ratio is not named: tyres within
-# the tolerances of the vehicle file explain nearly all of its influence on this lap. The number of named effects has no
-# limit.
+# Three of the four are named, with intervals that contain the true values. The steering ratio is not named: changes of
+# the tyres within the tolerances of the vehicle file explain nearly all of its influence on this lap. The number of
+# effects that may be named has no limit.
 gap.plot()

@@ -2,7 +2,8 @@
 The next manoeuvre
 ==================
 
-A fit shows which parameters are uncertain. A designed manoeuvre makes them more certain, within a given arena.
+A fit shows which parameters are uncertain. A manoeuvre that is designed for a given arena
+reduces this uncertainty.
 """
 
 import matplotlib.pyplot as plt
@@ -11,7 +12,7 @@ import numpy as np
 import greybox_id as gb
 
 # %%
-# A gentle drive of eight seconds: it has little information on the yaw inertia and the friction of the tyres.
+# A gentle drive of eight seconds: it contains little information on the yaw inertia and the friction of the tyres.
 car = gb.models.single_track(vehicle="simrod")
 time = np.arange(0.0, 8.0, 0.02)
 commands = {"steer": 0.015 * np.sin(0.9 * time), "ax_cmd": 0.6 + 0.9 * np.sin(0.4 * time)}
@@ -24,7 +25,8 @@ fit = gb.fit("single_track", drive, vehicle="simrod")
 fit.conf_int().loc[["I_z", "D_f"]]
 
 # %%
-# Eight seconds on a road of 300 by 30 metres. The table has the standard deviations before and after the manoeuvre.
+# A manoeuvre of eight seconds on a road of 300 by 30 metres. The table states the standard deviations before and after
+# it.
 plan = gb.design(
     fit, "precision", arena="straight:300x30", parameters=["I_z", "D_f"], duration=8.0, rate=20.0, effort=0.2
 )

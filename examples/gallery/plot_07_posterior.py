@@ -2,7 +2,8 @@
 The posterior of a fit
 ======================
 
-Intervals of a fit assume that its errors are linear in the parameters. Draws of the posterior show where they are not.
+The intervals of a fit assume that its residuals are linear in the parameters. Draws of the posterior show where this
+assumption fails.
 """
 
 import matplotlib.pyplot as plt
@@ -19,8 +20,8 @@ posterior = gb.sample(fit, method="laplace", draws=1000, seed=0)
 print(posterior.summary())
 
 # %%
-# The steering's dead time: draws, and the interval of the fit. The interval is wider, as it allows for
-# errors of the equations; the posterior assumes that they are true.
+# The steering's dead time: draws of the posterior, and the interval of the fit. The interval is wider, since it allows
+# for errors of the equations; the posterior assumes that the equations are exact.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 ax.axvspan(*fit.conf_int().loc["steering_delay"], color="#f8dcc4", label="95 % interval of the fit")
 draws, weight = posterior.frame["steering_delay"], posterior.frame["weight"]
@@ -29,5 +30,6 @@ ax.set(title="Steering delay of the 1:10 car", xlabel="steering delay [s]", ylab
 ax.legend()
 
 # %%
-# Pairs of parameters: narrow and slanted means identifiable only in combination.
+# The draws over pairs of parameters: if they form a narrow, slanted band, the two parameters are identifiable only in
+# combination.
 posterior.corner()

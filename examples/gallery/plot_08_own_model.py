@@ -32,7 +32,7 @@ pendulum = gb.models.MotionModel(
 )
 
 # %%
-# A recording of a pendulum of 0.8 m, 0.5 kg m² and 0.05 N m s/rad, with an encoder that scatters by 5 mrad.
+# A recording of a pendulum of 0.8 m, 0.5 kg m² and 0.05 N m s/rad, whose encoder has noise of 5 mrad.
 time = np.arange(0.0, 20.0, 0.02)
 torque = np.sign(np.sin(1.3 * time)) * np.sin(0.4 * time)
 given = gb.Recording("swing", time, {"torque": torque}, extra_units={"torque": "N m"})

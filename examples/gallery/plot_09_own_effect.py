@@ -2,8 +2,8 @@
 An effect of your own
 =====================
 
-Steering that has less effect at higher speed: a name, a magnitude, and what it alters. It can be
-added to any model that has the signal.
+An effect is a name, a magnitude, and a rule for what it alters. Here, steering loses influence at higher speed. Such an
+effect can be added to any model that has the altered signal.
 """
 
 import matplotlib.pyplot as plt
@@ -24,7 +24,8 @@ soft_steering = gb.effects.alteration(
 )
 
 # %%
-# A car with tyres is steered slowly at 6 to 26 m/s, so the recordings contain information on an effect of the speed.
+# A car with tyres is steered slowly at 6 to 26 m/s, so the recordings contain information on an effect that
+# depends on speed.
 car = gb.models.lateral(tyre="linear", vehicle="full_size_car")
 
 
@@ -40,7 +41,7 @@ def driven(name, rate, seed):
 lap, other = driven("lap", 0.5, 0), driven("other", 0.7, 1)
 
 # %%
-# The model has geometry only. It is fitted once without and once with the effect.
+# The model contains only the geometry of the car. It is fitted once without and once with the effect.
 rigid = gb.models.kinematic(understeer=False, vehicle="full_size_car")
 fits = {
     name: gb.fit(model, lap, validation=other)
@@ -49,13 +50,13 @@ fits = {
 print(fits["soft"].conf_int().loc["soft_steering"])
 
 # %%
-# The interval holds the true value, which is the understeer gradient that the car's tyres give:
+# The interval contains the true value, which is the understeer gradient that the car's tyres give:
 p = {parameter.name: float(parameter.value) for parameter in car.parameters}
 balance = p["l_r"] * p["C_alpha_r"] - p["l_f"] * p["C_alpha_f"]
 print(f"{p['m'] * balance / ((p['l_f'] + p['l_r']) ** 2 * p['C_alpha_f'] * p['C_alpha_r']):.2e} s²/m²")
 
 # %%
-# The error on the recording that neither fit has seen falls to the noise:
+# On the recording that was used in neither fit, the effect reduces the error to the noise:
 errors = {name: fit.metrics["validate"]["free run"]["yaw_rate"]["rmse"] for name, fit in fits.items()}
 figure, axis = plt.subplots(figsize=(5, 2.5), layout="constrained")
 axis.barh(list(errors), list(errors.values()), color="#0072b2")

@@ -1,9 +1,10 @@
 """
-CasADi's sysid.py beside ours
-=============================
+CasADi's sysid.py and gb.fit compared
+=====================================
 
-Two programs estimate the parameters of an axis from the same rows and the same start: multiple shooting with Ipopt, as
-in CasADi's example ``sysid.py``, and ``gb.fit``. What the library adds to the estimate is its uncertainty.
+Two programs estimate the parameters of a servo axis from the same samples and the same starting values: multiple
+shooting with Ipopt, as in CasADi's example ``sysid.py``, and ``gb.fit``. Only ``gb.fit`` also estimates the
+uncertainty.
 """
 
 import inspect
@@ -18,17 +19,17 @@ from greybox_lab.papers.emps import TRUTH, made
 from greybox_lab.papers.equations import servo_axis
 
 # %%
-# A servo axis with friction: position and force, ten seconds at 200 Hz.
+# The recording of a servo axis with friction: position and force, ten seconds at 200 Hz.
 table = made(1).iloc[:2000]
 rows = [table[name].to_numpy() for name in ("time", "force", "position")]
 start = np.array([float(servo_axis()[name].array) for name in TRUTH])
 
 # %%
-# The program written by hand, 20 lines beside the equations:
+# The program written by hand, 20 lines in addition to the equations:
 print(inspect.getsource(peers.by_casadi))
 
 # %%
-# CPU seconds of both.
+# The CPU times of both programs, and their estimates.
 begun = clock.process_time()
 by_hand = peers.by_casadi(*rows, start)
 middle = clock.process_time()
@@ -43,6 +44,6 @@ pd.DataFrame(
 ).round(2)
 
 # %%
-# Only the fit says how uncertain its estimates are.
+# Only ``gb.fit`` states how uncertain its estimates are.
 fit.plot.parameters()
 fit.conf_int().round(1)

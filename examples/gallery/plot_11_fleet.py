@@ -35,7 +35,8 @@ for vehicle, inertia in {"V0": 2274.0, "V1": 2729.0}.items():
         table.to_csv(file, index=False)
 
 # %%
-# A file says what is done with each recording; ``greybox fleet run fleet.toml --out results`` does the same.
+# A file states what is done with each recording. The command ``greybox fleet run fleet.toml --out results`` does the
+# same as this call of ``fleet.run``.
 (folder / "fleet.toml").write_text(
     """recordings = "data/{vehicle}/*.csv"
 vehicle = "full_size_car"
@@ -53,15 +54,15 @@ estimates = pd.read_parquet(folder / "results" / "parameters")
 estimates.query("name == 'I_z'")[["vehicle", "value", "sd", "low", "high"]].round(0)
 
 # %%
-# Estimates of the fleet, and the distance of each vehicle from it.
+# The estimate of each vehicle, from all recordings of the fleet.
 fleet.estimate(folder / "results")
 vehicles = pd.read_parquet(folder / "results" / "vehicles").query("name == 'I_z'")
 vehicles[["vehicle", "recordings", "value", "low", "high"]].round(0)
 
 # %%
-# The estimate from each recording, and that of each vehicle from all its recordings, with 95 % intervals. Every single
-# fit is pulled towards its priors, the numbers of the vehicle file; the estimates of the vehicles do not contain these
-# priors.
+# The estimate from each single recording, and that of each vehicle from all its recordings, with 95 % intervals. Every
+# single fit is pulled towards its priors, the numbers of the vehicle file; the estimates of the vehicles do not contain
+# these priors.
 fig, ax = plt.subplots(figsize=(6.4, 3.0), layout="constrained")
 each = estimates.query("name == 'I_z'")
 place = {"V0": 0.0, "V1": 1.0}

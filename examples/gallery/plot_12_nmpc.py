@@ -2,8 +2,8 @@
 A predictive controller closes the loop
 =======================================
 
-If a controller ignores a delay, it steers too late, and the car oscillates about the path. The same controller on the
-closed model, exported to CasADi, takes the delay into account.
+If a controller ignores the delay of the steering, it steers too late, and the car oscillates about the path. The same
+controller with the closed model, which contains the delay, takes it into account. The model is exported to CasADi.
 """
 
 import importlib.util
@@ -40,7 +40,8 @@ def path(time):
 
 
 # %%
-# The controller: a target position for every step ahead, gentle commands, and a queue of delayed commands.
+# The controller minimises the deviations from the path at all steps ahead and the changes of the command. It has a
+# queue of the commands that do not act yet.
 def controller(on_their_way):
     """What to steer, from the state, the commands on their way and the path ahead."""
     opti = cs.Opti()
@@ -72,7 +73,7 @@ def driven(known):
 
 
 # %%
-# Both drives, and how far each is from the path.
+# Both drives, and the distance of each from the path.
 time = STEP * np.arange(1, 141)
 figure, (place, off) = plt.subplots(2, 1, figsize=(7, 4.4), sharex=True, layout="constrained")
 place.plot(time, path(time), "k--", linewidth=1, label="path")
