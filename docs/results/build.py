@@ -24,17 +24,17 @@ HERE = Path(__file__).parent
 HEADS = {
     "results": """# Results
 
-This page shows what was measured, and the commands that measure it again. The line below a table gives date, version,
-seed and number of cases (n). `DIR` is the folder of recordings by others (`greybox datasets list`). CPU seconds are
-those of one core at 3.1 GHz. Bars that were missed are marked. The [decision notes](decisions/README.md) say what was
-tried and failed.
+This page shows what was measured, and the commands that repeat the measurement. The line below a table gives date,
+version, seed and number of cases (n). `DIR` is the folder with the recordings of other authors (`greybox datasets
+list`). CPU seconds are those of one core at 3.1 GHz. A bar is a requirement that was set for a figure; bars that were
+missed are marked. The [decision notes](decisions/README.md) say what was tried without success.
 
 This page is about the diagnosis. Other pages: [recordings of others](results_recordings.md), [intervals, verdicts and
 designed manoeuvres](results_uncertainty.md), [speed, sizes and damage](results_speed.md).
 """,
     "results_recordings": """# Results on recordings of others
 
-Data and baselines on this page were published by others. [Results](results.md) says how to read the tables.
+The data and baselines on this page were published by other authors. [Results](results.md) says how to read the tables.
 """,
     "results_uncertainty": """# Results: intervals, verdicts, designed manoeuvres
 
