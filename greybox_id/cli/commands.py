@@ -125,14 +125,17 @@ GROUPS: Groups = {
         "simulate": ("greybox_id.cli.predict", "Simulate a fit or a model freely on a recording's inputs."),
         "grid": ("greybox_id.cli.grid", "Fit many structures of a model with memory, and choose one."),
         "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a changed car with a few seconds of its data."),
-        "report": ("greybox_id.cli.report", "Write a report with figures of a fit, a gap or a track."),
+        "report": (
+            "greybox_id.cli.report",
+            "Write a report with figures on a fit, a gap or the estimates of a filter.",
+        ),
     },
     "Gap": {
         "gap": ("greybox_id.cli.gap", "Say where a simulation deviates from the vehicle, and why."),
         "design": ("greybox_id.cli.design", "Design the most informative next manoeuvre."),
     },
     "Estimate": {
-        "track": ("greybox_id.cli.track", "Track sideslip, tyre parameters and forces along a recording."),
+        "track": ("greybox_id.cli.track", "Estimate sideslip, tyre parameters and forces over a recording."),
     },
     "Deploy": {
         "export": ("greybox_id.cli.export", "Write a model for a controller: C, CasADi, acados, ONNX, f1tenth."),

@@ -29,7 +29,7 @@ def datasets() -> None:
 def list_command(
     as_json: bool = JSON,
 ) -> None:
-    """List what can be fetched and made, with source and licence.
+    """List the recordings that can be fetched or made, with source and licence.
 
     \b
     greybox datasets list
@@ -80,7 +80,7 @@ def fetch_command(
 @command("make", of=datasets)
 def make_command(
     name: str = argument("NAME", shell_complete=names(made)),
-    out: str = option("Where to.", "FOLDER", default="."),
+    out: str = option("Folder to write.", "FOLDER", default="."),
     seed: int | None = option("Seed of all random numbers.", type=FROM_ZERO),
     as_json: bool = JSON,
 ) -> None:

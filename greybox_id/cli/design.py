@@ -32,7 +32,9 @@ def design(
     limits: str | None = option("TOML file of limits, such as steer_max, speed_max, sideslip_max.", "FILE", type=FILE),
     vehicle: str | None = option("Vehicle whose steer_max is the limit, unless LIMITS states one.", "NAME|FILE"),
     speed_max: float | None = option("Highest speed that is allowed.", "M/S"),
-    grip: float | None = option("Largest share of an axle's friction to use; default: 0.85.", "SHARE"),
+    grip: float | None = option(
+        "Largest share of an axle's friction that the manoeuvre may use; default: 0.85.", "SHARE"
+    ),
     repeat: int = option("How many times the manoeuvre will be driven.", default=1),
     driver: bool = option(
         "Whether a driver corrects speed and path, or the planned commands are sent unchanged.",
@@ -40,7 +42,7 @@ def design(
         default=True,
         show_default=True,
     ),
-    effort: float = option("Time to spend on the search: 2 is twice the usual.", default=1.0),
+    effort: float = option("Factor on the time of the search for a manoeuvre: 2 is twice the usual time.", default=1.0),
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     out: str = option("Folder for plan.csv, plan.svg, design.json.", "FOLDER", default="design"),
     as_json: bool = JSON_AND_OWN,

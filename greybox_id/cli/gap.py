@@ -167,7 +167,9 @@ def show_changed(out: Console, changed: Changed) -> None:
         still = [unchanged_words(item["effect"], item["within"]) for item in changed.not_changed]
         out.print(led("Same", f"within two standard deviations: {listed(still)}"))
     if changed.not_seen:
-        out.print(led("Unknown", f"a usual change is below the detection limit: {listed(changed.not_seen)}"))
+        out.print(
+            led("Unknown", f"a change of usual size would be below the detection limit: {listed(changed.not_seen)}")
+        )
     out.print(led("Left", gap.unknown or "nothing is left unexplained"))
 
 
@@ -182,7 +184,7 @@ def what_would_show(
 ) -> None:
     """Print from which size on changes would show on one more recording like those from before."""
     if recordings or not since:
-        raise BadInput("--sensitivity needs recordings from before, named with --since, and no others.")
+        raise BadInput("--sensitivity needs recordings from before the change, named with --since, and no others.")
     simulation, stated = _simulation(vehicle, fit_file, model)
     before = [read_part(file, columns or "canonical") for file in since]
     with progress() as say:
@@ -262,7 +264,7 @@ def gap(
     as_json: bool = JSON_AND_OWN,
 ) -> None:
     """Say where the simulation of each RECORDING deviates from the vehicle, which effects cause this, and how much of
-    the gap closes with them.
+    the gap these effects close.
 
     \b
     greybox gap lap7.csv --vehicle car.toml --held-out lap8.csv

@@ -14,7 +14,7 @@ def grid(
     name: str = argument("MODEL", shell_complete=names(MODEL_NAMES)),
     file: str = argument("RECORDING", type=FILE),
     settings: Sequence[str] = option(
-        "A setting and its values: n_delta=5,6,7, n_x=1:4 (both included), or one value for all.",
+        "A setting and its values: n_delta=5,6,7, n_x=1:4 (1 and 4 included), or one value for all structures.",
         "NAME=VALUES",
         name="--set",
     ),

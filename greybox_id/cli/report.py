@@ -19,13 +19,13 @@ def report(
     kind: Literal["pdf", "html"] | None = option(
         "Format of the report; default: that of the suffix of --out, else pdf.", name="--format"
     ),
-    out: str | None = option("File to write; default: beside the first file.", "FILE"),
+    out: str | None = option("File to write; default: next to the first file.", "FILE"),
     posterior: str | None = option("Draws of greybox sample for one FIT: adds bands and a corner plot.", "FILE"),
     figures: str | None = option("Also write the figures to this folder, as SVG.", "FOLDER"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Write a report of a FIT (fit.json), of a GAP (gap.json of greybox gap --out) or of a TRACK (the .json beside the
-    table of greybox track); or compare several FITs.
+    """Write a report of a FIT (fit.json), of a GAP (gap.json of greybox gap --out) or of a TRACK (the .json
+    that greybox track writes next to its table); or compare several FITs.
 
     \b
     greybox report run/fit.json

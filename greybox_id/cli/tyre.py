@@ -43,14 +43,16 @@ def fit_tyre_command(files: Sequence[str], out: str | None, as_json: bool) -> No
 
 def _show(fit: TyreFit, target: Path) -> None:
     screen = console()
-    share = f"{100 * fit.explained:.1f} % of the side force's variance explained, RMSE {number(fit.rmse, 3)} N"
+    share = f"explains {100 * fit.explained:.1f} % of the variance of the side force, RMSE {number(fit.rmse, 3)} N"
     word = "usable as a prior" if fit.usable else "not usable"
     screen.print(Text(f"verdict  {word}: {share}", style="bold"))
     screen.print(
         f"         valid up to slip angles of {number(fit.largest_slip, 2)} rad; at larger ones the formula "
         "extrapolates"
     )
-    screen.print(f"data     {fit.rows} rows used; {fit.left_out} rows left out (another camber, or no number)")
+    screen.print(
+        f"data     {fit.rows} rows used; {fit.left_out} rows left out (another camber angle, or missing values)"
+    )
     for note in fit.notes:
         screen.print(f"         {note}")
     table = plain_table("coefficient", "estimate", "sd")
@@ -65,14 +67,14 @@ def _show(fit: TyreFit, target: Path) -> None:
         screen.print(table)
     if len(fit.bands) > 1:
         screen.print(
-            f"spread   between temperatures and pressures: friction ± {100 * fit.friction_spread:.1f} %, cornering "
+            f"spread   over temperatures and pressures: friction ± {100 * fit.friction_spread:.1f} %, cornering "
             f"stiffness ± {100 * fit.stiffness_spread:.1f} %"
         )
     else:
-        screen.print("spread   unknown: no column of temperature or pressure varies")
+        screen.print("spread   not known over temperature and pressure: no column of either varies")
     screen.print(
         f'\nwritten  {target}   in a vehicle file: tyre_file = "{target}"; '
-        "take the friction of a road as that of the rig ± 30 %"
+        "on a road, assume the friction of the rig ± 30 %"
     )
 
 

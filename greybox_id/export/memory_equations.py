@@ -118,7 +118,7 @@ class MemoryEquations:
             for k in range(count)
         ]
         actuators = [
-            Named(f"{item.signal}_actuator_{k}", unit_of(item.signal), f"state of what stands before {item.signal}")
+            Named(f"{item.signal}_actuator_{k}", unit_of(item.signal), f"state of the actuator of {item.signal}")
             for k, item in enumerate(self.model.actuators)
         ]
         past = [
@@ -182,7 +182,11 @@ def shifts_left_out(subject: Subject) -> list[str]:
     if isinstance(equations, MemoryEquations):  # they are in its windows
         return []
     result = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
-    return [f"The functions do not include: {result}. Pass the command that acts at that time."] if result else []
+    return (
+        [f"The functions do not include: {result}. Pass the command that acts at the time of the step."]
+        if result
+        else []
+    )
 
 
 def _about(name: str) -> str:

@@ -81,7 +81,7 @@ def cautions(subject: Subject) -> list[str]:
         )
     open_keys = [origin.key for origin in origins(subject) if origin.why and origin.file == VEHICLE]
     if open_keys:
-        result.append(f"Not known of this vehicle, left at Autoware's defaults in {VEHICLE}: {', '.join(open_keys)}.")
+        result.append(f"Not known for this vehicle, so {VEHICLE} holds Autoware's defaults: {', '.join(open_keys)}.")
     return result
 
 
@@ -90,7 +90,7 @@ def _origin(subject: Subject, file: str, entry: AutowareEntry) -> KeyOrigin:
         return KeyOrigin(file, entry.key, entry.value, behind=entry.behind)
     if entry.key in _BY_EFFECT and entry.behind:
         return KeyOrigin(file, entry.key, _plain(entry.default), why=f"the model has no {entry.behind}")
-    why = f"{entry.behind} is not stated" if entry.behind else "no parameter or effect says it"
+    why = f"{entry.behind} is not stated" if entry.behind else "no parameter or effect gives this value"
     return KeyOrigin(file, entry.key, _plain(entry.default), why=why)
 
 
@@ -139,8 +139,8 @@ def _simulator(subject: Subject) -> list[AutowareEntry]:
         by("steer_time_constant", 0.27, "s"),
         by("steer_dead_band", 0.0, "rad, half width"),
         bias,
-        by("debug_acc_scaling_factor", 1.0, "acceleration over what is commanded"),
-        by("debug_steer_scaling_factor", 1.0, "steering over what is commanded"),
+        by("debug_acc_scaling_factor", 1.0, "ratio of the acceleration to the commanded one"),
+        by("debug_steer_scaling_factor", 1.0, "ratio of the steering angle to the commanded one"),
         AutowareEntry("x_stddev", 0.0001, "m, for the covariance of the pose"),
         AutowareEntry("y_stddev", 0.0001, "m, for the covariance of the pose"),
     ]  # fmt: skip

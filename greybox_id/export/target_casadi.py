@@ -99,8 +99,8 @@ def _time(equations: Equations | MemoryEquations) -> str:
     shifted = (*equations.delayed, *equations.late)
     stated = f" Those of this model: {', '.join(shifted)}." if shifted else ""
     return (
-        "Inputs are held over a step. Delays of inputs (DELAYED) and latencies of readings (LATE), s by delays(p) "
-        f"and\nlatencies(p), are not in these functions: pass the command that acts.{stated}"
+        "Inputs are held over a step. Delays of inputs (DELAYED) and latencies of readings (LATE) are not in these\n"
+        f"functions; delays(p) and latencies(p) give them in s. Pass the command that acts.{stated}"
     )
 
 

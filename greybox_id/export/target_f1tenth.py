@@ -24,8 +24,8 @@ GYM_HOLDS = (*HELD, "longitudinal_load_transfer", "steering_rate_limit", "motor_
 STACK_HOLDS = (*GYM_HOLDS, "steering_lag")
 SERVO = {
     "C_d": "servo position per steering angle, 1/rad", "C_0d": "servo position at no steering",
-    "C_v": "erpm per speed, s/m", "C_0v": "erpm at rest", "C_acc": "A per acceleration", "C_dec": "A per deceleration",
-    "C_R": "A per speed, against drag",
+    "C_v": "erpm per speed, s/m", "C_0v": "erpm at rest", "C_acc": "motor current per acceleration, A s^2/m",
+    "C_dec": "motor current per deceleration, A s^2/m", "C_R": "motor current per speed, against drag, A s/m",
 }  # fmt: skip
 """What the race stack asks of a car's electronics, which no model of motion knows."""
 
@@ -74,10 +74,12 @@ def cautions(subject: Subject) -> list[str]:
     result.append("f1tenth_gym's tyres are linear: its file holds their slope at small slips, and mu only scales it.")
     unknown = [line.key for line in _gym(subject, numbers) if line.value is None]
     if unknown:
-        result.append(f"Not known of this vehicle, to be filled in for f1tenth_gym: {', '.join(unknown)}.")
+        result.append(f"Not known for this vehicle, to be filled in for f1tenth_gym: {', '.join(unknown)}.")
     borrowed = [line.key for line in _gym(subject, numbers) if line.about.endswith(_BORROWED)]
     if borrowed:
-        result.append(f"Not known of this vehicle, taken from f1tenth_gym's 1:10 car: {', '.join(borrowed)}.")
+        result.append(
+            f"Not known for this vehicle, so the values of f1tenth_gym's 1:10 car are used: {', '.join(borrowed)}."
+        )
     return result
 
 
@@ -123,11 +125,11 @@ def _model_file(subject: Subject, numbers: SingleTrack, car: str, tyre: str) -> 
     axles = {"f": (numbers.front, "front"), "r": (numbers.rear, "rear")}
     tyres = [
         Line(f"C_P{suffix}", axle.pacejka, f"B [1/rad], C, D, E, {where}") if tyre == "pacejka"
-        else Line(f"C_S{suffix}", _stiffness(axle, mu), f"1/rad, cornering stiffness over mu and load, {where}")
+        else Line(f"C_S{suffix}", _stiffness(axle, mu), f"1/rad, cornering stiffness divided by mu and load, {where}")
         for suffix, (axle, where) in axles.items()
     ]  # fmt: skip
     return [
-        Line("model_name", car, "as the file is called"),
+        Line("model_name", car, "car name, as in the name of the file"),
         Line("tire_model", tyre, "pacejka or linear"),
         Line("m", numbers.m, "kg"),
         Line("I_z", numbers.I_z, "kg m^2"),

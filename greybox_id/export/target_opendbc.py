@@ -55,7 +55,7 @@ def origins(subject: Subject) -> list[KeyOrigin]:
             None,
             why="ratio of steering-wheel to road-wheel angle; the model's input is the road-wheel angle",
         ),
-        KeyOrigin(file, "steerLimitTimer", None, why="s; no parameter or effect says it"),
+        KeyOrigin(file, "steerLimitTimer", None, why="s; no parameter or effect gives this value"),
     ]
 
 

@@ -48,7 +48,7 @@ def cautions(subject: Subject) -> list[str]:
     result = [f"Tyre files cannot hold {', '.join(lost)}."] if lost else []
     result += without_form_error(subject)
     result.append(
-        "Longitudinal and combined slip have the lateral curve's coefficients: nothing else is known of them."
+        "Longitudinal and combined slip have the coefficients of the lateral curve: nothing else is known of them."
     )
     return result
 
@@ -94,8 +94,8 @@ def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
     weight = _with(subject, "m, l_f, l_r: half of the axle's static load", "mass_change", "cog_shift")
     R = RADIUS if radius is None else radius
     sized = {"behind": "wheel_radius"} if radius is not None else {"why": NOT_KNOWN}
-    none = {"why": "no parameter or effect of the model says it"}
-    isotropic = "; isotropic, that of the lateral curve"
+    none = {"why": "no parameter or effect of the model gives this value"}
+    isotropic, with_load = "; isotropic, that of the lateral curve", "change of friction with load"
     steepest = -B * C * D / sin(2 * atan(1 / BEYOND_LOAD))
     grows = "far: the model's stiffness grows with load"
     length = {"behind": "tyre_relaxation"} if relaxation else {"why": "the model's tyres do not relax"}
@@ -119,18 +119,18 @@ def _lines(subject: Subject, axle: Axle, suffix: str) -> list[TirKey]:
         *(TirKey("SCALING_COEFFICIENTS", key, 1.0, "", **none) for key in SCALES),
         TirKey("LONGITUDINAL_COEFFICIENTS", "PCX1", C, f"shape{isotropic}", f"C_{suffix}"),
         TirKey("LONGITUDINAL_COEFFICIENTS", "PDX1", D, f"friction{isotropic}", peak),
-        TirKey("LONGITUDINAL_COEFFICIENTS", "PDX2", 0.0 - sensitivity * D, f"with load{isotropic}", "load_sensitivity"),
+        TirKey("LONGITUDINAL_COEFFICIENTS", "PDX2", 0.0 - sensitivity * D, with_load + isotropic, "load_sensitivity"),
         TirKey("LONGITUDINAL_COEFFICIENTS", "PEX1", E, f"curvature{isotropic}", f"E_{suffix}"),
-        TirKey("LONGITUDINAL_COEFFICIENTS", "PKX1", B * C * D, f"slip stiffness over load{isotropic}", slope),
+        TirKey("LONGITUDINAL_COEFFICIENTS", "PKX1", B * C * D, f"slip stiffness / load{isotropic}", slope),
         TirKey("LATERAL_COEFFICIENTS", "PCY1", C, "shape", f"C_{suffix}"),
         TirKey("LATERAL_COEFFICIENTS", "PDY1", D, "friction at the nominal load", peak),
-        TirKey("LATERAL_COEFFICIENTS", "PDY2", 0.0 - sensitivity * D, "friction with load", "load_sensitivity"),
+        TirKey("LATERAL_COEFFICIENTS", "PDY2", 0.0 - sensitivity * D, with_load, "load_sensitivity"),
         TirKey("LATERAL_COEFFICIENTS", "PEY1", E, "curvature", f"E_{suffix}"),
-        TirKey("LATERAL_COEFFICIENTS", "PKY1", steepest, "largest cornering stiffness over nominal load", slope),
-        TirKey("LATERAL_COEFFICIENTS", "PKY2", BEYOND_LOAD, "its load over the nominal one", why=grows),
+        TirKey("LATERAL_COEFFICIENTS", "PKY1", steepest, "largest cornering stiffness / nominal load", slope),
+        TirKey("LATERAL_COEFFICIENTS", "PKY2", BEYOND_LOAD, "load of that stiffness / nominal load", why=grows),
         TirKey("LATERAL_COEFFICIENTS", "PHY1", shift_h, "rad, horizontal shift", f"S_h_{suffix}"),
         TirKey("LATERAL_COEFFICIENTS", "PVY1", 0.0 - shift_v, "vertical shift", f"S_v_{suffix}"),
-        TirKey("LATERAL_COEFFICIENTS", "PTY1", relaxation / R, "relaxation length over radius", **length),
+        TirKey("LATERAL_COEFFICIENTS", "PTY1", relaxation / R, "relaxation length / radius", **length),
         TirKey("LATERAL_COEFFICIENTS", "PTY2", 1.0, "load of the longest relaxation length", **none),
     ]  # fmt: skip
 

@@ -68,7 +68,7 @@ def _must_be_replaceable(folder: Path, becomes: str) -> None:
     if one:
         raise BadInput(
             f"{folder} holds {', '.join(sorted(one)[:3])}, which the export there did not write or which was changed "
-            "since; it would be lost. Name another place with ‹out›, or move it away."
+            "since. A new export would delete this. Name another place with ‹out›, or move it away."
         )
     permit_folder(folder, _words(body), becomes)
 
@@ -115,8 +115,8 @@ a function `origins`, what is behind each of their keys.
 
 
 REFUSED = {
-    "mjcf": "MuJoCo knows Coulomb's friction in contacts and no slip curve: what was identified of the tyres would be "
-    "lost. Export as fmu or as c, and step that beside MuJoCo.",
+    "mjcf": "MuJoCo models Coulomb friction in contacts and no slip curve, so the identified tyres would be lost. "
+    "Export as fmu or as c, and simulate that model together with MuJoCo.",
 }
 """Targets that are asked for and would not hold what matters: why, and what to do."""
 

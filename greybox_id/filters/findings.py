@@ -237,7 +237,7 @@ def only_over_mass(model: MotionModel) -> list[str]:
     over = [combination.name for combination in model.combinations if combination.name.endswith("/ m")]
     if "m" not in model or not over:
         return []
-    how = "was fixed" if model["m"].fixed else "is its prior"
+    how = "was fixed" if model["m"].fixed else "comes from its prior"
     return [
         f"Calibrated: {', '.join(over)}. Readings of motion determine the ratios of stiffness and inertia to mass, "
         "not the mass itself; m = "

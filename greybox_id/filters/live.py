@@ -299,8 +299,8 @@ def _live(tracker: Tracker, hold: str) -> LiveFilter:
     lacking = [f"noise_{name}" for name in tracker.readings if f"noise_{name}" not in stated]
     if lacking:
         raise BadInput(
-            f"How noisy readings are must be stated to follow a vehicle: {', '.join(lacking)} (‹noise› NAME=SIZE, or "
-            "track a recording once, ‹apply› FILE, and take that FILE as ‹vehicle›)."
+            f"To follow a vehicle, the noise of its readings must be stated: {', '.join(lacking)}. State it with "
+            "‹noise› NAME=SIZE; or track a recording once with ‹apply› FILE, and name that FILE as ‹vehicle›."
         )
     levels = start_levels(tracker.space, {}, tracker.readings, stated)
     p = np.concatenate([tracker.space.model.values, levels.values])

@@ -257,7 +257,7 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
         "",
     )
     if scaled:
-        factor = Parameter(scaled, "1", 1.0, (1e-3, 1e3), about=f"{name} over its nominal value")
+        factor = Parameter(scaled, "1", 1.0, (1e-3, 1e3), about=f"ratio of {name} to its nominal value")
         return model.with_parameters(factor).altered(**{scaled: _scaling(scaled)}), scaled
     if name in model.inputs:
         signals = model.aliases.get(name, (name,))
@@ -267,7 +267,7 @@ def _found(model: MotionModel, name: str, effects: Mapping[str, Effect]) -> tupl
             return _found(free, same, effects)
         return free.with_parameters(Parameter(name, unit_of(signals[0]), 0.0)).altered(**{name: _given(name)}), name
     if name in model.quantities:
-        parameter = Parameter(name, unit_of_quantity(name), 0.0, about="in place of what the equations say")
+        parameter = Parameter(name, unit_of_quantity(name), 0.0, about="in place of its equation")
         return model.with_parameters(parameter).altered(**{name: _given(name)}), name
     if name in effects and effects[name].concerns(model):
         return model + effects[name], effects[name].parameter.name

@@ -177,7 +177,7 @@ def _restless(track: Track) -> Iterator[Reason]:
         yield Reason(
             WITH_CARE,
             f"{name} is tuned to change by {100 * most:.0f} % in a minute, more than tyres do: the model lacks an "
-            "effect, or the vehicle is not the one stated, and sideslip may be far off. Check the vehicle's "
+            "effect, or the vehicle is not the one stated, so sideslip may be far off. Check the vehicle's "
             "wheelbase and steering ratio, or fit it first.",
         )
 
@@ -209,12 +209,12 @@ def of_innovations(
 
 
 def _channel(name: str, value: Consistency, share: float, widened: float) -> Iterator[Reason]:
-    bands = f"bands were widened {number(widened, 2)} times" if widened > 1.0 else "bands are too narrow"
+    bands = f"bands were widened by a factor of {number(widened, 2)}" if widened > 1.0 else "bands are too narrow"
     if share > MOSTLY_LOST:
         yield Reason(
             NOT_USABLE,
             f"{name} is far from what the filter expects for {100 * share:.0f} % of the time: the filter no longer "
-            "follows the vehicle. Check units and signs with greybox data check, and the vehicle's numbers.",
+            "follows the vehicle. Check units and signs (greybox data check) and the vehicle's numbers.",
         )
     elif value.nis > NARROW:
         yield Reason(

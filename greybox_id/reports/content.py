@@ -26,8 +26,8 @@ HEAD = ("parameter", "meaning", "estimate ± sd", "95 % interval", "unit", "prio
 MOST_FILES = 3
 """Files of recordings that a title names."""
 OBJECTIVE = (
-    "The objective is half the sum of squares of residuals and of deviations from the priors, each in its "
-    "standard deviations."
+    "The objective is half the sum of squares of residuals and of deviations from the priors, each divided by its "
+    "standard deviation."
 )
 
 
@@ -152,7 +152,7 @@ def _row(fit: Fit, parameter: Parameter, notes: list[str]) -> tuple[str, ...]:
     low, high = (float(end) for end in fit.interval(parameter.name))
     if parameter.scope == "run" and parameter.name in fit.per_run:
         runs = ", ".join(number(float(value)) for value in np.ravel(fit.per_run[parameter.name]))
-        notes = [*notes, f"one per training run: {runs}; new runs get the estimate"]
+        notes = [*notes, f"estimated for each training run: {runs}; a new run uses the estimate in this row"]
     return (
         parameter.name, parameter.about, with_sd(value, sd), interval(low, high, sd),
         pretty_unit(parameter.unit), "held" if parameter.fixed else _believed(parameter), "; ".join(notes),
@@ -222,11 +222,9 @@ def ipopt_words(stage: Stage) -> str:
         corner = verdict.status.partition("; ")[2]
         return f"Ipopt confirmed the optimum on the same problem{': ' if corner else ''}{corner}"
     better = (
-        f"finding {percent(verdict.gained)} less in the objective"
-        if verdict.gained > NOTHING
-        else "finding nothing better"
+        f"with an objective {percent(verdict.gained)} lower" if verdict.gained > NOTHING else "and found nothing better"
     )
-    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}”, {better}"
+    return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}” {better}"
 
 
 def _starts(stage: Stage) -> str:
@@ -295,7 +293,7 @@ def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawi
             name,
             traces(one, height),
             f"Measured and predicted {outputs} in {where}, and prediction minus measurement below each. The stretch "
-            f"shown is the one of {seconds} whose error is nearest to that of the whole recording{more}.",
+            f"shown lasts {seconds}; its error is nearest to that of the whole recording{more}.",
             f"Time traces of measured and predicted {outputs} with residuals.",
         )
 
@@ -325,7 +323,7 @@ def spectrum_drawing(recordings: Sequence[Seen], heard: Noise | None) -> Drawing
     if heard is None:
         words = "No stretch of the recordings shows the sensors' noise alone, so the noise is not drawn."
     else:
-        caveat = ", where the sensors are not shaken" if heard.where == "at rest" else ""
+        caveat = ", without the vibrations of driving" if heard.where == "at rest" else ""
         words = f"Noise is measured {heard.where}{caveat}, in all recordings of the fit ({heard.seconds:.1f} s)."
     outputs = listed([signal_words(name) for name in one.outputs])
     return Drawing("spectrum", spectrum(one, heard), f"{method} {words}", f"Power spectra of {outputs}.")

@@ -106,7 +106,7 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
         stop = next((end for _, end in recording.runs if end >= MOST_ROWS), len(recording))
         whole = stop == len(recording)
         result = check(recording if whole else recording.rows(0, stop))
-        part = "" if whole else f", looked at up to row {stop}"
+        part = "" if whole else f" (checked up to row {stop})"
         if not result:
             parts.append(Text("nothing noteworthy was found.", lead=f"{recording.name}{part}:"))
             continue

@@ -65,8 +65,8 @@ def network_words(model: HybridModel) -> str:
             else ""
         )
         return (
-            f"z is the output of a feed-forward network of {layers} {units} that reads {network.features} features of "
-            f"states and inputs; its last layer is linear.{mirrored}"
+            f"z is the output of a feed-forward network of {layers} {units}, which reads {network.features} features "
+            f"of states and inputs; its last layer is linear.{mirrored}"
         )
     layers = ", ".join(map(str, network.hidden))
     skip = " and reads the features directly, too" if network.skip else ""
@@ -78,8 +78,8 @@ def network_words(model: HybridModel) -> str:
 
 
 LOSS = (
-    "The objective is half the mean square of the errors over windows, in standard deviations of each output's noise; "
-    "training stopped when held-out manoeuvres were predicted best."
+    "The objective is half the mean square of the errors over windows, each divided by the standard deviation of that "
+    "output's noise. Training stopped when held-out manoeuvres were predicted best."
 )
 
 
@@ -139,9 +139,9 @@ def _against(fit: Fit) -> str:
         for name, e in value.items()
         if name in trained and trained[name]["rmse"] > 0
     ]
-    against = f"Its error, relative to the noise of the readings, is {listed(beside) or 'not known'}"
+    against = f"The ratio of its error to the noise of the readings is {listed(beside) or 'not known'}"
     if role == "validate":
-        against += f", over that on the training data {listed(grown) or 'not known'}"
+        against += f"; the ratio of its error to that on the training data is {listed(grown) or 'not known'}"
     return f"{against}."
 
 
@@ -149,7 +149,8 @@ def _trained(fit: Fit) -> str:
     stage = fit.stages[-1]
     return (
         f"{capital(ended(stage))}; {counted(len(stage.starts), 'training')} ran, and the best on held-out manoeuvres "
-        "was kept. Single weights have no intervals: trainings from several seeds show the spread."
+        "was kept. Single weights have no intervals: repeat the training with several seeds to see how "
+        "predictions scatter."
     )
 
 

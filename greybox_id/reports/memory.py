@@ -220,7 +220,7 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: 
         f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
         for name, error in fit.metrics[role][main].items()
     ]
-    return f"{text}; {value}, the ratio of its error to that on the training data is {listed(grown)}."
+    return f"{text}; {value}, the ratio of the model's error to its error on the training data is {listed(grown)}."
 
 
 def _factor(value: float, reference: float) -> str:
@@ -290,8 +290,8 @@ def _learned(model: MemoryModel, fit: Fit, drives: Sequence[Seen]) -> tuple[Draw
             "impulse_responses",
             impulse_responses(model, fit),
             "Finite impulse responses: the weight of a sample over its age at the time of the prediction, with a "
-            "band of one standard deviation. Titles give the centre of the local model. A parameter of more than "
-            f"{MOST_PANELS} responses has them in one panel, without bands.",
+            "band of one standard deviation. Titles give the centre of the local model. If a parameter has more "
+            f"than {MOST_PANELS} responses, one panel shows them all, without bands.",
             "Weights of the model's finite impulse responses over age.",
         ),
     )

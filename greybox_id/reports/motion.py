@@ -65,8 +65,9 @@ INTERVALS = (
     "parameter's bounds."
 )
 ERRORS = (
-    "RMSE with its standard error, from blocks of one second, beside that of persistence. Residual sd is the "
-    "standard deviation of the fit's residuals over its horizon: sensor noise and all that the model lacks."
+    "The table gives the RMSE with its standard error, from blocks of one second, and the RMSE of persistence. "
+    "Residual sd is the standard deviation of the fit's residuals over its horizon: sensor noise and all that the "
+    "model lacks."
 )
 EQUATIONS = (
     "Derived from the model, with the added effects. A dot is a time derivative; w is an abbreviation. A prime marks "
@@ -153,7 +154,7 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
     ratios = {name: _ratio(error["rmse"], noise[name]) for name, error in scores[FREE_RUN].items() if name in noise}
-    return f"in free run the error is {_times(ratios, 'the residuals of the fit')}"
+    return "the RMSE of the model in free run is " + _times(ratios, "the standard deviation of the fit's residuals")
 
 
 def _against_training(fit: Fit) -> str:
@@ -184,7 +185,7 @@ def _not_determined(fit: Fit) -> str:
     bound = [p.name for p in free if not p.bounds[0] < float(p.array) < p.bounds[1]]
     result = left_open(fit)
     if result is None:
-        return "how well its parameters are determined is not known, as the fit kept no covariance"
+        return "how well its parameters are determined is not known, because the fit kept no covariance"
     weak = [name for name in result.undetermined if name not in bound]
     pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
@@ -217,8 +218,8 @@ def _provenance(fit: Fit) -> tuple[tuple[str, str], ...]:
     )
     return made_with(
         fit,
-        ("solved over", _horizon(fit)),
-        ("starts of predictions", _starts_from(fit.how)),
+        ("horizon of the fit", _horizon(fit)),
+        ("initial states of predictions", _starts_from(fit.how)),
         *settings,
         ("size", f"{counted(model.size, 'parameter')}, {free} free"),
     )
@@ -282,8 +283,8 @@ def _correlation(fit: Fit) -> Drawing:
         "correlation",
         correlation(fit),
         "Correlations between the estimates, from the fit's covariance, which allows for correlated residuals and "
-        "includes priors. Parameters near +1 or −1 are identifiable only in combination; correlations smaller than "
-        "0.1 are not printed.",
+        "includes priors. Parameters whose correlation is near +1 or −1 are identifiable only in combination; "
+        "correlations smaller than 0.1 are not printed.",
         "Correlations between the estimated parameters, as a lower triangle of coloured cells with numbers.",
     )
 
@@ -353,7 +354,7 @@ def _learned(model: MotionModel, fit: Fit, recordings: Sequence[Driven]) -> tupl
             "holds for the model's steady turns at the typical speed, and is thick where such turns were driven. "
             "Behind it: the density of measured samples at all speeds, transients included. A curve that rises to "
             "the right of zero means understeer.",
-            "Steering angle in addition to that of the curvature, over lateral acceleration.",
+            "Steering angle minus wheelbase times curvature, over lateral acceleration.",
         ),
     )
 

@@ -45,9 +45,9 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     one = shown_first(drives)
     result = predictive_band(fit, posterior, one.recording)
     worst, least = posterior.worst
-    met = f" R-hat is at most {worst:.3f}, and" if np.isfinite(worst) else ""
+    met = f" R-hat is at most {worst:.3f}." if np.isfinite(worst) else ""
     words = (
-        f"{len(posterior)} draws {HOW[posterior.method]}.{met} they are worth at least {least:.0f} independent draws."
+        f"{len(posterior)} draws {HOW[posterior.method]}.{met} Their effective number (ESS) is at least {least:.0f}."
     )
     cautions = posterior.cautions()
     return titled(
@@ -111,7 +111,7 @@ def _bands(fit: Fit, it: PredictiveBand, one: Driven) -> Drawing:
         "bands", bands(fit, it, one.recording, typical_stretch(one)),
         f"Free run of {it.draws} draws over {seconds} of {where}: the mean, and a band in which {100 * it.level:g} % "
         "of the readings are expected. The band follows from the spread of the draws and of the fit's residuals. In "
-        f"the whole recording it holds {held}.",
+        f"the whole recording, the band holds {held}.",
         "Measured signals with the band of predictions.",
     )  # fmt: skip
 

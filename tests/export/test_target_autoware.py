@@ -95,7 +95,7 @@ def test_every_key_says_what_is_behind_it_or_why_it_stands_at_its_default():
     assert {(file, key) for file, keys in SCHEMA.items() for key in keys} == set(found)
     assert found["simulator_model.param.yaml", "steer_time_constant"].behind == "steering_lag"
     assert found["simulator_model.param.yaml", "steer_time_delay"].why == "the model has no steering_delay"
-    assert found["vehicle_info.param.yaml", "wheel_width"].why == "no parameter or effect says it"
+    assert found["vehicle_info.param.yaml", "wheel_width"].why == "no parameter or effect gives this value"
     assert all(bool(own.behind) != bool(own.why) for own in found.values())
 
 

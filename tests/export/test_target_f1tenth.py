@@ -135,7 +135,9 @@ def test_what_is_not_known_is_borrowed_for_small_cars_and_said():
     assert set(yaml.safe_load(text)) == GYM_KEYS
     assert "v_max: 20.0  # m/s, speed; value of f1tenth_gym's 1:10 car; not known for this vehicle" in text
     assert "s_max: 0.4  # rad, steering angle\n" in text
-    assert any("taken from f1tenth_gym's 1:10 car: sv_min, sv_max" in sentence for sentence in cautions(meant))
+    assert any(
+        "the values of f1tenth_gym's 1:10 car are used: sv_min, sv_max" in sentence for sentence in cautions(meant)
+    )
 
 
 def test_what_is_not_known_of_a_large_car_is_left_open():

@@ -199,7 +199,7 @@ def test_a_vehicle_that_the_filter_has_lost_gets_the_verdict_of_a_track():
 
 def test_noise_of_readings_must_be_stated():
     out = io.StringIO()
-    with pytest.raises(BadInput, match=r"must be stated to follow a vehicle: noise_a_y \(noise NAME=SIZE"):
+    with pytest.raises(BadInput, match=r"must be stated: noise_a_y\. State it with noise NAME=SIZE"):
         follow(wrong(), (), (), EFFECTS, TrackOptions(noise={"noise_yaw_rate": 0.01}), column_map("canonical"),
                io.StringIO(HEADER + ROW), out)  # fmt: skip
 

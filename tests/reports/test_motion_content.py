@@ -61,7 +61,7 @@ def test_the_verdict_names_free_run_and_half_a_second_with_units(motion_report, 
     assert "rad/s in yaw rate" in good
     assert f"{motion_fit.metrics['validate'][FREE_RUN]['yaw_rate']['rmse']:.5f}" in good
     assert against.startswith("The RMSE of persistence over 0.5 s is")
-    assert "times the residuals of the fit in v_y" in against
+    assert "times the standard deviation of the fit's residuals in v_y" in against
     assert "converged" in sure
     assert "Ipopt confirmed" in sure
     assert "yaw_rate_bias" in sure

@@ -150,7 +150,7 @@ def test_the_report_says_what_was_estimated_and_how_far_to_trust_it(told):
     document = track_report(told)
     said = words_of(document)
     for title in ("Provenance", "What was estimated", "Against what was measured", "standard deviations right", "noise",
-                  "What went in", "Equations of the model", "Limits"):  # fmt: skip
+                  "Signals used", "Equations of the model", "Limits"):  # fmt: skip
         assert title in said
     assert len(document.verdict) == 3
     assert "greybox track lap.csv" in said

@@ -36,9 +36,9 @@ FUNCTIONS: Mapping[str, tuple[str, ...]] = {
 }  # fmt: skip
 """Name in `c_mathematics.c` -> what it needs; those called own_ take the place of the C library's."""
 EXACT = """#if defined(__FAST_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(_M_FP_FAST)
-#error "The tables here need sums taken in the order in which they stand: no -ffast-math, -Ofast or /fp:fast."
+#error "The order of sums must not change: compile without -ffast-math, -Ofast or /fp:fast."
 #elif defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__
-#error "What is not finite has to stay so: no -ffinite-math-only."
+#error "Infinities and NaN must be kept: compile without -ffinite-math-only."
 #endif
 """
 """Stops compilers that were told to compute something else than what is written: results would be off by a factor."""

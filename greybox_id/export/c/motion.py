@@ -174,6 +174,6 @@ class MotionC:
             result.append(function("settled", e.settled, (("x_next", n),), (), about))
         for name, of, signals in (("delays", e.delays, e.delayed), ("latencies", e.latencies, e.late)):
             if signals:
-                about = f"By how many seconds these are late: {', '.join(signals)}."
+                about = f"Delays in seconds, in this order: {', '.join(signals)}."
                 result.append(CFunction(f"{entry}_{name}", of, (p,), (Argument("s", str(len(signals))),), about))
         return [item for item in result if item.name.removeprefix(f"{self.name}_") not in self._left_out]

@@ -24,7 +24,9 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         yield led("chosen", f"{output}: {words}")
     for run, delays in result.delays.items():
         stated = ", ".join(f"{output} {round(1e3 * delay) or 0:+d} ms" for output, delay in delays.items())
-        yield led("timing", f"run {run}: {stated} against the inputs, compared with the fit's training data")
+        yield led(
+            "timing", f"run {run}: delays of readings after inputs, relative to the training data of the fit: {stated}"
+        )
     if result.moved:
         names = [f"{name} ({count})" if count > 1 else name for name, count in list(result.moved.items())[:MOST_MOVED]]
         yield led("moved", f"beyond two of their standard deviations: {', '.join(names)}")
@@ -33,7 +35,7 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         yield led("rest", f"no rows are left after the {result.seconds:g} s of the adaptation, so nothing is scored")
         for output, item in result.in_sample.items():
             unit = pretty_unit(unit_of(output))
-            yield led("", f"{output}, on these seconds themselves: RMSE {number(item['rmse'])} {unit}")
+            yield led("", f"{output}, on the seconds of the adaptation: RMSE {number(item['rmse'])} {unit}")
         return
     ahead = ", 0.5 s ahead" if isinstance(result.fit.model, MotionModel) else ""
     table = plain_table(f"what follows{ahead}", "unit", "as it was", "chosen", "expected, 95 %")

@@ -103,7 +103,7 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         )
         return
     if proposal.time is None and not proposal.rate:
-        screen.print("no column looks like a time; say which one holds it, or how many rows there are a second: --rate")
+        screen.print("no column looks like a time; name the one that holds it, or state the rows per second: --rate")
     if proposal.others:
         screen.print(f"unused: {', '.join(proposal.others)}")
         if proposal.lacking:
@@ -114,13 +114,17 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         )
     if proposal.left_assumed:
         turning = ", ".join(proposal.left_assumed)
-        screen.print(f"nothing in the file tells which way is left: check one turn that you know ({turning})")
+        screen.print(
+            f"nothing in the file shows which way is left: check the signs of {turning} in a turn that you know"
+        )
     for finding in proposal.findings:
         stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
         screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
     requested = {entry.signal for entry in proposal.open}
     if requested:
-        screen.print(f"{counted(len(requested), 'signal')} left to you (marked ?): {', '.join(sorted(requested))}")
+        screen.print(
+            f"{counted(len(requested), 'signal')} for you to decide (marked ?): {', '.join(sorted(requested))}"
+        )
     if out:
         joined = f"join {proposal.file} --columns {out} --out drive.csv"
         then = joined if proposal.files else f"check {proposal.file} --columns {out}"

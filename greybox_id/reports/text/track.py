@@ -64,11 +64,12 @@ def beside_truth(digest: Digest) -> list[str]:
         if one.inside < COVERED:
             sentence += ": the bands are too narrow, do not trust them"
         if one.rmse > one.size:
-            sentence += "; zero would be nearer"
+            sentence += "; an estimate of zero would have a smaller error"
         result.append(f"{sentence}.")
     if "sideslip" not in digest.truth:
         result.append(
-            "No sideslip was measured to check it against. A better likelihood is not always a better sideslip."
+            "No sideslip was measured, so its estimate cannot be checked. A better likelihood is not always a better "
+            "sideslip."
         )
     return result
 

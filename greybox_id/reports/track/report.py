@@ -45,9 +45,9 @@ def _how_sure(one: Digest) -> str:
     ]
     untold = [f"{signal_words(name)} in {percent(walk)}" for name, walk in walks.items() if walk < 1]
     return (
-        f"Along {one.data.name}, {counted(one.rows, 'row')} in {counted(one.runs, 'run')}, {method(one)} on "
-        f"{one.model} estimates with a standard deviation of, in the median, {listed(each)}"
-        f"{f'; the recording informs {listed(untold)} of the rows' if untold else ''}."
+        f"On {one.data.name} ({counted(one.rows, 'row')} in {counted(one.runs, 'run')}), the estimates of "
+        f"{method(one)} on {one.model} have a median standard deviation of {listed(each)}"
+        f"{f'; the recording determines {listed(untold)} of the rows' if untold else ''}."
     )
 
 
@@ -58,8 +58,10 @@ def _is_it_so(digest: Digest) -> str:
     means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
     inside = listed([f"{percent(item.inside)}" for item in known.values() if isfinite(item.inside)])
     windows = f", and {inside} of the windows of {WINDOW:g} s lie within their 95 % bounds" if inside else ""
-    widened = f"; bands are widened by a factor of {number(digest.widened, 3)} for this" if digest.widened > 1 else ""
-    return f"Squared innovations are {means} times what the filter expects{windows}{_memory(digest)}{widened}."
+    widened = (
+        f"; the bands were therefore widened by a factor of {number(digest.widened, 3)}" if digest.widened > 1 else ""
+    )
+    return f"The ratio of squared innovations to what the filter expects is {means}{windows}{_memory(digest)}{widened}."
 
 
 def _memory(digest: Digest) -> str:
@@ -70,9 +72,9 @@ def _memory(digest: Digest) -> str:
         if abs(item.correlation) > item.correlation_bound
     ]
     if not beyond:
-        return "; neighbouring innovations do not correlate"
+        return "; successive innovations do not correlate"
     return (
-        f"; neighbouring innovations correlate by {listed(beyond)}, more than by chance: the model lacks an effect, "
+        f"; successive innovations correlate by {listed(beyond)}, more than by chance: the model lacks an effect, "
         "or the noise is correlated"
     )
 
@@ -165,7 +167,7 @@ def noises(digest: Digest) -> Table:
     rows = []
     for name, item in digest.noise.items():
         kind, _, of = name.partition("_")
-        shares = " (a share of itself)" if kind == "walk" and item.unit in ("", "1") else ""
+        shares = " (as a share of its value)" if kind == "walk" and item.unit in ("", "1") else ""
         unit = f"{'1' if shares else pretty_unit(item.unit)}/√s" if kind == "walk" else pretty_unit(item.unit)
         stated = NOISES[kind].format(signal_words(of)) + shares
         origin = f"{item.origin} on the first {digest.made.tuned_on:g} s" if item.origin == "tuned" else item.origin
@@ -305,8 +307,9 @@ def whiteness(digest: Digest) -> Sheet:
 
 
 ESTIMATES = (
-    "Quantiles over the rows, and the median of the standard deviations; the table of the track has them row by "
-    "row. Identifiable in: for each tracked parameter, the share of rows that determine it."
+    "Quantiles of the estimates over all rows, and the median of their standard deviations; the output table of the "
+    "filter has estimates and standard deviations row by row. Identifiable in: for each tracked parameter, the share "
+    "of rows that determine it."
 )
 TRUTH = (
     "Estimate minus measurement, over the rows that have both. These numbers include the errors of the measurement. "
@@ -316,19 +319,19 @@ READINGS = (
     "An innovation is a reading minus the filter's prediction of it. NIS: the square of the innovation divided by "
     "the variance that the filter expects; its mean is 1 if that variance is right. Windows within: share of means "
     "over 2 s that lie inside their 95 % bounds. Autocorrelation: correlation of an innovation with the one before; "
-    "without any correlation, 95 % of the values are within the bound. Gated: readings so far off that they counted "
-    "as noisier."
+    "without any correlation, 95 % of the values are within the bound. Gated: number of readings so far from "
+    "their prediction that they counted as noisier."
 )
 NOISE = (
     "The ratio of a random walk's size to the noise of the readings decides whether the filter follows its model or "
-    "the readings. Sizes are tuned so that the readings are most likely; sideslip has no influence on them unless it "
-    "was measured."
+    "the readings. Sizes are tuned so that the readings are most likely; sideslip has no influence on the "
+    "sizes unless it was measured."
 )
 BANDS = (
-    "Bands are two standard deviations, from the filter and from parameters stated with a standard deviation. They "
-    "do not include the error of a model with the wrong form."
+    "Bands extend two standard deviations to each side. They come from the filter and from parameters stated with a "
+    "standard deviation. They do not include the error of a model with the wrong form."
 )
-RANGE = "Outside the ranges in the section “What went in”, this track says nothing about the vehicle."
+RANGE = "Outside the ranges in the section “Signals used”, these estimates say nothing about the vehicle."
 EQUATIONS = (
     "Derived from the model, with tracked parameters as states. A dot is a time derivative; w is an abbreviation. A "
     "prime marks a quantity that an effect or a tracked parameter alters; “late” marks a delayed quantity, and "
@@ -352,7 +355,7 @@ def track_report(digest: Digest) -> Document:
         ),
         *titled("Noise levels used", noises(digest), Text(NOISE)),
         *titled("Calibrated along", calibrated(digest)),
-        *titled("What went in", signals(digest)),
+        *titled("Signals used", signals(digest)),
         *_equations(digest),
         *titled("Limits", Points((*digest.sentences, BANDS, *_about_tuning(digest), RANGE))),
     )  # fmt: skip
