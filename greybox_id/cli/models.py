@@ -121,7 +121,7 @@ def _show_model(model: Model) -> None:
     for p in model.parameters:
         value = plain(float(p.array)) if p.shape == () else " × ".join(map(str, p.shape))
         bounds = f"[{plain(p.bounds[0])}, {plain(p.bounds[1])}]"
-        table.add_row(p.name, value, pretty_unit(p.unit), bounds, _prior(p), "held" if p.fixed else "free", p.about)
+        table.add_row(p.name, value, pretty_unit(p.unit), bounds, _prior(p), "fixed" if p.fixed else "free", p.about)
     out.print(table)
 
 

@@ -107,8 +107,8 @@ def named_in_c(name: str) -> None:
     """Raise `BadInput` where functions in C cannot be called so."""
     if not NAME.fullmatch(name) or name in RESERVED or keyword.iskeyword(name):
         raise BadInput(
-            f"{name!r} cannot name C functions: lower-case letters, digits and underscores, a letter "
-            "first, 40 at most, and no word of C or Python. Name another with ‹name›."
+            f"{name!r} cannot name C functions. A name has at most 40 lower-case letters, digits and underscores, "
+            "begins with a letter, and is no keyword of C or Python. Name another with ‹name›."
         )
 
 

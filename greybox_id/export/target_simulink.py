@@ -143,7 +143,7 @@ def _idnlgrey(subject: Subject, title: str) -> str:
 function model = {current}_idnlgrey()
 % {matlab_comment(title)}
 % An idnlgrey model of {current}_mex; run {current}_build first. System Identification Toolbox.
-table = {{ % name, unit, value, minimum, maximum, held
+table = {{ % name, unit, value, minimum, maximum, fixed
 {table}
 }};
 fields = {{'Name', 'Unit', 'Value', 'Minimum', 'Maximum', 'Fixed'}};

@@ -100,12 +100,12 @@ TARGETS = {
     "acados": "a Python module that builds an AcadosModel",
     "onnx": "an ONNX graph of the step",
     "f1tenth": "parameter files of f1tenth_gym and of the ForzaETH race stack",
-    "simulink": "parameters as .mat, an idnlgrey model and an S-function around the C",
+    "simulink": "parameters as .mat, an idnlgrey model and an S-function around the C code",
     "autoware": "parameter files of Autoware's planning simulator, vehicle and lateral controller",
     "ros2": "a parameter file for a ROS 2 node",
     "opendbc": "a snippet with CarParams for opendbc",
     "tir": "tyre property files of the Magic Formula 5.2, one per axle",
-    "fmu": "functional mock-up units of FMI 2.0 and 3.0, sources and binary",
+    "fmu": "functional mock-up units of FMI 2.0 and 3.0, with sources and binary",
 }
 """Target -> what is written for it, by the module of this folder `target_<name>`: a function `files`.
 

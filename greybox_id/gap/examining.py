@@ -165,7 +165,7 @@ def examine(
     sd, entry = stated_noise(bench, vehicle, start)
     stale = dropped(repeats(bench))
     good = sound(start, fresh(bench), bench.rows)
-    tell(f"refitting {len(believed)} tolerances and candidate effects")
+    tell(f"refitting {len(believed)} parameters with tolerances and candidate effects")
     rough = bench.learnt or any(not axis.abrupt for axis in believed)
     forces = isinstance(bench, Bench) and knows_unknown_forces(bench.model)
     tempered = rough and not forces

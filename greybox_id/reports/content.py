@@ -232,8 +232,8 @@ def _starts(stage: Stage) -> str:
         return "1"
     best, same = min(stage.starts), sum(same_as_best(stage))
     spread = (max(stage.starts) - best) / abs(best) if best else float("nan")
-    words = f"{same} of {len(stage.starts)} the same"
-    return f"{words}; worst {percent(spread)} above" if spread > NOTHING else words
+    words = f"{same} of {len(stage.starts)} with the same objective"
+    return f"{words}; the worst is {percent(spread)} above" if spread > NOTHING else words
 
 
 def _ipopt(stage: Stage) -> str:

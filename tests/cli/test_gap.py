@@ -265,7 +265,7 @@ def test_what_makes_things_worse_is_said():
 def test_without_held_out_recordings_that_is_said():
     words = " ".join(printed(CASES["aliased"](), 160).split())
     assert "on lap7, from which it was chosen" in words
-    assert "is unknown: name recordings to hold out" in words
+    assert "is unknown: name held-out recordings" in words
 
 
 @pytest.mark.parametrize("rows", [3, 8, 24])

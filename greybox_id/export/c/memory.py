@@ -44,7 +44,7 @@ class MemoryC:
         """Function -> what it does, for people."""
         return {
             f"{self.name}_start": "Fills the window as if inputs and readings had always been constant.",
-            f"{self.name}_push": "Adds a sample whose outputs were read; fill the window with these before you step.",
+            f"{self.name}_push": "Adds a sample with measured outputs; first fill the window with such samples.",
             f"{self.name}_step": "Advances the window by one sample, with the model's own predictions.",
             f"{self.name}_output": "What sensors read now.",
             f"{self.name}_step_jacobian": "The next predictions and their derivatives.",

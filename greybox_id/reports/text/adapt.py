@@ -29,7 +29,7 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         )
     if result.moved:
         names = [f"{name} ({count})" if count > 1 else name for name, count in list(result.moved.items())[:MOST_MOVED]]
-        yield led("moved", f"beyond two of their standard deviations: {', '.join(names)}")
+        yield led("moved", f"by more than two of their standard deviations: {', '.join(names)}")
     yield ""
     if not result.zero_shot.rest:
         yield led("rest", f"no rows are left after the {result.seconds:g} s of the adaptation, so nothing is scored")

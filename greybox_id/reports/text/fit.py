@@ -168,7 +168,7 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
     known = [f"{p.name} = {plain(float(p.array))} {_unit_word(p)}".strip() for p in held if float(p.array)]
     nothing = [p.name for p in held if not float(p.array)]
     if known:
-        lines.add_row("held", ", ".join(known))
+        lines.add_row("fixed", ", ".join(known))
     if nothing:
         lines.add_row("at zero", ", ".join(nothing))
     for name, values in result.per_run.items():

@@ -138,7 +138,7 @@ def _how_far(gap: Gap, width: int) -> Group:
         types.append(warning)
     types += carried_over(gap)
     if not held_out and gap.applied:
-        types.append("how far the gap closes on other recordings is unknown: name recordings to hold out")
+        types.append("how far the gap closes on other recordings is unknown: name held-out recordings")
     if gap.moved:
         named = [
             f"{one.name} {short_with_sd(one.stated, one.sd)} → {quantity(one.value, one.unit)}"
