@@ -100,8 +100,8 @@ class Column:
             value = float(text or "nan")
         except ValueError as error:
             raise BadInput(
-                f'column "{self.sign_column}" holds the text {text!r:.60}, but negative is a number. '
-                "If negative is to be text, write it in quotes."
+                f'column "{self.sign_column}" holds the text {text!r:.60}, but the key "negative" of the column '
+                "map is a number. If the column holds text, write that text in quotes."
             ) from error
         return np.nan if np.isnan(value) else -1.0 if value == self.negative else 1.0
 
@@ -277,7 +277,7 @@ def parse_column_map(text: str, where: str) -> ColumnMap:
         if name not in SIGNALS:
             raise BadInput(
                 f'{where}: [signals.{name}]: there is no signal "{name}".{near(name, SIGNALS)} '
-                f"A file's own further channel goes under [extra.{name}]."
+                f"Any other channel of the file goes under [extra.{name}]."
             )
     extra = table_of(table, "extra", where)
     for name in extra:
@@ -320,8 +320,8 @@ def _clock_of(table: Mapping[str, Any], where: str) -> tuple[Column, float]:
         rate = _number({"rate": stated[0]}, "rate", 0.0, where)
         if not 0 < rate < 1e6 or entry or len(stated) > 1:
             raise BadInput(
-                f"{where}: rate must be a number above 0, the rows per second of a file without time. State it once, "
-                "and omit the time column."
+                f"{where}: rate must be one number above 0: the rows per second of a file without a time column. "
+                f"State it once, and omit the time column."
             )
         return Column("time", "", "s", "s"), rate
     if "time" not in table:
@@ -356,7 +356,7 @@ def _column(entry: Mapping[str, Any], signal: str, si_unit: str | None, where: s
         raise BadInput(f"{where}: {error}.") from error
     divisor = _number(entry, "divide_by", 1.0, where)
     if divisor == 0.0:
-        raise BadInput(f"{where}: divide_by = 0 cannot be; give the number of file units in one {unit}.")
+        raise BadInput(f"{where}: divide_by must not be 0; it is the number of the file's units in one {unit}.")
     sign = _number(entry, "sign", 1.0, where)
     if abs(sign) != 1.0:
         raise BadInput(f"{where}: sign = {sign:g} must be 1 or -1; a factor belongs in scale or divide_by.")
@@ -390,8 +390,8 @@ def _negative(entry: Mapping[str, Any], where: str) -> float | str:
     """What a sign column holds in rows that are negative."""
     if "negative" in entry and "sign_column" not in entry:
         raise BadInput(
-            f"{where}: negative says what sign_column holds where the value is negative, but there is no "
-            "sign_column; name it."
+            f"{where}: the key 'negative' says what the column 'sign_column' holds where the value is negative, but "
+            f"'sign_column' is missing; name the column."
         )
     value = entry.get("negative", 1.0)
     return value.strip() if isinstance(value, str) else _number(entry, "negative", 1.0, where)
@@ -429,14 +429,17 @@ def _lookup(entry: Mapping[str, Any], where: str) -> tuple[tuple[float, float], 
         raise BadInput(f"{where}: lookup is {points!r:.60}; {advice}.")
     x, y = ([_number({"lookup": value}, "lookup", 0.0, where) for value in row] for row in points)
     if len(x) != len(y) or len(x) < 2 or any(b <= a for a, b in zip(x, x[1:], strict=False)):
-        raise BadInput(f"{where}: lookup has {len(x)} x and {len(y)} y, or its x do not increase; {advice}.")
+        raise BadInput(
+            f"{where}: lookup needs as many x as y values, and x must increase; it has {len(x)} x and "
+            f"{len(y)} y values; {advice}."
+        )
     return tuple(zip(x, y, strict=True))
 
 
 def _poses(entries: object, signals: Mapping[str, Any], where: str) -> tuple[Reference, ...]:
     lacking = [name for name in ("x", "y", "yaw") if name not in signals]
     if lacking:
-        raise BadInput(f"{where}: poses are x, y and yaw; map {', '.join(lacking)} under [signals].")
+        raise BadInput(f"{where}: [poses] needs the signals x, y and yaw; map {', '.join(lacking)} under [signals].")
     given = entries if isinstance(entries, list) else [entries]
     tables: list[dict[str, Any]] = [table for table in given if isinstance(table, dict)]
     if not tables or len(tables) < len(given):

@@ -348,10 +348,10 @@ def evened(time: Array, signals: Mapping[str, Array], hold: str, keep_rows: bool
     of_receipt = share + SURE * sd < 0.5 or (packets and not share - SURE * sd > 0.5)
     if bounded and of_receipt:
         why = (
-            f"values depend on the row, not on the stamp (weight of the stamp {share:.2f} ± {sd:.2f}, 1 if stamps "
-            "are true)"
+            f"signals follow the row number, not the time stamp (weight of the stamp {share:.2f} ± {sd:.2f}; true "
+            f"stamps have weight 1)"
         )
-        return _regressed(time, parts, lines, signals, "rows came in packets" if packets else why)
+        return _regressed(time, parts, lines, signals, "rows arrived in packets" if packets else why)
     rounded = runs_on and np.max(np.abs(behind)) <= ROUNDED * _resolution(time, step)
     if rounded and bounded and not share - SURE * sd > 0.5:
         return _regressed(time, parts, lines, signals, "their rounding alone explains it")

@@ -65,20 +65,25 @@ class Offset:
         if self.alignment is None:
             why = f"it has no signal in common with {self.against}"
             if self.shared:
-                why = f"their {' and '.join(self.shared)} are not alike enough to show an offset from {self.against}"
+                why = (
+                    f"their {' and '.join(self.shared)} are not similar enough to show a time offset from "
+                    f"{self.against}"
+                )
             return f"{self.file}: its time stamps are kept; {why}."
         clock = self.alignment
         late = f"{with_sd(1e3 * clock.seconds, 1e3 * clock.sd)} ms"
         if abs(clock.seconds) > LONGEST:  # of clocks that were never set, by years
             late = f"{clock.seconds:.4f} ± {number(clock.sd, 2)} s"
-        result = f"{late} late against {self.against} by {self.signal}"
+        result = f"its stamps are {late} late against {self.against} (estimated from {self.signal})"
         if clock.rate:
             way = "fast" if clock.rate > 0 else "slow"
             rate = short_with_sd(100 * abs(clock.rate), 100 * clock.rate_sd)
-            result += f" where it begins, and its clock runs {rate} % {way}"
+            result += f" at its beginning, and its clock runs {rate} % {way}"
         if not self.taken_off:
-            return f"{self.file}: {result}; that may be chance: its stamps are kept."
-        return f"{self.file}: {result}; removed; what remains is at most {number(1e3 * clock.left, 2)} ms."
+            return f"{self.file}: {result}; that may be chance, so its stamps are kept."
+        return (
+            f"{self.file}: {result}; this offset was removed; what remains is at most {number(1e3 * clock.left, 2)} ms."
+        )
 
 
 def join_files(

@@ -103,7 +103,7 @@ def motion(time: Array, x: Array, y: Array, yaw: Array, reference: Reference, wh
         )
     notes = []
     if held := len(known) - int(np.count_nonzero(fresh)):
-        notes.append(f"{held} of {len(known)} poses repeat the pose before; they do not count as readings.")
+        notes.append(f"{held} of {len(known)} poses repeat the previous pose; they do not count as readings.")
     poses = _Poses(time, fresh, x, y, yaw)
     levels = _likeliest(poses, None)
     even = _evened(time)

@@ -116,7 +116,7 @@ def fetch(dataset: PublicDataset, folder: Path | None = None, say: Say = lambda 
     """
     if not dataset.files:
         raise BadInput(
-            f"The files of {dataset.name} have no known address; fetch them from {dataset.source} "
+            f"The files of {dataset.name} have no known address on the web; fetch them from {dataset.source} "
             f"yourself and read them with ‹columns› {dataset.columns}."
         )
     target = folder or folder_of(dataset)
@@ -148,10 +148,14 @@ def _fetched(remote: Remote, path: Path, expected: str, say: Say) -> None:
         for attempt in range(1, ATTEMPTS + 1):
             if _transferred(remote, part, say):
                 break
-            say(f"{remote.name} broke off after {part.stat().st_size} bytes, attempt {attempt} of {ATTEMPTS}")
+            say(
+                f"the download of {remote.name} broke off after {part.stat().st_size} bytes, attempt {attempt} of "
+                f"{ATTEMPTS}"
+            )
         else:
             raise BadInput(
-                f"{remote.address} broke off {ATTEMPTS} times. The part that arrived is kept in {part}; repeat the "
+                f"The download of {remote.address} broke off {ATTEMPTS} times. The part that arrived is kept in "
+                f"{part}; repeat the "
                 "command to continue."
             )
         result = hash_of(part)

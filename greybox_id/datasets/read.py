@@ -97,7 +97,7 @@ def as_parts(files: Sequence[Path], mapping: ColumnMap) -> dict[str, Part]:
         if name in parts:
             raise BadInput(f"Two files are called {name}; rename one of them, so that columns can be distinguished.")
         if len(result.groups) > 1:
-            raise BadInput(f"{file} has several clocks of its own; convert it first: greybox data convert.")
+            raise BadInput(f"The signals of {file} have several clocks; convert the file first: greybox data convert.")
         parts[name] = Part.of(name, result.groups[0])
     return parts
 
@@ -292,7 +292,7 @@ def _between_cells(joined: Joined, hold: str) -> tuple[Joined, Sequence[int]]:
     within = np.flatnonzero(np.all([np.isfinite(signals[name]) for name in spread], axis=0))
     rows = range(int(within[0]), int(within[-1]) + 1) if within.size else range(len(time))
     kept = {name: values[rows.start : rows.stop] for name, values in signals.items()}
-    note = f"blank in most rows, and interpolated between their own cells: {', '.join(spread)}."
+    note = f"columns that are blank in most rows were interpolated between their filled cells: {', '.join(spread)}."
     return Joined(time[rows.start : rows.stop], kept, resampled, (*joined.notes, note)), rows
 
 

@@ -351,12 +351,12 @@ class Recording:
         """
         if not np.any(rows):
             span = f"; time runs from {np.nanmin(self.time):g} to {np.nanmax(self.time):g} s" if len(self) else ""
-            raise BadInput(f"{self.name} has no row {words}{span}. Ask for another part.")
+            raise BadInput(f"{self.name} has no row {words}{span}. Select another part.")
         runs, count = [], np.concatenate(([0], np.cumsum(rows)))
         for start, stop in self.runs:
             edges = np.flatnonzero(np.diff(np.concatenate(([False], rows[start:stop], [False])).astype(int))) + start
             runs += [(int(count[a]), int(count[b])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-        note = f"{np.count_nonzero(rows)} of {len(self)} rows are those {words}."
+        note = f"{np.count_nonzero(rows)} of {len(self)} rows were selected: those {words}."
         return replace(self.taken(rows, runs), notes=(*self.notes, note))
 
     def with_signals(self, **signals: Array) -> Recording:

@@ -96,7 +96,7 @@ def test_files_whose_common_signal_differs_are_taken_at_their_stamps_and_it_is_s
     imu.to_csv(files[1], index=False)
     _, (offset, _) = join_files(files, mapping())
     assert not offset.taken_off
-    assert "yaw_rate are not alike enough" in offset.sentence
+    assert "yaw_rate are not similar enough" in offset.sentence
 
 
 def test_clocks_that_agree_are_left_alone(topics):

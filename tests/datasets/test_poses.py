@@ -87,7 +87,7 @@ def test_held_poses_are_no_readings():
     (time, *poses), _ = drive(rate=20.0, duration=15.0)
     fresh = motion(time, *poses, AT, "fresh")
     held = motion(np.arange(5 * len(time)) / 100.0, *(np.repeat(values, 5) for values in poses), AT, "held")
-    assert "1200 of 1500 poses repeat the pose before" in held.notes[0]
+    assert "1200 of 1500 poses repeat the previous pose" in held.notes[0]
     for name in VELOCITIES:
         apart = np.abs(held.signals[name][::5] - fresh.signals[name])
         assert np.mean(apart < fresh.sd[name]) > 0.99, name

@@ -142,7 +142,7 @@ def test_a_run_ends_where_a_condition_leaves_rows_out():
     np.testing.assert_array_equal(part.time, [0, 1, 3])
     assert part.runs == ((0, 2), (2, 3))
     assert part.source.where == "v_x > 5 and time < 5"
-    assert "3 of 6 rows are those where v_x > 5" in part.notes[0]
+    assert "3 of 6 rows were selected: those where v_x > 5" in part.notes[0]
     with pytest.raises(BadInput, match="no row where v_x > 10"):
         recording.where("v_x > 10")
 

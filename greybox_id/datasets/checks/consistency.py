@@ -31,11 +31,11 @@ FACTOR_TOLERANCE = 1.5
 UNKNOWN = "check unit and scale of both in the column map."
 """What is said where the factor is that of no unit."""
 LIMITS = {
-    "steer": (1.3, "no road wheel turns so far; degrees, or the hand wheel's angle?"),
-    "yaw_rate": (15.0, "no vehicle turns so fast; degrees per second?"),
-    "a_x": (80.0, "no tyre pulls so hard; wrong unit?"),
-    "a_y": (80.0, "no tyre pulls so hard; wrong unit?"),
-    "v_x": (150.0, "faster than any road vehicle; km/h, rpm or raw counts?"),
+    "steer": (1.3, "no road wheel turns so far; is it in degrees, or the hand wheel's angle?"),
+    "yaw_rate": (15.0, "no vehicle turns so fast; is it in degrees per second?"),
+    "a_x": (80.0, "no tyre can accelerate a vehicle so much; is the unit wrong?"),
+    "a_y": (80.0, "no tyre can accelerate a vehicle so much; is the unit wrong?"),
+    "v_x": (150.0, "no road vehicle is so fast; is it in km/h, rpm or raw counts?"),
 }
 """Largest believable size (99th percentile) in SI units, for all vehicles from model car to race car."""
 
@@ -75,7 +75,10 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
         ground = [side for side in (left, right) if any(node.startswith("course") for node in side)]
         if len(ground) == 1:
             wrong = right if ground[0] is left else left
-            sentence += f"A course has no sign convention, so {listed(wrong)} must be clockwise-positive: turn the"
+            sentence += (
+                f"The course does not depend on a sign convention, so {listed(wrong)} must be "
+                f"clockwise-positive: change the"
+            )
             sentence += " sign in the column map (sign = -1, or remove sign = -1)."
         else:
             sentence += (
@@ -160,7 +163,10 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None, step:
             if not low < gain < high:
                 blame = _blame(pair, gain, sound=sound)
                 if blame == UNKNOWN and pair.right.endswith("/dt"):
-                    blame = f"the rate of rows or the unit of time is wrong ({number(gain / step)} a second agree), or "
+                    blame = (
+                        f"the sampling rate or the unit of time is wrong ({number(gain / step)} rows per second "
+                        f"would agree), or "
+                    )
                     blame += UNKNOWN
                 sentence = f"{pair.left} is {number(gain)} times {pair.right}, where 1 is expected: {blame}"
                 place = FoundAt(pair.nodes[0])

@@ -285,7 +285,7 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
         sentence = (
             f"run {number}: {pair.left} lags {pair.right} by {short_with_sd(lag.samples, lag.error)} samples "
             f"({short_with_sd(lag.samples * ms, lag.error * ms)} ms), but {like} by {listed(elsewhere, 5)}: "
-            f"it is {short_with_sd(abs(distance) * ms, error * ms)} ms off their median. "
+            f"its lag is {short_with_sd(abs(distance) * ms, error * ms)} ms off their median. "
         )
         sentence += BLUNT if blunt else "No model with one delay fits both; estimate it for each run."
         where = FoundAt(pair.nodes[0], number)

@@ -49,7 +49,7 @@ def check_drive(r: Recording) -> list[Finding]:
         return []
     if len(r) < FEWEST_ROWS or r.duration < SHORTEST:
         sentence = (
-            f"{len(r)} rows, {number(r.duration, 2)} s, are too short to be checked, or fitted alone; at least "
+            f"{len(r)} rows ({number(r.duration, 2)} s) are too few to be checked, or to be fitted alone; at least "
             f"{FEWEST_ROWS} rows and {SHORTEST:g} s are needed. Record more."
         )
         return [Finding("short", Severity.WARNING, FoundAt("time"), sentence, r.duration, None, "s")]
@@ -66,7 +66,7 @@ def check_drive(r: Recording) -> list[Finding]:
         names = still if what == "moves" else turning
         sentence = (
             f"nothing {what}: {listed(names)} {'scatters as its' if len(names) == 1 else 'scatter as their'} noise "
-            f"does. No model of {'this' if what == 'moves' else 'lateral'} motion can be fitted to it."
+            f"does. No model of {'this' if what == 'moves' else 'lateral'} motion can be fitted to this recording."
         )
         return [Finding("still", Severity.WARNING, FoundAt(", ".join(names)), sentence)]
     return _nothing_in_common(r)
@@ -134,11 +134,12 @@ def _nothing_in_common(r: Recording) -> list[Finding]:
     shares = f"v_x · steer explains at most {percent(max(most, 0.0))} of yaw_rate, at delays of up to {LAGS:g} s"
     if _stands_out(turn[seen], steered[seen], pace[seen], short.sample_time):
         sentence = (
-            f"{shares}, but more than at other shifts: the tyres slide for much of the drive, or steer is disturbed. "
-            "No model of tyres that grip fits such rows."
+            f"{shares}, but more than at other time shifts: the tyres slide for much of the drive, or steer is "
+            f"disturbed. "
+            "No model of tyres that grip fits such a recording."
         )
         return [Finding("slides", Severity.WARNING, FoundAt("steer, yaw_rate"), sentence, most)]
-    other = f"{blamed} is of another drive, or its column holds something else"
+    other = f"{blamed} was recorded on another drive, or its column holds something else"
     sentence = f"{shares}: " + (
         f"{other}, or the vehicle spins." if most < ON_ICE else f"the tyres slide throughout, or {other}."
     )

@@ -43,7 +43,7 @@ def check_dropouts(recording: Recording) -> list[Finding]:
             continue
         sentence = (
             f"{name} falls to exactly 0 for a row or two {gaps} times, far from what it reads before and after: "
-            "probably a code for a missing reading. Leave these rows out, or the cells empty "
+            "probably a code for a missing reading. Leave these rows out, or empty these cells "
             f"({file_rows(recording, rows)})."
         )
         findings.append(

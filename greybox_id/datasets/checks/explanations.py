@@ -293,7 +293,9 @@ def _scaled(r: Recording, scale: float, error: float, strength: float) -> Explan
     (name, by), *_ = blamed.items()
     others = [item for item in ("a_y", "yaw_rate", "v_x") if item != name]
     banked = ", or the road is banked in its turns" if scale < 1 else ""
-    doubt = "" if surely else f" (or {listed(others)} as much too {'large' if scale < 1 else 'small'}{banked})"
+    doubt = (
+        "" if surely else (f" (or {listed(others)} by the same factor too {'large' if scale < 1 else 'small'}{banked})")
+    )
     return Explanation(
         f"{name} is {number(by, 3)} times what the other channels imply{doubt}: a_y against v_x · yaw_rate has gain "
         f"{number(scale, 3)}. Check its scale in the column map.",
@@ -330,7 +332,7 @@ def _speed(r: Recording) -> list[Explanation]:
         return []
     scale, error = 1.0 / float(np.sqrt(ahead * aside)), float(max(one.errors[0] for one in gains))
     rolls = ", or the body rolls and pitches as much" if scale < 1.0 else ""
-    return [_of_speed(scale, error, f"what both accelerometers say{rolls}", scale * (1.0 - LESS) > 1.0)]
+    return [_of_speed(scale, error, f"what both accelerometers imply{rolls}", scale * (1.0 - LESS) > 1.0)]
 
 
 def _is_off(scale: float, error: float) -> bool:
@@ -391,7 +393,8 @@ def _steered(r: Recording) -> list[Explanation]:
         if min(lengths) > 0 and abs(np.log(lengths[1] / lengths[0])) > HALF and abs(apart) > SURE * error:
             result.append(
                 Explanation(
-                    "The second half is of another car, or steer has another scale there: v_x · steer / yaw_rate is "
+                    "The second half was recorded with another car, or steer has another scale there: v_x · steer / "
+                    "yaw_rate is "
                     f"{quantity(lengths[0], 'm')} in the first half and {quantity(lengths[1], 'm')} in the second, "
                     f"at a speed of {quantity(pace, 'm/s')}. Fit each half on its own.",
                     "steer", apart, error, "m", (apart / error) ** 2,

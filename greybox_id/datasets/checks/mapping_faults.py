@@ -160,9 +160,12 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     first, others = named[0], [item.fault.what for item in named[1:]]
     old, new = first.before, first.after
     repair = _repair(first.fault) if not others else {}
-    more = f"; {first.more} more relation{'s' if first.more > 1 else ''} then hold{'' if first.more > 1 else 's'}"
+    more = (
+        f"; {first.more} more relation{'s' if first.more > 1 else ''} between channels then "
+        f"hold{'' if first.more > 1 else 's'}"
+    )
     sentence = (
-        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; corrected, "
+        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; after the correction, "
         f"{_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
     if others:
@@ -225,7 +228,7 @@ def _faults(r: Recording) -> Iterator[Fault]:
         if r.has(*names):
             yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
     if r.has("x", "y"):
-        yield Fault("the positions are mirrored", "Negate y (or of x) in the column map.", ("y",), _scaled(-1.0, "y"))
+        yield Fault("the positions are mirrored", "Negate y (or x) in the column map.", ("y",), _scaled(-1.0, "y"))
     yield from _units(r)
     for factor in (2.0, 0.5, 10.0, 0.1, 60.0, 1 / 60, 1000.0, 0.001):
         yield Fault(

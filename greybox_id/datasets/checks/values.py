@@ -183,7 +183,7 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
         )
         sentence += f"and never {end}: "
         sentence = sentence.replace("never most", "never more").replace("never least", "never less")
-        sentence += "the command is at its stop." if name in COMMANDS else "it is clipped there."
+        sentence += "the command is at its limit." if name in COMMANDS else "it is clipped there."
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
         rows = tuple(np.flatnonzero(values == level).tolist())
         findings.append(Finding("clipped", severity, FoundAt(name, rows=rows), sentence, float(level), unit=unit))
@@ -197,8 +197,8 @@ def check_placeholders(recording: Recording) -> list[Finding]:
         for level, rows in placeholders(values, CLIP_COUNT):
             sentence = (
                 f"{name} reads exactly {with_unit(exact(level, 4), recording.unit(name))} in {rows.size} rows, far "
-                "from all others: probably a code for a missing reading. Name the file's number as missing in the "
-                f"column map, or leave these rows out ({file_rows(recording, rows)})."
+                f"from all others: probably a code for a missing reading. State the file's number under 'missing' in "
+                f"the column map, or leave these rows out ({file_rows(recording, rows)})."
             )
             where = FoundAt(name, rows=tuple(rows.tolist()))
             findings.append(Finding("placeholder", Severity.DISTRUST, where, sentence, level))
@@ -341,7 +341,7 @@ def check_time(recording: Recording) -> list[Finding]:
         longest = max(gaps, key=lambda row: steps[row])
         sentence = (
             f"time jumps ahead at {file_rows(recording, gaps)}; the longest gap is {number(steps[longest])} s "
-            f"(usual step {exact(dt)} s). Each begins a new run."
+            f"(usual step {exact(dt)} s). A new run begins after each gap."
         )
         findings.append(_clock("gap", Severity.WARNING, sentence, gaps, steps[longest], "s"))
     if len(starts) > BROKEN_SHARE * len(recording):
@@ -449,7 +449,7 @@ def check_reading(recording: Recording) -> list[Finding]:
     findings += _open_questions(recording)
     for name, how in recording.resampled.items():
         unit = recording.unit(name)
-        what = "a straight line between readings" if how.method == "linear" else "held until the next"
+        what = "interpolated linearly" if how.method == "linear" else "each reading held until the next"
         sentence = f"read at {exact(how.rate, 4)} Hz on the clock of {how.clock}, {what}; "
         if not np.isfinite(how.error):
             sentence += "too few readings to estimate the error."
@@ -458,7 +458,10 @@ def check_reading(recording: Recording) -> list[Finding]:
         values = recording[name][np.isfinite(recording[name])]
         scatter = float(np.std(values)) if values.size else 0.0
         sentence += f"that adds an error of {quantity(how.error, unit, 2)} (root mean square, estimated), "
-        sentence += f"{number(how.largest, 2)} at most; {name} itself scatters by {quantity(scatter, unit, 2)}."
+        sentence += (
+            f"{number(how.largest, 2)} at most; the standard deviation of {name} itself is "
+            f"{quantity(scatter, unit, 2)}."
+        )
         severity = Severity.NOTE if how.error <= SMALL * scatter else Severity.WARNING
         findings.append(Finding("resampled", severity, FoundAt(name), sentence, how.error, None, unit))
     return findings

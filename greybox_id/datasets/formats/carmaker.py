@@ -26,7 +26,7 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     cmerg = needed("cmerg", "carmaker", str(file), KIND)
     info = Path(f"{file}.info")
     if not info.is_file():
-        raise BadInput(f"{file}: {info.name}, which names its quantities, is not beside it; copy it there.")
+        raise BadInput(f"{file}: {info.name}, which names its quantities, is missing from its folder; copy it there.")
     with sound(str(file), KIND):
         signals = cmerg.ERG(str(file)).signals
     numeric = {name: signal for name, signal in signals.items() if np.issubdtype(signal.data.dtype, np.number)}

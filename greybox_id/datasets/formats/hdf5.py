@@ -81,7 +81,7 @@ def fits(size: int, file_size: int, where: str) -> None:
     """Raise `BadInput` for an array that is too large to lie in its file."""
     if size > max(SMALL, LARGEST_SWELL * file_size):
         raise BadInput(
-            f"{where} is damaged: it claims {size / 1e9:.3g} GB in {file_size / 1e6:.3g} MB. Fetch it again."
+            f"{where} is damaged: it claims to hold {size / 1e9:.3g} GB in {file_size / 1e6:.3g} MB. Fetch it again."
         )
 
 

@@ -86,7 +86,9 @@ def _listed(text: str, where: str) -> list[dict[str, Any]]:
 def _object(line: str, where: str) -> dict[str, Any]:
     row = _parsed(line, where)
     if not isinstance(row, dict):
-        raise BadInput(f"{where}: {line.strip():.40} is no object; write one for each row, or CSV.")
+        raise BadInput(
+            f"{where}: {line.strip():.40} is not a JSON object; write one object for each row, or a CSV file."
+        )
     return row
 
 

@@ -55,7 +55,7 @@ def apart_by_name(table: RawTable, kind: str) -> Contents | None:
     if not groups:
         return None
     passed = (f"channels without numbers were skipped: {', '.join(words[:6])}.",) if words else ()
-    note = f"a row for every reading: {len(groups)} channels, each on its own clock."
+    note = f"each row holds one reading: {len(groups)} channels, each with its own time stamps."
     return Contents(table.where, tuple(groups), kind, (note, *passed))
 
 

@@ -43,7 +43,10 @@ def contents(file: Path, _: ColumnMap) -> Contents:
     rows = [line.split() for line in sections["data"] if line.strip()]
     for k, row in enumerate(rows):
         if len(row) != len(names):
-            raise BadInput(f"{file}: row {first + k} has {len(row)} cells and [column names] {len(names)}. Mend it.")
+            raise BadInput(
+                f"{file}: row {first + k} has {len(row)} cells, but [column names] lists {len(names)} "
+                f"columns. Correct that row."
+            )
     columns = dict(zip(names, (pd.Series(item) for item in zip(*rows, strict=True)), strict=True)) if rows else {}
     table = RawTable(str(file), tuple(columns) or tuple(names), tuple(columns.values()), first, _units(names, sections))
     numbers = {name: table.numbers(name) for name in table.names} if rows else {}

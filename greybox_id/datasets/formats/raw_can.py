@@ -36,7 +36,8 @@ def must_hold_signals(lines: Sequence[str], where: str) -> None:
     ):
         raise BadInput(
             f"{where} holds raw CAN frames, identifiers and bytes, not signals. Decode it with the DBC file of the "
-            "car (cantools, asammdf and SavvyCAN do; opendbc has files of many cars), write a column for each signal, "
+            "car (cantools, asammdf and SavvyCAN can do this; opendbc has such files for many cars), write a column "
+            "for each signal, "
             "and map that."
         )
 

@@ -359,7 +359,10 @@ def laid_out(data: bytes, where: str, separator: str = "", decimal: str = "") ->
         raise BadInput(f"{where}: row {layout.header + 1} is empty; it must hold the column names.")
     few_enough(len(names), where)
     if len(names) > 1 and all(is_value(name.partition(" ")[0]) for name in names):  # doubled ones have a number
-        raise BadInput(f"{where}: row {layout.header + 1} holds values in place of column names. Write them above.")
+        raise BadInput(
+            f"{where}: row {layout.header + 1} holds values in place of column names. Write the column "
+            f"names above the values."
+        )
     return layout
 
 

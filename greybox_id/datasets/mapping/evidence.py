@@ -300,9 +300,12 @@ def _pedal(entry: MapEntry, size: float) -> MapEntry:
     if size <= PERCENT and entry.signal == "throttle":
         return replace(entry, unit="%", reasons=(*entry.reasons, f"unit: {upto} are percent"))
     if size <= PERCENT:
-        why = f"unit: {upto} are percent or a pressure: then write divide_by, what full braking reads, with unit 1"
+        why = (
+            f"unit: {upto} are percent or a pressure; for a pressure, divide_by is the reading at full braking, "
+            f"with unit 1"
+        )
         return replace(entry, unit="%", decided=False, reasons=(*entry.reasons, why))
-    why = f"{upto} are counts: divide_by is what the column reads where the pedal is down"
+    why = f"{upto} are counts: divide_by is the reading with the pedal fully down"
     full = float(f"{size:.3g}")
     return replace(entry, unit="1", divide_by=full, decided=False, reasons=(*entry.reasons, why))
 

@@ -313,7 +313,7 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     if not whole and "s" in units:
         units = ["s"]  # fractions of a millisecond are rarely written down
     if step == 1 and whole:
-        reason = "counts rows; write the unit of one step, and divide_by if it is not one of its own"
+        reason = "it counts rows; write the unit of one step, and divide_by if one step is not exactly one such unit"
         return MapEntry(TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, reason))
     if units:
         likely = units[0] if len(units) == 1 or not whole else units[-1] if step >= 1e4 else units[0]

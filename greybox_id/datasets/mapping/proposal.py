@@ -266,7 +266,10 @@ def _shared(
                 found = [(one, _alike_unit(one, rival, parts, draft.mapping())) for one in candidates]
                 entry, unit = next((item for item in found if item[1]), (entry, ""))
                 if unit:
-                    why = f"{rival.column} holds the same signal, in {unit}: both show the offset of their clocks"
+                    why = (
+                        f"{rival.column} holds the same signal, in {unit}: comparing both columns shows the offset "
+                        f"between their clocks"
+                    )
                     entry = replace(
                         entry, otherwise=(*entry.otherwise, rival.column), reasons=(*entry.reasons, why),
                         other_units=(*(entry.other_units or (entry.unit,) * len(entry.otherwise)), unit),
@@ -328,7 +331,7 @@ def _asked(entry: MapEntry, guess: Guess) -> MapEntry:
     if any(f"which is no unit of {entry.signal}" in reason for reason in entry.reasons):
         why = "set divide_by: how many of the file's units make one SI unit"
         if entry.signal.startswith("wheel_speed") and (rim := _of_the_rim(entry)):
-            why = f"the speed of its rim: divide_by is {rim} the wheel's radius in m"
+            why = f"it is the speed of the wheel's rim: divide_by is {rim} the wheel's radius in m"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     return entry
 

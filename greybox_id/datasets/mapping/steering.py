@@ -123,8 +123,8 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
 def _no_angle(entry: MapEntry, length: float) -> MapEntry:
     """What turns the vehicle, though as the angle of neither wheel: a command in units of its own."""
     why = (
-        f"in {entry.unit or 'rad'}, ratio times wheelbase is {number(length, 2)} m, which fits neither road wheels nor "
-        "a hand wheel: the share of full lock, or counts? divide_by is how many make one unit"
+        f"in {entry.unit or 'rad'}, ratio times wheelbase is {number(length, 2)} m, which fits neither road wheels "
+        f"nor a hand wheel: is it the share of full lock, or counts? Then divide_by is how many make one unit"
     )
     return replace(entry, decided=False, reasons=(*entry.reasons, why))
 

@@ -36,7 +36,7 @@ class MatReader:
     def _take(self, path: list[str], value: Any) -> None:
         """Note what a variable or field holds; what cannot be a signal is left out."""
         if len(path) > DEEPEST:
-            raise ValueError("structs lie too deep")
+            raise ValueError("structs are nested too deep")
         if isinstance(value, MatlabOpaque):
             text = _text(np.ravel(value["s0"])[0]) if path == ["None"] else ""  # scipy leaves its name inside
             self._found["objects"].append(text or ".".join(path))

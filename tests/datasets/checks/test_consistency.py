@@ -127,5 +127,5 @@ def test_a_rate_of_rows_that_is_wrong_is_told_where_the_path_says_that_speeds_ar
     assert found
     assert not any(one.repair for one in found)
     (one,) = (one for one in found if one.kind == "unit")
-    assert "the rate of rows or the unit of time is wrong (" in one.sentence
+    assert "the sampling rate or the unit of time is wrong (" in one.sentence
     assert float(one.sentence.partition("wrong (")[2].split()[0]) == pytest.approx(50.0, rel=0.1)

@@ -75,7 +75,7 @@ FAULTS = {
         0.0204,
     ),
     "frozen gyro": (lambda r: stuck(r, "yaw_rate", 10.0, 40.0), "yaw_rate is stuck at", 30.0),
-    "another car": (lambda r: joined(r, drive(9, length=4.5)), "The second half is of another car", 1.8),
+    "another car": (lambda r: joined(r, drive(9, length=4.5)), "The second half was recorded with another car", 1.8),
 }
 
 
