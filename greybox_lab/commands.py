@@ -3,8 +3,15 @@
 from __future__ import annotations
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
-    "Gap": {"exam": ("greybox_lab.cli.exam", "Examine the diagnosis of gaps blindly, on sealed truths.")},
-    "Deploy": {"import": ("greybox_lab.cli.import_", "Import a network that nnodely saved as a fit.")},
+    "Gap": {
+        "exam": ("greybox_lab.cli.exam", "Examine the diagnosis of gaps on cases whose true causes are hidden from it.")
+    },
+    "Deploy": {
+        "import": (
+            "greybox_lab.cli.import_",
+            "Import a network saved by nnodely (as a fit), or a file of vehicle parameters.",
+        )
+    },
     "Fleet": {
         "fleet": (
             "greybox_lab.cli.fleet",

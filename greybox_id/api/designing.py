@@ -252,7 +252,7 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
         expected = "; ".join(f"{' or '.join(item.pair)} by {item.nats:.0f} nats" for item in design_result.separation)
         way = f"{design_result.sentence[:1].lower()}{design_result.sentence[1:]}"
         where = f"In {design_result.arena.words}, {design_result.duration:.1f} s"
-        drive = f"{lead}, drive {way} {where} are expected to distinguish {expected}."
+        drive = f"{lead}, drive {way} {where} of driving are expected to distinguish {expected}."
         known = (*((drive,) if design_result.phases else ()), *design_result.impossible)
     return replace(gap, advice=(*known, *(line for line in gap.advice if not line.startswith(lead))))
 

@@ -60,7 +60,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
             best = ratio if not best >= ratio else best
     if not best > LESS:
         return []
-    what = f"On {name}" if name else "Held out"
+    what = f"On {name}" if name else "On the held-out recording"
     return [
         Reason(
             WITH_CARE,
@@ -113,15 +113,15 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
         yield Reason(
             NOT_USABLE,
             f"In part {where + 1} of {BLOCKS} equal parts of the data, errors are {number(apart[where], 2)} times "
-            "those of the same model fitted to that part: the vehicle has changed, or is not the same throughout. Fit "
-            "each.",
+            "those of the same model fitted to that part: the vehicle has changed, or is not the same throughout. "
+            "Fit each part by itself.",
         )
     elif each > LESS:
         yield Reason(
             NOT_USABLE,
             f"In {BLOCKS} equal parts of the data, errors are {number(each, 2)} times those of the same model fitted "
-            "to that part alone: the vehicle is not the same throughout, or the model lacks an effect. Fit each part; "
-            "greybox gap looks for the cause.",
+            "to that part alone: the vehicle is not the same throughout, or the model lacks an effect. Fit each part "
+            "by itself; greybox gap looks for the cause.",
         )
 
 
@@ -168,7 +168,8 @@ def _parts_differ(times: float, stays: bool, count: int) -> str:
             "smaller errors on both), or the vehicle has changed. State narrower tolerances, or record more."
         )
     return result + (
-        f"the vehicle has changed, or is not the same. Fit each {half}; greybox gap says what changed since the first."
+        f"the vehicle has changed, or each {half} is of another vehicle. Fit each {half} by itself; greybox gap says "
+        f"what changed since the first."
     )
 
 

@@ -134,7 +134,7 @@ def fit_grid(
         say(doubt)
     missing = [k for k, cell in enumerate(several) if _key(cell) not in rows]
     if len(missing) < len(several):
-        say(f"{len(several) - len(missing)} of {len(several)} structures are there already")
+        say(f"{len(several) - len(missing)} of {len(several)} structures were computed earlier")
 
     def work(number: int) -> dict[str, Any]:
         with threadpool_limits(1):

@@ -105,7 +105,8 @@ def profiled(fit: Fit, names: Sequence[str], everything: bool = False) -> list[s
     model = fit.model
     if fit.mode == "early stopping":
         raise BadInput(
-            f"Held-out data stopped the training of {model.name} early: it is at no optimum, and has no profile. "
+            f"Held-out data stopped the training of {model.name} early: its weights are at no optimum, so they have "
+            f"no profile. "
             "Train it from several seeds to see how far its numbers scatter."
         )
     free = [p.name for p in model.parameters if p.shape == () and not p.fixed and p.scope == "model"]

@@ -224,7 +224,7 @@ def _confirmed(reached: _Reached, how: FitOptions, say: Say) -> _Reached:
 def _trouble(simulator: Simulator, start: Array, reached: _Reached | None) -> str:
     """Why an optimum is none to be left at, as the beginning of a sentence; "" where there is nothing against it."""
     if reached is None:
-        return "no finite prediction at the start"
+        return "no finite prediction at the starting point"
     solution, problem = reached.solution, reached.problem
     p = problem.shared(solution.x)
     free = problem.free[problem.parameters.index[0]]
@@ -286,15 +286,20 @@ def _fallbacks(
     ways: list[tuple[str, Callable[[], Attempt | None]]] = []
     if why == Status.TOO_FAST.value:
         straight = partial(attempted, simulator, recordings, points[0], how, quiet, model.name, ())
-        ways.append(("the start, without predictions ahead", straight))
+        ways.append(("the original starting point, without first fitting short predictions", straight))
     if how.horizon is None or how.horizon > SHORTER:
-        ways.append((f"predictions {SHORTER:g} s ahead first", ahead_first))
+        ways.append((f"first a fit of predictions over {SHORTER:g} s", ahead_first))
     for k, p in enumerate(more, 1):
         another = partial(attempted, simulator, recordings, p, how, quiet, model.name)
-        ways.append((f"other start {k}", another))
+        ways.append((f"other starting point {k}", another))
     if how.solver == "auto" and (reached is None or reached.solution.steps == 0):
         of_ipopt = replace(how, solver="ipopt")
-        ways.append(("Ipopt from the start", partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, "")))
+        ways.append(
+            (
+                "Ipopt from the original starting point",
+                partial(attempted, simulator, recordings, points[0], of_ipopt, quiet, ""),
+            )
+        )
     it: tuple[str, ...] = ()
     reached = None if reached is None else _light(reached)
     for words, way in ways:

@@ -136,7 +136,7 @@ def pretrained(
     if result.status == "interrupted":
         raise KeyboardInterrupt
     off = SETTLED * np.sqrt(result.held_out[result.best])
-    say(f"{model.name}: pretrained, error of the rates {100 * off:.1f} % of their spread")
+    say(f"{model.name}: pretrained; the error of the state's derivatives is {100 * off:.1f} % of their spread")
     return problem.parameters(result.x)
 
 
@@ -157,7 +157,8 @@ def faster(model: HybridModel, recordings: Sequence[Recording], known: Pretraini
     vehicle = known.model
     if not {"v_x", "steer"} <= set(vehicle.inputs):
         raise BadInput(
-            f"‹pretrain_beyond›: {known.source or vehicle.name} is not driven by v_x and steer. Pretrain from a fit of "
+            f"‹pretrain_beyond›: {known.source or vehicle.name} does not have v_x and steer as its inputs. Pretrain "
+            f"from a fit of "
             "lateral, or omit it."
         )
     _must_predict(vehicle, states, vehicle.outputs, model)

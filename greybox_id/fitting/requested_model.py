@@ -87,7 +87,8 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
         changed[name] = _at(parameter, number(given, parameter.unit, f"‹start› {name}"), "‹start›")
         if parameter.fixed:
             raise BadInput(
-                f"‹start› {name}: {model.name} holds it; add ‹free› {name}, or hold it there: ‹fix› {name}={given}."
+                f"‹start› {name}: {model.name} keeps this parameter fixed; free it with ‹free› {name}, or fix it at "
+                f"this value: ‹fix› {name}={given}."
             )
     for name, at in choices.fix.items():
         parameter = current(name, "‹fix›", "‹free›", "‹prior›", "‹start›")
@@ -97,7 +98,7 @@ def with_choices(model: AnyModel, choices: Choices) -> AnyModel:
     for name in choices.per_run:
         parameter = current(name, "‹per_run›", "‹fix›")
         if parameter.fixed:
-            raise BadInput(f"‹per_run› {name}: {model.name} holds it; add ‹free› {name}.")
+            raise BadInput(f"‹per_run› {name}: {model.name} keeps this parameter fixed; free it with ‹free› {name}.")
         changed[name] = replace(parameter, scope="run")
     return _replaced(model, changed)
 
@@ -145,7 +146,7 @@ def free_effects_suit(model: Model, effects: Mapping[str, object]) -> None:
     if free and isinstance(model, MemoryModel):
         unit = EFFECTS[free[0]].parameter.unit
         raise BadInput(
-            f"‹effects› {free[0]}: {model.name} is a model with memory, in which effects are held; say at what "
+            f"‹effects› {free[0]}: {model.name} is a model with memory, in which effects are kept fixed; state the "
             f"magnitude, in {unit}: ‹effects› {free[0]}=VALUE."
         )
 
@@ -215,7 +216,8 @@ def _at(parameter: Parameter, value: float, option: str) -> Parameter:
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         limits = f"{low:g} to {high:g}{unit}"
         raise BadInput(
-            f"{option} {parameter.name}: {value:g}{unit} is outside what models take for it, {limits}. Check its unit."
+            f"{option} {parameter.name}: {value:g}{unit} is outside the range that models accept, {limits}. Check "
+            f"its unit."
         )
     return parameter.with_value(value)
 
@@ -310,10 +312,10 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
         (f" (the vehicle {name} comes with greybox)" for name in shipped if name in shipped_vehicles()), ""
     )
     if vehicle is None and (size := _size(model)):  # an actuator has no mass and no wheelbase: it is no vehicle
-        start = f"{model.name} starts from numbers of its own ({size})"
+        start = f"{model.name} starts from its default values ({size})"
         result.append(
-            f"No vehicle is named: {start}. Name one{suggested}, or a file with your numbers: "
-            f"greybox models {model.name} writes one to begin with."
+            f"No vehicle is named: {start}. Name one{suggested}, or a file with the values of your vehicle; greybox "
+            f"models {model.name} writes a file to start from."
         )
     if "l_f" in model and "l_r" in model:
         wheelbase = float(model["l_f"].array + model["l_r"].array)

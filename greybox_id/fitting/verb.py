@@ -225,7 +225,10 @@ def _moving(model: Model, task: FitTask) -> tuple[FitTask, float]:
         result.append(recording)
     if not stood:
         return task, 0.0
-    task.say(f"{model.name}: {number(stood, 3)} s of standing under the brake are left out: no force shows there")
+    task.say(
+        f"{model.name}: {number(stood, 3)} s in which the vehicle stood still with its brake on are left out of "
+        f"the fit: no force can be seen there"
+    )
     return replace(task, recordings=result), stood
 
 
@@ -237,8 +240,8 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
     step = min(recording.sample_time for recording in task.recordings)
     if not held.stated and held.gain < 0:
         task.say(
-            f"{fit.model.name}: fitting twice, with commands linear between rows and with commands held; the "
-            "likelier fit is used"
+            f"{fit.model.name}: fitting twice, with commands linear between rows and with commands held from row to "
+            f"row; the likelier fit is used"
         )
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]
@@ -270,7 +273,8 @@ def _without_last(fit: Fit, task: FitTask, scores: Mapping[str, Scores]) -> Reas
         return None
     return Reason(
         NOT_USABLE,
-        f"Held out, errors are {number(times, 2)} times those of the same fit without {last.name}: leave it out.",
+        f"On the held-out recording, errors are {number(times, 2)} times those of the same fit without {last.name}: "
+        f"leave this effect out.",
     )
 
 
@@ -298,7 +302,8 @@ def _seen(fit: Fit, validate: Recording, trained: Recording) -> Iterator[Finding
     share = seen(validate, trained)
     if share > 0.0 and not any(fitted_to(fit, fit.data)):  # which says so of one file
         sentence = (
-            f"{100 * share:.0f} % of its rows are rows that the model was fitted to: errors there are no proof. Hold "
+            f"{100 * share:.0f} % of its rows are rows to which the model was fitted: errors on them prove nothing. "
+            f"Hold "
             "out another recording."
         )
         yield Finding("seen", Severity.WARNING, FoundAt("time"), sentence, share)

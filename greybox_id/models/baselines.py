@@ -105,7 +105,8 @@ def _general(s: GeneralSettings) -> tuple[Parameter, ...]:
         start = random.standard_normal((s.neurons, 1)) * fading(length) / scale
         layers.append(
             Parameter(
-                name, unit, start, about=f"first layer on {signal} (neuron, age oldest first)",
+                name, unit, start,
+                about=f"weights of the first layer on {signal}: neuron, then age of the sample, oldest first",
                 prior=fading_prior(length, sd=0.6 / scale, decay=0.75, axes=2, mean=0.0, strength=hidden),
             )
         )  # fmt: skip
@@ -114,9 +115,9 @@ def _general(s: GeneralSettings) -> tuple[Parameter, ...]:
         Parameter("b", "1", random.standard_normal(s.neurons), prior=Prior(1.0, mean=0.0, strength=hidden),
                   about="thresholds of the neurons"),
         Parameter("G_yaw", "rad/s", np.full(s.neurons, 0.1), prior=Prior(2.0, mean=0.0),
-                  about="second layer, of the yaw rate"),
+                  about="weights of the second layer, for the yaw rate"),
         Parameter("G_x", "m/s^2", np.full(s.neurons, 0.1), prior=Prior(4.0, mean=0.0),
-                  about="second layer, of the acceleration"),
+                  about="weights of the second layer, for the acceleration"),
     )  # fmt: skip
 
 
@@ -217,7 +218,7 @@ def msnn_bench_long(settings: LongitudinalBenchSettings | None = None) -> Memory
         for parameter in (
             Parameter(f"F_{branch}", "m/(s^2 A)", fading(length), about=f"impulse response to {word} current",
                       prior=fading_prior(length, sd=0.5, decay=0.8, axes=1, strength="actuation")),
-            Parameter(f"b_{branch}", "m/s^2", 0.0, prior=Prior(0.5), about=f"offset of that to {word} current"),
+            Parameter(f"b_{branch}", "m/s^2", 0.0, prior=Prior(0.5), about=f"offset of the response to {word} current"),
         )
     )  # fmt: skip
     slope = Parameter("G_6", "m/s^2", 0.0, (-2 * GRAVITY, 2 * GRAVITY), Prior(1.0), about="weight of the road's slope")

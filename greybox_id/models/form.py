@@ -132,7 +132,8 @@ def with_form_error(model: MotionModel) -> MotionModel:
         WHEELS,
         (0.0, 0.5),
         prior=Prior(WHEELS_SD),
-        about="mass that the inertia of the wheels adds",
+        about="share of the mass which, half a track from the middle, would have the additional yaw inertia of the "
+        "wheels",
     )
     value = model.with_parameters(*slips, *curves, wheels, ackermann, turning).altered(
         steer=toed, alpha_f=lambda alpha, q: weighed("f", alpha, q), alpha_r=lambda alpha, q: weighed("r", alpha, q),

@@ -126,7 +126,7 @@ def bicycle_mlp(settings: LateralNetworkSettings | None = None) -> HybridModel:
     value = settings or LateralNetworkSettings()
     physical = (*BODY[:4], *pacejka.parameters("f"), *pacejka.parameters("r"), LEVER)
     held = tuple(p if value.free_physics else replace(p, fixed=True) for p in physical)
-    about = "single track with Pacejka's tyres, and a feed-forward network of the error of its rates"
+    about = "single track with Pacejka's tyres, and a feed-forward network that predicts the error of its derivatives"
     return _networked("bicycle_mlp", about, held, _bicycle, value)
 
 

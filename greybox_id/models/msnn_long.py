@@ -150,18 +150,19 @@ def _parameters(s: LongitudinalSettings, a_y: Array, v_x: tuple[float, ...]) -> 
         for parameter in (
             Parameter(f"G_1{branch}", "1/A", np.outer(np.full(eta, gain), fading(length, 2.0)),
                       prior=fading_prior(length, sd=0.2, decay=0.65, axes=2, strength="actuation"),
-                      about=f"{word} network, first layer (neuron, age oldest first)"),
+                      about=f"{word} network, weights of the first layer: neuron, then age of the sample, oldest "
+                            f"first"),
             Parameter(f"b_1{branch}", "1", thresholds, prior=Prior(0.25, strength="actuation"),
                       about=f"{word} network, thresholds"),
             Parameter(f"G_2{branch}", "N m", np.full(eta, 0.05), prior=Prior(0.5, mean=0.0),
-                      about=f"{word} network, second layer"),
+                      about=f"{word} network, weights of the second layer"),
         )
     )  # fmt: skip
     lateral = (
         Parameter("q_1", "N", 1.7 * a_y, prior=Prior(10.0),
                   about="front lateral force at the centre of each local model", source="half the mass times a_y"),
         Parameter("q_2", "N s^2/m", np.full(len(a_y), 1.7), prior=Prior(3.0),
-                  about="its slope over lateral acceleration", source="half the mass"),
+                  about="slope of this force over lateral acceleration", source="half the mass"),
         Parameter("F_y", "1", np.broadcast_to(fading(length), (s.n_v, length)),
                   prior=fading_prior(length, sd=0.5, decay=0.75, axes=2, strength="lateral_force"),
                   about="finite impulse response of each local model, oldest sample first", axes=(("v_x", v_x),)),

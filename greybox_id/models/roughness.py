@@ -80,7 +80,14 @@ def _regimes(usual: Mapping[str, float]) -> list[Effect]:
             def shaped(value: Symbol, q: Quantities, name: str = name, size: Any = size) -> Symbol:
                 return value * (1 + getattr(q.p, name) * size(q))
 
-            one = Parameter(name, "1", 0.0, (-0.5, 0.5), prior=Prior(FORM_SD), about=f"error of {force} over {regime}")
+            one = Parameter(
+                name,
+                "1",
+                0.0,
+                (-0.5, 0.5),
+                prior=Prior(FORM_SD),
+                about=f"relative error of {force}, in proportion to {regime}",
+            )
             others = tuple(
                 Parameter(f"usual_{base}", unit, usual[base], (0.0, inf), fixed=True, about=f"usual {base}")
                 for base, unit in ([over[regime]] if regime in over else [])
@@ -108,7 +115,12 @@ def steered_wheels() -> Effect:
         return M_z - q.p.steered_wheels * cs.sin(q.u.steer) * FRONT_SHARE * q.p.h_cg * across * q.F_yf / q.F_zf
 
     parameter = Parameter(
-        "steered_wheels", "1", 0.0, (0.0, 2.0), prior=Prior(TRACK_SD), about="share of the outer front wheel's moment"
+        "steered_wheels",
+        "1",
+        0.0,
+        (0.0, 2.0),
+        prior=Prior(TRACK_SD),
+        about="share of the yaw moment of the loaded, steered outer front wheel that acts",
     )
     return Effect(
         parameter.name, parameter, ("M_z",), lambda model: model.altered(M_z=turned_back), group=GROUP,
@@ -119,10 +131,15 @@ def steered_wheels() -> Effect:
 def combined_slip() -> list[Effect]:
     """How longitudinal forces take from lateral ones, should they; read by the effect combined_slip."""
     power = Parameter(
-        COMBINED_POWER, "1", 0.0, (-0.5, 1.0), prior=Prior(POWER_SD), about="two, less the power of combined slip"
+        COMBINED_POWER, "1", 0.0, (-0.5, 1.0), prior=Prior(POWER_SD), about="two minus the exponent of combined slip"
     )
     balance = Parameter(
-        COMBINED_BALANCE, "1", 0.0, (-0.8, 0.8), prior=Prior(BALANCE_SD), about="of combined slip, more in front"
+        COMBINED_BALANCE,
+        "1",
+        0.0,
+        (-0.8, 0.8),
+        prior=Prior(BALANCE_SD),
+        about="balance of combined slip: more of it at the front axle if positive",
     )
     needs = ("F_xf", "F_xr", "peak_f", "peak_r")
     return [
@@ -144,7 +161,7 @@ def _bent(coefficient: str, usual_speed: float) -> Effect:
         0.0,
         (-0.5, 0.5),
         prior=Prior(DRAG_SD),
-        about=f"exponent of the speed in addition to that of {coefficient}",
+        about=f"exponent of the speed, in addition to the exponent that {coefficient} has",
     )
     usual = Parameter(
         "usual_speed", "m/s", usual_speed, (0.0, inf), fixed=True, about="speed at which resistance is as stated"

@@ -111,16 +111,21 @@ class TyreFile:
         E = (self._of("PEY1") + self._of("PEY2") * df) * self._of("LEY")
         scale = self._of("PKY2")
         if not (C * D and scale and F_z > 0):
-            raise BadInput(f"{self.path}: PCY1, PDY1, PKY2 and the load must not be zero at {F_z:g} N; mend the file.")
+            raise BadInput(
+                f"{self.path}: at a load of {F_z:g} N, PCY1, the friction (PDY1, PDY2), PKY2 or a scale "
+                f"factor is zero, or the load is not above zero; correct the file."
+            )
         K = self._of("PKY1") * nominal * sin(self._of("PKY4") * atan(F_z / nominal / scale)) * self._of("LKY")
         S_h = (self._of("PHY1") + self._of("PHY2") * df) * self._of("LHY")
         S_v = (self._of("PVY1") + self._of("PVY2") * df) * self._of("LVY") * self._of("LMUY")
         if not K:
-            raise BadInput(f"{self.path}: PKY1 and LKY give a tyre without stiffness; mend the file.")
+            raise BadInput(f"{self.path}: PKY1 and LKY give a cornering stiffness of zero; correct the file.")
         # An even curve's sign is a convention: slip angles of such files are often those of the other side.
         values = (abs(K / (C * D * F_z)), abs(C), abs(D), E, S_h, S_v if K > 0 else -S_v)
         if not all(abs(value) < LARGEST_NUMBER for value in values):
-            raise BadInput(f"{self.path}: the coefficients at {F_z:g} N are implausibly large; mend the file.")
+            raise BadInput(
+                f"{self.path}: the coefficients at a load of {F_z:g} N are implausibly large; correct the file."
+            )
         return PureLateral(*(float(f"{value:.{DIGITS}g}") for value in values))
 
     def stated(self) -> dict[str, Stated]:

@@ -149,7 +149,7 @@ def _bounded(parameter: Parameter, stated: Stated, where: str) -> Parameter:
     if not low <= value <= high:
         unit = "" if parameter.unit == "1" else f" {parameter.unit}"
         raise BadInput(
-            f"{where}: {parameter.name} = {value:g}{unit} is outside what models take for it, {low:g} to "
+            f"{where}: {parameter.name} = {value:g}{unit} is outside the range that models accept, {low:g} to "
             f"{high:g}. Correct the value, or state min and max with it."
         )
     prior = Prior(stated.sd, mean=value) if stated.sd is not None else parameter.prior

@@ -30,7 +30,11 @@ from .widgets import button, choose, heading, quiet, title
 if TYPE_CHECKING:
     from .page import Page
 
-HOLDS = {"": "not stated: weigh both", "zero": "commanded: held", "linear": "measured: runs on"}
+HOLDS = {
+    "": "not stated: compare both",
+    "zero": "commanded: held from row to row",
+    "linear": "measured: linear between rows",
+}
 USUAL = ("lateral", "kinematic", "single_track", "longitudinal")
 """Models in the order in which the first that suits is proposed."""
 
@@ -39,7 +43,7 @@ async def prepare(page: Page) -> dict[str, Any]:
     """The model over the recording, simulated once; models that the recording suits."""
     session, files = page.session, page.session.files("train")
     if not files:
-        raise gb.BadInput("No recording is to be fitted: give one the role fit in step 1.")
+        raise gb.BadInput("No recording is to be fitted: give one the role 'fit' in step 1.")
     recording = await page.off(page.work.recording, files[0])
     if page.picked.get("suits of") != session.key:
         page.picked["suits"] = await page.off(lambda: {name: lacking(name, recording) for name in MODELS})
@@ -126,7 +130,7 @@ def draw(page: Page, data: dict[str, Any]) -> None:
 def _errors(bench: Playground, traces: dict[str, Array]) -> str:
     errors = bench.errors(traces).items()
     words = ", ".join(f"{name} {quantity(value, bench.recording.unit(name))}" for name, value in errors)
-    return f"Root mean square of simulated less measured, free run: {words}"
+    return f"Root mean square of the simulated minus the measured signals, free run: {words}"
 
 
 def _slider(page: Page, row: gb.models.Parameter, span: tuple[float, float], drag: Drag) -> None:

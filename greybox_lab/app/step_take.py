@@ -53,7 +53,7 @@ def cells(session: Session) -> list[str]:
 
 def notebook(session: Session) -> dict[str, Any]:
     """The same as a notebook of Jupyter's format 4."""
-    words = f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings are beside this file."
+    words = f"# {session.folder.name}\n\nMade by greybox app. The column map and the recordings are in the same folder."
     made: list[dict[str, Any]] = [{"cell_type": "markdown", "metadata": {}, "source": words}]
     for source in cells(session):
         made.append({"cell_type": "code", "execution_count": None, "metadata": {}, "outputs": [], "source": source})
@@ -83,7 +83,7 @@ def pack(session: Session) -> str:
 
 REPORT = "report.html"
 TARGETS = ("c", "casadi", "fmu", "acados", "simulink", "f1tenth", "ros2", "autoware")
-OF_GAP = {"gap.pdf": "The diagnosis as PDF", "closed.toml": "The vehicle with the gap closed"}
+OF_GAP = {"gap.pdf": "The diagnosis as PDF", "closed.toml": "The vehicle file with the applied effects"}
 
 
 async def prepare(page: Page) -> dict[str, Any]:

@@ -98,7 +98,7 @@ def _diagnose(page: Page, done: bool) -> None:
             since = button("What changed since BEFORE?", partial(work.gap, False, True), "since", "outline")
             since.set_enabled(bool(before))
             if not before:
-                since.tooltip("Give a drive the role before in step 1.")
+                since.tooltip("Give a drive the role 'before' in step 1.")
         if done:
             button("Take it away", partial(page.go, 6), "onward")
     if before:
@@ -113,7 +113,7 @@ def _waterfall(budget: list[Step]) -> ui.echart | None:
         return None
     words = ", ".join(f"{step.name} {100 * step.share:.0f} %" for step in budget)
     height = 70 + 44 * (len(budget) + 1)
-    picture = charts.chart(charts.waterfall(budget), height, f"the gap shared out: {words}").mark("waterfall")
+    picture = charts.chart(charts.waterfall(budget), height, f"shares of the gap by cause: {words}").mark("waterfall")
     quiet(
         "Filled bars: effects in the closed model. Striped bars: likely causes, too uncertain to apply. Grey: "
         "unexplained. Lines: "

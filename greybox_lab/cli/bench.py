@@ -27,7 +27,7 @@ report_option = click.option(
 
 @click.group(name="bench", cls=CommandGroup)
 def bench() -> None:
-    """Reproduce tables of published papers on the authors' recordings, beside the results of greybox-id.
+    """Reproduce tables of published papers on the authors' recordings, and compare them with the results of greybox-id.
 
     \b
     greybox bench a2rl --data a2rl --quick
@@ -41,7 +41,7 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
 
     @bench.command(name, help=f"{about}\n\n\b\ngreybox bench {name}{f' --data {folder}' if folder else ''} --quick")
     @data_option(required=bool(folder))
-    @click.option("--quick", is_flag=True, help="Fewer seeds, rows and targets: about a CPU minute.")
+    @click.option("--quick", is_flag=True, help="Use fewer seeds, rows and targets; takes about a CPU minute.")
     @report_option
     @json_option
     def command(data: Path | None, quick: bool, report: str | None, as_json: bool) -> None:
@@ -84,7 +84,9 @@ _on_others_ground(
 @bench.command("msnn")
 @data_option(required=True)
 @click.option(
-    "--quick", is_flag=True, help="Use priors of the stated strength instead of cross-validated ones: some CPU minutes."
+    "--quick",
+    is_flag=True,
+    help="Use the stated strengths of the priors instead of cross-validated strengths; takes some CPU minutes.",
 )
 @click.option(
     "--out",
@@ -95,7 +97,7 @@ _on_others_ground(
 @report_option
 @json_option
 def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
-    """Tables 1 to 3 of the paper on model-structured networks: a 1:10 car, baselines, ablations and adaptation.
+    """Reproduce Tables 1 to 3 of the paper on model-structured networks of a 1:10 car.
 
     FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Two protocols
     are compared with the paper's figures: exactly that of the authors, and one in which nothing is chosen on scored
@@ -127,7 +129,9 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
 @click.option(
     "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Number of trainings of each network."
 )
-@click.option("--out", default=None, metavar="FILE", help="File of the trainings; the next run continues from them.")
+@click.option(
+    "--out", default=None, metavar="FILE", help="File that keeps finished trainings; the next run continues from them."
+)
 @click.option(
     "--minutes",
     type=click.FloatRange(min=0),
@@ -168,7 +172,9 @@ def truck_command(
 
 @bench.command("loop")
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
-@click.option("--quick", is_flag=True, help="Run one case, one cycle and five arms: about two CPU minutes, not hours.")
+@click.option(
+    "--quick", is_flag=True, help="Run one case, one cycle and five drivers (arms): about two CPU minutes, not hours."
+)
 @click.option(
     "--case",
     "cases",
@@ -191,8 +197,20 @@ def truck_command(
         "Default: 3, or 1 with --quick."
     ),
 )
-@click.option("--vehicles", type=click.IntRange(1, 20), default=1, show_default=True, help="Drawn for each case.")
-@click.option("--seeds", type=click.IntRange(1, 20), default=1, show_default=True, help="Of learning, each vehicle.")
+@click.option(
+    "--vehicles",
+    type=click.IntRange(1, 20),
+    default=1,
+    show_default=True,
+    help="Number of vehicles drawn for each case.",
+)
+@click.option(
+    "--seeds",
+    type=click.IntRange(1, 20),
+    default=1,
+    show_default=True,
+    help="Number of random seeds of learning for each vehicle.",
+)
 @json_option
 def loop_command(
     out: Path,

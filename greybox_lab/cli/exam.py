@@ -75,18 +75,24 @@ def exam() -> None:
     "--cases", type=click.IntRange(min=0), help="Tiers clean and workshop: cases with withheld effects; default: 60."
 )
 @click.option(
-    "--nulls", type=click.IntRange(min=0), help=("Cases without effects; default: a sixth of the others, foreign: 200.")
+    "--nulls",
+    type=click.IntRange(min=0),
+    help=("Cases without effects; default: a sixth of the other cases; for the tier foreign 200."),
 )
-@click.option("--singles", type=click.IntRange(min=0), help="Cases with one effect; default: 70, rough: 14.")
+@click.option(
+    "--singles", type=click.IntRange(min=0), help="Cases with one effect; default: 70, for the tier rough 14."
+)
 @click.option(
     "--data",
     metavar="FOLDER",
     type=click.Path(path_type=Path),
     help="Folder of the real recordings, for tiers injected and changed.",
 )
-@click.option("--pairs", type=click.IntRange(min=0), help="Cases with two effects; default: 25, rough: 6.")
+@click.option("--pairs", type=click.IntRange(min=0), help="Cases with two effects; default: 25, for the tier rough 6.")
 @click.option(
-    "--outside", type=click.IntRange(min=0), help=("Cases with an effect outside the vocabulary; default: 30.")
+    "--outside",
+    type=click.IntRange(min=0),
+    help=("Cases with an effect that the diagnosis has no name for; default: 30."),
 )
 @click.option(
     "--many",
@@ -118,7 +124,8 @@ def make_command(
     jobs: int,
     as_json: bool,
 ) -> None:
-    """Make cases, and seal their answers apart from them. After an interruption the same command continues.
+    """Generate the cases of an examination, and store their sealed answers in a separate folder. After an
+    interruption the same command continues.
 
     Note the checksum that is printed: with it, greybox exam score --seal detects replaced answers.
 

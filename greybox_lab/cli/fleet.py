@@ -60,9 +60,9 @@ def fleet() -> None:
     type=click.Choice(["all", "changed"]),
     default="all",
     show_default=True,
-    help="With changed: do not read files whose size and date are unchanged.",
+    help="'changed' skips files whose size and date are unchanged, without reading them.",
 )
-@click.option("--retry-failed", is_flag=True, help="Process recordings that failed or reached a limit again.")
+@click.option("--retry-failed", is_flag=True, help="Process again the recordings that failed or reached a limit.")
 @click.option(
     "--compact", is_flag=True, help="Write each table as one file, without results of recordings that have changed."
 )
@@ -70,7 +70,7 @@ def fleet() -> None:
     "--second-pass",
     "refit",
     is_flag=True,
-    help="Afterwards fit poorly excited recordings again, with the fleet's distribution as prior.",
+    help="After the first pass, fit poorly excited recordings again, with the fleet's distribution as prior.",
 )
 @json_option
 def run_command(
@@ -137,8 +137,10 @@ def estimate_command(results: Path, as_json: bool) -> None:
 @click.option(
     "--out", metavar="FILE", type=click.Path(path_type=Path), help="Report to write; default: RESULTS/report.html."
 )
-@click.option("--format", "kind", type=click.Choice(["html"]), default="html", show_default=True, help="Of the report.")
-@click.option("--vehicle", metavar="NAME", help="Of this vehicle alone.")
+@click.option(
+    "--format", "kind", type=click.Choice(["html"]), default="html", show_default=True, help="Format of the report."
+)
+@click.option("--vehicle", metavar="NAME", help="Report on this vehicle alone.")
 @json_option
 def report_command(results: Path, out: Path | None, kind: str, vehicle: str | None, as_json: bool) -> None:
     """Write a report of RESULTS as one HTML page: the population; which vehicles left it, when and in which parameter;

@@ -27,7 +27,7 @@ from ..nnodely.vehicles import SUFFIXES
     "--inputs",
     default="",
     metavar="SIGNAL=INPUT,...",
-    help="Signal of each input of the file, if the names do not say it.",
+    help="Which signal each input of the file is, if the names do not tell.",
 )
 @click.option(
     "--sample-time",

@@ -30,13 +30,14 @@ arm_option = click.option(
     type=click.Choice(list(ARMS)),
     default="named",
     show_default=True,
-    help="Model identified from the rows, on which a driver learns; docs/loop.md explains each.",
+    help="How the model on which the driver learns is identified from the recorded rows; docs/loop.md explains each "
+    "way.",
 )
 
 
 @loop.command("demo")
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the demo.")
-@click.option("--quick", is_flag=True, help="Fewer rows and steps: some minutes.")
+@click.option("--quick", is_flag=True, help="Use fewer rows and steps; takes some minutes.")
 @click.option(
     "--case",
     type=click.IntRange(0, 7),
@@ -45,7 +46,9 @@ arm_option = click.option(
     help="Number of the case: effects of the car that its file does not state; 6 and 7 are outside the vocabulary.",
 )
 @arm_option
-@click.option("--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Of the loop.")
+@click.option(
+    "--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Number of cycles of the loop."
+)
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Seed of all random numbers.")
 @json_option
 def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed: int, as_json: bool) -> None:
@@ -64,17 +67,31 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
 
 @loop.command("agent")
 @click.argument("server", metavar="SERVER")
-@click.option("--token-file", required=True, metavar="FILE", type=click.Path(), help="What signs requests.")
+@click.option(
+    "--token-file", required=True, metavar="FILE", type=click.Path(), help="File of the token that signs requests."
+)
 @click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the agent.")
 @click.option(
     "--session", default="car", show_default=True, help="Name of the session at the server: letters, digits and dashes."
 )
-@click.option("--case", type=click.IntRange(0, 7), default=0, show_default=True, help="As of loop demo.")
+@click.option(
+    "--case",
+    type=click.IntRange(0, 7),
+    default=0,
+    show_default=True,
+    help="Number of the case, as in greybox loop demo.",
+)
 @arm_option
 @click.option(
     "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Number of policies to learn."
 )
-@click.option("--steps", type=click.IntRange(1, 10_000_000), default=150_000, show_default=True, help="Of a training.")
+@click.option(
+    "--steps",
+    type=click.IntRange(1, 10_000_000),
+    default=150_000,
+    show_default=True,
+    help="Number of steps of a training.",
+)
 @click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Seed of all random numbers.")
 @json_option
 def agent_command(

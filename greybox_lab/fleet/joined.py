@@ -199,7 +199,7 @@ def joined_fits(
     parsed = [_of_row(row, names, logs) for row in plain_rows(kept)]
     fine = [item is not None for item in parsed]
     if not all(fine):
-        left_out["its fit informs nothing"] = len(fine) - sum(fine)
+        left_out["its fit determines no parameter"] = len(fine) - sum(fine)
     kept = kept[fine].reset_index(drop=True)
     both = [item for item in parsed if item is not None]
     if not both:

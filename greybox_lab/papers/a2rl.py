@@ -76,12 +76,14 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     verdict = "is" if one.value <= 1e3 * best else "is not"
     answers = (
         f"The inverse single track needs {one.parameters} parameters where the published network has 155 to 225; its "
-        f"error {verdict} below the best one printed ({one.value:.2f} beside {1e3 * best:.2f} mrad; the others of the "
+        f"error {verdict} below the smallest published error ({one.value:.2f} compared with {1e3 * best:.2f} mrad; "
+        f"the others of the "
         f"grid: {', '.join(f'{1e3 * value:.2f}' for value, _ in PUBLISHED[1:])}). Even fitted to the validation lap "
         f"itself, its error is {floor:.2f} mrad, so better parameters would not help.",
         servo_words(result),
         f"{np.sum(~fresh)} of {len(valid)} rows of the validation lap are also in the training lap, so published "
-        "figures are partly in sample. The table of rows that are not in the training lap has no such overlap.",
+        f"errors are partly errors on training data. The table of rows that are not in the training lap has no such "
+        f"overlap.",
     )  # fmt: skip
     protocol = (
         "Task, as published: predict the steering from curvature, speed and accelerations of the same and the next "
@@ -89,11 +91,15 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
         "The single track is fitted to the training lap alone; its terms were chosen by blocked cross-validation on "
         "that lap. The authors "
         "chose structure and seed on the validation lap.",
-        "RMSE is pooled over all windows; that of the authors is as printed in the paper. Servo: whole laps are "
+        "RMSE is pooled over all windows; the RMSE of the authors' network is as printed in the paper. Servo: whole "
+        "laps are "
         f"simulated from the target, linear between rows. The 95 % intervals are those of the mean over {PARTS} "
         "parts of a lap.",
     )
-    about = "Full-size autonomous racer (A2RL), laps of 140 and 150 s at 20 Hz; beside a published inverse network."
+    about = (
+        "Laps of 140 and 150 s by a full-size autonomous racer (A2RL), recorded at 20 Hz: comparison with a "
+        "published inverse network."
+    )
     return PublishedBench("a2rl", "Steering of a full-size racer", about, protocol, tuple(rows), answers, result)
 
 
@@ -105,7 +111,7 @@ def servo_words(result: Mapping[str, Any]) -> str:
         agree = value[0] <= other[1] and other[0] <= value[1]
         words.append(
             f"{symbol.removeprefix('steering_')} [{1e3 * value[0]:.1f}, {1e3 * value[1]:.1f}] and "
-            f"[{1e3 * other[0]:.1f}, {1e3 * other[1]:.1f}] ms, which {'overlap' if agree else 'part'}"
+            f"[{1e3 * other[0]:.1f}, {1e3 * other[1]:.1f}] ms, which {'overlap' if agree else 'do not overlap'}"
         )
     delay, lag = (1e3 * result[f"servo, {symbol}, RMSE"] for symbol in ("steering_delay", "lag"))
     return (

@@ -108,31 +108,33 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
     others = {name: value for name, value in speed.items() if not name.startswith("greybox")}
     fastest = max(others, key=lambda name: others[name]) if others else ""
     answers = [
-        f"{name} takes {number(speed[SEARCH] / value, 2)} times the CPU time of the search of greybox-id, per row."
+        f"Per sample of the recording, {name} takes {number(speed[SEARCH] / value, 2)} times the CPU time of the "
+        f"optimisation in greybox-id (search only)."
         for name, value in others.items()
     ]
     if fastest:
         far = {row.model: row.value for row in rows if row.task.startswith("RMSE")}
         answers.insert(
             0,
-            f"Compared with {fastest}, the fastest other tool here, the search of greybox-id, which like the others "
-            "gives "
-            f"estimates only, is {number(speed[SEARCH] / others[fastest], 2)} times as fast, and a whole fit, with "
+            f"Compared with {fastest}, the fastest other tool here, the optimisation in greybox-id (search only), "
+            f"which like the other tools gives estimates only, is {number(speed[SEARCH] / others[fastest], 2)} times "
+            f"as fast, and a whole fit, with "
             f"intervals and errors over horizons, is {number(speed[WHOLE] / others[fastest], 2)} times as fast "
-            f"({number(speed['greybox-id'] / others[fastest], 2)} times from the second call on). The error on the "
-            f"held-out run is {number(far[WHOLE] / far[fastest], 2)} times that of the other tool.",
+            f"({number(speed['greybox-id'] / others[fastest], 2)} times from the second call on). The error of "
+            f"greybox-id on the held-out run is {number(far[WHOLE] / far[fastest], 2)} times that of the other tool.",
         )
     protocol = (
         f"Task: estimate four parameters from position and force, {rows_of_all} rows at 200 Hz, from the same start; "
         "every tool "
-        "gets the same rows, or the first ones up to its row limit. CPU seconds include compiling but no imports "
-        "(greybox-id: the first call and a later one). Ratios are those of the first call unless they say "
+        "gets the same rows, or the first ones up to its row limit. CPU seconds include the time of compiling but "
+        "not of imports; greybox-id is timed at its first and at a later call. Ratios are those of the first call "
+        "unless they say "
         "otherwise, since the other tools compile, too.",
         "Tools use the same equations; the sign in the friction is tanh(velocity / 1 mm/s). Equations are integrated "
         "by a fourth-order Runge-Kutta method with one step per row, unless a tool has its own integrator.",
-        "Other tools use the settings of their examples; experts may get better results.",
+        "Other tools use the settings of their examples; experts in these tools may get better results.",
         "The ten published baselines (Champneys et al., arXiv 2405.10779) were fitted to the recording of the real "
-        "axis. An axis that is simulated by the fitted equations is easier: compare orders of magnitude, no more.",
+        "axis. An axis that is simulated by the fitted equations is easier: compare only orders of magnitude.",
         *(f"{name} is left out: {why}" for name, why in left_out.items()),
     )
     about = "Servo axis in the form of the EMPS benchmark: M q'' = F − F_v q' − F_c sign(q') − F_0."

@@ -61,15 +61,16 @@ def inverse_steering() -> MemoryModel:
         return Parameter(name, "rad", value, (-1.0, 1.0), about=about)
 
     return MemoryModel(
-        name="inverse_steering", about="steering angle of the path that follows",
+        name="inverse_steering", about="steering angle that produces the path ahead",
         inputs=("curvature", "v_x", "a_x", "a_y"), outputs=("steering",), sample_time=0.05, equations=equations,
         parameters=(
             Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which the path lags the steering"),
-            Parameter("width", "1", 1.3, (0.3, 8.0), about="their spread, samples"),
+            Parameter("width", "1", 1.3, (0.3, 8.0), about="standard deviation of the weighting of the "
+                      "path about that lag, in samples"),
             Parameter("force_lag", "1", 2.4, (0.3, 20.0), about="samples over which forces fade in"),
             Parameter("bend", "1/m", 3.5e-4, (5e-5, 1e-2), about="mean curvature at which self-steer saturates"),
             weight("geometry", 3.1 / 40.0, "steering per curvature of 1/40 m: wheelbase over 40 m"),
-            weight("balance", 0.0, "the same per a_y / v_x²"),
+            weight("balance", 0.0, "steering per a_y / v_x² of 1/40 m"),
             weight("turn_in", 0.0, "steering per change of a_y / v_x² in a sample"),
             weight("sliding", 0.0, "steering per a_y beyond v_x² times curvature, under power"),
             weight("straight", 0.0, "steering that holds the car straight, at 40 m/s"),
@@ -77,7 +78,8 @@ def inverse_steering() -> MemoryModel:
             weight("brake_path", 0.0, "steering per curvature, under braking"),
             weight("brake_turn", 0.0, "steering per a_y / v_x², under braking"),
             weight("power", 0.0, "steering per a_y, under power at 40 m/s"),
-            weight("slip", 0.0, "additional steering for the slip of the tyres, per unit of a_y / v_x² and of a_y"),
+            weight("slip", 0.0, "additional steering angle that compensates for tyre slip, in proportion to the "
+                                "product of a_y / v_x² and a_y"),
         ),
     )  # fmt: skip
 
@@ -128,14 +130,17 @@ def driven_rear() -> MotionModel:
             Parameter("mu_r", "1", 1.2, (0.6, 2.0), about="peak friction, rear"),
             Parameter("B_f", "1/rad", 10.0, (2.0, 40.0), about="stiffness factor, front"),
             Parameter("B_r", "1/rad", 12.0, (2.0, 40.0), about="stiffness factor, rear"),
-            Parameter("load_sensitivity", "1", 0.1, (-0.3, 0.8), about="loss of friction per static axle load"),
+            Parameter("load_sensitivity", "1", 0.1, (-0.3, 0.8), about="relative loss of friction per relative "
+                                                                       "growth of the axle load"),
             Parameter("brake_front", "1", 0.6, (0.0, 1.0), about="front share of braking"),
             Parameter("brake_pull", "m", 0.0, (-0.5, 0.5), about="yaw moment per braking force"),
             Parameter("drive_pull", "m", 0.0, (-0.5, 0.5), about="yaw moment per driving force"),
             Parameter("ratio", "1", 1.0, (0.4, 1.4), about="ratio of road-wheel to hand-wheel angle, divided by the "
             "stated ratio"),
-            Parameter("ratio_slope", "1/rad^2", 0.0, (-30.0, 30.0), about="how that changes with the angle squared"),
-            Parameter("steer_0", "rad", 0.0, (-0.03, 0.03), about="angle at which the wheels stand straight"),
+            Parameter("ratio_slope", "1/rad^2", 0.0, (-30.0, 30.0), about="change of that ratio with the square of "
+                                                                          "the hand-wheel angle"),
+            Parameter("steer_0", "rad", 0.0, (-0.03, 0.03), about="hand-wheel angle at which the wheels stand "
+                                                                  "straight"),
         ),
     )  # fmt: skip
 

@@ -133,8 +133,8 @@ def page(
     protocol = (
         f"Trained on {' and '.join(TRAIN)} alone. The inputs are the hand wheel, v_x and a_x, without any measured "
         "yaw. Networks read the last ten samples and predict the next; the single track runs freely over whole drives.",
-        "Networks are trained by Gauss-Newton with priors on their weights, not by the authors' Adam stopped on the "
-        "validation drive. For the black box, tables give mean and standard error over "
+        "Networks are trained by Gauss-Newton with priors on their weights, not, as by the authors, by Adam with "
+        "early stopping on the validation drive. For the black box, tables give mean and standard error over "
         f"{QUICK_SEEDS if quick else SEEDS} seeds, and the error of the mean prediction. Combined with the single "
         "track, networks learn its residual.",
         "For the single track, the zero of each drive's hand wheel is its median where the car gains speed above "
@@ -146,7 +146,10 @@ def page(
         "blocks as long as the correlation time of the errors. The single track was designed on plots of both "
         "training drives and valid_0, not of test_0.",
     )
-    about = "Ferrari 250 LM on a race track, 20 Hz, to 61 m/s; beside networks of tonegas/nnodely-applications."
+    about = (
+        "Ferrari 250 LM on a race track at up to 61 m/s, recorded at 20 Hz: comparison with the networks of "
+        "tonegas/nnodely-applications."
+    )
     return PublishedBench("ferrari", "Yaw of a Ferrari 250 LM", about, protocol, tuple(rows), tuple(answers), result)
 
 

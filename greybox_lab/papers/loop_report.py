@@ -218,8 +218,8 @@ def tables(result: Mapping[str, Any]) -> list[Any]:
         if "failed" in item
     ]
     head = (
-        "Medians over cases. Path error and lap: at the first cap. Model: yaw rate error at 0.5 s and 90 % of the "
-        "grip.\n"
+        "Medians over cases. Path error and lap time are those at the first cap of the grip. Model: yaw rate error "
+        "over a horizon of 0.5 s, at 90 % of the grip.\n"
     )
     return [head, arms, "", bars, *(["", *failed] if failed else [])]
 

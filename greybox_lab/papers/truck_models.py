@@ -116,7 +116,8 @@ v_y_bias = reading(
 )  # fmt: skip
 
 v_y_lead = reading(
-    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "time by which v_y leads yaw rate and steering, to first order",
+    GROUP, "v_y_lead", "s", 0.0, (-1.0, 1.0), "time by which v_y leads yaw rate and steering, as a first-order "
+                                              "approximation",
     typical=0.05, needs=("velocity_lever_arm",),
     v_y=lambda read, q: read.v_y + q.p.v_y_lead * (q.rates.v_y + q.p.velocity_lever_arm * q.rates.yaw_rate),
 )  # fmt: skip
@@ -150,7 +151,8 @@ def _transferring(model: MotionModel) -> MotionModel:
 
 
 stiffness_transfer = effect(
-    GROUP, "stiffness_transfer", "s^2/m", 0.0, (-1.0, 1.0), "share of stiffness that dv_x/dt moves to the rear",
+    GROUP, "stiffness_transfer", "s^2/m", 0.0, (-1.0, 1.0), "share of the cornering stiffness that moves from the "
+                                                            "front to the rear axle, per unit of dv_x/dt",
     touches=("stiffness_f", "stiffness_r"), apply=_transferring, typical=0.05,
 )  # fmt: skip
 
@@ -230,8 +232,10 @@ held_angle = effect(
     ),
     touches=("steer",), apply=_held, typical=0.3,
     others=(
-        Parameter("share_held_short", "1", 0.0, (-3.0, 3.0), about="the same, for 0.2 s"),
-        Parameter("share_held_long", "1", 0.0, (-3.0, 3.0), about="the same, for 5 s"),
+        Parameter("share_held_short", "1", 0.0, (-3.0, 3.0), about="share of the last change of alpha1 that persists "
+                                                                   "for 0.2 s while alpha1 is constant"),
+        Parameter("share_held_long", "1", 0.0, (-3.0, 3.0), about="share of the last change of alpha1 that persists "
+                                                                  "for 5 s while alpha1 is constant"),
         Parameter("share_sliding", "1", 0.0, (-3.0, 3.0), about=(
             "share by which alpha1 continues at its last slope while it is constant"
         )),
@@ -254,7 +258,9 @@ def bank_map(centres: Array) -> Effect:
     def apply(model: MotionModel) -> MotionModel:
         return _reading(model, "x", "y", "along_road").altered(gravity_y=banked)
 
-    heights = Parameter("bank", "rad", np.zeros(len(centres)), about="heights of the bumps of the road's bank")
+    heights = Parameter(
+        "bank", "rad", np.zeros(len(centres)), about="bank angles of the road at the centres of the map"
+    )
     return Effect("bank", heights, ("gravity_y",), apply, typical=0.01, group=GROUP)
 
 

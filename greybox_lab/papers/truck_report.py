@@ -139,7 +139,7 @@ def truck_report(one: Found) -> Document:
         *titled("By recording", _models([row for row in rows if row["by_recording"]])),
         *titled("Table IV: gain over the MLP", _gains(published, split), Text(
             f"Gains on {split} of the best network of each method in each column; a gain above zero is better. The "
-            "best network is chosen on the scored data, so all gains are too good by about the same amount.")),
+            "best network is chosen on the scored data, so all gains are overestimated by about the same amount.")),
         *titled("Paired, against the MLP of that size", _pairs(one["comparisons"], False), Text(PAIRED)),
         *titled(f"Paired, against the {BICYCLES[1]}", _pairs(one["comparisons"], True), Text(PAIRED)),
         *titled("Which effects of transfer learning are significant", _lessons(one["lessons"]), Text(
@@ -163,8 +163,8 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
             f"As Fig. 3 of the paper, on {drawn[0]['split']}. Errors of all trajectories over the time since their "
             "start, for the network of each method that is best over the whole 10 s. The bicycle with signs as "
             "published "
-            f"is off by {_end(bicycles, BICYCLES[0])} after 10 s and is not drawn.",
-            "Errors of free runs over how long they have run.",
+            f"has an error of {_end(bicycles, BICYCLES[0])} after 10 s and is not drawn.",
+            "Errors of free runs over the time since their start.",
         ))  # fmt: skip
     traces = result["traces"]
     if traces:
@@ -175,8 +175,9 @@ def drawings(result: Found) -> tuple[Drawing, ...]:
         made.append(Drawing(
             "fig_4", slalom(traces),
             f"As Fig. 4, a slalom of {traces['split']} (trajectory {traces['trajectory'] + 1}). The 95 % bands "
-            "combine the spread of errors on train at the same time after the start with the spread of trainings "
-            f"from several seeds. Share of all readings of {traces['split']} inside: {held}.",
+            f"combine two spreads: that of the errors on train at the same time after the start of a trajectory, and "
+            f"that of the predictions of networks trained from different seeds. Share of all readings of "
+            f"{traces['split']} inside: {held}.",
             "Measured and predicted lateral velocity and yaw rate over time.",
         ))  # fmt: skip
     if len({item["share"] for item in result["learning_curves"]}) > 1:

@@ -102,7 +102,7 @@ def test_without_a_vehicle_a_fit_says_what_it_assumed(laps, tmp_path):
     called = greybox("fit", "--model", "kinematic", laps[0], "--solver", "gauss-newton", "--out", tmp_path, "--json")
     assert called.code == 3, called.err  # a wheelbase of 2.76 m is not that of the car
     (warning,) = called.told["warnings"]
-    assert "kinematic starts from numbers of its own (l_f + l_r = 2.76 m)" in warning
+    assert "kinematic starts from its default values (l_f + l_r = 2.76 m)" in warning
     assert warning in called.err
 
 
@@ -178,7 +178,7 @@ def test_inputs_alone_are_simulated_with_a_model_made_from_options(tmp_path):
         (["--model", "lateral", "--with", "motor_lag"], "motor_lag acts on drive"),
         (["--model", "lateral", "--fix", "mm=3kg"], "no parameter mm"),
         (["--model", "lateral", "--fix", "m=3.5m"], "whose SI unit is kg"),
-        (["--model", "lateral", "--fix", "m=1g"], "outside what models take for it"),
+        (["--model", "lateral", "--fix", "m=1g"], "outside the range that models accept"),
         (["--model", "lateral", "--free", "steering_lag"], "--with steering_lag"),
         (["--model", "lateral", "--noise", "v_x=0.1"], "has no output v_x"),
         (["--model", "lateral", "--set", "tyre=brsh"], "Did you mean brush?"),

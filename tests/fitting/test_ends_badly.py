@@ -51,8 +51,8 @@ def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
     how = FitOptions(horizon=1.0, start_from="measured", solver="gauss-newton")
     said = []
     found = fit(quick(), [driven("lateral", runs=1)], how=how, say=lambda line, passing=False: said.append(line))
-    assert any("no step was taken; trying other start 1" in line for line in said)
-    assert found.stages[0].fallbacks[0].startswith("other start 1: ")
+    assert any("no step was taken; trying other starting point 1" in line for line in said)
+    assert found.stages[0].fallbacks[0].startswith("other starting point 1: ")
     assert found.stages[0].fallbacks[-1].endswith("% lower")
     assert found.stages[0].converged
 
@@ -100,7 +100,11 @@ def test_an_inertia_of_next_to_none_is_left_for_the_optimum(poorly_excited, tmp_
     assert found.confirmed
     low, high = found.interval("I_z")
     assert low < truth["I_z"] < high
-    assert found.stages[0].fallbacks[0].startswith("the start, without predictions ahead: objective ")
+    assert (
+        found.stages[0]
+        .fallbacks[0]
+        .startswith("the original starting point, without first fitting short predictions: objective ")
+    )
 
 
 @pytest.mark.slow

@@ -100,7 +100,7 @@ def test_what_it_teaches_of_higher_speeds_is_not_forgotten(laps, vehicle):
 
 def test_speeds_beyond_are_of_a_vehicle_that_is_driven_by_its_speed(laps, vehicle):
     model = prepared("mlp_lateral", laps, {"hidden": [4]})
-    with pytest.raises(BadInput, match="not driven by v_x and steer"):
+    with pytest.raises(BadInput, match="does not have v_x and steer as its inputs"):
         faster(model, [laps], replace(vehicle, model=build("single_track"), beyond=1.5), seed=0)
     for beyond in (0.9, 4.0, float("nan")):
         with pytest.raises(BadInput, match="pretrain_beyond: a number from 1 to 3"):

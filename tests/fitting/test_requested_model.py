@@ -58,7 +58,7 @@ def test_choices_reach_the_parts_of_a_model_with_memory():
         (Choices(fix={"masss": "3"}), "no parameter masss"),
         (Choices(fix={"I_zz": "3"}), "Did you mean I_z?"),
         (Choices(fix={"m": "3.5m"}), "fix m: unit"),
-        (Choices(fix={"m": "0.1kg"}), "0.1 kg is outside what models take for it, 0.5 to 60000 kg"),
+        (Choices(fix={"m": "0.1kg"}), "0.1 kg is outside the range that models accept, 0.5 to 60000 kg"),
         (Choices(free=["steering_delay"]), "effects steering_delay"),
         (Choices(prior={"B_f": "6"}), "MEAN±SD"),
         (Choices(prior={"B_f": (6.0, -1.0)}), "must be a number above zero"),

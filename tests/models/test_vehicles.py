@@ -76,7 +76,7 @@ def test_limits_stated_replace_the_models_own():
 
 
 def test_a_number_no_model_takes_is_refused_in_a_sentence():
-    with pytest.raises(BadInput, match=r"car: h_cg = 55 m is outside what models take for it, 0.01 to 2.5"):
+    with pytest.raises(BadInput, match=r"car: h_cg = 55 m is outside the range that models accept, 0.01 to 2.5"):
         with_vehicle(build("single_track"), car(h_cg=Stated(55.0)))
 
 

@@ -139,7 +139,10 @@ def recorded_as(model: MotionModel, recordings: Sequence[Recording]) -> dict[str
         held = {text: recording.name for recording in reversed(recordings) if (text := _signal(model, recording, name))}
         if len(held) > 1:
             known = ", ".join(f"{signal} in {recording}" for signal, recording in held.items())
-            raise BadInput(f"{name} is {known}: keep one of them in the column maps, or fit the recordings one by one.")
+            raise BadInput(
+                f"the signal for {name} differs between recordings ({known}): keep one of these signals "
+                f"in the column maps, or fit the recordings one by one."
+            )
         if held:
             (result[name],) = held
     return result

@@ -14,7 +14,7 @@ def _adapted_hybrid(model: HybridModel, task: AdaptTask) -> Adaptation:
     if not model.carried_on:
         raise BadInput(
             f"A fit of {model.name} cannot be adapted: it holds no covariance. Without a covariance, nothing keeps "
-            "the parameters that the new data do not excite near their estimates. Fit it to the new and the old "
+            f"parameters near their estimates if the new data do not excite them. Fit it to the new and the old "
             "recordings together."
         )
     return adapted_motion(model, task)

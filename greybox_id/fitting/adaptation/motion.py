@@ -62,8 +62,8 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
     must_be_recorded(model, [new] if rest is None else [new, rest])
     if isinstance(model, MotionModel) and new.sample_time > AHEAD:
         raise BadInput(
-            f"{recording.name} has a row every {new.sample_time:.3g} s, but errors {AHEAD:g} s ahead are compared. Is "
-            "its time in another unit? Check it with greybox data check."
+            f"{recording.name} has a row every {new.sample_time:.3g} s, but errors of predictions over {AHEAD:g} s "
+            f"are compared. Is its time in another unit? Check it with greybox data check."
         )
     folds = _folds(new)
     if len(folds) < 2:

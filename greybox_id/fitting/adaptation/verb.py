@@ -164,8 +164,8 @@ class AdaptTask:
 def adapted(model: Model, task: AdaptTask) -> Adaptation:
     """A fit's model adapted as its kind is; of kinds that keep no uncertainty, none."""
     raise BadInput(
-        f"A fit of {model.name} cannot be adapted: it keeps no uncertainty. Without one, nothing keeps the "
-        "parameters that the new data do not excite near their estimates. Fit it to the new recording together with "
+        f"A fit of {model.name} cannot be adapted: it keeps no uncertainty. Without it, nothing keeps parameters "
+        f"near their estimates if the new data do not excite them. Fit it to the new recording together with "
         "the old ones."
     )
 

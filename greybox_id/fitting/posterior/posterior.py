@@ -193,13 +193,13 @@ class Posterior:
         result = []
         worst, least = self.worst
         if not self.complete:
-            on = "" if self.method == "laplace" else " and it goes on"
+            on = "" if self.method == "laplace" else " and it continues"
             result.append(f"The run was interrupted: call it again with the same arguments{on}.")
         if self.pareto_k > trusted(len(self)):
             result.append(
-                "The posterior differs too much from the fit's normal distribution for weights to correct it "
-                "(Pareto k "
-                f"{self.pareto_k:.2f}): the draws are of the normal distribution itself. Use mcmc."
+                "The posterior differs too much from the fit's normal distribution to be corrected by importance "
+                "weights (Pareto k "
+                f"{self.pareto_k:.2f}): the draws are those of the normal distribution itself. Use mcmc."
             )
         if worst > MET:
             name = str(self.r_hat.idxmax())

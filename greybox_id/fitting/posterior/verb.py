@@ -184,7 +184,7 @@ class _Run:
             whole = int(state["whole"])  # blocks that are kept whole: the last one may be cut to the draws asked for
             if whole < len(kept) or (kept and len(kept[-1][0]) < walkers):
                 kept[-1] = (start.at, start.log_posterior)
-            self.say(f"mcmc: goes on after block {start.block}")
+            self.say(f"mcmc: continues after block {start.block}")
         else:
             start = mcmc.begun(target, self.how.seed)
         walkers = len(start.at)
@@ -234,9 +234,9 @@ class _Run:
         growing: Growing | None = None
         if self.before is not None and self.before.state:
             population, growing = _restored(self.before)
-            self.say(f"abc-smc: goes on in population {population.number + 1}")
+            self.say(f"abc-smc: continues in population {population.number + 1}")
         else:
-            self.say("abc-smc: particles from the priors")
+            self.say("abc-smc: drawing particles from the priors")
             try:
                 population = abc_smc.first(distances, priors, how.draws, how.seed)
             except KeyboardInterrupt:

@@ -47,7 +47,7 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     rows, seconds = sum(len(one) for one in recordings), sum(one.duration for one in recordings)
     if rows < FEWEST_ROWS or seconds < SHORTEST:
         raise BadInput(
-            f"{names}: {rows} rows, {number(seconds, 2)} s, are too short for a fit of {model.name}: its "
+            f"{names}: {rows} rows ({number(seconds, 2)} s) are too few for a fit of {model.name}: its "
             f"intervals need {FEWEST_ROWS} rows and {SHORTEST:g} s. Record more."
         )
     outputs = {
@@ -57,8 +57,8 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
     if outputs and not any(moves(parts) for parts in outputs.values()):
         raise BadInput(
-            f"{names}: nothing moves: {listed(list(outputs))} scatter as their noise does, which says nothing "
-            f"about {model.name}. Record a drive that excites them."
+            f"{names}: nothing moves: {listed(list(outputs))} scatter only as their noise does, so the data say "
+            f"nothing about {model.name}. Record a drive that excites them."
         )
 
 
@@ -82,7 +82,8 @@ def misfit(fit: Fit) -> Iterator[Reason]:
     if not moving:
         yield Reason(
             NOT_USABLE,
-            f"Nothing moves: {listed(list(outputs))} scatter as their noise does. Record a drive that excites them.",
+            f"Nothing moves: {listed(list(outputs))} scatter only as their noise does. Record a drive that excites "
+            f"them.",
         )
         return
     unknown = [name for name, one in moving.items() if _unexplained(one) > UNEXPLAINED]
@@ -90,7 +91,8 @@ def misfit(fit: Fit) -> Iterator[Reason]:
         shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
         yield Reason(
             NOT_USABLE,
-            f"The fit leaves {listed(shares)} unexplained beyond noise: something moves the vehicle that is not "
+            f"Beyond noise, the fit leaves {listed(shares)} unexplained (shares of the variance): something moves "
+            f"the vehicle that is not "
             "among the inputs, or the inputs belong to another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
@@ -114,14 +116,14 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
     if not (form.get("apart") or form.get("mixed")):
         yield Reason(
             WITH_CARE,
-            f"Parts of the data prefer other parameters {gain}, early and late ones alike: the model lacks an effect "
-            "that acts in some of them. The intervals include this error; greybox gap looks for its cause.",
+            f"Parts of the data prefer other parameters {gain}, early and late parts alike: the model lacks an "
+            f"effect that acts in some parts. The intervals include this error; greybox gap looks for its cause.",
         )
         return
     first = EIGHTHS[form.get("first", 4)]
     later = "The second half of the data prefers other parameters than the first"
     if first != "half":
-        later = f"The data after the first {first} of the drive prefer other parameters than these"
+        later = f"The data after the first {first} of the drive prefer other parameters than the data before"
     yield Reason(
         WITH_CARE,
         f"{later} {gain}: the vehicle may have changed, or be a different one. Fit each part by itself.",
@@ -134,7 +136,7 @@ def _short(fit: Fit) -> Iterator[Reason]:
     if trained and (rows < FEWEST_ROWS or seconds < SHORTEST):
         yield Reason(
             NOT_USABLE,
-            f"{rows} rows, {number(seconds, 2)} s, are too short: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
+            f"{rows} rows ({number(seconds, 2)} s) are too few: intervals need {FEWEST_ROWS} rows and {SHORTEST:g} "
             "s. Record more.",
         )
 
@@ -154,7 +156,7 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = ". Its mean is off" if on[:1] == ["none of the drive"] else f". {_depends(on)}" if on else ""
+        depends = ". Its mean is not zero" if on[:1] == ["none of the drive"] else f". {_depends(on)}" if on else ""
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
             f"The error of {name} is {left}{against}{depends}: the model lacks an effect"
@@ -163,7 +165,9 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
         )
     else:
         yield Reason(
-            USABLE, f"What the model lacks is at most {100 * error:.0f} % of {name}; the intervals include this error."
+            USABLE,
+            f"The error from effects that the model lacks is at most {100 * error:.0f} % of the standard "
+            f"deviation of {name}; the intervals include this error.",
         )
 
 

@@ -240,8 +240,8 @@ def _facts(fit: Fit) -> Iterator[Reason]:
         size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
         yield Reason(
             NOT_USABLE if name != "m" and abs(change) > ANOTHER else WITH_CARE,
-            f"The recording contradicts the stated {name}: one {size} explains it better{other}. Check what is stated; "
-            "or the model lacks an effect.",
+            f"The recording contradicts the stated {name}: a value {size} explains the recording better{other}. "
+            f"Check the stated value; if it is right, the model lacks an effect.",
         )
 
 
@@ -304,7 +304,7 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
         yield Reason(
             NOT_USABLE if mostly or len(useless) > 0.5 * len(outputs) else WITH_CARE,
             f"{what}{listed(useless)} {'is' if len(useless) == 1 else 'are'} predicted no better than by the mean of "
-            "the readings or the last one.",
+            f"the readings or by the last reading.",
         )
     for output, times in beaten:
         yield Reason(
@@ -344,7 +344,7 @@ def _beside_unfitted(
     over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
     if over_all > WORSE:
         surely = _surely_worse(scores, unfitted, judged)
-        doubt = "" if surely else "; stretches of the drive differ by as much"
+        doubt = "" if surely else "; between stretches of the drive, the difference varies by as much"
         yield Reason(
             NOT_USABLE if surely else WITH_CARE,
             f"{what}the fit has {_times(over_all)} the errors of the unfitted model{doubt}.",

@@ -102,7 +102,9 @@ class Profile:
         ]
         if self.at_a_better_optimum:
             better = self.values[np.argmin(self.rise)]
-            stated.append(f"The fit was not at its optimum: {number(better, 4)} is better; fit again from there.")
+            stated.append(
+                f"The fit was not at its optimum: the value {number(better, 4)} fits better; fit again from there."
+            )
         if not self.settled:
             stated.append("Some points of the profile did not converge: the interval may be too narrow.")
         return " ".join(stated)

@@ -46,12 +46,12 @@ accel_bias_y = reading(
 )  # fmt: skip
 
 imu_mount_pitch = reading(
-    GROUP, "imu_mount_pitch", "rad", 0.0, (-0.3, 0.3), "pitch of the accelerometer: a_x reads -g sin of it",
+    GROUP, "imu_mount_pitch", "rad", 0.0, (-0.3, 0.3), "pitch of the accelerometer, which adds -g sin(pitch) to a_x",
     typical=0.03, a_x=lambda read, q: read.a_x - G * cs.sin(q.p.imu_mount_pitch),
 )  # fmt: skip
 
 imu_mount_roll = reading(
-    GROUP, "imu_mount_roll", "rad", 0.0, (-0.3, 0.3), "roll of the accelerometer: a_y reads +g sin of it",
+    GROUP, "imu_mount_roll", "rad", 0.0, (-0.3, 0.3), "roll of the accelerometer, which adds g sin(roll) to a_y",
     typical=0.03, a_y=lambda read, q: read.a_y + G * cs.sin(q.p.imu_mount_roll),
 )  # fmt: skip
 

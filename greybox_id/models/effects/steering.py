@@ -99,7 +99,7 @@ steering_offset = alteration(
 )  # fmt: skip
 
 steering_ratio = alteration(
-    GROUP, "steering_ratio", "1", 1.0, (0.3, 3.0), "road-wheel angle over the commanded angle",
+    GROUP, "steering_ratio", "1", 1.0, (0.3, 3.0), "ratio of the road-wheel angle to the commanded angle",
     typical=1.1, apply_to_memory=scale_steering, steer=lambda steer, q: steer * q.p.steering_ratio,
 )  # fmt: skip
 

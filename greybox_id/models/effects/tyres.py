@@ -102,8 +102,8 @@ grip_scale = alteration(
     road_limit=lambda limit, q: limit * q.p.grip_scale,
     others=(Parameter(
         "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
-        about="exponent of grip_scale in the slopes at zero slip: with 1 they scale like D, with 0 they stay, as on "
-        "a road with other friction",
+        about="exponent of grip_scale in the slopes at zero slip: with 1 these slopes scale like D, with 0 they do "
+              "not change, as on a road with other friction",
     ),),
 )  # fmt: skip
 
@@ -130,7 +130,8 @@ combined_slip = alteration(
 )  # fmt: skip
 
 load_sensitivity = alteration(
-    GROUP, "load_sensitivity", "1", 0.0, (0.0, 1.0), "loss of a wheel's friction per relative growth of its load",
+    GROUP, "load_sensitivity", "1", 0.0, (0.0, 1.0), "relative loss of a wheel's friction per relative growth of its "
+                                                     "load",
     typical=0.15, passes=3, needs=("F_zf", "F_zr", "a_y"), grip_f=_load_sensitive_f, grip_r=_load_sensitive_r,
 )  # fmt: skip
 

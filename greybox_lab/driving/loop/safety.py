@@ -89,7 +89,7 @@ class Envelope:
         self._squares.append(e_y**2)
         self._sum += e_y**2
         if abs(e_y) > ASIDE * self.half_width:
-            return f"{abs(e_y):.2f} m beside the path, of {self.half_width:.2f} m"
+            return f"{abs(e_y):.2f} m from the path, on a track with a half width of {self.half_width:.2f} m"
         rms = (max(self._sum, 0.0) / len(self._squares)) ** 0.5
         if len(self._squares) == self._squares.maxlen and rms > EXCESS * self.worst:
             return f"path error {rms:.3f} m over {WINDOW:g} s, where at most {self.worst:.3f} m was predicted"

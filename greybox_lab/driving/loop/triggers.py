@@ -40,7 +40,7 @@ SHORTEST = 10.0
 
 def rows_due(rows: int, *, first: bool) -> str:
     """Why it is time after so many rows since it was learned last, or, the first time, in all; "" where it is not."""
-    return f"{rows} rows since the last time" if rows >= (FIRST if first else EVERY) else ""
+    return f"{rows} rows since the last learning" if rows >= (FIRST if first else EVERY) else ""
 
 
 def path_error_beyond(path_error: float, foretold: float) -> str:

@@ -65,7 +65,7 @@ class Rules:
                 raise BadInput(f"{name}: a number above zero is needed, not {getattr(self, name)!r}.")
         shares = np.ravel(USAGE if self.usage is None else self.usage)
         if shares.dtype.kind not in "fi" or not (len(shares) in (1, 2) and 0 < shares[0] <= shares[-1] <= 1):
-            raise BadInput(f"usage: a share from 0 to 1, or two, is needed, not {self.usage!r}.")
+            raise BadInput(f"usage: a share of the grip from 0 to 1, or two of them, is needed, not {self.usage!r}.")
 
     @property
     def shares(self) -> tuple[float, float]:

@@ -72,11 +72,17 @@ class TrackVecEnv(VecEnv):  # type: ignore[misc]
 
     def set_attr(self, attr_name: str, value: Any, indices: int | Sequence[int] | None = None) -> None:
         """Lanes share one world: nothing is set."""
-        raise BadInput(f"{attr_name} cannot be set: lanes share one world. Set it when the environment is made.")
+        raise BadInput(
+            f"{attr_name} cannot be set: the parallel environments share one world. Set it when the "
+            f"environment is made."
+        )
 
     def env_method(self, method_name: str, *given: Any, indices: int | Sequence[int] | None = None, **more: Any) -> Any:
         """Lanes share one world: no lane has methods of its own."""
-        raise BadInput(f"{method_name}: a lane has no methods of its own; use those of .world, which all lanes share.")
+        raise BadInput(
+            f"{method_name}: a single parallel environment has no methods of its own; use those of "
+            f".world, which all environments share."
+        )
 
     def env_is_wrapped(self, wrapper_class: type[Any], indices: int | Sequence[int] | None = None) -> list[bool]:
         """Nothing is wrapped around a lane."""

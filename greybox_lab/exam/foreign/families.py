@@ -61,20 +61,22 @@ _LIMITS = {"steering_rate_limit": "steer_rate", "motor_saturation": "drive_most"
 _ONES = ("steer_ratio", "drive_gain")
 
 _OUTSIDE = (
-    Entry("brake_pull", "1", 0.0, "share by which the left brakes pull harder", 0.25, 0.7, sides="both",
+    Entry("brake_pull", "1", 0.0, "share by which the left brakes give more force", 0.25, 0.7, sides="both",
           resembles=("steering_offset",)),
     Entry("soft_side", "1", 0.0, "share of their stiffness that the tyres of the left side have lost to low pressure",
           0.2, 0.45, resembles=("front_stiffness", "steering_offset")),
     Entry("aligning_compliance", "rad", 0.0, "angle by which the steering yields under a front lateral force of half "
         "the weight",
           0.006, 0.02, resembles=("front_stiffness",)),
-    Entry("roll_steer", "rad", 0.0, "rear wheels' steering per lateral acceleration of one g", 0.006, 0.02,
+    Entry("roll_steer", "rad", 0.0, "steering angle of the rear wheels per g of lateral acceleration", 0.006, 0.02,
           sides="both", resembles=("rear_stiffness",)),
     Entry("assist_fade", "1", 0.0, "share of the steering that the assistance takes back at speed", 0.12, 0.3,
           resembles=("steering_ratio",)),
-    Entry("locked_axle", "1", 0.0, "how far the rear wheels are locked together", 0.4, 1.0),
-    Entry("camber_thrust", "1", 0.0, "lateral force of leaning wheels, per load, at one g", 0.1, 0.3, sides="both"),
-    Entry("crosswind", "1", 0.0, "sd of gusts across, over the weight", 0.015, 0.04),
+    Entry("locked_axle", "1", 0.0, "degree to which the rear wheels are locked together", 0.4, 1.0),
+    Entry("camber_thrust", "1", 0.0, "lateral force of leaning wheels divided by their load, at one g of lateral "
+                                     "acceleration", 0.1, 0.3, sides="both"),
+    Entry("crosswind", "1", 0.0, "standard deviation of the lateral force of gusts, divided by the "
+                                 "weight", 0.015, 0.04),
     Entry("sinking_voltage", "1/min", 0.0, "share of the driving force lost per minute", 0.12, 0.3,
           resembles=("motor_gain",)),
     Entry("floor_patches", "1", 0.0, "share of the friction lost where the floor is worn", 0.15, 0.35,

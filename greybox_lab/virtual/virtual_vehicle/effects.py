@@ -114,7 +114,8 @@ _VEHICLE = (
     Entry("rear_stiffness", "1", 1.0, "factor on the slope of the rear tyres", 0.1, 0.25, "one", "both"),
     Entry("tyre_relaxation", "m", 0.0, "relaxation length of the slip angle", 0.05, 0.22, "length"),
     Entry("combined_slip", "1", 0.0, "strength of the friction ellipse", 0.5, 1.2),
-    Entry("load_sensitivity", "1", 0.0, "loss of a wheel's friction per relative growth of its load", 0.1, 0.35,
+    Entry("load_sensitivity", "1", 0.0, "relative loss of a wheel's friction per relative growth of its "
+                                        "load", 0.1, 0.35,
           special={"racer": (0.25, 0.6), "truck": (0.06, 0.25)}),
     Entry("longitudinal_load_transfer", "1", 0.0, "height of the centre of gravity (1: nominal height)", 0.3, 0.8),
     Entry("tyre_temperature", "1", 0.0, "share of the friction that warm tyres lose", 0.08, 0.3),
@@ -144,7 +145,7 @@ _VEHICLE = (
     Entry("road_bank", "rad", 0.0, "bank of the road, left side up positive", 0.006, 0.03, "one", "both",
           special={"racer": (0.01, 0.04)}),
     Entry("wind_gust", "m/s", 0.0, "mean wind in the world frame", 0.2, 0.5, "speed"),
-    Entry("downforce", "N s^2/m^2", 0.0, "load per squared speed", 0.1, 0.5, "weight over speed squared"),
+    Entry("downforce", "N s^2/m^2", 0.0, "aerodynamic load over speed squared", 0.1, 0.5, "weight over speed squared"),
 )  # fmt: skip
 
 _SENSORS = (

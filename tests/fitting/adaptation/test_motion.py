@@ -90,5 +90,5 @@ def test_a_recording_that_is_not_trusted_is_told_first(fitted, tmp_path):
 
 def test_rows_that_are_too_far_apart_are_a_sentence(fitted):
     new = driven(runs=1, seconds=16.0, seed=7)
-    with pytest.raises(BadInput, match=r"has a row every .* s, but errors 0.5 s ahead"):
+    with pytest.raises(BadInput, match=r"has a row every .* s, but errors of predictions over 0.5 s"):
         adapt(fitted, replace(new, time=new.time * 1000), seconds=11000)

@@ -149,7 +149,9 @@ def test_errors_that_are_larger_in_one_stretch_alone_do_not_refute_a_fit(good):
 
     once = worse_in(1)
     assert once.usability == WITH_CARE
-    assert any("times the errors of the unfitted model; stretches of the drive differ" in r for r in once.reasons), once
+    assert any("times the errors of the unfitted model; between stretches of the drive" in r for r in once.reasons), (
+        once
+    )
     throughout = worse_in(min(len(e.blocks) for errors in own.values() for e in errors.values()))
     assert throughout.usability == NOT_USABLE
     assert "times the errors of the unfitted model." in throughout.reasons[0]
@@ -279,7 +281,7 @@ def test_what_explains_most_of_the_residuals_is_named_first(good, by_drive, firs
     [
         ({"mixed": True}, "The second half of the data prefers other parameters than the first"),
         ({"apart": True, "first": 3}, "The data after the first three eighths of the drive prefer other parameters"),
-        ({}, "early and late ones alike: the model lacks an effect"),
+        ({}, "early and late parts alike: the model lacks an effect"),
     ],
 )
 def test_a_change_is_spoken_of_where_early_and_late_parts_differ_by_more_than_others(good, form, words):

@@ -145,7 +145,7 @@ def test_standing_under_the_brake_is_named_and_left_out():
     found = fit(
         nominal, [tram], how=FitOptions(solver="gauss-newton"), say=lambda line, passing=False: lines.append(line)
     )
-    assert any("standing under the brake are left out" in line for line in lines)
+    assert any("stood still with its brake on are left out" in line for line in lines)
     assert found.how["stood"] > 60.0
     low, high = found.interval("m")
     assert low < m < high

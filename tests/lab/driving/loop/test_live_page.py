@@ -86,7 +86,7 @@ def test_a_browser_shows_what_happens(tmp_path):
         more = [
             {"kind": "trigger", "reason": "path error <b>0.1</b> m"},
             {"kind": "swap", "reason": "", "sha256": sha},
-            {"kind": "envelope", "reason": "0.90 m beside the path"},
+            {"kind": "envelope", "reason": "0.90 m from the path"},
         ]
         own.client.post("/v1/sessions/car/events", {"events": telemetry + more})
         with browser(tmp_path) as opened:
@@ -94,9 +94,9 @@ def test_a_browser_shows_what_happens(tmp_path):
             while "0.90 m" not in (shown := page.shown()) and time.monotonic() < until:
                 time.sleep(0.2)
     assert '<small id="link">connected</small>' in shown
-    assert f"car: 3.25 m/s, 0.125 m beside the path, policy {sha[:8]}, cap 0.66" in shown
+    assert f"car: 3.25 m/s, 0.125 m from the path, policy {sha[:8]}, cap 0.66" in shown
     triggers, rest = shown.split('id="triggers"')[1].split("</table>", 1)
     assert "path error &lt;b&gt;0.1&lt;/b&gt; m" in triggers  # text, never markup
     swaps = rest.split('id="swaps"')[1].split("</table>")[0]
     assert sha in swaps
-    assert "0.90 m beside the path" in swaps
+    assert "0.90 m from the path" in swaps
