@@ -75,7 +75,7 @@ def _sound(fit: Fit) -> Fit:
         _sizes((*stage.history, *stage.starts), f"objectives of stages[{k}]")
         _sizes(tuple(stage.noise.values()), f"noise of stages[{k}]")
         if len({frozenset(item) for item in stage.ended_at}) > 1 or len(stage.ended_at) not in (0, len(stage.starts)):
-            raise ValueError(f"its starts of stages[{k}] did not all end at the same parameters' values")
+            raise ValueError(f"the starts in stages[{k}] do not all list the values of the same parameters")
     for name, sd in fit.sd.items():
         _sizes(sd, f"standard deviation of {name}")
     if fit.covariance is not None:

@@ -117,7 +117,8 @@ def with_form_error(model: MotionModel) -> MotionModel:
     curves = [
         Parameter(
             f"curve_{k}_{suffix}", "1", 0.0, (-0.3, 0.3), prior=Prior(CURVE_SD),
-            about=f"error of the curve's form about {tan(pi * k / (2 * KNOTS + 2)):.2g} curve_slip_{suffix}, {where}",
+            about=f"error of the tyre curve at a slip of about {tan(pi * k / (2 * KNOTS + 2)):.2g} times "
+                  f"curve_slip_{suffix}, {where}",
         )
         for suffix, where in AXLES.items() for k in _NUMBERS
     ]  # fmt: skip

@@ -121,8 +121,8 @@ def msnn_long(settings: LongitudinalSettings | None = None) -> MemoryModel:
         settings=asdict(s),
         together=(
             "m, r and the wheel inertia, on a flat road: with D = 1 + 2 (I_wf + I_wr)/(m r^2), only c_l/(m D), "
-            "k_a/(m D) and c_r/D act; the scale of the torques is free against G_2, so T/(m r D) alone is informed by "
-            "the recording",
+            "k_a/(m D) and c_r/D act; G_2 can absorb any scale of the torques, so of these only T/(m r D) is "
+            "identifiable",
             *(("the scales of q_1, q_2, F_y and m D: only F_yf/(m D) has an effect",) if s.lateral_force else ()),
         ),
     )

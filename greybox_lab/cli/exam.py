@@ -201,8 +201,8 @@ def make_command(
 def run_command(
     cases: Path, jobs: int, timeout: float, diagnoser: str, sample: int | None, seed: int, as_json: bool
 ) -> None:
-    """Diagnose each of CASES as greybox gap does, where the answers cannot be read. After an interruption the same
-    command continues.
+    """Diagnose each of CASES as greybox gap does, in a process that cannot read the answers. After an interruption
+    the same command continues.
 
     The results of each case are its files diagnosis.json and closed.toml. Several runs may share the cases; each
     process takes one core.
