@@ -59,7 +59,7 @@ def test_two_vehicles_in_one_recording_are_told_by_the_fit_to_one_on_the_other()
     ("of_stated", "reason"),
     [
         (1.39, "on both), or the vehicle has changed"),
-        (2.1, "the vehicle has changed, or is not the same"),
+        (2.1, "the vehicle has changed, or each half is of another vehicle"),
     ],
 )
 def test_halves_that_the_stated_vehicle_fits_tell_too_little_rather_than_of_a_change(monkeypatch, of_stated, reason):

@@ -78,7 +78,7 @@ def test_steering_that_turns_nothing_is_named(other):
     steer = shuffled if other == "its rows shuffled" else recorded(8)["steer"]
     (one,) = only(r.with_signals(steer=steer), "unrelated")
     assert one.severity is Severity.DISTRUST
-    assert "steer is of another drive" in one.sentence
+    assert "steer was recorded on another drive" in one.sentence
     assert one.where.channel == "steer, yaw_rate"
 
 
@@ -87,7 +87,7 @@ def test_steering_that_turns_nothing_is_named_in_runs_of_ten_seconds():
     r = Recording("runs", r.time, dict(r.signals), tuple((a, min(a + 500, len(r))) for a in range(0, len(r), 500)))
     assert not only(r, "unrelated")
     (one,) = only(r.with_signals(steer=np.random.default_rng(7).permutation(r["steer"])), "unrelated")
-    assert "steer is of another drive" in one.sentence
+    assert "steer was recorded on another drive" in one.sentence
 
 
 def sliding(seed, grip):

@@ -145,7 +145,7 @@ def test_a_speed_of_another_scale_is_told_by_what_else_tells_speeds(witness, sca
 def test_steering_of_another_drive_of_the_same_frequencies_is_told(seed):
     r = drive(seed)
     first = check(r.with_signals(steer=drive(seed + 1)["steer"]))[0]
-    assert "is of another drive" in first.sentence
+    assert "was recorded on another drive" in first.sentence
 
 
 def test_a_contradiction_that_a_wrong_sign_explains_is_said_once():

@@ -60,5 +60,5 @@ def test_nanoseconds_since_1970_keep_their_microseconds(tmp_path):
 def test_a_dataset_larger_than_its_file_can_hold_is_refused(tmp_path):
     with h5py.File(tmp_path / "lap.h5", "w") as file:
         file.create_dataset("time", shape=(10**10,), dtype="f8", chunks=(1000,))
-    with pytest.raises(BadInput, match="claims 80 GB"):
+    with pytest.raises(BadInput, match="claims to hold 80 GB"):
         read(tmp_path / "lap.h5")
