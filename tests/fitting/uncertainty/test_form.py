@@ -95,8 +95,8 @@ UNEXCITED = STANDING | {"v_x": lambda v: np.full(len(v), 18.0), "steer": noise(1
 @pytest.mark.parametrize(
     ("recording", "why"),
     [
-        (lambda: driven(**LONG).rows(20, 23), "too short"),
-        (lambda: driven(**LONG).rows(20, 50), "too short"),
+        (lambda: driven(**LONG).rows(20, 23), "too few"),
+        (lambda: driven(**LONG).rows(20, 50), "too few"),
         pytest.param(lambda: changed(driven(**LONG), **UNEXCITED), "Nothing moves", marks=pytest.mark.slow),
         (lambda: changed(driven(**LONG), steer=shuffled), "unexplained"),
     ],
@@ -111,8 +111,8 @@ def test_poor_data_are_refused_with_their_reason_though_a_good_lap_was_held_out(
 @pytest.mark.parametrize(
     ("recording", "why"),
     [
-        (lambda: driven(**LONG).rows(20, 23), "3 rows, .* too short"),
-        (lambda: driven(**LONG).rows(20, 50), "30 rows, .* too short"),
+        (lambda: driven(**LONG).rows(20, 23), r"3 rows \(.* too few"),
+        (lambda: driven(**LONG).rows(20, 50), r"30 rows \(.* too few"),
         (lambda: changed(driven(**LONG), **UNEXCITED), "nothing moves: v_y, yaw_rate and a_y"),
         (lambda: changed(driven(**LONG), **STANDING), "nothing moves"),
         (lambda: changed(driven(**LONG), **dict.fromkeys(STANDING, np.zeros_like)), "nothing moves"),

@@ -28,7 +28,7 @@ def test_commands_are_limited_in_size_and_rate_and_never_no_number():
 def test_the_envelope_is_left_beside_the_path_and_by_more_error_than_foretold():
     envelope = Envelope(1.0, 0.05, PERIOD)
     assert not envelope.left(0.79)
-    assert "beside the path" in envelope.left(0.81)
+    assert "from the path" in envelope.left(0.81)
     envelope.begin()
     said = [envelope.left(0.08) for _ in range(150)]
     assert said[98] == ""
