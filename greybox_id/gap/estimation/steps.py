@@ -45,7 +45,7 @@ class DampedSteps:
         there : the set of causes, where it is known; else those that the step makes large enough to be simulated, and
             those that still are.
         """
-        problem, linear = self.problem, squares.about
+        problem, linear, known = self.problem, squares.about, there is not None
         stride = self._strides(linear)
         if there is None:
             within = np.maximum(linear.low - linear.at, -stride), np.minimum(linear.high - linear.at, stride)
@@ -65,6 +65,8 @@ class DampedSteps:
             best = int(np.argmin(values))
             if values[best] < min(here + 1e-6, least):
                 new, least = ahead[best], values[best]
+                if known:  # what a set has is simulated as soon as that lowers its own objective
+                    break
         if new is back:
             return back, 0.0
         moved = np.concatenate([new.theta - state.theta, new.m - state.m])

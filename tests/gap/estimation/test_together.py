@@ -245,6 +245,17 @@ def test_a_step_goes_where_all_is_best_beside_as_little_of_what_is_not_simulated
     assert state.m[0] == pytest.approx(0.5 + float(at @ rest) / float(at @ at), abs=0.05)
 
 
+@pytest.mark.parametrize(("gain", "simulated"), [(1.0, True), (-1.0, False)])
+def test_what_a_known_set_has_is_simulated_as_soon_as_that_lowers_its_own_objective(gain, simulated, monkeypatch):
+    """Not simulated it is as large as is best to first order, which may explain more than it can."""
+    search = together(linear_bench(smooth_columns(2), [0.5, 1.0], SD), [cause(0), cause(1, gradual=False)])
+    steps = len(CAL.dampings)
+    objectives = iter([[10.0, *[10.0 - gain] * steps], [5.0, *[3.0] * steps]])
+    monkeypatch.setattr(search.steps, "_objectives", lambda *_: next(objectives))
+    state, _ = stepped(search, search.problem.begin(), np.ones(2), np.ones(2, dtype=bool))
+    assert state.on[1] == simulated
+
+
 TOLERATED = (axis(0, sd=0.1),)
 
 
