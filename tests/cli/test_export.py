@@ -113,7 +113,7 @@ def test_an_export_says_in_which_unit_the_drive_was_recorded(tmp_path, monkeypat
     greybox("export", "--vehicle", "roboracer", "--target", "c", "--out", "other")
     assert "as recorded, drive_force [N] or ax_cmd [m/s^2] or motor_current [A]" in Path("other/other.h").read_text()
     forces = lap.with_signals(drive_force=np.zeros(len(lap)))
-    with pytest.raises(BadInput, match=r"drive is .*drive_force in .*motor_current in"):
+    with pytest.raises(BadInput, match=r"signal for drive differs .*drive_force in .*motor_current in"):
         fit_model(model, [lap, forces], how=FitOptions(solver="gauss-newton"))
 
 
