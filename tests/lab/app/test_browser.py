@@ -123,5 +123,5 @@ def test_before_and_after_say_what_changed(server, reader, tmp_path):
     reader.see("BEFORE: racer_train.csv")
     reader.click("What changed since BEFORE?")
     reader.see("Changed since", DIAGNOSED)
-    reader.see("Not changed")
+    reader.see("Unchanged within two standard deviations")
     reader.fits("6_since")
