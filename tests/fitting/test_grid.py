@@ -92,7 +92,7 @@ def test_the_command_writes_a_table_continues_it_and_refuses_in_sentences(tmp_pa
     assert len(pd.read_parquet("grid.parquet")) == 2
     again = greybox(*call, "--set", "n_v=2")
     assert "other settings" in again.err
-    assert "2 of 3 structures are there" in greybox(*call[:4], "q=3,5,7", *call[5:]).err
+    assert "2 of 3 structures were computed earlier" in greybox(*call[:4], "q=3,5,7", *call[5:]).err
     assert "several values" in refused("grid", "msnn_lat", "train.csv", "--set", "q=3")
     assert "nothing.csv" in refused("grid", "msnn_lat", "nothing.csv", "--set", "q=3,4")
     assert "no setting qq" in refused("grid", "msnn_lat", "train.csv", "--set", "qq=3,4", "--out", "other.parquet")
