@@ -87,7 +87,8 @@ def inverse_steering() -> MemoryModel:
 def driven_rear() -> MotionModel:
     """Single track, driven at the rear: load transfer by a_x, combined slip, a pull of the brakes, a steering ratio.
 
-    The ratio of hand wheel to road wheels falls with the angle; Pacejka's formula without curvature factor.
+    The ratio of hand wheel to road wheels falls with the angle; Pacejka's formula without curvature factor, which
+    holds its peak: a free run of a whole drive that is slightly over the peak would spin where the force falls.
     Source: Pacejka, Tire and Vehicle Dynamics, 3rd ed., Secs. 1.2 and 4.3.
     """
 
@@ -103,7 +104,7 @@ def driven_rear() -> MotionModel:
         def force(alpha: Symbol, F_z: Symbol, F_x: Symbol, mu: Symbol, B: Symbol) -> Symbol:
             most = mu * F_z * (1.0 - p.load_sensitivity * (F_z / (0.5 * p.m * G) - 1.0))
             most = cs.sqrt(cs.fmax(most**2 - F_x**2, (0.2 * most) ** 2))
-            return most * cs.sin(SHAPE * cs.atan(B * alpha))
+            return most * cs.sin(cs.fmax(-0.5 * np.pi, cs.fmin(SHAPE * cs.atan(B * alpha), 0.5 * np.pi)))
 
         q.F_yf = force(q.alpha_f, p.m * (G * p.l_r - p.h_cg * u.a_x) / L, p.brake_front * brake, p.mu_f, p.B_f)
         rear = (1.0 - p.brake_front) * brake + drive
@@ -130,8 +131,9 @@ def driven_rear() -> MotionModel:
             Parameter("mu_r", "1", 1.2, (0.6, 2.0), about="peak friction, rear"),
             Parameter("B_f", "1/rad", 10.0, (2.0, 40.0), about="stiffness factor, front"),
             Parameter("B_r", "1/rad", 12.0, (2.0, 40.0), about="stiffness factor, rear"),
-            Parameter("load_sensitivity", "1", 0.1, (-0.3, 0.8), about="relative loss of friction per relative "
-                                                                       "growth of the axle load"),
+            Parameter("load_sensitivity", "1", 0.1, (0.0, 0.8), fixed=True,
+                      about="relative loss of friction per relative growth of the axle load; not distinguished from "
+                            "the height of the centre of gravity"),
             Parameter("brake_front", "1", 0.6, (0.0, 1.0), about="front share of braking"),
             Parameter("brake_pull", "m", 0.0, (-0.5, 0.5), about="yaw moment per braking force"),
             Parameter("drive_pull", "m", 0.0, (-0.5, 0.5), about="yaw moment per driving force"),

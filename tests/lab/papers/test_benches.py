@@ -108,6 +108,47 @@ def test_a_car_pulls_to_the_side_its_brakes_do():
     assert np.all(gb.simulate(pulling, straight)["yaw_rate"][10:] > 1e-3)
 
 
+def test_an_axle_beyond_its_peak_holds_its_force():
+    turned = []
+    for angle in (0.3, 0.6):
+        t = 0.01 * np.arange(4)
+        step = gb.Recording("step", t, {"steer": angle + 0 * t, "v_x": 20.0 + 0 * t, "a_x": 0 * t, "yaw_rate": 0 * t})
+        turned.append(gb.simulate(driven_rear(), step)["yaw_rate"][2] / np.cos(angle))
+    assert turned[1] == pytest.approx(turned[0], rel=0.01)
+
+
+def driven(rows=900, seed=0):
+    """A drive whose yaw rate is what a stand-in of a single track says, and 2 deg/s per m/s² of braking."""
+    t = 0.05 * np.arange(rows)
+    v, a_x = 35.0 + 5.0 * np.sin(0.1 * t + seed), 3.0 * np.cos(0.5 * t + seed)
+    wheel = 20.0 * np.sin(0.4 * t + seed)
+    swung = wheel * v / 40.0
+    drive = pd.DataFrame({"handwheelAngle": wheel, "vxCG": v, "axCG": a_x, "yawRate": swung + 2.0 * np.minimum(a_x, 0)})
+    return drive, swung
+
+
+def test_the_process_learns_what_the_single_track_lacks_from_the_training_drives_alone():
+    made = {name: driven(seed=k) for k, name in enumerate(("train_0", "train_1", "valid_0", "test_0"))}
+    drives, swung = ({name: one[k] for name, one in made.items()} for k in (0, 1))
+    other = drives["valid_0"]
+    left = other["yawRate"].to_numpy() - swung["valid_0"]
+    predicted, kept = ferrari.processed(drives, swung)
+    off = predicted["valid_0"][0] - other["yawRate"].to_numpy()
+    assert np.std(off[ferrari.FIRST :]) < 0.2 * np.std(left)
+    assert kept == 2 * len(range(ferrari.FIRST, 900, ferrari.KEPT))
+    again, _ = ferrari.processed(drives | {"valid_0": other.assign(yawRate=0.0)}, swung)
+    np.testing.assert_array_equal(again["valid_0"][0], predicted["valid_0"][0])
+    cut, _ = ferrari.processed(drives | {"valid_0": other.iloc[:500]}, swung | {"valid_0": swung["valid_0"][:500]})
+    np.testing.assert_allclose(cut["valid_0"][0], predicted["valid_0"][0][:500], atol=1e-9)  # nothing ahead is read
+
+
+def test_the_correction_fades_where_nothing_was_trained():
+    drives, swung = ({f"train_{k}": driven(seed=k)[which] for k in (0, 1)} for which in (0, 1))
+    far = drives["train_0"].assign(axCG=60.0)
+    made, _ = ferrari.processed(drives | {"far": far}, swung | {"far": swung["train_0"]})
+    assert np.max(np.abs(made["far"][0] - swung["train_0"])) < 1e-3
+
+
 def road(grip, rows=800, seed=0):
     """A car that brakes every ten seconds harder than ice bears; locked axles bear 4 and 5 kN times grip."""
     random = np.random.default_rng(seed)
