@@ -70,8 +70,8 @@ def measure(data: Path, quick: bool, say: Say) -> PublishedBench:
     for name, models in ((STRUCTURED, locally), (BLACK_BOX, boxes), (LOCAL, locally)):
         say(name)
         with clocked() as spent:
-            learnt = (zeroed, swung) if name == LOCAL else (drives, None)
-            made[name], size = networked(models, *learnt, quick)
+            seen, before = (zeroed, swung) if name == LOCAL else (drives, None)
+            made[name], size = networked(models, seen, before, quick)
         sizes[name] = size, spent[0]
     made[AVERAGED] = {name: [np.mean(one, axis=0)] for name, one in made[BLACK_BOX].items()}
     say(PROCESS)
