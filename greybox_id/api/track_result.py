@@ -137,7 +137,7 @@ class TrackResult(Track):
         target, beside = track_target(path)
         with at_once():
             write_atomically(beside, text_of(self.digest))
-            write_table(self.table(), target, WORDS)
+            write_table(self.table(copy=False), target, WORDS)
             written = [target, beside]
             if to is not None:
                 written.append(write_vehicle(self.vehicle(vehicle), to))

@@ -20,6 +20,8 @@ PLAIN = (".csv", ".parquet")
 SUFFIXES = (*PLAIN, ".mf4", ".mcap")
 ENDINGS = ("_predicted", "_simulated", "_sd")
 """What names of results end in behind the signal they are of."""
+AT_A_TIME = 100_000
+"""Rows of Parquet that are encoded at once, which bounds memory."""
 TOPIC = "/greybox"
 """Of MCAP: one message a row."""
 
@@ -55,7 +57,7 @@ def write_table(table: pd.DataFrame, target: Path, words: str) -> None:
         if target.suffix == ".csv":
             table.to_csv(beside, index=False)
         elif target.suffix == ".parquet":
-            table.to_parquet(beside, index=False)
+            table.to_parquet(beside, index=False, row_group_size=AT_A_TIME)
         elif target.suffix == ".mf4":
             columns = Columns({str(name): table[name].to_numpy() for name in table}, _units(table), _clock(table))
             mdf.write(columns, beside, f"{MARK}: {words}")

@@ -59,17 +59,24 @@ def consistency(off: Array, spread: Array, per_window: int, gate: float) -> Cons
     count = int(np.count_nonzero(there))
     if count < 2:
         return Consistency(count, np.nan, np.nan, np.nan, np.nan, 0, np.nan)
-    scaled = off[there] / np.sqrt(spread[there])
+    scaled = off[there]  # in place from here: of hours, each copy is large
+    rms = float(np.sqrt(np.mean(scaled**2)))
+    scaled /= np.sqrt(spread[there])
     windows = windowed(scaled**2, per_window)
     low, high = bounds(per_window)
     inside = float(np.mean((windows > low) & (windows < high))) if len(windows) else np.nan
-    clipped = np.clip(scaled, -gate, gate)
-    correlation = float(np.corrcoef(clipped[1:], clipped[:-1])[0, 1]) if count > 3 and np.std(clipped) > 0 else np.nan
-    beyond = int(np.count_nonzero(np.abs(scaled) > gate))
+    beyond = int(np.count_nonzero((scaled > gate) | (scaled < -gate)))
+    clipped = np.clip(scaled, -gate, gate, out=scaled)
+    correlation = _with_the_next(clipped) if count > 3 and np.std(clipped) > 0 else np.nan
     nis = float(np.mean(clipped**2))
-    return Consistency(
-        count, nis, inside, correlation, 1.96 / np.sqrt(count), beyond, float(np.sqrt(np.mean(off[there] ** 2)))
-    )
+    return Consistency(count, nis, inside, correlation, 1.96 / np.sqrt(count), beyond, rms)
+
+
+def _with_the_next(values: Array) -> float:
+    """Correlation of each value with the next."""
+    before, after = values[:-1], values[1:]
+    both = float(np.dot(before, after)) / len(before) - float(np.mean(before)) * float(np.mean(after))
+    return both / float(np.std(before) * np.std(after))
 
 
 class RunningConsistency:
@@ -177,10 +184,10 @@ def must_be_finite(history: History, run: LaidRun, first: int, name: str) -> Non
         )
 
 
-def lost(runs: Sequence[LaidRun], histories: Sequence[History], columns: Mapping[str, int]) -> list[str]:
-    """On stretches where readings, by name and column, are far beyond what the filter expects of them."""
+def lost(runs: Sequence[LaidRun], histories: Sequence[History], readings: Sequence[str]) -> list[str]:
+    """On stretches where readings, one to a column, are far beyond what the filter expects of them."""
     result = []
-    for name, column in columns.items():
+    for column, name in enumerate(readings):
         seconds, first = 0.0, np.nan
         for run, history in zip(runs, histories, strict=True):
             size = window_rows(run.run.sample_time)

@@ -88,13 +88,18 @@ class Track:
         """(n,) s."""
         return np.asarray(self.recording.time[self.rows.astype(int)])
 
-    def table(self) -> pd.DataFrame:
-        """One row per sample: time, run, and every estimate with its standard deviation as NAME and NAME_sd."""
+    def table(self, copy: bool = True) -> pd.DataFrame:
+        """One row per sample: time, run, and every estimate with its standard deviation as NAME and NAME_sd.
+
+        Parameters
+        ----------
+        copy : whether its columns are its own; without, a table of hours takes no memory, and must not be changed.
+        """
         columns: dict[str, Array] = {"time": self.time, "run": self.run}
         for name, values in self.values.items():
             columns[name] = values
             columns[f"{name}_sd"] = self.sds[name]
-        return pd.DataFrame(columns)
+        return pd.DataFrame(columns, copy=copy)
 
 
 SOURCE = "tuned on the innovations of {recording}"

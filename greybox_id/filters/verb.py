@@ -163,7 +163,7 @@ class Tracker:
         space, how = self.space, self.how
         inputs = tuple(n for name in space.model.inputs for n in _signals(space.model, name))
         clean, sentences = guarded(recording, inputs)
-        runs = laid(space, clean, space.model.values, self.readings)
+        runs = [run.filtered_alone() for run in laid(space, clean, space.model.values, self.readings)]
         must_fill_a_window([run.run for run in runs], recording.name)
         levels = start_levels(space, scatter_of(clean, self.readings), self.readings, self.stated_noise)
         p = np.concatenate([space.model.values, levels.values])
@@ -173,7 +173,14 @@ class Tracker:
         seen, spent = list[History](), list[float]()
         result = self._estimates(self._through(runs, p, seen, spent, recording.name), runs, p)
         histories = joined(seen, [len(run.segments) for run in runs])
-        judged = self._judged(runs, histories)
+        judged, far = self._judged(runs, histories), lost(runs, histories, self.readings)
+        innovations, expected = (
+            np.vstack([getattr(h, name)[run.row_segment] for run, h in zip(runs, histories, strict=True)])
+            for name in ("off", "spread")
+        )
+        np.sqrt(expected, out=expected)
+        seen.clear()
+        del histories  # of hours, what follows is not to stand beside it
         widened = widening([judged[name] for name in self.readings])
         known, about = self._told(result)
         sds = result.variances
@@ -186,22 +193,22 @@ class Tracker:
                 for k, name in enumerate(sds):
                     off = again[:, k] - result.values[name][here]
                     sds[name][here] = np.hypot(sds[name][here], np.where(np.isfinite(off), off, 0.0))
+        likelihood = -float(self.filtering.costs(runs, p[None])[0])
+        rows = np.concatenate([np.asarray(run.run.rows) for run in runs])
+        number: Array = np.repeat(np.arange(len(runs)), [len(run.run) for run in runs])
+        del runs  # of hours, the checks of the data are not to stand beside them
         weighed = only_over_mass(space.model) if how.calibrate else []
         slow = standing(result.values.get("sideslip"), SLOWEST)
         sizes = dict(zip(space.noises, p[space.model.size :].tolist(), strict=True))
         doubted = [*distrusted_data(recording, {*inputs, *self.readings}), *too_quiet(sizes, floors)]
         names = self.reported
-        rows = np.concatenate([np.asarray(run.run.rows) for run in runs])
-        off = np.vstack([h.off[run.row_segment] for run, h in zip(runs, histories, strict=True)])
-        spread = np.vstack([h.spread[run.row_segment] for run, h in zip(runs, histories, strict=True)])
-        columns = {name: space.model.outputs.index(name) for name in self.readings}
         return Track(
             model=space.model,
             recording=clean,
             kind=how.filter,
             smoothed=how.smooth,
             rows=rows,
-            run=np.repeat(np.arange(len(runs)), [len(run.run) for run in runs]),
+            run=number,
             values=result.values,
             sds=sds,
             units={name: self._unit(name) for name in names},
@@ -211,12 +218,12 @@ class Tracker:
             noise=sizes,
             noise_from=origins(space, self.stated_noise, levels.open if how.tune or how.calibrate else ()),
             noise_units=units(space),
-            innovations={name: off[:, k] for name, k in columns.items()},
-            expected={name: np.sqrt(spread[:, k]) for name, k in columns.items()},
+            innovations={name: innovations[:, k] for k, name in enumerate(self.readings)},
+            expected={name: expected[:, k] for k, name in enumerate(self.readings)},
             consistency=judged,
             widened=widened,
-            log_likelihood=-float(self.filtering.costs(runs, p[None])[0]),
-            sentences=(*doubted, *sentences, *weighed, *about, *slow, *lost(runs, histories, columns)),
+            log_likelihood=likelihood,
+            sentences=(*doubted, *sentences, *weighed, *about, *slow, *far),
             told=known,
             calibrated=self._calibrated(p, moves) if how.calibrate else {},
             seconds=sum(spent),
@@ -276,10 +283,10 @@ class Tracker:
     ) -> Iterator[tuple[LaidRun, Array, Array]]:
         """Runs, or parts of them, with estimates and their variances at their segments.
 
-        `seen` is given what the filter had not foreseen, `spent` the filter's seconds; under a name, a filter that
-        diverges is a sentence.
+        `seen` is given what the filter had not foreseen of its readings, one column each, `spent` the filter's
+        seconds; under a name, a filter that diverges is a sentence.
         """
-        began = time.process_time()
+        began, columns = time.process_time(), [self.space.model.outputs.index(one) for one in self.readings]
         if self.how.smooth:
             histories = self.filtering.histories(runs, p, "both ways")
             parts = iter([(run, 0, run, history) for run, history in zip(runs, histories, strict=True)])
@@ -291,7 +298,8 @@ class Tracker:
             if name:
                 must_be_finite(history, run, first, name)
             if seen is not None:
-                seen.append(replace(history, **dict.fromkeys(STATES, np.empty(0))))
+                of_readings = {one: getattr(history, one)[:, columns] for one in ("off", "spread")}
+                seen.append(replace(history, **dict.fromkeys(STATES, np.empty(0)), **of_readings))
             yield (part, *(smoothed(history) if self.how.smooth else (history.filtered, history.filtered_P)))
             began = time.process_time()
 
@@ -324,12 +332,10 @@ class Tracker:
     def _judged(self, runs: Sequence[LaidRun], histories: Sequence[History]) -> dict[str, Consistency]:
         result = {}
         per_window = window_rows(runs[0].run.sample_time)
-        for name in self.readings:
-            k = self.space.model.outputs.index(name)
-            off = np.concatenate([h.off[:, k] for h in histories])
-            spread = np.concatenate([h.spread[:, k] for h in histories])
-            there = np.isfinite(off)
-            result[name] = consistency(off[there], spread[there], per_window, self.how.gate)
+        for k, name in enumerate(self.readings):
+            parts = ([getattr(h, one)[:, k] for h in histories] for one in ("off", "spread"))
+            off, spread = (np.concatenate(part) if len(part) > 1 else part[0] for part in parts)
+            result[name] = consistency(off, spread, per_window, self.how.gate)
         return result
 
     def _told(self, result: _Estimates) -> tuple[dict[str, float], list[str]]:

@@ -193,7 +193,7 @@ def _on_the_way(
     problem = _problem(simulator, recordings, noise, how, p, ahead)
     del ahead
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}
-    x = at_best_sizes(problem, recordings, x if short else with_starts(problem, x), EVERY_SIZE)
+    x = at_best_sizes(problem, recordings, x if short else with_starts(problem, x), EVERY_SIZE, say)
     settled, taken = known and not problem.carries, 0
     for rounds_left in reversed(range(ROUNDS)):
         solution = _solved(problem, x, how, tolerance if settled else ROUGH, say, name)
@@ -209,7 +209,7 @@ def _on_the_way(
         settled, p = moved < SAME_NOISE or rounds_left == 1, problem.shared(x)
         problem.forget_targets()
         problem = _problem(simulator, recordings, noise, how, p, problem)
-        x = at_best_sizes(problem, recordings, x, NEAR_SIZES)
+        x = at_best_sizes(problem, recordings, x, NEAR_SIZES, say)
     say(f"{name}: {solution.status.value} after {solution.steps} steps")
 
 

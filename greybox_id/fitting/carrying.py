@@ -39,6 +39,8 @@ LESS = 1.35
 """Errors so many times those of the refitted model are more than refitting gains by chance, which is a few percent: a
 model has ten parameters, a recording hundreds of independent readings. Less than the 1.5 of the best known that a
 usable fit must not exceed, since the best known need not be found."""
+FAR = LESS**2
+"""Errors so many times those of a refit, twice as far in logarithm, set a piece apart whatever its residuals say."""
 OPEN = 10.0
 """Times as wide as stated: tolerances that hold nothing back, and leave parameters near the data's what none tells."""
 MIXED = 9
@@ -98,7 +100,7 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
     """Whether an eighth of a recording, if it can carry a fit, needs other parameters; or all do, each its own.
 
     A model that lacks something has more errors where the drive shows it: a piece is of another vehicle where its
-    residuals say so, too (`odd`).
+    residuals say so, too (`odd`), or where its errors are larger than that accounts for.
     """
     times = {
         k: compared.worst(compared.start, [piece])
@@ -107,7 +109,7 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
     }
     times = {k: ratio for k, ratio in times.items() if ratio > 0.0}
     each = float(np.exp(np.mean(np.log([*times.values()])))) if times else 0.0
-    apart = {k: ratio for k, ratio in times.items() if ratio > LESS and k in odd}
+    apart = {k: ratio for k, ratio in times.items() if ratio > (LESS if k in odd else FAR)}
     if apart:
         where = max(apart, key=lambda k: apart[k])
         yield Reason(

@@ -47,6 +47,7 @@ from .fit import Fit, conflict
 from .holding import stated_again
 from .how import FOR_MOTION, FitOptions, Say, quiet, refused
 from .provenance import Certificate, Stage
+from .sizes import error_of_sizes
 from .uncertainty import uncertainty
 from .uncertainty.form import FormError, form_error
 from .uncertainty.stated import of_stated
@@ -104,7 +105,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
         solution = replace(solution, nodes=problem.simulated_nodes(solution.x))
     if stage.confirmed:  # away from an optimum, its curvature says nothing
         say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
-        result = replace(result, **_uncertain(fitted, problem, solution, form))
+        result = replace(result, **_uncertain(fitted, problem, recordings, solution, form, say))
         result = replace(result, how={**result.how, **of_stated(result, problem.simulator, recordings)})
     return replace(result, how={**result.how, "form": form.as_dict()})
 
@@ -399,18 +400,28 @@ def _seen(problem: MotionProblem) -> Array:
     return np.asarray(np.any(problem.weight > 0, axis=0))
 
 
-def _uncertain(fitted: MotionModel, problem: MotionProblem, solution: Solution, form: FormError) -> dict[str, Any]:
-    """Standard deviations, degrees of freedom and covariance of a fit, as its fields; what its form costs counts."""
+def _uncertain(
+    fitted: MotionModel,
+    problem: MotionProblem,
+    recordings: Sequence[Recording],
+    solution: Solution,
+    form: FormError,
+    say: Say,
+) -> dict[str, Any]:
+    """Standard deviations, degrees of freedom and covariance of a fit, as its fields.
+
+    What its form costs counts, and the many optima of sizes that round.
+    """
     known = uncertainty(problem, solution.x, solution.nodes)
     first = problem.parameters.index[0]
     mean = np.zeros((fitted.size, problem.layout.size))  # of the runs' parameters
     for index in problem.parameters.index:
         mean[np.arange(fitted.size), index] += 1.0 / len(problem.parameters.index)
     size = problem.layout.size
-    by_form = form.covariance[:size, :size]
-    covariance = mean @ (np.where(np.isfinite(known.covariance), known.covariance, 0.0) + by_form) @ mean.T
+    beside = form.covariance[:size, :size] + error_of_sizes(problem, recordings, solution.x, known, say)
+    covariance = mean @ (np.where(np.isfinite(known.covariance), known.covariance, 0.0) + beside) @ mean.T
     shared = np.array([p.scope == "model" for p in fitted.parameters for _ in range(p.size)])
-    of_shared = np.sqrt(known.sd[first] ** 2 + np.diag(by_form)[first])
+    of_shared = np.sqrt(known.sd[first] ** 2 + np.diag(beside)[first])
     wider = conflict(fitted)
     sd = wider * np.where(shared, of_shared, np.sqrt(np.maximum(np.diag(covariance), 0.0)))
     return {"sd": _named(fitted, sd), "dof": _named(fitted, known.dof[first]), "covariance": wider**2 * covariance}

@@ -42,6 +42,8 @@ class Effect:
     instead_of : effects of which it is another form: where one is there, the other is not.
     group : steering, drive, tyres, body, road, sensors or timing.
     driven_by : what of `needs` a model must have as an input, where actuators read it.
+    rounds : the input of a model of motion that it rounds to whole multiples of its magnitude; empty for none. Such a
+        magnitude has an optimum for every number of steps, so fits try many sizes.
     by_name : whether a diagnosis tries it only where it is named: on most recordings it looks like another effect.
 
     Examples
@@ -68,6 +70,7 @@ class Effect:
     group: str = ""
     driven_by: tuple[str, ...] = ()
     by_name: bool = False
+    rounds: str = ""
 
     def __post_init__(self) -> None:
         for name in ("parameter", "memory_parameter"):
@@ -161,7 +164,12 @@ def acting(model: Model, effect: Effect) -> Acting | None:
 def _on_motion(model: MotionModel, effect: Effect) -> Acting | None:
     there = not model.names.isdisjoint(effect.touches) and model.names.issuperset(effect.needs)
     there = there and set(model.inputs).issuperset(effect.driven_by)
-    return None if effect.apply is None or not there else (effect.parameter, effect.apply)
+    if effect.apply is None or not there:
+        return None
+    if effect.rounds not in model.inputs:
+        return effect.parameter, effect.apply
+    rounded = {**model.rounded, effect.parameter.name: effect.rounds}
+    return effect.parameter, lambda model: replace(effect.apply(model), rounded=rounded)
 
 
 @acting.register(MemoryModel)

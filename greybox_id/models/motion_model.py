@@ -23,7 +23,8 @@ and commute with everything that does not change with time, so their place costs
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
 from typing import Any, ClassVar
 
 from ..base.errors import BadModel
@@ -146,6 +147,7 @@ class MotionModel(Model):
     passes : how often the dynamics are gone through. What depends on what it leads to, as loads do on accelerations,
         reads q.before and converges over a few passes.
     validity : where the equations hold; fits leave out other readings.
+    rounded : magnitude of an effect -> the input that it rounds to whole multiples of itself.
     learnt : whether constants of the equations are the weights of a network, which took up what was in its training.
 
     Examples
@@ -184,6 +186,7 @@ class MotionModel(Model):
     latencies: tuple[tuple[str, Shift], ...] = ()
     passes: int = 1
     validity: tuple[Validity, ...] = ()
+    rounded: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
     learnt: bool = False
 
     @property

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...base.numbers import number
-from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import to_si
 from ..checks.consistency import GIVEN_WHEELBASE, LIMITS
@@ -218,26 +217,6 @@ def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
         if entry.units and known:
             why = f"unit: that of {known.column}, whose name differs only in the axis"
             entry = replace(entry, unit=known.unit, decided=True, units=(), reasons=(*entry.reasons[:-1], why))
-        result.append(entry)
-    return result
-
-
-STANDING = 0.15
-"""Relative distance from gravity within which an upright accelerometer's axis reads it."""
-
-
-def by_gravity(entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> list[MapEntry]:
-    """Open units of accelerations become those in which the upright axis beside them reads gravity."""
-    result = []
-    for entry in entries:
-        before, axis, after = entry.column.rpartition(AXES.get(entry.signal, " "))
-        upright = numbers.get(f"{before}z{after}") if axis else None
-        if entry.units and entry.signal in ("a_x", "a_y") and upright is not None and np.isfinite(upright).any():
-            reads = abs(float(np.nanmedian(upright)))
-            for unit, gravity in (("g", 1.0), ("m/s^2", 9.81)):
-                if abs(reads / gravity - 1) < STANDING:
-                    why = f"unit: {before}z{after} reads {number(reads, 3)}, which is gravity in {unit}"
-                    entry = replace(entry, unit=unit, units=(), decided=True, reasons=(*entry.reasons[:-1], why))
         result.append(entry)
     return result
 

@@ -25,9 +25,9 @@ from ..joining import LONGEST, SHARE, join_files
 from ..read import Part, contents_together, one_signal, read, read_together
 from ..recording import Recording
 from ..repair import column_fields, repaired
-from .evidence import USUAL, MapEntry, by_gravity, met, with_signs, with_units
+from .evidence import USUAL, MapEntry, met, with_signs, with_units
 from .names import HAND_WHEEL, RUN, TIME, Guess, counts_clockwise, guess_in, is_north_of, of_a_tyre_rig, time_of
-from .readings import in_no_unit, readings, with_codes
+from .readings import by_gravity, in_no_unit, readings, with_codes
 from .sign_columns import with_sign_columns
 from .steering import with_steering
 from .unknown_columns import SOUGHT, ambiguous, headings, strangers

@@ -1,25 +1,30 @@
-"""What columns of numbers hold before they are taken for signals: the order of rows, codes for no reading, units."""
+"""What columns of numbers hold before they are taken for signals: the order of rows, codes for no reading, units.
+
+The unit that gravity tells is found once the other evidence is weighed.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from ...base.numbers import exact
+from ...base.numbers import exact, number
 from ...base.shorthands import Array
 from ...base.units import known_unit
 from ..checks.values import placeholders
 from ..formats import Contents
 from ..instants import newest_first
-from .evidence import MapEntry
+from .evidence import AXES, MapEntry
 from .names import TIME, Guess, fits
 
 _IN_BRACKETS = re.compile(r"[\[(]\s*([^\])]+?)\s*[\])]\s*$")
 FEWEST_CODES = 2
 """Rows of one number, far from all others, from which a map says that it stands for no reading."""
+STANDING = 0.15
+"""Relative distance from gravity within which an upright accelerometer's axis reads it."""
 
 
 def readings(
@@ -57,3 +62,19 @@ def in_no_unit(entry: MapEntry) -> MapEntry:
         return entry
     why = f"the file says {stated}, which is no unit of {entry.signal}: set divide_by to how many make one SI unit"
     return replace(entry, unit="", units=(), decided=False, reasons=(*entry.reasons, why))
+
+
+def by_gravity(entries: Sequence[MapEntry], numbers: Mapping[str, Array]) -> list[MapEntry]:
+    """Open units of accelerations become those in which the upright axis beside them reads gravity."""
+    result = []
+    for entry in entries:
+        before, axis, after = entry.column.rpartition(AXES.get(entry.signal, " "))
+        upright = numbers.get(f"{before}z{after}") if axis else None
+        if entry.units and entry.signal in ("a_x", "a_y") and upright is not None and np.isfinite(upright).any():
+            reads = abs(float(np.nanmedian(upright)))
+            for unit, gravity in (("g", 1.0), ("m/s^2", 9.81)):
+                if abs(reads / gravity - 1) < STANDING:
+                    why = f"unit: {before}z{after} reads {number(reads, 3)}, which is gravity in {unit}"
+                    entry = replace(entry, unit=unit, units=(), decided=True, reasons=(*entry.reasons[:-1], why))
+        result.append(entry)
+    return result

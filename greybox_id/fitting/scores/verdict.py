@@ -215,6 +215,7 @@ def _found(fit: Fit) -> Iterator[Reason]:
     informed = len(fit.from_prior) < sum(p.prior is not None for p in scalars)
     if len(known) == len(scalars) > 0 and not any(known) and not informed and not foreign_form(fit):
         yield Reason(NOT_USABLE, f"The recording determines none of the {len(scalars)} estimates.")
+    yield from _steps(fit)
     yield from _facts(fit)
     far, foreign, wider = [], False, conflict(fit.model)
     for p in scalars:
@@ -231,6 +232,19 @@ def _found(fit: Fit) -> Iterator[Reason]:
             f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
             "model structure is wrong.",
         )  # fmt: skip
+
+
+def _steps(fit: Fit) -> Iterator[Reason]:
+    """Sizes of steps that none explains as well."""
+    rounded = fit.model.rounded if isinstance(fit.model, MotionModel) else {}
+    known = [(name, fit.model[name], fit.interval(name)) for name in rounded if name in fit.sd]
+    none = [name for name, p, (low, high) in known if p.null is not None and low <= p.null <= high]
+    if none:
+        yield Reason(
+            WITH_CARE,
+            f"The recording does not determine {listed(none)}: without such steps, predictions are as good but for "
+            "chance.",
+        )
 
 
 def _facts(fit: Fit) -> Iterator[Reason]:

@@ -58,6 +58,7 @@ def alteration(
     apply_to_memory: Callable[[MemoryModel], MemoryModel] | None = None,
     in_memory: str = "",
     by_name: bool = False,
+    rounds: str = "",
     **changes: Callable[[Symbol, Quantities], Symbol],
 ) -> Effect:
     """An effect that alters parameters, inputs or quantities: name=(its value, q) -> its altered value.
@@ -69,7 +70,7 @@ def alteration(
     passes : how often the dynamics are gone through, for changes that read q.before.
     apply_to_memory : what it does to maps with memory, where it is known for them.
     in_memory : what it acts on there, where that has another name.
-    by_name : as of `Effect`.
+    by_name, rounds : as of `Effect`.
     changes : those the model has act, the others do nothing.
 
     Returns
@@ -99,6 +100,7 @@ def alteration(
         group, name, unit, null, bounds, about,
         touches=(*changes, *([in_memory] if in_memory else [])), apply=apply, typical=typical, gradual=gradual,
         needs=needs, others=others, apply_to_memory=apply_to_memory, by_name=by_name,
+        rounds=rounds,
     )  # fmt: skip
 
 

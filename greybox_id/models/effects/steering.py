@@ -121,7 +121,7 @@ sensor_quantisation = alteration(
     GROUP, "sensor_quantisation", "rad", 0.0, (0.0, 0.05), (
         "resolution of the angle sensor in the steering's control loop"
     ),
-    typical=0.01, gradual=False, by_name=True, steer=_in_steps,
+    typical=0.01, gradual=False, by_name=True, rounds="steer", steer=_in_steps,
 )  # fmt: skip
 
 steering_compliance = alteration(
