@@ -175,7 +175,7 @@ class Tracker:
         histories = joined(seen, [len(run.segments) for run in runs])
         judged, far = self._judged(runs, histories), lost(runs, histories, self.readings)
         innovations, expected = (
-            np.vstack([getattr(h, name)[run.row_segment] for run, h in zip(runs, histories, strict=True)])
+            _stacked([getattr(h, name)[run.row_segment] for run, h in zip(runs, histories, strict=True)])
             for name in ("off", "spread")
         )
         np.sqrt(expected, out=expected)
@@ -363,6 +363,11 @@ class Tracker:
 class _Estimates:
     values: dict[str, Array]
     variances: dict[str, Array]
+
+
+def _stacked(parts: Sequence[Array]) -> Array:
+    """Rows of parts; of a single one without a copy."""
+    return np.vstack(parts) if len(parts) > 1 else parts[0]
 
 
 def _absent(model: MotionModel, recording: Recording) -> list[str]:
