@@ -20,7 +20,8 @@ from ..fitting.how import Say, quiet
 from ..reports.text.adapt import parts
 from ..reports.text.screen import as_text
 from . import given
-from .fit_result import FitResult, found_again
+from .estimates import found_again
+from .fit_result import FitResult
 from .fitting import Progress
 from .given import Columns
 

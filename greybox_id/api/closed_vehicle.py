@@ -16,7 +16,8 @@ from ..models.memory_model import MemoryModel
 from ..models.model import Model
 from ..models.parameter import Parameter
 from ..models.registry import build
-from ..models.vehicle import ChosenModel, Stated, Vehicle
+from ..models.stated import Stated
+from ..models.vehicle import ChosenModel, Vehicle
 
 CLOSED = ", gap closed"
 """Behind the name of a vehicle."""

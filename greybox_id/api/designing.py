@@ -29,7 +29,8 @@ from ..gap.gap import Gap
 from ..models.effects import EFFECTS, vocabulary
 from ..models.motion_model import MotionModel
 from ..models.registry import build
-from ..models.vehicle import Stated, Vehicle
+from ..models.stated import Stated
+from ..models.vehicle import Vehicle
 from ..models.vehicles import with_tolerances
 from ..reports.gap.saved import KIND as GAP_KIND
 from ..reports.gap.saved import Made, load_gap

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
 from html import escape
 from pathlib import Path
@@ -12,23 +12,16 @@ import numpy as np
 import pandas as pd
 from rich.console import RenderableType
 
-from ..base.condition import span
 from ..base.declared import understood
 from ..base.errors import BadInput
-from ..base.numbers import between, counted, pretty_unit
-from ..base.shorthands import Array
-from ..datasets.read import read
+from ..base.numbers import between, pretty_unit
 from ..datasets.recording import Recording
-from ..export.equations import entries
-from ..fitting.fit import FREE_RUN, Fit, reach
-from ..fitting.holding import as_seen
-from ..fitting.provenance import DataRecord
+from ..fitting.fit import FREE_RUN, Fit
 from ..fitting.uncertainty.profile import Profile
-from ..models.parameter import free_places
-from ..reports.recordings import matched
 from ..reports.text.fit import as_dict, parts
 from ..reports.text.screen import as_text
 from . import given, predictions, profiles
+from .estimates import NamedEstimates
 from .given import Columns, Recordings
 from .predictions import Validation, validation
 
@@ -42,7 +35,7 @@ MOST_SHOWN = 6
 
 
 @dataclass(frozen=True, repr=False)
-class FitResult(Fit):
+class FitResult(NamedEstimates):
     """A fit: the model at its estimates, how well each is known, and what the model makes of recordings.
 
     `gb.fit` and `gb.load` return it. What it is as a record (`model`, `sd`, `stages`, `metrics`, `data` ...) is
@@ -69,8 +62,6 @@ class FitResult(Fit):
     ['output', 'unit', 'protocol', 'horizon', 'rmse', 'stderr', 'fit_percent', 'fvu', 'samples']
     """
 
-    recordings: tuple[Recording, ...] = field(default=(), compare=False)
-    file: Path | None = field(default=None, compare=False)
     vehicle: str = field(default="", compare=False)
     warnings: tuple[str, ...] = field(default=(), compare=False)
 
@@ -86,60 +77,6 @@ class FitResult(Fit):
         """A fit with what it can do."""
         value = {one.name: getattr(fit, one.name) for one in fields(Fit)}
         return cls(**value, recordings=recordings, file=file, vehicle=vehicle, warnings=warnings)
-
-    @property
-    def params(self) -> pd.Series[float]:
-        """Estimates by name in SI units, entries of arrays as F[0,1]; fixed parameters at their value."""
-        return self._by_name({p.name: p.array for p in self.model.parameters}, "estimate")
-
-    @property
-    def stderr(self) -> pd.Series[float]:
-        """Standard errors by name, corrected for correlated residuals; NaN where a parameter was fixed or has none."""
-        sd = {p.name: np.nan if p.fixed else self.sd.get(p.name, np.nan) for p in self.model.parameters}
-        return self._by_name(sd, "stderr")
-
-    @property
-    def cov(self) -> pd.DataFrame:
-        """Covariance of the estimated single numbers, by name on both axes, in products of their SI units.
-
-        Raises
-        ------
-        BadInput : it was not kept, as for the weights of networks.
-        """
-        if self.covariance is None:
-            raise BadInput(f"The fit of {self.model.name} keeps no covariance, only standard errors of its weights.")
-        free = free_places(self.model.parameters)
-        places = [*free.values()]
-        return pd.DataFrame(self.covariance[np.ix_(places, places)], [*free], [*free])
-
-    @property
-    def corr(self) -> pd.DataFrame:
-        """Correlations of the estimates, by name on both axes. Raises `BadInput` as `cov` does."""
-        cov = self.cov
-        sd = np.sqrt(np.diag(cov))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            return pd.DataFrame(cov.to_numpy() / np.outer(sd, sd), cov.index, cov.columns)
-
-    def conf_int(self, level: float = 0.95) -> pd.DataFrame:
-        """Confidence intervals by name, columns `lower` and `upper`, in SI units, cut at the parameters' bounds.
-
-        Parameters
-        ----------
-        level : between 0 and 1. Intervals are Student's t with the standard errors' own degrees of freedom.
-
-        Raises
-        ------
-        BadInput : `level` is no probability.
-        """
-        given.must_be_share(level, "level")
-        lower, upper = {}, {}
-        for p in self.model.parameters:
-            sd = np.full(p.shape, np.nan) if p.fixed else np.asarray(self.sd.get(p.name, np.full(p.shape, np.nan)))
-            half = reach(self.dof.get(p.name, np.inf), 0.5 + level / 2) * sd
-            with np.errstate(invalid="ignore"):  # an effect that stands at its infinite null has no interval
-                lower[p.name] = np.maximum(p.array - half, p.bounds[0])
-                upper[p.name] = np.minimum(p.array + half, p.bounds[1])
-        return pd.DataFrame({"lower": self._by_name(lower, "lower"), "upper": self._by_name(upper, "upper")})
 
     @property
     def nobs(self) -> int:
@@ -346,44 +283,6 @@ class FitResult(Fit):
 
         return FitPlots(self)
 
-    def seen(
-        self,
-        role: str = "",
-        *,
-        moved: Mapping[str, Sequence[str | Path]] | None = None,
-        columns: Columns | None = None,
-        otherwise: str = "Hand it over.",
-    ) -> tuple[Recording, ...]:
-        """The recordings that it was fitted to ("train") and validated on ("validate"), read again where need be.
-
-        Parameters
-        ----------
-        role : of those that are meant; all unless given.
-        moved : role -> where its files lie now, in their order; where the fit found them unless given.
-        columns : column map; the one that the fit names unless given.
-        otherwise : what the sentence tells to do where a recording is not found; ``{role}`` is what it was for.
-
-        Raises
-        ------
-        BadInput : a file is no longer there or has changed, or a recording was made in memory.
-        """
-        records = [item for item in self.data if role in ("", item.role)]
-        new = {name: list(files) for name, files in (moved or {}).items() if files}
-        if self.recordings and not new:
-            pairs = zip(self.recordings, self.data, strict=True)
-            return tuple(as_seen(self, recording) for recording, record in pairs if record in records)
-        for name, files in new.items():
-            count = sum(record.role == name for record in self.data)
-            if len(files) != count:
-                made = f"{self.file or 'The fit'} was made with {counted(count, 'recording')} to {name}"
-                raise BadInput(f"{made}, but {len(files)} are named.")
-        result = []
-        for record in records:
-            files = new.get(record.role, [])
-            file = files.pop(0) if files else found_again(record, self.file, otherwise.format(role=record.role))
-            result.append(_as_taken(read(file, columns or record.mapping), record))
-        return matched(replace(self, data=tuple(records)), result)
-
     def __repr__(self) -> str:
         return "\n".join(self._lines())
 
@@ -417,39 +316,3 @@ class FitResult(Fit):
     def _shown(self) -> pd.DataFrame:
         names = [p.name for p in self.model.parameters if p.shape == () and not p.fixed][:MOST_SHOWN]
         return pd.concat([self.params, self.conf_int()], axis=1).loc[names]
-
-    def _by_name(self, values: Mapping[str, Any], title: str) -> pd.Series[float]:
-        result: dict[str, float] = {}
-        for parameter in self.model.parameters:
-            value: Array = np.broadcast_to(np.asarray(values[parameter.name], dtype=float), parameter.shape)
-            result |= dict(zip((entry.name for entry in entries(parameter)), value.ravel().tolist(), strict=True))
-        return pd.Series(result, name=title, dtype=float)
-
-
-FOLDERS_ABOVE = 3
-"""Folders from the fit's own upwards from which its command may have named its files: outputs lie in one below."""
-
-
-def found_again(record: DataRecord, fit_file: Path | None, otherwise: str = "Hand it over.") -> Path:
-    """Where a recording lies: as the fit's command named it, else in the same place seen from the fit's folder.
-
-    Parameters
-    ----------
-    record : what the fit knows of it.
-    fit_file : the fit's own file.
-    otherwise : what to do where it is not found.
-    """
-    if not record.path:
-        raise BadInput(f"The recording {record.name} was made in memory and is in no file. {otherwise}")
-    above = [] if fit_file is None else fit_file.resolve().parents[:FOLDERS_ABOVE]
-    around = [folder / name for folder in above for name in (record.path, Path(record.path).name)]
-    for place in (Path(record.path), *around):
-        if place.is_file():
-            return place
-    raise BadInput(f"{record.path}, which the fit was made with, is no longer there. {otherwise}")
-
-
-def _as_taken(recording: Recording, record: DataRecord) -> Recording:
-    """The rows of a file that a fit took."""
-    recording = recording.between(*span(record.between)) if record.between else recording
-    return recording.where(record.where) if record.where else recording

@@ -28,7 +28,8 @@ from ..models.model import Model
 from ..models.motion_model import MotionModel, State
 from ..models.parameter import Parameter, Prior
 from ..models.registry import MODELS, build, install, own_model, prepared
-from ..models.vehicle import Stated, Vehicle, shipped_vehicles, write_vehicle
+from ..models.stated import Stated
+from ..models.vehicle import Vehicle, shipped_vehicles, write_vehicle
 from .given import VehicleLike
 
 __all__ = [

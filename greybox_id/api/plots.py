@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from matplotlib import pyplot as plt
@@ -15,7 +15,8 @@ from ..base.errors import BadInput, must_be_one_of
 from ..base.numbers import number, pretty_unit
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
-from ..gap.gap import Budget
+from ..filters.track import Track
+from ..gap.gap import Budget, Gap
 from ..models.model import Model, must_be
 from ..models.motion_model import MotionModel
 from ..reports.figures.characteristics import (
@@ -30,12 +31,8 @@ from ..reports.figures.characteristics import (
 from ..reports.figures.sheet import BLUE, DASHED, MEASURED, ORANGE, PALE, ZERO, band, look
 from ..reports.settled import OverSlip
 from . import given, predictions
+from .estimates import NamedEstimates
 from .given import Columns
-
-if TYPE_CHECKING:
-    from .fit_result import FitResult
-    from .gap_result import GapResult
-    from .track_result import TrackResult
 
 SLIPS = ("alpha_f", "alpha_r")
 SLIP = 0.25
@@ -62,7 +59,7 @@ class FitPlots:
     ['yaw_rate [rad/s]', 'a_y [m/s²]']
     """
 
-    def __init__(self, fit: FitResult) -> None:
+    def __init__(self, fit: NamedEstimates) -> None:
         self._fit = fit
 
     def __call__(self, recording: Recording | str | Path | None = None, **options: Any) -> np.ndarray[Any, Any]:
@@ -239,7 +236,7 @@ class FitPlots:
             return ()
 
 
-def along_track(track: TrackResult, names: Sequence[str], axes: Any) -> Axes | np.ndarray[Any, Any]:
+def along_track(track: Track, names: Sequence[str], axes: Any) -> Axes | np.ndarray[Any, Any]:
     """Estimates of a track over time, with bands of two standard deviations."""
     for name in names:
         must_be_one_of(track.values, name, "names: this track has no estimate")
@@ -264,7 +261,7 @@ def along_track(track: TrackResult, names: Sequence[str], axes: Any) -> Axes | n
     return drawn
 
 
-def budget(gap: GapResult, ax: Axes | None) -> Axes:
+def budget(gap: Gap, ax: Axes | None) -> Axes:
     """The shares of a gap as a waterfall; effects by probability where the diagnosis has no budget."""
     ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
     shares = gap.budget

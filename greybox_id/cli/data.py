@@ -17,11 +17,12 @@ from ..base.files import write_atomically
 from ..base.guard import claim
 from ..base.processes import Pace
 from ..datasets.checks import check, distrusted
+from ..datasets.checks.mending import mended
 from ..datasets.clocks import at_rate
 from ..datasets.column_map import column_map
 from ..datasets.formats import WRITTEN, write
 from ..datasets.joining import join_files
-from ..datasets.repair import map_text, mended, repaired
+from ..datasets.repair import map_text, repaired
 from ..reports.text.recordings import as_dict, header, proposal_as_dict, show_findings, show_proposal
 from .commands import CommandGroup, Guarded
 from .options import ABOVE_ZERO, COLUMNS, FILE, JSON, argument, command, option, part_asked, read_part

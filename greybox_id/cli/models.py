@@ -18,7 +18,8 @@ from ..models.effects import EFFECTS
 from ..models.model import Model
 from ..models.parameter import Parameter
 from ..models.registry import MODELS, build
-from ..models.vehicle import ChosenModel, Stated, Vehicle, vehicle_text
+from ..models.stated import Stated
+from ..models.vehicle import ChosenModel, Vehicle, vehicle_text
 from ..reports.text.screen import plain, plain_table
 from .options import JSON, VEHICLES, argument, command, named_effect, named_model, names, option, settings_of
 from .output import console, print_json

@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -28,10 +28,8 @@ from ..base.shorthands import Array, Mask
 from ..base.signals import COMMANDS
 from .clocks import LINEAR_GAP, REGULAR, held, linear
 from .column_map import Column
+from .raw_table import RawTable
 from .recording import JITTER_TOLERANCE, Resampled
-
-if TYPE_CHECKING:
-    from .formats import RawTable
 
 EPOCH = 1e8
 """Times beyond this many seconds (three years) count from 1970, not from the start of a recording."""

@@ -17,8 +17,9 @@ from ..base.signals import COMMANDS, SD, unit_of
 from .alignment import ClockAlignment
 from .clocks import Joined, Readings, held, linear, on_one_clock
 from .column_map import Column, ColumnMap, Reference, column_map, shipped_maps
-from .formats import SUFFIXES, TIME, Contents, Group, RawTable, bare_name, contents, hash_of, one_column
+from .formats import SUFFIXES, TIME, Contents, Group, bare_name, contents, hash_of, one_column
 from .instants import Instants, evened, instants, newest_first, origin_of
+from .raw_table import RawTable
 from .recording import Recording, Resampled, Source, split_runs
 
 __all__ = ["SUFFIXES", "read"]

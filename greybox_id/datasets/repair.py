@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import isclose
 from typing import TYPE_CHECKING
@@ -21,8 +21,6 @@ SAME = 1e-3
 """Relative difference of two factors that mean the same unit."""
 UNITS = ("m/s", "km/h", "rad/s", "deg/s", "rpm", "rad", "deg", "m/s^2", "g", "m", "mm", "s", "ms", "us", "min")
 TIME = "time"
-MOST_REPAIRS = 4
-"""Repairs that are taken one after the other."""
 
 
 @dataclass(frozen=True)
@@ -51,30 +49,6 @@ def repaired(mapping: ColumnMap, findings: Sequence[Finding]) -> Repaired | None
         if finding.repair and all(source in (*mapping.signals, TIME) for source, *_ in finding.repair.values()):
             return _with(mapping, finding.repair)
     return None
-
-
-def mended(
-    read: Callable[[ColumnMap], Iterable[Recording]], columns: str, wheelbase: float | None
-) -> tuple[ColumnMap, tuple[str, ...]]:
-    """The column map with what checks of some recordings would have changed, one finding after the other, and the
-    changes.
-
-    Parameters
-    ----------
-    read : the recordings as a column map reads them.
-    columns : the column map to begin with.
-    wheelbase : m, as of `check`.
-    """
-    from .checks import check
-
-    mapping, changes = column_map(columns), tuple[str, ...]()
-    for _ in range(MOST_REPAIRS):
-        result = (repaired(mapping, check(recording, wheelbase)) for recording in read(mapping))
-        better = next(filter(None, result), None)
-        if better is None:
-            break
-        mapping, changes = better.mapping, (*changes, *better.changes)
-    return mapping, changes
 
 
 def in_words(recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:

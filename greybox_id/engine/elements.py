@@ -2,16 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from functools import cached_property
+from types import SimpleNamespace
 
 import casadi as cs
 import numpy as np
 
 from ..base.errors import BadModel
 from ..base.shorthands import Array, Index
-from .trace import Trace, namespace
+from ..models.memory_model import MemoryModel
+from ..models.model import Namespace, Symbol
+from ..models.parameter import placed
 from .virtual import SampledFunction
+
+
+def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
+    """The parameters of a model by name: p.m an expression, p.F an array of expressions, from one vector."""
+    named = {}
+    for parameter, place in placed(model.parameters):
+        if parameter.shape == ():
+            named[parameter.name] = vector[place.start]
+        else:
+            entries = np.empty(parameter.size, dtype=object)
+            entries[:] = [vector[k] for k in range(place.start, place.stop)]
+            named[parameter.name] = entries.reshape(parameter.shape)
+    return SimpleNamespace(**named)
 
 
 class Actuation:
@@ -20,16 +36,15 @@ class Actuation:
     An actuator starts each run, and each piece of a run that was joined, at rest on the first command.
     """
 
-    def __init__(self, trace: Trace) -> None:
-        self.trace = trace
-        for actuator in trace.model.actuators:
-            if actuator.signal in trace.fed_back:
+    def __init__(self, model: MemoryModel, fed_back: Collection[str]) -> None:
+        for actuator in model.actuators:
+            if actuator.signal in fed_back:
                 raise BadModel(
-                    f"Model {trace.model.name} feeds {actuator.signal} back from its own outputs; "
+                    f"Model {model.name} feeds {actuator.signal} back from its own outputs; "
                     "an actuator can act only on a recorded command."
                 )
-        self._steps = [_Step(trace, k) for k in range(len(trace.model.actuators))]
-        held = np.concatenate([np.full(q.size, q.fixed) for q in trace.model.parameters])
+        self._steps = [_Step(model, k) for k in range(len(model.actuators))]
+        held = np.concatenate([np.full(q.size, q.fixed) for q in model.parameters])
         self._moving = not np.all(held[self.touched])
 
     def __call__(self, recorded: Array, p: Array, pieces: Sequence[slice]) -> tuple[Array, Array | None]:
@@ -56,8 +71,7 @@ class Actuation:
 class _Step:
     """One actuator and its sensitivities, run along a command in CasADi's virtual machine."""
 
-    def __init__(self, trace: Trace, number: int) -> None:
-        model = trace.model
+    def __init__(self, model: MemoryModel, number: int) -> None:
         actuator = model.actuators[number]
         self.column = model.inputs.index(actuator.signal)
         state, command, p = cs.SX.sym("state"), cs.SX.sym("command"), cs.SX.sym("p", model.size)
@@ -65,7 +79,7 @@ class _Step:
         touched = set(np.flatnonzero(cs.which_depends(both, p, 1, False)).tolist())
         for earlier in range(number):
             if model.actuators[earlier].signal == actuator.signal:
-                touched |= set(_Step(trace, earlier).touched.tolist())
+                touched |= set(_Step(model, earlier).touched.tolist())
         self.touched: Index = np.array(sorted(touched), dtype=np.intp)
         state_by_p = cs.SX.sym("state_by_p", len(touched))
         command_by_p = cs.SX.sym("command_by_p", len(touched))
@@ -100,8 +114,8 @@ class Sensing:
     Before the first prediction a sensor sees the first prediction held.
     """
 
-    def __init__(self, trace: Trace) -> None:
-        self._sensors = [_Weights(trace, k) for k in range(len(trace.model.sensors))]
+    def __init__(self, model: MemoryModel) -> None:
+        self._sensors = [_Weights(model, k) for k in range(len(model.sensors))]
 
     @property
     def plain(self) -> bool:
@@ -119,8 +133,7 @@ class Sensing:
 
 
 class _Weights:
-    def __init__(self, trace: Trace, number: int) -> None:
-        model = trace.model
+    def __init__(self, model: MemoryModel, number: int) -> None:
         sensor = model.sensors[number]
         self.column = model.outputs.index(sensor.signal)
         p = cs.SX.sym("p", model.size)

@@ -61,7 +61,7 @@ class Problem:
         self.closed_loop = closed_loop and bool(trace.fed_back)
         self.noise = np.asarray(noise, dtype=float)
         self._keep = list(keep) if keep is not None else [np.ones(len(run)) for run in self.runs]
-        self.sensing = Sensing(trace)
+        self.sensing = Sensing(trace.model)
         self.layout = lay_out(trace.model, len(self.runs), self.copies)
         self.bounds, self.free = limits(trace.model, self.layout)
         self._priors: dict[tuple[tuple[str, float], ...], tuple[sp.csr_matrix, Array, Array]] = {}

@@ -22,7 +22,7 @@ from functools import cached_property
 from numbers import Real
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import casadi as cs
 import numpy as np
@@ -31,11 +31,8 @@ from ..base.errors import BadModel, GreyboxError, near_or_all
 from ..base.shorthands import Index
 from ..models.memory_model import MemoryModel
 from ..models.model import Model, Namespace, Symbol
-from ..models.parameter import placed
+from .elements import Actuation, namespace
 from .virtual import SampledFunction
-
-if TYPE_CHECKING:
-    from .elements import Actuation
 
 KINDS = {"x": "state", "u": "input", "p": "parameter"}
 """What the namespaces of equations hold."""
@@ -204,9 +201,7 @@ class Trace:
     @cached_property
     def actuation(self) -> Actuation:
         """The model's actuators, made once for all runs: every one of them is a function of CasADi's."""
-        from .elements import Actuation
-
-        return Actuation(self)
+        return Actuation(self.model, self.fed_back)
 
     @cached_property
     def stage(self) -> SampledFunction:
@@ -364,19 +359,6 @@ class _Windows:
         self.weights.append(list(weights))
         self.symbols.append(cs.SX.sym(f"h{len(self.symbols)}"))
         return self.symbols[-1]
-
-
-def namespace(model: MemoryModel, vector: Symbol) -> Namespace:
-    """The parameters of a model by name: p.m an expression, p.F an array of expressions, from one vector."""
-    named = {}
-    for parameter, place in placed(model.parameters):
-        if parameter.shape == ():
-            named[parameter.name] = vector[place.start]
-        else:
-            entries = np.empty(parameter.size, dtype=object)
-            entries[:] = [vector[k] for k in range(place.start, place.stop)]
-            named[parameter.name] = entries.reshape(parameter.shape)
-    return SimpleNamespace(**named)
 
 
 def tidy(index: Index) -> Columns:

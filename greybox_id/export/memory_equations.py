@@ -13,7 +13,8 @@ from functools import cached_property
 import casadi as cs
 
 from ..base.signals import SIGNALS, unit_of
-from ..engine.trace import Trace, namespace
+from ..engine.elements import namespace
+from ..engine.trace import Trace
 from ..models.memory_model import MemoryModel
 from ..models.model import Model, Symbol, by_kind
 from ..models.parameter import pack

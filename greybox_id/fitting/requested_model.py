@@ -20,7 +20,8 @@ from ..models.model import Model
 from ..models.motion_model import MotionModel
 from ..models.parameter import Parameter, Prior
 from ..models.registry import MODELS, build, candidates, vehicle_parameters
-from ..models.vehicle import Stated, Vehicle, shipped_vehicles
+from ..models.stated import Stated
+from ..models.vehicle import Vehicle, shipped_vehicles
 from ..models.vehicle import vehicle as read_vehicle
 from ..models.vehicles import with_size
 

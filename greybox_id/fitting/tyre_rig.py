@@ -23,7 +23,8 @@ from ..base.shorthands import Array
 from ..base.statistics import correlation_time
 from ..base.units import known_unit, to_si
 from ..datasets.column_map import Column, ColumnMap
-from ..datasets.formats import RawTable, contents
+from ..datasets.formats import contents
+from ..datasets.raw_table import RawTable
 
 COLUMNS: Mapping[str, tuple[str, str]] = {
     "slip": (r"sa|slip ?angle|alpha|schr(ä|ae)glaufwinkel", "rad"),

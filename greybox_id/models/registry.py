@@ -70,9 +70,10 @@ from .single_track import (
     single_track,
     with_roll,
 )
+from .stated import Stated
 from .steering import steering
 from .tyres import TYRES, TyreSettings
-from .vehicle import Stated, Vehicle
+from .vehicle import Vehicle
 from .vehicles import stated_effect, with_vehicle
 
 __all__ = [

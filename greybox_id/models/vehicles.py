@@ -15,7 +15,8 @@ from .effect import AnyModel, Effect
 from .longitudinal import WHEELS
 from .parameter import Parameter, Prior
 from .single_track import BODY, DRIVE, G
-from .vehicle import Stated, Vehicle
+from .stated import Stated
+from .vehicle import Vehicle
 
 MEASURED = ("m", "l_f", "l_r", "h_cg", "track_f", "track_r", "wheel_radius", "I_w")
 """Geometry and mass: held when a number is stated alone."""

@@ -10,16 +10,13 @@ from base64 import b64encode
 from collections.abc import Awaitable, Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from nicegui import ui
 
 from .beneath import BLUE, FAINT, INK, ORANGE, PALE, PURPLE, RUST, SKY, percent, pretty_unit
 from .traces import Array
-
-if TYPE_CHECKING:
-    from .model import Step
 
 SERIF = '"Libertinus Serif", "STIX Two Text", "Times New Roman", Times, serif'
 BASE = {"animation": False, "textStyle": {"fontFamily": SERIF, "color": INK}}
@@ -52,6 +49,18 @@ class StripChart:
     unit: str
     curves: Sequence[PlottedTrace]
     span: tuple[float, float] = (0.0, 1.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step of the waterfall: a share with its interval, the share left before it, whether it is applied."""
+
+    name: str
+    share: float
+    low: float
+    high: float
+    start: float
+    applied: bool
 
 
 def strips(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
@@ -12,7 +12,7 @@ import numpy as np
 import greybox_id as gb
 
 from .beneath import free_runs, sentence
-from .charts import UNNAMED, PlottedTrace, StripChart
+from .charts import UNNAMED, PlottedTrace, Step, StripChart
 from .traces import Array, Shown
 
 if TYPE_CHECKING:
@@ -141,18 +141,6 @@ class Playground:
     def errors(self, traces: Mapping[str, Array]) -> dict[str, float]:
         """Output -> root mean square of simulated less measured, in its unit."""
         return {name: float(np.sqrt(np.nanmean((trace - self.recording[name]) ** 2))) for name, trace in traces.items()}
-
-
-@dataclass(frozen=True)
-class Step:
-    """One step of the waterfall: a share with its interval, the share left before it, whether it is applied."""
-
-    name: str
-    share: float
-    low: float
-    high: float
-    start: float
-    applied: bool
 
 
 def steps(gap: Gap) -> list[Step]:

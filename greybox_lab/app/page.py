@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
 from types import ModuleType
 from typing import Any
@@ -13,13 +13,11 @@ from nicegui import app, run, ui
 
 import greybox_id as gb
 
-from . import step_check, step_drop, step_fit, step_model, step_see, step_take, step_why
 from .beneath import sentence
 from .jobs import PageJob
 from .widgets import quiet, tell, verdict
 from .work import STEPS, Work
 
-MODULES: tuple[ModuleType, ...] = (step_drop, step_see, step_check, step_model, step_fit, step_why, step_take)
 TICK = 0.25
 """Seconds between looks at whether the session has changed."""
 SOON = 0.5
@@ -29,10 +27,10 @@ GRACE = 5.0
 
 
 class Page:
-    """One open page of a session, which all pages share."""
+    """One open page of a session, which all pages share; each of its steps is a module with `prepare` and `draw`."""
 
-    def __init__(self, work: Work) -> None:
-        self.work, self.session = work, work.session
+    def __init__(self, work: Work, steps: Sequence[ModuleType]) -> None:
+        self.work, self.session, self.steps = work, work.session, steps
         self.step = int(self.session["step"])
         self.seen, self._drawing = -1, 0
         self.window: tuple[float, float] | None = None
@@ -50,7 +48,7 @@ class Page:
             quiet(self.session.folder.name).tooltip(str(self.session.folder))
         with ui.column().classes("page").props("role=main") as self.frame:
             self.running = ui.column().classes("running")
-            self.uploader = step_drop.uploader(self)  # never drawn anew: files may be on their way
+            self.uploader = self.steps[0].uploader(self)  # never drawn anew: files may be on their way
             self.body = ui.column().classes("body")
         with self.body:
             ui.spinner(size="2rem")
@@ -77,7 +75,7 @@ class Page:
         self.step = min(self.step, self.reach)
         self._drawing += 1
         mine, self.seen = self._drawing, self.session.version
-        module = MODULES[self.step]
+        module = self.steps[self.step]
         try:
             data = await module.prepare(self)
         except Exception as error:  # a page that stands still would hide it

@@ -81,11 +81,12 @@ def set_up(work: Work) -> None:
     from fastapi.responses import FileResponse
 
     from .page import Page
+    from .steps import MODULES
 
     @ui.page("/", title=f"greybox app: {work.session.folder.name}", response_timeout=30)
     def index() -> None:
         ui.add_css(CSS)
-        Page(work).build()
+        Page(work, MODULES).build()
 
     @app.get("/session/{name:path}")
     def file(name: str) -> FileResponse:

@@ -13,7 +13,8 @@ import greybox_id as gb
 
 from . import charts
 from .beneath import cause_words, change_parts, gap_parts, quantity, read_gap, sentence
-from .model import Step, alone, diagnosed_model, longest, steps
+from .charts import Step
+from .model import alone, diagnosed_model, longest, steps
 from .traces import Shown
 from .widgets import button, choose, heading, quiet, title, verdict
 

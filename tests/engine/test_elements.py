@@ -84,21 +84,21 @@ def test_latency_is_linear_interpolation_of_the_predictions(samples):
 @pytest.mark.parametrize("latency", [0.0, 0.013, 0.19, 0.2])
 def test_a_late_sensor_does_not_change_a_constant(dt, latency):
     model = late(replace(linear_toy(), sample_time=dt), latency)
-    y, _ = Sensing(Trace(model))(np.full((30, 1), 2.5), None, model.values)
+    y, _ = Sensing(model)(np.full((30, 1), 2.5), None, model.values)
     np.testing.assert_allclose(y, 2.5, atol=1e-12)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.05, 0.07, 0.2])
 def test_a_constant_does_not_tell_the_latency(latency):
     model = late(linear_toy(), latency)
-    _, by_p = Sensing(Trace(model))(np.full((30, 1), 2.5), np.zeros((30, 1, model.size)), model.values)
+    _, by_p = Sensing(model)(np.full((30, 1), 2.5), np.zeros((30, 1, model.size)), model.values)
     np.testing.assert_allclose(by_p[:, 0, -1], 0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("latency", [0.0, 0.03])
 def test_the_slope_by_the_latency_is_that_of_a_larger_latency(latency):
     model = linear_toy() + sensor_latency_imu
-    sensing = Sensing(Trace(model))
+    sensing = Sensing(model)
     y = np.random.default_rng(0).standard_normal((30, 1))
     p, h = np.append(np.zeros(3), latency), 1e-6
     _, by_p = sensing(y, np.zeros((30, 1, 4)), p)

@@ -13,7 +13,8 @@ from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle import Stated, Vehicle
+from greybox_id.models.stated import Stated
+from greybox_id.models.vehicle import Vehicle
 
 SMALL = Vehicle("small car", {name: Stated(value) for name, value in {
     "m": 3.5, "I_z": 0.05, "l_f": 0.16, "l_r": 0.17, "h_cg": 0.07, "force_per_unit": 3.5, "c_0": 1.5, "c_2": 0.4,

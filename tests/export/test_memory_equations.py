@@ -21,7 +21,7 @@ def rows_of(model, recording):
     """Inputs as recorded, as the equations see them where readings are fed back, and outputs, by name."""
     columns = [recording[n] if n in recording else np.zeros(len(recording)) for n in model.inputs]
     recorded = np.column_stack(columns)
-    seen, _ = Actuation(Trace(model))(recorded, model.values, [slice(0, len(recording))])
+    seen, _ = Actuation(model, ())(recorded, model.values, [slice(0, len(recording))])
     u, seen = (dict(zip(model.inputs, own.T, strict=True)) for own in (recorded, seen))
     if model.feedback is not None:
         seen |= {"a_x": recording["a_x"], "a_y": recording["yaw_rate"] * recording["v_x"]}

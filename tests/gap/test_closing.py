@@ -11,7 +11,8 @@ from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.free_runs import Misfit
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle import Stated, Vehicle
+from greybox_id.models.stated import Stated
+from greybox_id.models.vehicle import Vehicle
 
 NOISE = {"v_y": 0.02, "yaw_rate": 0.005, "a_y": 0.1}
 EXACT = Vehicle("car", CAR.values, noise=NOISE)

@@ -22,7 +22,8 @@ from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
 from greybox_id.gap.judging import _beside_unknown, _strains, by_no_name, may_vary, something_unnamed
 from greybox_id.models.effects import EFFECTS, vocabulary
 from greybox_id.models.registry import build
-from greybox_id.models.vehicle import Stated, StatedModelError, Vehicle
+from greybox_id.models.stated import Stated
+from greybox_id.models.vehicle import StatedModelError, Vehicle
 from greybox_id.reports.gap.words import whether
 
 TOLERANT = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 40.0), "B_f": Stated(9.3, 0.3), "B_r": Stated(10.5, 0.3),

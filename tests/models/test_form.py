@@ -11,8 +11,9 @@ from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.models.form import CURVE_SD, KNOTS
 from greybox_id.models.registry import build
 from greybox_id.models.roughness import with_roughness
+from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES, axle
-from greybox_id.models.vehicle import Stated, Vehicle
+from greybox_id.models.vehicle import Vehicle
 
 TURNING = (12.0, -0.3, 0.5)
 """v_x, v_y and yaw rate of a turn to the left."""

@@ -10,8 +10,8 @@ from greybox_id.base.errors import BadInput, GreyboxError
 from greybox_id.fitting.scores.memory import predictions
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import MODELS, build, candidates, prepared, vehicle_parameters
+from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES
-from greybox_id.models.vehicle import Stated
 
 MOTION = ["single_track", "lateral", "longitudinal", "kinematic", "steering"]
 NETWORKS = ["mlp_lateral", "bicycle_mlp"]

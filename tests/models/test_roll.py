@@ -15,7 +15,8 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
 from greybox_id.models.registry import build, vehicle_parameters
 from greybox_id.models.single_track import ROLLING, lateral, single_track, with_roll
-from greybox_id.models.vehicle import Stated, Vehicle
+from greybox_id.models.stated import Stated
+from greybox_id.models.vehicle import Vehicle
 
 START = {"v_y": 0.0, "yaw_rate": 0.0}
 I_X, STIFFNESS, DAMPER = (float(own.array) for own in ROLLING)

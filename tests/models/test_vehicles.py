@@ -9,8 +9,9 @@ from greybox_id.base.errors import BadInput, BadModel
 from greybox_id.fitting.requested_model import Choices, RequestedModel
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.registry import build, model_of, vehicle_parameters
+from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES
-from greybox_id.models.vehicle import ChosenModel, Stated, Vehicle, shipped_vehicles, vehicle
+from greybox_id.models.vehicle import ChosenModel, Vehicle, shipped_vehicles, vehicle
 from greybox_id.models.vehicles import derived, stated_effect, with_tolerances, with_vehicle
 
 GEOMETRY = {"m": Stated(1500.0), "l_f": Stated(1.2), "l_r": Stated(1.5)}

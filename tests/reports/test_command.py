@@ -13,7 +13,7 @@ from driven import written
 from made_gaps import clear
 
 import greybox_id as gb
-from greybox_id.api.fit_result import found_again
+from greybox_id.api.estimates import found_again
 from greybox_id.api.fitting import load as load_again
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.report import report

@@ -13,7 +13,8 @@ import pandas as pd
 
 from ...base.errors import BadInput
 from ..column_map import ColumnMap
-from . import Contents, RawTable, few_enough, whole
+from ..raw_table import RawTable
+from . import Contents, few_enough, whole
 from .long_table import apart_by_name
 from .text import text_of_file
 

@@ -11,7 +11,8 @@ import pandas as pd
 from ...base.shorthands import Array
 from ...base.units import known_unit
 from ..instants import count_unit, is_instants
-from . import Contents, Group, RawTable, loader
+from ..raw_table import RawTable
+from . import Contents, Group, loader
 
 NAMES = frozenset([
     "name", "signal", "channel", "topic", "key", "variable", "parameter", "metric", "id", "series", "tag",

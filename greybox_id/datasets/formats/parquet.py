@@ -11,7 +11,8 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from ..column_map import ColumnMap
-from . import Columns, Contents, Group, RawTable, bounded, few_enough, sound, unique_names
+from ..raw_table import RawTable
+from . import Columns, Contents, Group, bounded, few_enough, sound, unique_names
 
 UNIT = b"unit"
 KIND = "Parquet"

@@ -17,7 +17,8 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array
 from ...base.units import known_unit
 from ..column_map import ColumnMap
-from . import Contents, RawTable, few_enough, whole
+from ..raw_table import RawTable
+from . import Contents, few_enough, whole
 from .text import text_of_file
 
 KIND = "VBO"

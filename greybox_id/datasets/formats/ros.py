@@ -23,7 +23,8 @@ from ...base.errors import BadInput
 from ...base.files import scratch_folder
 from ...base.shorthands import Array
 from ..column_map import ColumnMap
-from . import TIME, Columns, Contents, Group, RawTable, needed, sound
+from ..raw_table import RawTable
+from . import TIME, Columns, Contents, Group, needed, sound
 
 SHIPPED = {
     "ackermann_msgs": ("AckermannDrive", "AckermannDriveStamped"),

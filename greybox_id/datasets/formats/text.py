@@ -29,7 +29,8 @@ import pandas as pd
 
 from ...base.errors import BadInput
 from ..column_map import SEPARATORS, ColumnMap
-from . import LARGEST, Columns, Contents, RawTable, bounded, few_enough, one_column, whole
+from ..raw_table import RawTable
+from . import LARGEST, Columns, Contents, bounded, few_enough, one_column, whole
 from .cells import DECIMAL_COMMA, NOTHING, as_numbers, is_value, stated_unit, unit_behind
 from .long_table import apart_by_name
 from .raw_can import must_hold_signals

@@ -11,7 +11,8 @@ from ...base.shorthands import Array
 from ...base.signals import SIGNALS
 from ...base.units import DEGREES_AND_MINUTES
 from ..column_map import NOTHING
-from ..formats import Contents, RawTable
+from ..formats import Contents
+from ..raw_table import RawTable
 from .evidence import MapEntry
 from .names import NOISE, plain_words
 

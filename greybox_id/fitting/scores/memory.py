@@ -38,7 +38,7 @@ def predictions(
     """Predict a recording one sample ahead (open loop) or freely (closed loop); `trace` is the model's, if at hand."""
     trace = Trace(model) if trace is None else trace
     result = runs(trace, recording, across_joins=protocol == "published")
-    sensing = Sensing(trace)
+    sensing = Sensing(trace.model)
     p = model.values
     predicted = [sensing(_predicted(run, p, protocol), None, p)[0] for run in result]
     return Prediction(

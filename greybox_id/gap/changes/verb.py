@@ -24,7 +24,8 @@ from ...datasets.recording import Recording
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
 from ...models.motion_model import MotionModel
-from ...models.vehicle import Stated, Vehicle
+from ...models.stated import Stated
+from ...models.vehicle import Vehicle
 from ..estimation.calibration import CAL
 from ..gap import Closure, Gap, Ranked, Where
 from .between_runs import Common, RunExplained, values_of

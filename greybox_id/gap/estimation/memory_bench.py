@@ -62,7 +62,7 @@ class MemoryBench:
     def __init__(self, model: MemoryModel, recordings: Sequence[Recording]) -> None:
         self.model = model
         trace = Trace(model)
-        self._sensing = Sensing(trace)
+        self._sensing = Sensing(trace.model)
         pairs = [(recording, run) for recording in recordings for run in runs(trace, recording)]
         self._laid: list[Run] = [run for _, run in pairs]
         still = np.zeros(len(model.inputs), dtype=bool)

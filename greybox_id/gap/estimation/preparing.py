@@ -17,7 +17,8 @@ from ...models.motion_model import MotionModel
 from ...models.parameter import Parameter, Prior
 from ...models.roughness import with_roughness
 from ...models.single_track import G
-from ...models.vehicle import Stated, Vehicle
+from ...models.stated import Stated
+from ...models.vehicle import Vehicle
 from ...models.vehicles import stated_effect, with_tolerances
 from .axes import ZONE
 from .bench import Bench

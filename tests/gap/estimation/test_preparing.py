@@ -10,7 +10,8 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.gap.estimation.axes import nuisances, shifting
 from greybox_id.gap.estimation.preparing import excerpt, prepare, thinned
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.vehicle import ChosenModel, Stated, Vehicle
+from greybox_id.models.stated import Stated
+from greybox_id.models.vehicle import ChosenModel, Vehicle
 
 
 def recording(rows, step=0.01, name="long"):

@@ -15,6 +15,7 @@ from nicegui.testing.user_simulation import user_simulation
 from greybox_lab.app import step_drop
 from greybox_lab.app.page import Page
 from greybox_lab.app.session import Session
+from greybox_lab.app.steps import MODULES
 from greybox_lab.app.work import Work
 
 QUESTION = {
@@ -35,7 +36,7 @@ def work(tmp_path, _uncompiled):
 @asynccontextmanager
 async def opened(work):
     async def root():
-        Page(work).build()
+        Page(work, MODULES).build()
 
     async with user_simulation(root) as user:
         await user.open("/")
@@ -119,7 +120,7 @@ def test_dragging_a_slider_simulates_anew_and_is_where_the_fit_starts(work):
 def test_two_pages_show_the_same(work):
     async def scenario():
         async def root():
-            Page(work).build()
+            Page(work, MODULES).build()
 
         async with user_simulation(root) as one:
             from nicegui.testing import User
