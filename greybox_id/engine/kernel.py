@@ -22,8 +22,7 @@ import ctypes
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
-from pathlib import Path
+from functools import cached_property, partial
 from threading import Thread
 
 import casadi as cs
@@ -33,7 +32,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..base.shorthands import Array
 from .against import Against, led, square
 from .compiler import CannotCompile, library, tell_slow
-from .vectors import FEW, WIDE, narrow_source, scratch_size, source
+from .vectors import FEW, WIDE, narrow_source, scratch_size, source, writers
 from .virtual import VirtualMachine
 
 WIDEST = 8
@@ -398,7 +397,7 @@ class _Functions:
     """
 
     def __init__(self, step: cs.Function, output: cs.Function) -> None:
-        self.known_by = "\0".join([_writers(), cs.__version__, step.serialize(), output.serialize()])
+        self.known_by = "\0".join([writers(__file__), cs.__version__, step.serialize(), output.serialize()])
         self.arguments = [cs.SX.sym(letter, step.numel_in(k)) for k, letter in enumerate("zsp")]
         self.states, self.numbers, self.parameters = (step.numel_in(k) for k in range(3))
         self.outputs = output.numel_out(0)
@@ -427,14 +426,6 @@ class _Functions:
         value = cs.Function("value", self.arguments, self.results)
         slope = cs.Function("slope", self.arguments, [*self.results, *self.slopes])
         return source(value, slope), narrow_source(value)
-
-
-@lru_cache
-def _writers() -> str:
-    """The modules that write the C source, as text, and the C that is in it."""
-    folder = Path(__file__).parent
-    files = [*(folder / f"{name}.py" for name in ("kernel", "graph", "vectors")), *sorted(folder.glob("*.c"))]
-    return "\0".join(file.read_text("utf-8") for file in files)
 
 
 def _declared(made: ctypes.CDLL) -> ctypes.CDLL:

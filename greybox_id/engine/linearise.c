@@ -5,6 +5,12 @@ static inline void add(const v *J, ptrdiff_t n, const short *row, const short *c
         if (moving[column[j]] >= 0) to[row[j] * columns + moving[column[j]]] += J[j];
 }
 
+/* each is read once: compilers would have every product read its operand again, and reading limits this loop */
+#if defined __x86_64__
+#define IN_REGISTERS(a, b, c) __asm__("" : "+v"(a), "+v"(b), "+v"(c));
+#else
+#define IN_REGISTERS(a, b, c)
+#endif
 #define TILE 3
 #define BATCH (1 + 12 / (NY + 1))
 /* adds the products of columns of n rows, tile by tile of nine in registers: the lower triangle, from a row on */
@@ -17,9 +23,11 @@ static void accumulate(const v *rows, ptrdiff_t n, v *H, ptrdiff_t wide, ptrdiff
             v g = low[0], h = low[1], k = low[2];
             for (ptrdiff_t row = 0; row < n; row++) {
                 const v *const left = rows + row * wide + i, *const right = rows + row * wide + j;
-                a = fused(left[0], right[0], a); b = fused(left[0], right[1], b); c = fused(left[0], right[2], c);
-                d = fused(left[1], right[0], d); e = fused(left[1], right[1], e); f = fused(left[1], right[2], f);
-                g = fused(left[2], right[0], g); h = fused(left[2], right[1], h); k = fused(left[2], right[2], k);
+                v x = left[0], y = left[1], z = left[2], p = right[0], q = right[1], r = right[2];
+                IN_REGISTERS(x, y, z) IN_REGISTERS(p, q, r)
+                a = fused(x, p, a); b = fused(x, q, b); c = fused(x, r, c);
+                d = fused(y, p, d); e = fused(y, q, e); f = fused(y, r, f);
+                g = fused(z, p, g); h = fused(z, q, h); k = fused(z, r, k);
             }
             top[0] = a; top[1] = b; top[2] = c; middle[0] = d; middle[1] = e; middle[2] = f;
             low[0] = g; low[1] = h; low[2] = k;
@@ -51,7 +59,8 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
     for (ptrdiff_t first = 0; first < lanes; first += W) {
         ptrdiff_t row[W], reading = 0, batch = 0;
         const int real = rows(row, first, lanes);
-        v z[NZ], next[NZ], now[NS + 1], q[NP + 1], w[SLOPE_KEPT + 1], y[NY + 1], t[NY + 1], counts[NY + 1], r[NY + 1];
+        v z[NZ], next[NZ], now[AHEAD(NS) * NS + 1], q[NP + 1], w[SLOPE_KEPT + 1], y[NY + 1], r[NY + 1];
+        v targets[AHEAD(NY) * NY + 1], weights[AHEAD(NY) * NY + 1];
         v A[NA + 1], B[NB + 1], C[NC + 1], D[ND + 1], Z[NZ * (NZ + NP)], Y[NY * (NZ + NP) + 1];
         gather(z, NZ, z0, NZ, row);
         gather(q, NP, p, NP, row);
@@ -59,14 +68,13 @@ void linearise(ptrdiff_t lanes, ptrdiff_t segments, ptrdiff_t readings, ptrdiff_
         slope_fixed(q, w);
         if (H_out) memset(H, 0, wide * wide * sizeof(v));
         for (ptrdiff_t k = 0; k < segments; k++) {
-            gather(now, NS, s + k * NS, apart, row);
-            slope(z, now, q, w, next, y, A, B, C, D, reads[k], moving);
+            slope(z, ahead(now, NS, s, apart, k, segments, row), q, w, next, y, A, B, C, D, reads[k], moving);
             if (reads[k]) {
                 C_times(C, Z, Y, columns);
                 add(D, ND, D_ROW, D_COLUMN, moving, Y, columns);
                 if (H_out) {
-                    gather(t, NY, target + reading * NY, readings * NY, row);
-                    gather(counts, NY, weight + reading * NY, readings * NY, row);
+                    const v *const t = ahead(targets, NY, target, readings * NY, reading, readings, row);
+                    v *const counts = ahead(weights, NY, weight, readings * NY, reading, readings, row);
                     weigh(y, t, counts, r, robust);
                     if (given) gather(r, NY, given + reading * NY, readings * NY, row);
                     for (int i = 0; i < NY; i++) {

@@ -21,55 +21,95 @@
 #define LIBMVEC 0
 #endif
 #define NOINLINE __attribute__((noinline))
+#define COLD __attribute__((cold))
+#ifndef INLINE
+#define INLINE inline __attribute__((always_inline))
+#endif
 #define LANES for (int l = 0; l < W; l++)
 
 typedef double v __attribute__((vector_size(8 * W)));
 typedef double u __attribute__((vector_size(8 * W), aligned(8)));
 typedef long long m __attribute__((vector_size(8 * W)));
 
-static inline v splat(double x) { v r; LANES r[l] = x; return r; }
-static inline v where(m k, v a) { return (v)(k & (m)a); }
-static inline v choose(m k, v a, v b) { return (v)((k & (m)a) | (~k & (m)b)); }
+static INLINE v splat(double x) { return x - (v){0}; }
+static INLINE v where(m k, v a) { return (v)(k & (m)a); }
+static INLINE v choose(m k, v a, v b) { return (v)((k & (m)a) | (~k & (m)b)); }
 #if defined __FP_FAST_FMA || defined __FMA__ || defined __ARM_FEATURE_FMA
-static inline v fused(v a, v b, v c) { LANES c[l] = __builtin_fma(a[l], b[l], c[l]); return c; }
+#define FUSED 1
+#if W == 8
+static INLINE v fused(v a, v b, v c) { return __builtin_ia32_vfmaddpd512_mask(a, b, c, -1, 4); }
+#elif W == 4
+static INLINE v fused(v a, v b, v c) { return __builtin_ia32_vfmaddpd256(a, b, c); }
 #else
-static inline v fused(v a, v b, v c) { return a * b + c; }
+static INLINE v fused(v a, v b, v c) { LANES c[l] = __builtin_fma(a[l], b[l], c[l]); return c; }
+#endif
+#else
+#define FUSED 0
+static INLINE v fused(v a, v b, v c) { return a * b + c; }
 #endif
 
+/* whether a number of any lane is other than zero; NaN is */
+static INLINE int any_set(v a)
+{
+#if W == 8
+    return __builtin_ia32_cmppd512_mask(a, splat(0), 4, -1, 4);
+#elif W == 4
+    return __builtin_ia32_movmskpd256((v)(a != splat(0)));
+#else
+    int any = 0;
+    LANES any |= a[l] != 0;
+    return any;
+#endif
+}
+
 /* as C and CasADi have it: the other one, where one is NaN */
-static inline v v_fmin(v a, v b) { return choose(a < b, a, choose(b == b, b, a)); }
-static inline v v_fmax(v a, v b) { return choose(a > b, a, choose(b == b, b, a)); }
-static inline v v_sign(v a) { return choose(a < splat(0), splat(-1), choose(a > splat(0), splat(1), a)); }
-static inline v v_fabs(v a) { return (v)((m)a & ~(m)splat(-0.0)); }
-static inline v v_copysign(v a, v b) { return (v)(((m)a & ~(m)splat(-0.0)) | ((m)b & (m)splat(-0.0))); }
-static inline v v_sqrt(v a) { LANES a[l] = __builtin_sqrt(a[l]); return a; }
-static inline v v_floor(v a) { LANES a[l] = __builtin_floor(a[l]); return a; }
-static inline v v_ceil(v a) { LANES a[l] = __builtin_ceil(a[l]); return a; }
+static INLINE v v_fmin(v a, v b) { return choose(a < b, a, choose(b == b, b, a)); }
+static INLINE v v_fmax(v a, v b) { return choose(a > b, a, choose(b == b, b, a)); }
+static INLINE v v_sign(v a) { return choose(a < splat(0), splat(-1), choose(a > splat(0), splat(1), a)); }
+static INLINE v v_fabs(v a) { return (v)((m)a & ~(m)splat(-0.0)); }
+static INLINE v v_copysign(v a, v b) { return (v)(((m)a & ~(m)splat(-0.0)) | ((m)b & (m)splat(-0.0))); }
+static INLINE v v_sqrt(v a) { LANES a[l] = __builtin_sqrt(a[l]); return a; }
+static INLINE v v_floor(v a) { LANES a[l] = __builtin_floor(a[l]); return a; }
+static INLINE v v_ceil(v a) { LANES a[l] = __builtin_ceil(a[l]); return a; }
 
 #define LANEWISE(name) static NOINLINE v v_##name(v a) { LANES a[l] = name(a[l]); return a; }
 #define LANEWISE2(name) static NOINLINE v v_##name(v a, v b) { LANES a[l] = name(a[l], b[l]); return a; }
 #define LIBRARY(name) v MVEC(v, name)(v); static inline v v_##name(v a) { return MVEC(v, name)(a); }
 #define LIBRARY2(name) v MVEC(vv, name)(v, v); static inline v v_##name(v a, v b) { return MVEC(vv, name)(a, b); }
 #if LIBMVEC >= 222
-LIBRARY(sin) LIBRARY(cos) LIBRARY(log) LIBRARY2(pow)
+LIBRARY(log) LIBRARY2(pow)
+#else
+LANEWISE(log) LANEWISE2(pow)
+#endif
+#if LIBMVEC >= 235
+LIBRARY(tan) LIBRARY(asin) LIBRARY(acos) LIBRARY(sinh) LIBRARY(cosh) LIBRARY(asinh)
+LIBRARY(acosh) LIBRARY(atanh) LIBRARY(expm1) LIBRARY(log1p) LIBRARY(erf) LIBRARY2(hypot)
+#else
+LANEWISE(tan) LANEWISE(asin) LANEWISE(acos) LANEWISE(sinh) LANEWISE(cosh) LANEWISE(asinh)
+LANEWISE(acosh) LANEWISE(atanh) LANEWISE(expm1) LANEWISE(log1p) LANEWISE(erf) LANEWISE2(hypot)
+#endif
+LANEWISE2(fmod) LANEWISE2(remainder)
+
+/* these stand in `functions.c` where there is a fused operation */
+#if !FUSED
+#if LIBMVEC >= 222
+LIBRARY(sin) LIBRARY(cos)
 v MVEC(v, exp)(v);
 /* where it is nothing it would be called for each lane: what fades at once is a lag of none */
-static inline v v_exp(v a)
+static INLINE v v_exp(v a)
 {
     const m gone = a < splat(-746);
     return choose(gone, splat(0), MVEC(v, exp)(choose(gone, splat(0), a)));
 }
 #else
-LANEWISE(sin) LANEWISE(cos) LANEWISE(exp) LANEWISE(log) LANEWISE2(pow)
+LANEWISE(sin) LANEWISE(cos) LANEWISE(exp)
 #endif
 #if LIBMVEC >= 235
-LIBRARY(tan) LIBRARY(asin) LIBRARY(acos) LIBRARY(atan) LIBRARY(sinh) LIBRARY(cosh) LIBRARY(tanh) LIBRARY(asinh)
-LIBRARY(acosh) LIBRARY(atanh) LIBRARY(expm1) LIBRARY(log1p) LIBRARY(erf) LIBRARY2(atan2) LIBRARY2(hypot)
+LIBRARY(atan) LIBRARY(tanh) LIBRARY2(atan2)
 #else
-LANEWISE(tan) LANEWISE(asin) LANEWISE(acos) LANEWISE(atan) LANEWISE(sinh) LANEWISE(cosh) LANEWISE(tanh) LANEWISE(asinh)
-LANEWISE(acosh) LANEWISE(atanh) LANEWISE(expm1) LANEWISE(log1p) LANEWISE(erf) LANEWISE2(atan2) LANEWISE2(hypot)
+LANEWISE(atan) LANEWISE(tanh) LANEWISE2(atan2)
 #endif
-LANEWISE2(fmod) LANEWISE2(remainder)
+#endif
 
 /* W numbers of W lanes, from a vector of each lane to one of each number, and back: pairs of vectors exchange halves */
 #if defined __GNUC__ && !defined __clang__
@@ -117,6 +157,15 @@ static inline void gather(v *to, ptrdiff_t n, const double *from, ptrdiff_t stri
         LANES at[l] = from + row[l] * stride;
         for (ptrdiff_t k = 0; k < n; k++) to[k] = (v)EACH(k);
     }
+}
+/* the k-th n numbers of a series of each lane; so many at a time are gathered that vectors are full */
+#define AHEAD(n) ((n) < W ? W : 1)
+static inline v *ahead(v *to, ptrdiff_t n, const double *from, ptrdiff_t stride, ptrdiff_t k, ptrdiff_t count,
+    const ptrdiff_t *row)
+{
+    const ptrdiff_t some = AHEAD(n), left = count - k;
+    if (k % some == 0) gather(to, n * (left < some ? left : some), from + k * n, stride, row);
+    return to + k % some * n;
 }
 static NOINLINE void scatter(const v *from, ptrdiff_t n, double *to, ptrdiff_t stride, const ptrdiff_t *row, int lanes)
 {

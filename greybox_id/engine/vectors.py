@@ -1,9 +1,10 @@
-"""The C around the straight-line code: vectors of lanes (`vectors.c`), and loops over lanes, segments and
-sensitivities (`simulate.c`, `follow.c`, `linearise.c`).
+"""The C around the straight-line code: vectors of lanes (`vectors.c`), functions of them (`functions.c`), and loops
+over lanes, segments and sensitivities (`simulate.c`, `follow.c`, `linearise.c`).
 
 Lanes are GCC's vector type (clang has it too), as wide as the machine's registers: 8 with AVX-512, 4 with AVX2,
-else 2. Functions come from glibc's libmvec on x86-64, whose results are within 4 ulp; elsewhere each lane calls the
-mathematical library. With AVX-512 up to four lanes that are left over run in vectors of four, in three quarters of the
+else 2. Sine, cosine, arctangents, exponential and hyperbolic tangent are written in line, within 2 ulp, where the
+processor multiplies and adds in one operation. Other functions come from glibc's libmvec on x86-64, whose results are
+within 4 ulp; elsewhere each lane calls the mathematical library. With AVX-512 up to four lanes that are left over run in vectors of four, in three quarters of the
 time: divisions and square roots take as long as a vector is wide. Infinities and NaN behave as in CasADi's virtual
 machine: the flags promise nothing about them.
 """
@@ -17,7 +18,7 @@ from pathlib import Path
 
 import casadi as cs
 
-from .graph import Result, straight_line
+from .straight import Result, straight_line
 
 WIDE, FEW = 8, 4
 """Lanes of the widest vectors, and of those that take what they would leave half empty."""
@@ -27,6 +28,25 @@ WIDE, FEW = 8, 4
 def c_of(name: str) -> str:
     """The C that is the same for all models."""
     return Path(__file__).with_name(f"{name}.c").read_text("utf-8")
+
+
+@cache
+def writers(module: str) -> str:
+    """What C that another module writes follows from, as text: it, the C beside it, and what is here."""
+    here, there = Path(__file__).parent, Path(module)
+    names = ("graph", "idle", "straight", "vectors")
+    files = [
+        *(here / f"{name}.py" for name in names),
+        *sorted(here.glob("*.c")),
+        there,
+        *sorted(there.parent.glob("*.c")),
+    ]
+    return "\0".join(file.read_text("utf-8") for file in dict.fromkeys(files))
+
+
+def of_lanes() -> str:
+    """The C of vectors of lanes and of functions of them."""
+    return f"{c_of('vectors')}\n#if FUSED\n{c_of('functions')}#endif"
 
 
 def scratch_size(columns: int, outputs: int) -> int:
@@ -80,7 +100,7 @@ def _simulation(value: cs.Function) -> str:
     sizes = {"NZ": value.nnz_in(0), "NS": value.nnz_in(1), "NP": value.nnz_in(2), "NY": value.nnz_out(1)}
     return "\n".join(
         [
-            c_of("vectors"),
+            of_lanes(),
             *[f"#define {name} {size}" for name, size in sizes.items()],
             straight_line("value", value, _results(value), ["int reading"]),
             c_of("simulate"),

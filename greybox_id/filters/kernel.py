@@ -17,9 +17,7 @@ from __future__ import annotations
 import ctypes
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from functools import lru_cache
 from importlib import resources
-from pathlib import Path
 from typing import Literal
 
 import casadi as cs
@@ -27,8 +25,8 @@ import numpy as np
 
 from ..base.shorthands import Array
 from ..engine.compiler import library
-from ..engine.graph import Result, straight_line
-from ..engine.vectors import c_of, product, table
+from ..engine.straight import Result, straight_line
+from ..engine.vectors import of_lanes, product, table, writers
 from .state_space import StateSpace
 
 NARROW = "#define NARROW"
@@ -60,7 +58,7 @@ def written(
     return "\n".join(
         [
             *([NARROW] if narrow else []),
-            c_of("vectors"),
+            of_lanes(),
             *[f"#define {name} {size}" for name, size in constants.items()],
             *[
                 straight_line(function.name(), function, [Result(name) for name in item[: function.n_out()]])
@@ -170,7 +168,7 @@ class CompiledFilter:
         self._weights = points.weights(space.size)
         functions = (space.step, space.output)
         requested = f"{kind} {many} {space.throughout}"
-        known_by = "\0".join([_writers(), cs.__version__, requested, *(f.serialize() for f in functions)])
+        known_by = "\0".join([writers(__file__), cs.__version__, requested, *(f.serialize() for f in functions)])
         made = library(lambda: [_source(kind, functions, many, space.throughout)], known_by)
         made.filter.argtypes = [ctypes.c_ssize_t] * 2 + [ctypes.c_double] + [ctypes.c_void_p] * 7 + [_Record]
         made.filter.restype = None
@@ -223,11 +221,3 @@ def _place(array: Array) -> int | None:
 
 def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool, throughout: bool) -> str:
     return ekf_source(*functions, many, throughout) if kind == "ekf" else ukf_source(*functions)
-
-
-@lru_cache
-def _writers() -> str:
-    """The modules that write the C source, as text."""
-    engine = Path(__file__).parents[1] / "engine"
-    files = [*(engine / f"{name}.py" for name in ("graph", "vectors")), Path(__file__)]
-    return "\0".join(file.read_text("utf-8") for file in files)

@@ -15,7 +15,7 @@ import pytest
 from compiled import needs_compiler
 
 from greybox_id.base import files
-from greybox_id.engine import compiler, graph, kernel
+from greybox_id.engine import compiler, kernel, straight
 from greybox_id.engine.against import Against
 from greybox_id.engine.compiler import CannotCompile, Compiler
 from greybox_id.engine.graph import CALLS, CHEAP, KNOWN
@@ -176,7 +176,7 @@ def tangle(seed, size=150):
 @needs_compiler
 @pytest.mark.parametrize(("seed", "piece"), [(0, 1000), (1, 25), (2, 25)])
 def test_random_models_whole_and_in_pieces(seed, piece, monkeypatch):
-    monkeypatch.setattr(graph, "PIECE", piece)
+    monkeypatch.setattr(straight, "PIECE", piece)
     random, model = np.random.default_rng(seed), tangle(seed)
     given = random.normal(size=(11, 6)), random.normal(size=(11, 20, 3)), random.normal(size=(11, 12))
     reads = np.arange(20) % 3 == 0
