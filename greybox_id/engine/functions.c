@@ -1,5 +1,5 @@
-/* Functions in line, where the processor multiplies and adds at once: calls of a library would leave no vector in its
-   register. Ranges are reduced to where a short polynomial holds (`tests/support/polynomials.py` derives the
+/* Functions, in line where they are few, where the processor multiplies and adds at once: calls of a library would
+   leave no vector in its register. Ranges are reduced to where a short polynomial holds (`tests/support/polynomials.py` derives the
    coefficients); within 2 ulp. Where reduction ends, lanes go to the mathematical library one by one. */
 #define HALF_PI_0 0x1.921fb54442d18p+0
 #define HALF_PI_1 0x1.1a62633145c07p-54
@@ -97,7 +97,7 @@ static INLINE void quarters(v a, v *sine, v *cosine, m *quarter)
     *cosine = fused(zz, c, fused(z, splat(-0.5), splat(1)));
     *quarter = (m)shifted;
 }
-static INLINE v v_sin(v a)
+static IN_LINE v v_sin(v a)
 {
     v s, c;
     m quarter;
@@ -105,7 +105,7 @@ static INLINE v v_sin(v a)
     const v r = (v)((m)pick(bits(quarter, (m){0} + 1), c, s) ^ (quarter & 2) << 62);
     return any_above(v_fabs(a), TURNS) ? rest_sin(a, r, TURNS) : r;
 }
-static INLINE v v_cos(v a)
+static IN_LINE v v_cos(v a)
 {
     v s, c;
     m quarter;
@@ -123,7 +123,7 @@ static INLINE v turned(v above, v below, v k)
     const v bent = fused(t * z, fused(z4 * z4, high, fused(z4, middle, low)), k * splat(QUARTER_PI_1));
     return fused(k, splat(QUARTER_PI_0), t + bent);
 }
-static INLINE v v_atan(v a)
+static IN_LINE v v_atan(v a)
 {
     const v x = v_fabs(a);
     const mask some = exceeds(x, splat(0.5)), most = exceeds(x, splat(2));
@@ -132,7 +132,7 @@ static INLINE v v_atan(v a)
     return v_copysign(turned(above, below, pick(most, splat(2), pick(some, splat(1), splat(0)))), a);
 }
 #define LARGE 1e300
-static INLINE v v_atan2(v b, v a)
+static IN_LINE v v_atan2(v b, v a)
 {
     const v y = v_fabs(b), x = v_fabs(a), sum = y + x;
     const mask some = exceeds(y + y, x), most = exceeds(y, x + x);
@@ -159,7 +159,7 @@ static INLINE v beyond(v a, v *r, v *power)
     *power = (v)(((m)shifted << 52) + (m)splat(1));
     return z * fused(zz * zz, high, fused(zz, middle, low));
 }
-static INLINE v v_exp(v a)
+static IN_LINE v v_exp(v a)
 {
     v r, power;
     const mask gone = exceeds(splat(-746), a); /* what fades at once is a lag of none */
@@ -168,7 +168,7 @@ static INLINE v v_exp(v a)
     return any_above(v_fabs(b), SPAN) ? rest_exp(b, e, SPAN) : e;
 }
 /* tanh a = e / (e + 2) with e = exp(2 a) - 1; what rounding e and e + 2 leaves counts below e = 2; at 20 it is 1 */
-static INLINE v v_tanh(v a)
+static IN_LINE v v_tanh(v a)
 {
     v r, power;
     const v x = v_fabs(a), s = beyond(pick(exceeds(x, splat(20)), splat(40), x + x), &r, &power);

@@ -3,48 +3,68 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from collections.abc import Set as AbstractSet
 
 import casadi as cs
 
-from .graph import LOGIC, SLOW, TESTS, Graph, Leaf, Operation
+from .graph import LOGIC, SLOW, TESTS, Graph, Leaf, Operation, traced
 
 LINEAR = {cs.OP_ASSIGN, cs.OP_LIFT, cs.OP_ADD, cs.OP_SUB, cs.OP_MUL, cs.OP_NEG, cs.OP_SQ, cs.OP_TWICE}
 """Operations that give zero for operands that are zero, whatever the others are, as long as they are numbers."""
 
 
-def idle_without(graph: Graph, conditions: Sequence[AbstractSet[str]], stored: AbstractSet[int]) -> dict[int, int]:
-    """Of values that matter only while a parameter is not zero, or moves: the place of that parameter.
+ZERO_AT_ZERO = {
+    *(cs.OP_SIN, cs.OP_TAN, cs.OP_ASIN, cs.OP_ATAN, cs.OP_SINH, cs.OP_TANH, cs.OP_ASINH, cs.OP_ATANH),
+    *(cs.OP_EXPM1, cs.OP_LOG1P, cs.OP_ERF, cs.OP_SQRT, cs.OP_FABS),
+}
+"""Functions that give zero for zero."""
 
-    A parameter is taken where a slow function or a division depends on it that way, and where without it all others
-    still act: that of a refinement, which many models leave at zero, not that of a whole force.
+
+def refinements(function: cs.Function) -> frozenset[int]:
+    """Places of the parameters that may be zero at little loss, and save a slow function or a division then.
+
+    Without one of them all others still act: it is of a refinement, which many models leave at zero, not of a force.
+
+    Parameters
+    ----------
+    function : (z, s, p) -> results.
+    """
+    graph, results = traced(function, ("z", "s", "p"), "p")
+    idle = _idle(graph, {k: {""} for result in results for k in result}, [{""}] * len(graph.values))
+    places = _places(graph)
+    saved = {place for k, own in enumerate(idle) if _slow(graph, k) and not graph.fixed[k] for place in own}
+    return frozenset(saved - {place for k, own in enumerate(idle) if k in places for place in own - {places[k]}})
+
+
+def idle_without(
+    graph: Graph,
+    stored: Mapping[int, AbstractSet[str]],
+    conditions: Sequence[AbstractSet[str]],
+    parameters: AbstractSet[int],
+) -> dict[int, int]:
+    """Of values that matter only while one of the parameters is not zero, or moves: the place of that parameter.
 
     Parameters
     ----------
     graph : the values.
-    conditions : of each value, on what conditions it is wanted; "moving[k] >= 0" where it serves the derivative by
-        parameter k.
-    stored : values that are results under no condition.
+    stored : on what conditions values are results; "moving[k] >= 0" where they are derivatives by parameter k.
+    conditions : on what conditions each value is wanted.
     """
-    places = {k: int(found[1]) for k, value in enumerate(graph.values) if (found := _parameter(value))}
-    zero = _zero(graph, places)
-    idle = _idle(graph, places, zero, conditions, stored)
-    members = {place: [k for k in range(len(graph.values)) if place in idle[k]] for place in places.values()}
-    pays = {
-        place
-        for place, values in members.items()
-        if not any(k in places and places[k] != place for k in values)
-        and any(_slow(graph, k) for k in values if not graph.fixed[k])
+    idle = [own & parameters for own in _idle(graph, stored, conditions)] if parameters else []
+    count = Counter(place for own in idle for place in own)
+    return {
+        k: min(own, key=lambda place: (count[place], place))
+        for k, own in enumerate(idle)
+        if own and k in graph.operations() and not graph.fixed[k]
     }
-    chosen = {
-        k: min(own, key=lambda place: len(members[place])) for k, own_all in enumerate(idle) if (own := own_all & pays)
-    }
-    return {k: place for k, place in chosen.items() if k in graph.operations() and not graph.fixed[k]}
 
 
-def _parameter(value: Leaf | Operation) -> re.Match[str] | None:
-    return re.fullmatch(r"p\[(\d+)\]", value.text) if isinstance(value, Leaf) else None
+def _places(graph: Graph) -> dict[int, int]:
+    """The values that are parameters, and their places."""
+    found = {k: re.fullmatch(r"p\[(\d+)\]", v.text) for k, v in enumerate(graph.values) if isinstance(v, Leaf)}
+    return {k: int(match[1]) for k, match in found.items() if match}
 
 
 def _slow(graph: Graph, k: int) -> bool:
@@ -62,7 +82,7 @@ def _zero(graph: Graph, places: Mapping[int, int]) -> list[frozenset[int]]:
         own = [zero[source] for source in value.sources]
         if value.op == cs.OP_MUL:
             zero.append(own[0] | own[1])
-        elif value.op in LINEAR:
+        elif value.op in LINEAR or value.op in ZERO_AT_ZERO:
             zero.append(frozenset.intersection(*own))
         else:
             zero.append(own[0] if value.op == cs.OP_DIV else frozenset())
@@ -70,26 +90,27 @@ def _zero(graph: Graph, places: Mapping[int, int]) -> list[frozenset[int]]:
 
 
 def _idle(
-    graph: Graph,
-    places: Mapping[int, int],
-    zero: Sequence[frozenset[int]],
-    conditions: Sequence[AbstractSet[str]],
-    stored: AbstractSet[int],
+    graph: Graph, stored: Mapping[int, AbstractSet[str]], conditions: Sequence[AbstractSet[str]]
 ) -> list[frozenset[int]]:
     """Of each value, the parameters without which nothing that is wanted depends on it."""
-    everything = frozenset(places.values())
-    idle = [everything] * len(graph.values)
-    for k in stored:
-        idle[k] = frozenset()
-    for k in reversed(graph.operations()):
-        value = graph.operations()[k]
+    places = _places(graph)
+    zero = _zero(graph, places)
+    idle = [frozenset(places.values())] * len(graph.values)
+    for k, several in stored.items():
+        idle[k] = _moving(several)
+    operations = graph.operations()
+    for k in reversed(operations):
+        value = operations[k]
+        idle[k] |= _moving(conditions[k])
         if value.op in TESTS or value.op in LOGIC:  # masks stay
             idle[k] = frozenset()
-        (condition,) = conditions[k] if len(conditions[k]) == 1 else ("",)
-        moving = re.fullmatch(r"moving\[(\d+)\] >= 0", condition)
-        if moving:
-            idle[k] |= {int(moving[1])}
         for position, source in enumerate(value.sources):
             spared = value.op in LINEAR or (value.op == cs.OP_DIV and position == 0)
             idle[source] &= idle[k] | zero[k] if spared else idle[k]
     return idle
+
+
+def _moving(conditions: AbstractSet[str]) -> frozenset[int]:
+    """The parameter by which a derivative is wanted, if that is all."""
+    found = re.fullmatch(r"moving\[(\d+)\] >= 0", next(iter(conditions))) if len(conditions) == 1 else None
+    return frozenset({int(found[1])} if found else ())

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from collections.abc import Set as AbstractSet
 from dataclasses import dataclass
 from itertools import groupby
 
@@ -42,7 +43,13 @@ class _Statement:
     unless_zero: int | None = None
 
 
-def straight_line(name: str, function: cs.Function, results: Sequence[Result], known: Sequence[str] = ()) -> str:
+def straight_line(
+    name: str,
+    function: cs.Function,
+    results: Sequence[Result],
+    known: Sequence[str] = (),
+    refining: AbstractSet[int] = frozenset(),
+) -> str:
     """C functions `name_fixed(p, w)` and `name(z, s, p, w, results..., told...)`, on vectors of lanes.
 
     Parameters
@@ -50,6 +57,7 @@ def straight_line(name: str, function: cs.Function, results: Sequence[Result], k
     function : SX function (z, s, p) -> results, of which the nonzeros are computed.
     results : where they go; what is not wanted is left as it was.
     known : C declarations of further arguments, which the conditions are about.
+    refining : parameters whose terms are left out while they are zero.
 
     Returns
     -------
@@ -60,7 +68,7 @@ def straight_line(name: str, function: cs.Function, results: Sequence[Result], k
     for result, values in zip(results, numbers, strict=True):
         for k, (value, condition) in enumerate(zip(values, result.conditions or [""] * len(values), strict=True)):
             stores.setdefault(value, []).append((f"{result.name}[{k}]", condition))
-    fixed, changing = (_cut(statements) for statements in _statements(graph, stores))
+    fixed, changing = (_cut(statements) for statements in _statements(graph, stores, refining))
     moving = any("moving" in declaration for declaration in known)
     writer = _Writer(graph, [*fixed, *changing], "any_set(p[{0}])" + " || moving[{0}] >= 0" * moving)
     given = [f"const v *restrict {argument}" for argument in "zsp"]
@@ -85,7 +93,7 @@ def _function(name: str, arguments: Sequence[str], pieces: Sequence[str]) -> str
 
 
 def _statements(
-    graph: Graph, stores: Mapping[int, Sequence[tuple[str, str]]]
+    graph: Graph, stores: Mapping[int, Sequence[tuple[str, str]]], refining: AbstractSet[int]
 ) -> tuple[list[_Statement], list[_Statement]]:
     """What is done before the segments and what in each, in order."""
     operations = graph.operations()
@@ -98,7 +106,8 @@ def _statements(
         if not graph.fixed[k]:
             depths[k] = max(depths[source] for source in value.sources) + (value.op in SLOW)
     result = list[_Statement]()
-    idle = idle_without(graph, conditions, {k for k, where in stores.items() if any(not c for _, c in where)})
+    stored = {k: {condition for _, condition in several} for k, several in stores.items()}
+    idle = idle_without(graph, stored, conditions, refining)
     for k in sorted(range(len(graph.values)), key=depths.__getitem__):
         if k in operations and not graph.fixed[k]:
             condition = next(iter(conditions[k])) if len(conditions[k]) == 1 else ""

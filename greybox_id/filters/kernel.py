@@ -58,7 +58,7 @@ def written(
     return "\n".join(
         [
             *([NARROW] if narrow else []),
-            of_lanes(),
+            of_lanes(step, output),
             *[f"#define {name} {size}" for name, size in constants.items()],
             *[
                 straight_line(function.name(), function, [Result(name) for name in item[: function.n_out()]])

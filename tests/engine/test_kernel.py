@@ -5,6 +5,7 @@ import errno
 import hashlib
 import itertools
 import os
+import re
 import stat
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -184,6 +185,32 @@ def test_random_models_whole_and_in_pieces(seed, piece, monkeypatch):
     assert_same(found.simulate(*given, reads), expected.simulate(*given, reads))
     for columns in ([], [5], [11, 3, 2], np.arange(12)):
         assert_same(found.linearise(*given, reads, columns), expected.linearise(*given, reads, columns))
+
+
+@needs_compiler
+@pytest.mark.parametrize("zero", [np.s_[:], np.s_[3:5]])
+def test_a_parameter_that_is_zero_leaves_out_its_terms_and_changes_nothing(zero):
+    model, (z0, s, p, reads) = single_track(), driven(12, 30)
+    p[zero, 7] = 0.0
+    found, expected = (Kernel(*model, compiled=compiled) for compiled in (True, False))
+    assert_same(found.simulate(z0, s, p, reads), expected.simulate(z0, s, p, reads))
+    for columns in ([0, 4, 6], [7, 0, 3, 8], np.arange(9)):
+        assert_same(found.linearise(z0, s, p, reads, columns), expected.linearise(z0, s, p, reads, columns))
+    for source in (found._model.sources[0], found._model.sources[1]):
+        tested = set(re.findall(r"any_set\(p\[(\d+)\]\)", source))
+        assert tested == {"7"}  # what the others multiply holds further parameters, or no slow function
+
+
+@needs_compiler
+def test_terms_of_a_parameter_that_is_zero_are_left_out_but_for_its_derivative():
+    calls = functions(1, 1, 2, lambda z, s, p: z + p[0] * cs.atan(z * p[1]) + p[1], lambda z, s, p: z)
+    made, given = Kernel(*calls, compiled=True), ([[np.inf]], np.zeros((1, 1, 1)), [0.0, 0.0], [True])
+    assert made.simulate(*given)[0][0, -1] == np.inf  # 0 atan(inf 0) is never asked for
+    given[0][0][0] = 2.0
+    np.testing.assert_array_equal(made.linearise(*given, [0, 1])[1], [[[1.0, 0.0, 1.0]]])
+    given[2][1] = 3.0
+    np.testing.assert_allclose(made.linearise(*given, [0, 1])[1], [[[1.0, np.arctan(6.0), 1.0]]], rtol=1e-15)
+    np.testing.assert_array_equal(made.linearise(*given, [1])[1], [[[1.0, 1.0]]])
 
 
 @both_ways
