@@ -19,6 +19,7 @@ from ..base.numbers import alike, pretty_unit
 from ..fitting.fit import KIND as FIT_KIND
 from ..fitting.fit import Fit
 from ..fitting.saved_fit import load
+from ..gap.advice import Advice
 from ..gap.design.arena import arena as arena_of
 from ..gap.design.discriminate import ambiguous, detecting, discriminating
 from ..gap.design.limits import must_agree, read_limits, stated, usual_limits
@@ -255,7 +256,13 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
         where = f"In {design_result.arena.words}, {design_result.duration:.1f} s"
         drive = f"{lead}, drive {way} {where} of driving are expected to distinguish {expected}."
         known = (*((drive,) if design_result.phases else ()), *design_result.impossible)
-    return replace(gap, advice=(*known, *(line for line in gap.advice if not line.startswith(lead))))
+    return replace(
+        gap,
+        advice=(
+            *known,
+            *(line for line in gap.advice if not (isinstance(line, Advice) and line.apart.issuperset(names))),
+        ),
+    )
 
 
 def targets(folder: str | Path) -> Path:

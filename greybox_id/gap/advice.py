@@ -41,6 +41,19 @@ def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
     return MANOEUVRES.get(groups, "a mixed manoeuvre with step steers, hard brakings and a spiral up to the limit")
 
 
+class Advice(str):
+    """A sentence on what would tell more, and the effects that it would tell apart."""
+
+    apart: frozenset[str] = frozenset()
+
+    @classmethod
+    def between(cls, names: Sequence[str], sentence: str) -> Advice:
+        """A sentence on how some effects are told apart."""
+        result = cls(sentence)
+        result.apart = frozenset(names)
+        return result
+
+
 def advice(
     sets: Sequence[Sequence[str]],
     weak: Sequence[str],
@@ -75,10 +88,11 @@ def advice(
                 "them, measure the mounting angle of the sensor."
             )
         else:
-            one.append(
+            words = (
                 f"To tell {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
                 f"{COMMAND} designs the manoeuvre for your arena."
             )
+            one.append(Advice.between(item, words))
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]
     alike = [name for name in shown if to_drive([name], effects) == to_drive(shown[:1], effects)]

@@ -129,7 +129,9 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     time = _one_time(result, clocks)
     run = next((n for n, guess in guesses.items() if guess.signal == RUN and (n in numbers or n in labels)), "")
     taken = {run, *(name for clock in clocks for name in (clock.column, clock.rest))}
-    chosen, rivals = _candidates(result, guesses, numbers, taken)
+    units = {name: unit for group in result.groups for name, unit in group.units.items()}
+    stated = {name: guess.unit or units.get(name, "") for name, guess in guesses.items()}
+    chosen, rivals = _candidates(guesses, stated, numbers, taken)
     chosen, rivals = ([with_codes(entry, codes) for entry in entries] for entries in (chosen, rivals))
     chosen = with_sign_columns(chosen, result, numbers, labels)
     rivals = [entry for entry in rivals if entry.column not in {known.sign_column for known in chosen}]
@@ -148,10 +150,15 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
     agreed, columns = met(_in_si(raw, decided)), {entry.signal: entry.column for entry in decided}
     compass = counts_clockwise(columns.get("yaw", ""))
     decided = with_signs(decided, agreed, compass, is_north_of(columns.get("x", ""), columns.get("y", "")))
-    decided = [_asked(entry, guesses[entry.column]) for entry in decided]
+    decided = [_asked(entry, guesses[entry.column], stated[entry.column]) for entry in decided]
     if compass and not any("yaw" in item.pair.channels for item in agreed):
         decided = [_of_a_compass(entry) if entry.signal == "yaw" else entry for entry in decided]
-    decided = [_steering(e, decided, raw, hand_wheel, wheelbase) if e.signal == "steer" else e for e in decided]
+    decided = [
+        _steering(e, decided, raw, hand_wheel, wheelbase, e.unit == stated[e.column] != "")
+        if e.signal == "steer"
+        else e
+        for e in decided
+    ]
     decided = [_as_commanded(entry, decided, raw) for entry in decided]
     decided = [ambiguous(entry, guesses[entry.column], raw) for entry in decided]
     if len(result.groups) == 1:
@@ -166,10 +173,9 @@ def propose(path: str | Path | Sequence[str | Path], wheelbase: float | None = N
 
 
 def _candidates(
-    result: Contents, guesses: Mapping[str, Guess], numbers: Mapping[str, Array], taken: set[str]
+    guesses: Mapping[str, Guess], stated: Mapping[str, str], numbers: Mapping[str, Array], taken: set[str]
 ) -> tuple[list[MapEntry], list[MapEntry]]:
     """The most telling column for each signal, and the others that a name speaks for."""
-    units = {name: unit for group in result.groups for name, unit in group.units.items()}
     by_signal: dict[str, list[str]] = {}
     for name, guess in guesses.items():
         if guess.signal not in (TIME, RUN) and name in numbers and name not in taken and np.any(numbers[name]):
@@ -178,11 +184,10 @@ def _candidates(
     for signal, names in by_signal.items():
         ordered = sorted(names, key=lambda n: (guesses[n].wish, guesses[n].signal == HAND_WHEEL, guesses[n].rank))
         for place, name in enumerate(ordered):
-            stated = guesses[name].unit or units.get(name, "")
-            unit = stated if stated and _fits(stated, signal) else ""
+            unit = stated[name] if stated[name] and _fits(stated[name], signal) else ""
             reasons = [f'"{name}" is a usual name of {signal}']
-            if stated and not unit:
-                reasons.append(f"the file says {stated}, which is no unit of {signal}")
+            if stated[name] and not unit:
+                reasons.append(f"the file says {stated[name]}, which is no unit of {signal}")
             entry = MapEntry(signal, name, unit, reasons=tuple(reasons))
             if place:
                 other = f"{ordered[0]} is nearer by its name"
@@ -214,14 +219,19 @@ def _of_a_compass(entry: MapEntry) -> MapEntry:
 
 
 def _steering(
-    entry: MapEntry, entries: Sequence[MapEntry], raw: Recording, hand_wheel: bool, wheelbase: float | None
+    entry: MapEntry,
+    entries: Sequence[MapEntry],
+    raw: Recording,
+    hand_wheel: bool,
+    wheelbase: float | None,
+    stated: bool,
 ) -> MapEntry:
     """The entry of `steer` as the turning explains it; a question where it is one in any unit that v_x may have."""
     speeds = [e for e in entries if e.signal == "v_x"]
     others = [e for e in entries if e.signal != "v_x"]
     readings = [[replace(e, unit=unit)] for e in speeds for unit in (e.units or (e.unit,))] or [[]]
     known = (_in_si(raw, [*others, *reading]) for reading in readings)
-    results = [with_steering(entry, recording, hand_wheel, wheelbase) for recording in known]
+    results = [with_steering(entry, recording, hand_wheel, wheelbase, stated) for recording in known]
     return next((result for result in results if not result.decided), results[0])
 
 
@@ -323,22 +333,21 @@ def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:
     return raw.with_signals(**{e.signal: raw[e.signal] * e.factor * e.sign for e in entries})
 
 
-def _asked(entry: MapEntry, guess: Guess) -> MapEntry:
-    """What a name alone makes doubtful: wishes instead of measurements."""
+def _asked(entry: MapEntry, guess: Guess, stated: str) -> MapEntry:
+    """What a name or the unit that the file states makes doubtful: wishes instead of measurements, no such unit."""
     if guess.wish and entry.signal in ("v_x", "v_y", "a_x", "a_y", "yaw_rate"):
         why = "its name says that it is a command, not a measurement"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
-    if any(f"which is no unit of {entry.signal}" in reason for reason in entry.reasons):
+    if stated and not _fits(stated, entry.signal):
         why = "set divide_by: how many of the file's units make one SI unit"
-        if entry.signal.startswith("wheel_speed") and (rim := _of_the_rim(entry)):
+        if entry.signal.startswith("wheel_speed") and (rim := _of_the_rim(stated)):
             why = f"it is the speed of the wheel's rim: divide_by is {rim} the wheel's radius in m"
         return replace(entry, decided=False, reasons=(*entry.reasons, why))
     return entry
 
 
-def _of_the_rim(entry: MapEntry) -> str:
+def _of_the_rim(stated: str) -> str:
     """By what a radius is multiplied for a wheel's speed in the unit that the file states; empty for other units."""
-    stated = next(reason for reason in entry.reasons if "which" in reason).partition("says ")[2].partition(",")[0]
     return f"{1 / to_si(stated, 'm/s').factor:.4g} times" if _fits(stated, "v_x") else ""
 
 

@@ -40,7 +40,9 @@ class Reading:
     ratio: float
 
 
-def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase: float | None) -> MapEntry:
+def with_steering(
+    entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase: float | None, stated: bool = False
+) -> MapEntry:
     """The entry of `steer` as the turning of the vehicle explains it; a question where that is not its plain reading.
 
     Parameters
@@ -49,9 +51,9 @@ def with_steering(entry: MapEntry, known: Recording, hand_wheel: bool, wheelbase
     known : all signals in SI units, steer as the entry has it.
     hand_wheel : whether the column's name says so.
     wheelbase : m, if known.
+    stated : whether the file states the entry's unit.
     """
     length = turning_length(known)
-    stated = not entry.units and any("states" in reason for reason in entry.reasons)
     if length is None:
         return _unknown(entry) if hand_wheel else _either(entry) if entry.unit == "deg" else entry
     in_radians = length / entry.factor  # with the column's numbers taken as radians

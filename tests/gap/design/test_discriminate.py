@@ -11,6 +11,7 @@ from greybox_id.api import designing
 from greybox_id.api.designing import nominal_of
 from greybox_id.api.gap_result import GapResult
 from greybox_id.fitting.provenance import DataRecord
+from greybox_id.gap.advice import Advice
 from greybox_id.gap.design import discriminate
 from greybox_id.gap.design.discriminate import ENOUGH, ambiguous, parted
 from greybox_id.gap.gap import Ranked
@@ -124,7 +125,7 @@ def test_a_delay_and_a_lag_are_told_apart(saved):
 def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
     quick = partial(designing.design, duration=6.0, limits=LIMITS, effort=0.03)
     monkeypatch.setattr(designing, "design", quick)
-    fixed = "To tell steering_delay from steering_lag: drive a step steer; greybox design designs it."
+    fixed = Advice.between(("steering_delay", "steering_lag"), "Drive a step steer; greybox design designs it.")
     gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To detect roll: drive."))
     first, second = designing.quoted(GapResult.of(gap, made), "disc:80").advice
     assert first.startswith("To tell steering_delay from steering_lag, drive from ")
