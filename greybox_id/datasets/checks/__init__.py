@@ -15,7 +15,7 @@ from .delays import check_delays
 from .drive import check_asleep, check_drive
 from .dropouts import check_dropouts
 from .explanations import with_sizes
-from .finding import Finding, FoundAt, Severity, distrusted
+from .finding import FaultCause, Finding, FoundAt, Severity, distrusted
 from .mapping_faults import check_mapping
 from .pairs import pairs
 from .repeats import check_repeats
@@ -99,7 +99,7 @@ def _left(
     if fault is None or not findings:
         return findings
     repair = fault.repair if fault.repair.get("v_x", ("", 1.0, 0.0))[1] < 0 else {}
-    if not fault.repair and "the wrong sign" in fault.sentence:  # any of them makes the signs agree
+    if not fault.repair and FaultCause.SIGN in fault.causes:  # any of them makes the signs agree
         repair = {name: (name, -1.0, 0.0) for name in fault.where.channel.split(", ")}
     if not repair:
         return findings

@@ -22,7 +22,7 @@ from ...base.shorthands import Array
 from ..recording import Recording
 from ..repair import in_words
 from .clocks import clocks
-from .finding import Explanation, Finding, FoundAt, Severity, listed
+from .finding import Explanation, FaultCause, Finding, FoundAt, Severity, listed
 from .frozen import check_frozen
 from .pairs import SHARPEST, acceleration_ahead, acceleration_aside, course_and_speed, grounds, rate, smooth
 from .relations import SMOOTHING, thinned
@@ -68,14 +68,14 @@ def with_sizes(recording: Recording, findings: Sequence[Finding]) -> list[Findin
     wrong = [finding for finding in findings if finding.kind in ("mapping", "sign", "unit")]
     if not wrong:
         return [*findings, *check_explanations(recording)]
-    strange = [item for item in wrong if item.kind == "mapping" and "follows neither" in item.sentence]
+    strange = [item for item in wrong if FaultCause.STRANGER in item.causes]
     if strange and len(strange) == len(wrong) and recording.has("v_x"):
         early = [clock for clock in clocks(recording) if clock.channel == strange[0].where.channel]
         return [
             *(_finding(recording, clock) for clock in early[:1]),
             *(finding for finding in findings if not early or finding not in wrong),
         ]
-    turned = [item for item in wrong if item.kind == "mapping" and "turned by 90°" in item.sentence]
+    turned = [item for item in wrong if FaultCause.TURN in item.causes]
     short = thinned(recording) if turned else recording
     if not turned or len(short) < 10 * BLOCKS or not short.has("v_x", "a_x", "a_y", "yaw_rate"):
         return list(findings)

@@ -35,6 +35,14 @@ class Severity(Enum):
     """Results from this recording mean nothing until it is mended."""
 
 
+class FaultCause(Enum):
+    """What a column map may have wrong, as far as other checks take it into account."""
+
+    SIGN = "wrong sign"
+    TURN = "IMU turned by 90°"
+    STRANGER = "another signal"
+
+
 @dataclass(frozen=True)
 class FoundAt:
     """The place of a finding.
@@ -65,6 +73,7 @@ class Finding:
         a count) and unit.
     repair : signal (or time) -> the signal whose column holds it, and the factor and the offset (in SI units, added
         afterwards) that put that right; empty where the column map cannot mend what was found.
+    causes : of a fault of the column map, what it may be.
 
     Examples
     --------
@@ -82,6 +91,7 @@ class Finding:
     uncertainty: float | None = None
     unit: str = "1"
     repair: Mapping[str, tuple[str, float, float]] = field(default_factory=dict)
+    causes: frozenset[FaultCause] = frozenset()
 
 
 def distrusted(findings: Iterable[Finding]) -> bool:

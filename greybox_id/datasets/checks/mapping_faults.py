@@ -17,7 +17,7 @@ from ...base.numbers import exact, number, percent, quantity, raised, signed
 from ...base.signals import ANGLES_AROUND
 from ..recording import Recording
 from ..repair import in_words
-from .finding import Finding, FoundAt, Severity, listed
+from .finding import FaultCause, Finding, FoundAt, Severity, listed
 from .pairs import CERTAIN, ENOUGH
 from .relations import DRIVES, WHEELS, Relation, relations, thinned
 
@@ -63,6 +63,7 @@ class Fault:
     undo : the recording as it is without the fault.
     scales : whether it changes sizes alone: series have the same shape with it, so that a relation that it mends was
         of the right shape before.
+    cause : for the checks that take it into account.
     """
 
     what: str
@@ -70,6 +71,7 @@ class Fault:
     channels: tuple[str, ...]
     undo: Callable[[Recording], Recording]
     scales: bool = False
+    cause: FaultCause | None = None
 
 
 @dataclass(frozen=True)
@@ -172,7 +174,10 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
         sentence += f" As likely: {listed(others, 3)}."
     error = 1 / np.sqrt(max(old.independent - 3, 1.0))
     channel = ", ".join(first.fault.channels) or "time"
-    return Finding("mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair)
+    causes = frozenset(item.fault.cause for item in named if item.fault.cause is not None)
+    return Finding(
+        "mapping", Severity.DISTRUST, FoundAt(channel), sentence, old.correlation, error, repair=repair, causes=causes
+    )
 
 
 def _remedy(fault: Fault, recording: Recording, repair: Mapping[str, tuple[str, float, float]]) -> str:
@@ -226,7 +231,7 @@ def _faults(r: Recording) -> Iterator[Fault]:
         *((name,) for name in DRIVES),
     ):
         if r.has(*names):
-            yield Fault(f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names))
+            yield _wrong_sign(*names)
     if r.has("x", "y"):
         yield Fault("the positions are mirrored", "Negate y (or x) in the column map.", ("y",), _scaled(-1.0, "y"))
     yield from _units(r)
@@ -247,7 +252,7 @@ def _imu(r: Recording) -> Iterator[Fault]:
         return
     for name in ("a_x", "a_y", "yaw_rate"):
         if r.has(name):
-            yield Fault(f"{name} has the wrong sign", _turn((name,)), (name,), _scaled(-1.0, name))
+            yield _wrong_sign(name)
     if r.has("a_y", "yaw_rate"):
         both = ("a_y", "yaw_rate")
         yield Fault("the IMU is upside down (turned about x)", _turn(both), both, _scaled(-1.0, *both))
@@ -269,8 +274,9 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
             ("a_x", "yaw_rate"): "the IMU is upside down (turned about y)",
         }
         names = tuple(wrong)
-        what = kinds.get(names, f"{listed(names)} {_have(names)} the wrong sign")
-        return Fault(what, _turn(names), names, undo)
+        if names not in kinds:
+            return replace(_wrong_sign(*names), undo=undo)
+        return Fault(kinds[names], _turn(names), names, undo)
     if turn * along * across < 0:  # det of the exchange is -1: a turn in space keeps the hand
         sense = "to the left" if along < 0 else "to the right"
         what = f"the IMU is turned by 90° {sense}" if turn > 0 else "the IMU is upside down with x and y exchanged"
@@ -279,7 +285,13 @@ def _mounted(exchanged: bool, along: int, across: int, turn: int) -> Fault:
     remedy = "In the column map, swap the columns of a_x and a_y" + (
         f", then negate {listed(wrong)}." if wrong else "."
     )
-    return Fault(what, remedy, ("a_x", "a_y") if turn > 0 else ("a_x", "a_y", "yaw_rate"), undo)
+    by_90 = FaultCause.TURN if turn * along * across < 0 < turn else None
+    return Fault(what, remedy, ("a_x", "a_y") if turn > 0 else ("a_x", "a_y", "yaw_rate"), undo, cause=by_90)
+
+
+def _wrong_sign(*names: str) -> Fault:
+    what = f"{listed(names)} {'have' if len(names) > 1 else 'has'} the wrong sign"
+    return Fault(what, _turn(names), names, _scaled(-1.0, *names), cause=FaultCause.SIGN)
 
 
 def _velocities(r: Recording) -> Iterator[Fault]:
@@ -287,15 +299,13 @@ def _velocities(r: Recording) -> Iterator[Fault]:
     if backwards:
         for names in (("v_x",), ("v_x", "steer")):
             if r.has(*names):
-                yield Fault(
-                    f"{listed(names)} {_have(names)} the wrong sign", _turn(names), names, _scaled(-1.0, *names)
-                )
+                yield _wrong_sign(*names)
     if not r.has("v_x", "v_y"):
         return
-    yield Fault("v_y has the wrong sign", _turn(("v_y",)), ("v_y",), _scaled(-1.0, "v_y"))
+    yield _wrong_sign("v_y")
     both = ("v_x", "v_y")
     if backwards:
-        yield Fault("v_x and v_y have the wrong sign", _turn(both), both, _scaled(-1.0, *both))
+        yield _wrong_sign(*both)
     for along, across in product((1, -1), (1, -1)):
         wrong = [name for name, sign in (("v_x", along), ("v_y", across)) if sign < 0]
         remedy = (
@@ -350,10 +360,6 @@ def _slowed(factor: float) -> Callable[[Recording], Recording]:
 
 def _turn(names: Sequence[str]) -> str:
     return f"Negate {listed(names)} in the column map (sign = -1, or remove sign = -1)."
-
-
-def _have(names: Sequence[str]) -> str:
-    return "have" if len(names) > 1 else "has"
 
 
 # ---- faults that show by themselves
@@ -446,7 +452,8 @@ def _strange(result: Sequence[Relation]) -> list[Finding]:
                 f"({number(sides[0].correlation, 2)}): its column holds something else, such as another axis. "
                 f"Map {name} to the right column."
             )
-            findings.append(Finding("mapping", Severity.DISTRUST, FoundAt(name), sentence, low[0].correlation))
+            finding = Finding("mapping", Severity.DISTRUST, FoundAt(name), sentence, low[0].correlation)
+            findings.append(replace(finding, causes=frozenset({FaultCause.STRANGER})))
     return findings
 
 
