@@ -436,13 +436,23 @@ def targets(
     keep : per run, (n,) weight of each row or (n, outputs) of each reading, 0 leaves it out; None keeps all.
     reading : as of `Targets`, where it is known for these intervals.
     """
-    measured = _joined([runs[i.run].measured[i.start : i.stop] for i in intervals])
+    measured = _rows([run.measured for run in runs], intervals)
     read = np.isfinite(measured)
     weight = np.where(read, 1.0 / noise, 0.0)
     if keep is not None:
-        kept = [np.asarray(keep[i.run][i.start : i.stop], dtype=float) for i in intervals]
-        weight *= np.sqrt(_joined([item.reshape(len(item), -1) for item in kept]))
+        kept = [np.asarray(item, dtype=float) for item in keep]
+        weight *= np.sqrt(_rows([item.reshape(len(item), -1) for item in kept], intervals))
     return Targets(np.where(read, measured, 0.0) if reading is None else reading, weight, robust)
+
+
+def _rows(tables: Sequence[Array], intervals: Sequence[Interval]) -> Array:
+    """Rows of all intervals, one interval after the other, of each run's table."""
+    if len(tables) > 1 or len(intervals) == 1:
+        return _joined([tables[i.run][i.start : i.stop] for i in intervals])
+    start, stop = (np.array([getattr(i, name) for i in intervals]) for name in ("start", "stop"))
+    counts = stop - start
+    before = np.cumsum(counts) - counts
+    return np.asarray(tables[0][np.repeat(start - before, counts) + np.arange(np.sum(counts))])
 
 
 def where_valid(model: MotionModel, runs: Sequence[MotionRun]) -> list[Mask]:

@@ -109,8 +109,7 @@ class MotionProblem:
         self.simulator, self.trace, self.model = simulator, simulator.trace, simulator.trace.model
         stated = () if like is not None else (motion_runs(self.model, recording) for recording in recordings)
         self.runs: list[MotionRun] = [run for item in stated for run in item] if like is None else like.runs
-        self.noise = np.asarray(noise, dtype=float)
-        self.horizon = horizon
+        self.noise, self.horizon = np.asarray(noise, dtype=float), horizon
         every = 1 if most_rows is None else max(1, sum(len(run) for run in self.runs) // most_rows)
         self.intervals = [interval for k, run in enumerate(self.runs) for interval in self._intervals(k, run, every)]
         if not self.intervals:
@@ -368,10 +367,11 @@ class MotionProblem:
 
     def _whole(self, x: Array) -> Lanes:
         """Intervals as lanes that are not cut."""
-        shifts = np.array([self.simulator.shifts(p) for p in self.per_run(x)])
-        if self._plans is None or not np.array_equal(self._plans[0], shifts):
-            plans = self._scheduled(shifts)
-            self._plans = (shifts, plans, lay(plans, self.intervals), None)
+        if self._plans is None or self.trace.shift_count:
+            shifts = np.array([self.simulator.shifts(p) for p in self.per_run(x)])
+            if self._plans is None or not np.array_equal(self._plans[0], shifts):
+                plans = self._scheduled(shifts)
+                self._plans = (shifts, plans, lay(plans, self.intervals), None)
         return self._plans[2]
 
     def starts(self, x: Array) -> tuple[Array, Array]:

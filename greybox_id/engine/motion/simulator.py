@@ -344,17 +344,17 @@ class IntervalStarts:
         model = simulator.trace.model
         self._model = model
         read = [run.states_read(model) for run in runs]
-        self._read = np.array([[name in read[i.run] for name in simulator.trace.names] for i in intervals])
+        owner, begin = (np.array([getattr(i, name) for i in intervals]) for name in ("run", "start"))
+        known = [name in names for names in read for name in simulator.trace.names]
+        self._read = np.array(known, dtype=bool).reshape(len(runs), -1)[owner]
         self._groups = []
         for names in dict.fromkeys(read):
-            which = np.array([k for k, i in enumerate(intervals) if read[i.run] == names], dtype=np.intp)
+            which = np.flatnonzero(np.array([own == names for own in read])[owner])
             channels = [model.outputs.index(name) for name in names]
             if len(which):
-                starts = [
-                    (run, [intervals[k].start for k in which if intervals[k].run == j]) for j, run in enumerate(runs)
-                ]
-                readings = np.concatenate([run.measured[np.ix_(rows, channels)] for run, rows in starts if rows])
-                inputs = np.concatenate([run.inputs[rows] for run, rows in starts if rows])
+                starts = [(run, begin[which[owner[which] == j]]) for j, run in enumerate(runs)]
+                readings = np.concatenate([run.measured[np.ix_(rows, channels)] for run, rows in starts if len(rows)])
+                inputs = np.concatenate([run.inputs[rows] for run, rows in starts if len(rows)])
                 self._groups.append(_Alike(names, which, readings.reshape(len(which), -1), inputs))
         self._touched = np.unique(np.concatenate([simulator.start_touched(group.names) for group in self._groups]))
         self._last: tuple[Array, Array, Array] | None = None

@@ -360,7 +360,8 @@ def _taken(problem: LeastSquares, x: Array, there: Array) -> Array:
 def _within(problem: LeastSquares, x: Array) -> Array:
     """The same within bounds; what reached its bound but for rounding is there."""
     for bound in problem.bounds:
-        x = np.where(np.isclose(x, bound, rtol=ROUNDING, atol=0.0), bound, x)
+        with np.errstate(invalid="ignore"):  # infinite ones
+            x = np.where(np.isfinite(bound) & (np.abs(x - bound) <= ROUNDING * np.abs(bound)), bound, x)
     return np.clip(x, *problem.bounds)
 
 
