@@ -109,7 +109,9 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
     }
     times = {k: ratio for k, ratio in times.items() if ratio > 0.0}
     each = float(np.exp(np.mean(np.log([*times.values()])))) if times else 0.0
-    apart = {k: ratio for k, ratio in times.items() if ratio > (LESS if k in odd else FAR)}
+    apart = {k: ratio for k, ratio in times.items() if ratio > LESS and k in odd}
+    if not apart and not each > LESS:  # what all pieces have is the better reason
+        apart = {k: ratio for k, ratio in times.items() if ratio > FAR}
     if apart:
         where = max(apart, key=lambda k: apart[k])
         yield Reason(

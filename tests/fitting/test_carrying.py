@@ -109,6 +109,13 @@ def test_a_piece_of_another_vehicle_is_told_where_residuals_say_so_though_no_hal
 
 
 @pytest.mark.slow
+def test_a_piece_that_is_far_off_is_told_whatever_residuals_say():
+    drive = pieces([0.3 if k == 4 else 1.0 for k in range(8)])
+    (sentence,) = against(stated(), drive)
+    assert "In part 5 of 8 equal parts of the data" in sentence
+
+
+@pytest.mark.slow
 def test_two_vehicles_that_take_turns_are_told_though_neither_halves_nor_a_piece_stands_out():
     sentences = against(stated(), pieces([0.4, 1.0] * 4))
     assert any("In 8 equal parts of the data, errors are" in one for one in sentences)

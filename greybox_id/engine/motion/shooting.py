@@ -470,8 +470,7 @@ class MotionProblem:
         """Lanes, some at a time, and the derivative of their weighted residuals by what `_moving_index` names."""
         cut, p, size, count = nodes.cut, self.of_intervals(x)[nodes.cut.interval], self.trace.size, len(self.moving)
         _, starts_by_p = self.starts(x)
-        read = nodes.read if nodes.along is cut else cut.scattered(nodes.y)
-        _, weight = self.against(cut).weighted(read)
+        weight = self.against(cut).weighted(nodes.read if nodes.along is cut else cut.scattered(nodes.y))[1]
         before: tuple[Array, Array] | None = None
         for first in range(0, len(p), max(LANES, 1)):
             value = slice(first, min(first + LANES, len(p)))
