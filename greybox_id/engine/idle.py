@@ -34,8 +34,10 @@ def refinements(function: cs.Function) -> frozenset[int]:
     graph, results = traced(function, ("z", "s", "p"), "p")
     idle = _idle(graph, {k: {""} for result in results for k in result}, [{""}] * len(graph.values))
     places = _places(graph)
-    saved = {place for k, own in enumerate(idle) if _slow(graph, k) and not graph.fixed[k] for place in own}
-    return frozenset(saved - {place for k, own in enumerate(idle) if k in places for place in own - {places[k]}})
+    saved = {place for k, reasons in enumerate(idle) if _slow(graph, k) and not graph.fixed[k] for place in reasons}
+    return frozenset(
+        saved - {place for k, reasons in enumerate(idle) if k in places for place in reasons - {places[k]}}
+    )
 
 
 def idle_without(
@@ -52,19 +54,19 @@ def idle_without(
     stored : on what conditions values are results; "moving[k] >= 0" where they are derivatives by parameter k.
     conditions : on what conditions each value is wanted.
     """
-    idle = [own & parameters for own in _idle(graph, stored, conditions)] if parameters else []
-    count = Counter(place for own in idle for place in own)
+    idle = [reasons & parameters for reasons in _idle(graph, stored, conditions)] if parameters else []
+    count = Counter(place for reasons in idle for place in reasons)
     return {
-        k: min(own, key=lambda place: (count[place], place))
-        for k, own in enumerate(idle)
-        if own and k in graph.operations() and not graph.fixed[k]
+        k: min(reasons, key=lambda place: (count[place], place))
+        for k, reasons in enumerate(idle)
+        if reasons and k in graph.operations() and not graph.fixed[k]
     }
 
 
 def _places(graph: Graph) -> dict[int, int]:
     """The values that are parameters, and their places."""
-    found = {k: re.fullmatch(r"p\[(\d+)\]", v.text) for k, v in enumerate(graph.values) if isinstance(v, Leaf)}
-    return {k: int(match[1]) for k, match in found.items() if match}
+    matches = {k: re.fullmatch(r"p\[(\d+)\]", v.text) for k, v in enumerate(graph.values) if isinstance(v, Leaf)}
+    return {k: int(match[1]) for k, match in matches.items() if match}
 
 
 def _slow(graph: Graph, k: int) -> bool:
@@ -79,13 +81,13 @@ def _zero(graph: Graph, places: Mapping[int, int]) -> list[frozenset[int]]:
         if isinstance(value, Leaf):
             zero.append(frozenset({places[k]} if k in places else ()))
             continue
-        own = [zero[source] for source in value.sources]
+        of_sources = [zero[source] for source in value.sources]
         if value.op == cs.OP_MUL:
-            zero.append(own[0] | own[1])
+            zero.append(of_sources[0] | of_sources[1])
         elif value.op in LINEAR or value.op in ZERO_AT_ZERO:
-            zero.append(frozenset.intersection(*own))
+            zero.append(frozenset.intersection(*of_sources))
         else:
-            zero.append(own[0] if value.op == cs.OP_DIV else frozenset())
+            zero.append(of_sources[0] if value.op == cs.OP_DIV else frozenset())
     return zero
 
 
@@ -112,5 +114,5 @@ def _idle(
 
 def _moving(conditions: AbstractSet[str]) -> frozenset[int]:
     """The parameter by which a derivative is wanted, if that is all."""
-    found = re.fullmatch(r"moving\[(\d+)\] >= 0", next(iter(conditions))) if len(conditions) == 1 else None
-    return frozenset({int(found[1])} if found else ())
+    match = re.fullmatch(r"moving\[(\d+)\] >= 0", next(iter(conditions))) if len(conditions) == 1 else None
+    return frozenset({int(match[1])} if match else ())

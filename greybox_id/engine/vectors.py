@@ -84,12 +84,12 @@ def source(value: cs.Function, slope: cs.Function) -> str:
         Result("C", ["reading"] * C.nnz()),
         Result("D", ["reading"] * D.nnz()),
     ]
-    told = ["int reading", "const ptrdiff_t *moving"]
+    declared = ["int reading", "const ptrdiff_t *moving"]
     return "\n".join(
         [
             _simulation(value),
             *[f"#define {name} {size}" for name, size in sizes.items()],
-            straight_line("slope", slope, [following, y, *derivatives], told, refinements(value)),
+            straight_line("slope", slope, [following, y, *derivatives], declared, refinements(value)),
             table("B_ROW", B.get_triplet()[0]),
             table("B_COLUMN", B.get_triplet()[1]),
             table("D_ROW", D.get_triplet()[0]),

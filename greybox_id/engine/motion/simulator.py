@@ -349,7 +349,7 @@ class IntervalStarts:
         self._read = np.array(known, dtype=bool).reshape(len(runs), -1)[owner]
         self._groups = []
         for names in dict.fromkeys(read):
-            which = np.flatnonzero(np.array([own == names for own in read])[owner])
+            which = np.flatnonzero(np.array([states == names for states in read])[owner])
             channels = [model.outputs.index(name) for name in names]
             if len(which):
                 starts = [(run, begin[which[owner[which] == j]]) for j, run in enumerate(runs)]
