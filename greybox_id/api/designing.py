@@ -245,7 +245,7 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
     names = ambiguous(gap)
     if not names:
         return gap
-    lead = f"To tell {names[0]} from {', '.join(names[1:])}"
+    lead = f"To distinguish {names[0]} from {', '.join(names[1:])}"
     try:
         design_result = design(gap, "discriminate", arena=arena, progress=progress)
     except BadInput as error:  # the diagnosis is worth having all the same

@@ -91,4 +91,4 @@ def must_be_whole(value: object, name: str, least: int, most: int | None = None)
 def near_or_all(name: str, known: Iterable[str]) -> str:
     """What was meant, or where nothing is near all there is; with a leading space."""
     names = list(known)
-    return near(name, names) or f" There are {', '.join(names)}."
+    return near(name, names) or f" Possible names: {', '.join(names)}."

@@ -41,7 +41,7 @@ def list_command(
     out = console()
     for title, rows in (
         ("to fetch", [(one.name, one.about, f"{one.source}; {one.licence}", _state(one)) for one in PUBLIC.values()]),
-        ("to make", [(name, about, "from a seed", "") for name, (about, _) in made().items()]),
+        ("to make", [(name, about, "generated from a seed", "") for name, (about, _) in made().items()]),
     ):
         table = plain_table(title, "what", "source and licence", "", fold=True)
         for row in rows:
@@ -100,7 +100,7 @@ def make_command(
 
 def _state(dataset: PublicDataset) -> str:
     if not dataset.files:
-        return "by hand"
+        return "download by hand"
     return "in the cache" if all((folder_of(dataset) / file.name).is_file() for file in dataset.files) else ""
 
 

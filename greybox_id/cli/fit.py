@@ -49,10 +49,12 @@ def fit(
     start_from: Literal["free", "measured"] = option(
         "Whether the initial state of a prediction may deviate from the readings.", default="free"
     ),
-    robust: float | None = option("Residuals beyond K standard deviations count linearly.", "K", type=ABOVE_ZERO),
+    robust: float | None = option(
+        "Residuals beyond K standard deviations count linearly, not squared.", "K", type=ABOVE_ZERO
+    ),
     noise: Sequence[str] = option("Standard deviation of an output's readings.", "NAME=SD"),
     early_stopping: bool = option(
-        "Stop when the error on the validation recording is smallest, as in the paper on the model."
+        "Stop when the error on the validation recording is smallest, as in the paper that introduced the model."
     ),
     strength: float | None = option(
         "Factor on the strength of the weights' priors; default: chosen by cross-validation.", type=ABOVE_ZERO
@@ -90,11 +92,11 @@ def fit(
 
     The model "tyre" is a magic formula, fitted to data of a tyre rig (SA, FZ, FY) and written as .tir.
 
-    Numbers may carry a unit; without one they are SI. The strength of the priors on the weights of a model with memory
-    is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength is given.
-    --calibrate timing aligns training runs by their delays; of the validation recording, the first seconds of each run
-    determine its delay and the rest is scored. Ctrl-C keeps the best fit so far. Exit code 3: the fit is written, but
-    is not usable; the verdict says why.
+    Numbers may carry a unit; without one they are SI. The strength of the priors on the weights of a model with
+    memory is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength is
+    given. --calibrate timing aligns training runs by their delays; in each run of the validation recording, the
+    delay is estimated from the first seconds and the rest is scored. Ctrl-C keeps the best fit so far. Exit code 3:
+    the fit is written, but is not usable; the verdict says why.
     """  # fmt: skip
     from .. import FitOptions
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers
@@ -148,5 +150,5 @@ def fit(
     else:
         show(result.parts())
         console().print(f"\nwritten  {path}   figures and report: greybox report {path}")
-        console().print(f"         on other recordings: greybox validate {path}")
+        console().print(f"         to score it on other recordings: greybox validate {path} RECORDING")
     end_by(result.verdict)

@@ -170,7 +170,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         out.print(
             led("Unknown", f"a change of usual size would be below the detection limit: {listed(changed.not_seen)}")
         )
-    out.print(led("Left", gap.unknown or "nothing is left unexplained"))
+    out.print(led("Left", gap.unknown or "nothing of the gap is unexplained"))
 
 
 def what_would_show(
@@ -192,7 +192,7 @@ def what_would_show(
     if as_json:
         print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
-    sizes = ("shows from", "runs scatter by", "sd from one run")
+    sizes = ("detected from", "scatter between runs", "sd from one run")
     table = plain_table("effect", *sizes, right=sizes)
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))

@@ -34,7 +34,7 @@ def grid(
 
     The table of fits is written after each fit; after an interruption the same command continues it. Of the structures
     whose cross-validated error is within one standard error of the least, the one with the fewest parameters is chosen.
-    The structure of least AIC, the criterion of the paper, is named as well.
+    The structure with the least AIC, the criterion of the paper, is printed as well.
 
     \b
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from ..base.errors import BadInput, near_or_all
 from ..base.files import write_atomically
-from ..base.numbers import pretty_unit
+from ..base.numbers import pretty_unit, with_unit
 from ..fitting.requested_model import named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
@@ -150,12 +150,12 @@ def _show_effect(effect: Effect, applies_to: Sequence[str]) -> None:
     table = Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, show_header=False)
     table.add_row("magnitude", parameter.about)
     table.add_row("unit", pretty_unit(parameter.unit))
-    table.add_row("null", f"{plain(float(parameter.array))}, at which nothing changes")
+    table.add_row("neutral", f"{plain(float(parameter.array))}: with this magnitude the effect changes nothing")
     table.add_row("bounds", f"{plain(parameter.bounds[0])} to {plain(parameter.bounds[1])}")
-    table.add_row("typical", f"{plain(effect.typical)} {pretty_unit(parameter.unit)}, from which a fit starts")
+    table.add_row("typical", f"{with_unit(plain(effect.typical), parameter.unit)}: a fit starts from this magnitude")
     table.add_row("group", effect.group)
     for other in effect.others:
-        table.add_row("besides", f"{other.name} = {plain(float(other.array))} {pretty_unit(other.unit)}: {other.about}")
+        table.add_row("also has", f"{other.name} = {with_unit(plain(float(other.array)), other.unit)}: {other.about}")
     table.add_row("models", ", ".join(applies_to) or "none")
     console().print(f"{effect.name}\n")
     console().print(table)

@@ -204,7 +204,7 @@ def _span(ctx: click.Context, option: click.Parameter, value: str | None) -> Non
 
 
 CALIBRATE: Any = option(
-    "Models with memory: estimate each new run's delay from its first seconds (5) and score the rest.",
+    "Models with memory: estimate each new run's delay from its first SECONDS (default: 5) and score the rest.",
     "timing[=SECONDS]",
 )
 _COLUMNS = option(
@@ -336,7 +336,7 @@ def _effects() -> Collection[str]:
 _MODEL = (
     click.option(
         "--model", "name", metavar="NAME", shell_complete=names(MODEL_NAMES), callback=named_model,
-        help=f"One of {', '.join(MODEL_NAMES)}, or FILE.py:NAME, which is run; default: the vehicle's own.",
+        help=f"One of {', '.join(MODEL_NAMES)}, or FILE.py:NAME, which is run; default: that of the vehicle.",
     ),
     click.option(
         "--vehicle", metavar="VEHICLE", shell_complete=VEHICLES,

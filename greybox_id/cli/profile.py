@@ -26,8 +26,8 @@ def profile(
     out: str | None = option("Write the profiles to this .csv or .parquet file.", "FILE"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Find, for each parameter of FIT, the interval in which the fit stays good if all other parameters are
-    re-optimised.
+    """Compute the profile of the likelihood over each parameter of FIT, with all other parameters re-optimised, and the
+    interval that follows from it.
 
     The training recordings of FIT are read from their former paths, or from RECORDING... if they were moved.
     Ctrl-C keeps the profiles that are done.

@@ -49,7 +49,7 @@ def track(
     coloured: str = option("Readings whose error varies slowly, such as a_y.", "NAMES", default=""),
     kind: Literal["ekf", "ukf"] = option("", name="--filter", default="ekf"),
     smooth: bool = option("Smooth the estimates: use later readings, too."),
-    noise: Sequence[str] = option("Size of a noise, such as walk_v_y=0.05.", "NAME=SIZE"),
+    noise: Sequence[str] = option("Standard deviation of a noise, such as walk_v_y=0.05.", "NAME=SIZE"),
     tune: str = option(
         "Seconds at the start of the recording on which unstated noise is tuned; 0: no tuning.",
         "SECONDS",

@@ -83,7 +83,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     if not inside.size:
         spans = "; ".join(f"{g.name} {g.time[0]:.3f} to {g.time[-1]:.3f} s" for g in ordered)
         raise BadInput(f"{where}: the groups that the column map names have no time in common: {spans}.")
-    kept = "at an even step" if even else "at its own instants"
+    kept = "at an even step" if even else "at its own time stamps"
     notes.insert(0, f"signals of {len(ordered)} clocks were resampled to the clock of {clock.name}, {kept}.")
     cut = len(time) - len(inside)
     if cut:

@@ -66,8 +66,8 @@ class Offset:
             why = f"it has no signal in common with {self.against}"
             if self.shared:
                 why = (
-                    f"their {' and '.join(self.shared)} are not similar enough to show a time offset from "
-                    f"{self.against}"
+                    f"the values of {' and '.join(self.shared)} are not similar enough to those in "
+                    f"{self.against} to estimate a time offset"
                 )
             return f"{self.file}: its time stamps are kept; {why}."
         clock = self.alignment

@@ -71,6 +71,6 @@ def named_text(text: str, folder: str, what: str, suffixes: tuple[str, ...] = ("
         raise BadInput(
             f'There is no {what} "{text}".{near(text, names) or near_file(Path(text))} '
             f"Shipped {what.split()[-1]}s: {', '.join(names)}; "
-            f"your own is named by the path of its {' or '.join(suffixes)} file."
+            f"name your own by the path of its {' or '.join(suffixes)} file."
         )
     return small_text(text, what if what.endswith("map") else f"{what} file"), Path(text)

@@ -182,9 +182,9 @@ def _restless(track: Track) -> Iterator[Reason]:
         name = STIFFNESSES[max(sizes, key=lambda walking: sizes[walking])]
         yield Reason(
             WITH_CARE,
-            f"{name} is tuned to change by {100 * most:.0f} % in a minute, more than tyres do: the model lacks an "
-            "effect, or the vehicle is not the one stated, so sideslip may be far off. Check the vehicle's "
-            "wheelbase and steering ratio, or fit it first.",
+            f"The tuned noise lets {name} change by {100 * most:.0f} % in a minute, more than tyres do: the "
+            "model lacks an effect, or the vehicle is not the one stated, so sideslip may be far off. Check the "
+            "vehicle's wheelbase and steering ratio, or fit it first.",
         )
 
 
@@ -225,16 +225,16 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
     elif value.nis > NARROW:
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations scatter {number(np.sqrt(value.nis), 2)} times as far as expected "
+            f"{name}: the scatter of the innovations is {number(np.sqrt(value.nis), 2)} times the expected one "
             f"(NIS {number(value.nis, 2)}): "
             f"{bands}. State its noise, or fit the vehicle first.",
         )
     elif value.nis < WIDE:
         yield Reason(
             WITH_CARE,
-            f"{name}: innovations scatter {number(np.sqrt(value.nis), 2)} times as far as expected "
+            f"{name}: the scatter of the innovations is {number(np.sqrt(value.nis), 2)} times the expected one "
             f"(NIS {number(value.nis, 2)}): "
-            f"its noise is overstated and bands are too wide. State noise_{name}, or have it tuned.",
+            f"its noise is overstated and bands are too wide. State noise_{name} correctly, or have it tuned.",
         )
     elif value.inside < INSIDE:
         yield Reason(

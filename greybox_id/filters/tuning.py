@@ -128,7 +128,7 @@ def tuned(
             "The filter diverges before anything is tuned: check units and signs (greybox data check) and the "
             "numbers of the vehicle, or track fewer parameters."
         )
-    say(f"tuning {len(noise)} noises" + (f" and {len(coordinates)} parameters" if coordinates else ""))
+    say(f"tuning the size of {len(noise)} noises" + (f" and {len(coordinates)} parameters" if coordinates else ""))
     result = minimize(
         search.surprise, np.array([c.of(p[c.place]) for c in search.coordinates]), jac=True, method="L-BFGS-B",
         bounds=[(c.low, c.high) for c in search.coordinates], options={"maxiter": MOST_STEPS, "maxcor": 30},

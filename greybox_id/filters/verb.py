@@ -188,7 +188,7 @@ class Tracker:
             np.sqrt(sd, out=sd)
             sd *= widened
         for j, move in enumerate(moves):
-            say(f"uncertainty from parameters, {j + 1} of {len(moves)}")
+            say(f"adding the uncertainty of parameter {j + 1} of {len(moves)}")
             for here, again, _ in self._along(self._through(runs, p + move), p + move):
                 for k, name in enumerate(sds):
                     off = again[:, k] - result.values[name][here]

@@ -396,7 +396,7 @@ def certified(problem: Problem | MotionProblem, result: Solution, say: Say) -> t
         if slow and not converged
         else certifying
     )
-    say(f"{problem.trace.model.name}: Ipopt {'certifies' if converged else 'carries on'}")
+    say(f"{problem.trace.model.name}: Ipopt {'checks the optimum' if converged else 'continues the optimisation'}")
     solution, verdict = ipopt(problem, result.x, warm=True, max_iterations=carrying)
     gained = (result.objective - solution.objective) / max(result.objective, 1e-300)
     same = SAME if isinstance(problem, Problem) else min(SAME, NOTHING / max(result.objective, 1e-300))

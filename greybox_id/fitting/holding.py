@@ -291,7 +291,7 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
         )
     return Reason(
         WITH_CARE,
-        f"Was {what} measured or commanded? The column map does not say, and the recording does not decide. The fit "
+        f"Was {what} measured or commanded? The column map does not say, and the recording does not show it. The fit "
         f'uses hold = "{held.taken}"; "{other_than(held.taken)}" would change {most} by {moved}. State hold in '
         "the column map.",
     )

@@ -170,7 +170,7 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
     if stages[-1].status in NO_OPTIMUM:
         spread_of = {p.name: np.full(p.shape, 0.0 if p.fixed else np.nan) for p in fitted.parameters}
     else:
-        say(f"{model.name}: uncertainty of {fitted.size} parameters")
+        say(f"{model.name}: computing the uncertainty of {fitted.size} parameters")
         spread_of = _standard_deviations(problem, solution)
         spread_of |= {name: sd[name] for name in model.step_2_holds if name in sd}
     return Fit(

@@ -104,7 +104,7 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
     if solution.nodes is None:
         solution = replace(solution, nodes=problem.simulated_nodes(solution.x))
     if stage.confirmed:  # away from an optimum, its curvature says nothing
-        say(f"{model.name}: uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
+        say(f"{model.name}: computing the uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
         result = replace(result, **_uncertain(fitted, problem, recordings, solution, form, say))
         result = replace(result, how={**result.how, **of_stated(result, problem.simulator, recordings)})
     return replace(result, how={**result.how, "form": form.as_dict()})
@@ -329,7 +329,11 @@ def _fallbacks(
         if reached is None or gained > least or (gained > -LOWER and not own_trouble):
             reached = value if not own_trouble else _light(value)
             why = own_trouble
-            it = (*it, f"{words}: " + (f"objective {_percent(gained)} lower" if np.isfinite(gained) else "finite"))
+            it = (
+                *it,
+                f"{words}: "
+                + (f"objective {_percent(gained)} lower" if np.isfinite(gained) else "its predictions are finite"),
+            )
         else:
             it = (*it, f"{words}: no better")
         del result, value  # before another way lays out as many rows

@@ -241,7 +241,7 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
     if not held.stated and held.gain < 0:
         task.say(
             f"{fit.model.name}: fitting twice, with commands linear between rows and with commands held from row to "
-            f"row; the likelier fit is used"
+            f"row; the fit with the higher likelihood is used"
         )
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]

@@ -89,7 +89,7 @@ def advice(
             )
         else:
             words = (
-                f"To tell {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
+                f"To distinguish {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
                 f"{COMMAND} designs the manoeuvre for your arena."
             )
             one.append(Advice.between(item, words))

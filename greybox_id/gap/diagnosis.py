@@ -365,7 +365,7 @@ def _shape(examined: Examined, channel: str, like: Sequence[Wander]) -> str:
     like : effects that it looks like.
     """
     value, names, left = examined.signs, examined.best.names, examined.unnamed
-    parts = [f"largest in {channel}"] if channel else []
+    parts = [f"the unexplained error is largest in {channel}"] if channel else []
     if like:
         first, *others = like
         unit = "" if first.unit == "1" else f" {pretty_unit(first.unit)}"

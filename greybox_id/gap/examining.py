@@ -154,7 +154,10 @@ def examine(
         )
     examined, rows = excerpt(recordings), sum(len(recording) for recording in recordings)
     prepared = prepare(model, examined, effects, vehicle)
-    tell(f"{model.name} with {len(prepared.effects)} candidate effects, on {listed([one.name for one in recordings])}")
+    tell(
+        f"simulating {model.name} with {len(prepared.effects)} candidate effects on "
+        f"{listed([one.name for one in recordings])}"
+    )
     if (count := sum(len(item) for item in examined)) < rows:
         tell(f"examining {count} of {rows} rows, in blocks spread evenly")
     bench = prepared.bench(examined)

@@ -97,7 +97,7 @@ def _sections(
     runs = _seen(model, fit, recordings)
     return Sections(
         runs=runs,
-        verdict=(("How good", how_good(fit, runs)), ("Against what", _against(fit)), ("How trained", _trained(fit))),
+        verdict=(("How good", how_good(fit, runs)), ("Compared", _against(fit)), ("How trained", _trained(fit))),
         provenance=made_with(fit, ("size", counted(model.size, "parameter"))),
         judged=titled("Errors in free run", errors(fit)),
         learned=(

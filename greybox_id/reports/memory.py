@@ -85,7 +85,7 @@ def _weights(weights: Sequence[Casadi], known: dict[str, Expression]) -> Symbol:
     return Symbol("g")
 
 
-LEADS = ("How good", "Against what", "How chosen")
+LEADS = ("How good", "Compared", "How chosen")
 EARLY = "early stopping"
 INTERVALS = (
     "Standard deviations and intervals allow for the residuals' correlation in time and include the priors; intervals "

@@ -54,7 +54,7 @@ from .posterior import posterior_parts
 from .recordings import Driven, Errors, Seen, driven, held_errors, shown_first
 from .report import Sections, sections, seen
 
-LEADS = ("How good", "Against what", "How sure")
+LEADS = ("How good", "Compared", "How sure")
 DRAWN = (HORIZONS[0], DRAWN_HORIZON)
 """Horizons, s, that figures show; errors over all of them are in the fit."""
 MOST_PAIRS = 3
@@ -246,7 +246,7 @@ def estimates(fit: Fit) -> tuple[Part, ...]:
         *titled("Parameters", scalars(fit, free), Text(f"{INTERVALS} {' '.join(_held(fit))}")),
         *titled("Effects", scalars(fit, [model[name] for name in model.effects], absent(fit)), level=2),
         *titled("Identifiable in combination", _combinations(fit), level=2),
-        *((Together((Text("by these recordings:", lead="Left open"), Points(open_))),) if open_ else ()),
+        *((Together((Text("by these recordings:", lead="Not determined"), Points(open_))),) if open_ else ()),
         *indistinguishable(raised(sentence) for sentence in model.together),
         *there(_correlation(fit)),
     )

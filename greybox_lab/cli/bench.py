@@ -18,7 +18,7 @@ from ..driving.loop.protocol import ARMS as LEARNED_ARMS
 
 LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
 data_option = partial(
-    click.option, "--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Of the recordings."
+    click.option, "--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the recordings."
 )
 report_option = click.option(
     "--report", metavar="PLACE", help="Report to write: a folder, for HTML and PDF, or a FILE.md, for one page."

@@ -195,8 +195,10 @@ def make_command(
     metavar="MODULE:FUNCTION",
     help="Diagnose with this command in place of greybox gap.",
 )
-@click.option("--sample", type=click.IntRange(min=1), help="At most this many cases, drawn by --seed.")
-@click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Draws the sample.")
+@click.option("--sample", type=click.IntRange(min=1), help="Diagnose at most this many cases, drawn at random.")
+@click.option(
+    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed with which --sample draws."
+)
 @json_option
 def run_command(
     cases: Path, jobs: int, timeout: float, diagnoser: str, sample: int | None, seed: int, as_json: bool

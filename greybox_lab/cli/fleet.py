@@ -143,8 +143,8 @@ def estimate_command(results: Path, as_json: bool) -> None:
 @click.option("--vehicle", metavar="NAME", help="Report on this vehicle alone.")
 @json_option
 def report_command(results: Path, out: Path | None, kind: str, vehicle: str | None, as_json: bool) -> None:
-    """Write a report of RESULTS as one HTML page: the population; which vehicles left it, when and in which parameter;
-    which recordings failed.
+    """Write a report of RESULTS as one HTML page: the population; which vehicles deviate from it, since when and in
+    which parameter; which recordings failed.
 
     \b
     greybox fleet report results --out fleet.html

@@ -27,7 +27,7 @@ from ..nnodely.vehicles import SUFFIXES
     "--inputs",
     default="",
     metavar="SIGNAL=INPUT,...",
-    help="Which signal each input of the file is, if the names do not tell.",
+    help="Which signal each input of the file is, if their names do not show it.",
 )
 @click.option(
     "--sample-time",

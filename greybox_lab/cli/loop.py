@@ -43,7 +43,8 @@ arm_option = click.option(
     type=click.IntRange(0, 7),
     default=0,
     show_default=True,
-    help="Number of the case: effects of the car that its file does not state; 6 and 7 are outside the vocabulary.",
+    help="Number of the case: effects of the car that its file does not state. "
+    "In cases 6 and 7, greybox gap cannot name them.",
 )
 @arm_option
 @click.option(

@@ -152,7 +152,7 @@ def _part(network: Network, output: str, stated: Mapping[str, str]) -> NetworkPa
     unclear = ", ".join(name for name in ways[0] if len({roles[name] for roles in ways}) > 1)
     hint = f"say what {unclear[:200]} are with ‹inputs› SIGNAL=INPUT ({', '.join(signals)})."
     if network_parts:
-        raise network.wrong(f"the names of its inputs do not tell which signal is which; {hint}")
+        raise network.wrong(f"the names of its inputs do not show which signal is which; {hint}")
     raise BadInput(f"{errors[0]} If that is because of names, {hint}")
 
 

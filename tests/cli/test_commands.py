@@ -73,7 +73,7 @@ def test_options_of_one_name_are_alike_everywhere():
         (["fitt"], "Did you mean fit?"),
         (["data", "chek"], "Did you mean check?"),
         (["exam", "mak"], "Did you mean make?"),
-        (["datasets", "xyz"], "There are fetch, list, make."),
+        (["datasets", "xyz"], "Possible names: fetch, list, make."),
         (["fit", "--colums", "x"], "--columns"),
         (["export", "--vehicle", "truck", "--target", "casdi", "--out", "car"], "Did you mean casadi?"),
         (["models", "--vehicle", "ferari", "single_track"], "Did you mean ferrari_250lm?"),

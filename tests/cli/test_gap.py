@@ -243,7 +243,8 @@ def test_a_person_reads_whether_where_which_and_how_far():
     words = " ".join(printed(clear(), 160).split())
     assert "in free run, with tolerances refitted, the error of yaw_rate is 3.1 times its noise (p < 0.001)" in words
     assert (
-        "Where steering 78 % and M_z 15 %; 78 % of the gap lies in 22 % of the time, while the steering moves" in words
+        "Where steering (78 % of the gap) and M_z (15 % of the gap); 78 % of the gap lies in 22 % of the time, "
+        "namely while the steering moves" in words
     )
     assert "1 steering_delay 31 ± 3 ms 0.94 applied" in words
     assert "18 ms [5, 60] 0.04 cannot be distinguished from number 1 on this recording" in words

@@ -69,7 +69,7 @@ def test_a_filter_that_has_lost_the_vehicle_is_not_usable():
 def test_a_stiffness_that_is_tuned_to_walk_further_than_tyres_do_is_told(walk, origin, due):
     found = verdict(tracked(walk=walk, origin=origin, yaw_rate=white(1.0)))
     assert found.usability == due
-    assert ("C_alpha_r is tuned to change by 70 % in a minute" in found.reasons[0]) is (due == WITH_CARE)
+    assert ("The tuned noise lets C_alpha_r change by 70 % in a minute" in found.reasons[0]) is (due == WITH_CARE)
 
 
 FAULTS = {

@@ -39,7 +39,7 @@ def test_effects_that_would_not_show_and_regimes_hardly_driven_are_said():
         "Of 6 effects, 3 could be present at their usual size without being detected here: brake_bias, "
         "front_stiffness and steering_rate_limit."
     )
-    assert second.startswith("Hardly driven: while braking (1.0 % of the time).")
+    assert second.startswith("These regimes were hardly driven: while braking (1.0 % of the time).")
     visible = replace(none(), limits={name: clear().limits[name] for name in ("mass_change", "aero_drag")})
     assert unseen(visible) == ["Each of 2 effects would be detected here at its usual size."]
     assert unseen(replace(none(), limits={})) == []

@@ -86,11 +86,12 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
     assert where(none()) == ""
     said = where(clear())
     assert said.startswith(
-        "steering 78 % and M_z 15 %; 78 % of the gap lies in 22 % of the time, while the steering moves"
+        "steering (78 % of the gap) and M_z (15 % of the gap); 78 % of the gap lies in 22 % of the time, "
+        "namely while the steering moves"
     )
-    assert said.endswith("half of the gap lies between 31.5 and 40.0 s, 14 % of the time")
+    assert said.endswith("half of the gap lies between 31.5 and 40.0 s (14 % of the time)")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
-    assert where(everywhere) == "steering 78 % and M_z 15 %; evenly spread"
+    assert where(everywhere) == "steering (78 % of the gap) and M_z (15 % of the gap); evenly spread over the drive"
     thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))
     assert where(thin) == "yaw_rate; at high speed"  # 25 % of the gap in 30 % of the time is no share to name
 

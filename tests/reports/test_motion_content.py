@@ -108,7 +108,7 @@ def test_a_fit_without_covariance_says_that_this_is_not_known(motion_fit, laps):
     document = prepared(replace(motion_fit, covariance=None), laps)
     assert "is not known" in three(document)[2]
     assert below(document, "Identifiable in combination") == []
-    assert not any(isinstance(part, Text) and part.lead == "Left open" for part in flat(document.parts))
+    assert not any(isinstance(part, Text) and part.lead == "Not determined" for part in flat(document.parts))
 
 
 def test_slip_angles_are_kept_along_the_drive(motion_found):

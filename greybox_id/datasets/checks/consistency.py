@@ -198,15 +198,15 @@ def _blame(pair: Pair, gain: float, loosely: bool = False, sound: Collection[str
         near = abs(abs(np.log(gain)) - np.log(factor)) < np.log(FACTOR_TOLERANCE)
         if names and (near or (loosely and ratio > 0.3)):
             upper = pair.channels[0] in names  # the left side's own channel
-            large = f"{pair.channels[0]} looks like {foreign} but is called {ours}" if upper else ""
+            large = f"{pair.channels[0]} looks like {foreign}, but the map says {ours}" if upper else ""
             rest = [name for name in names if name != pair.channels[0]]
             plural = "s" if len(rest) == 1 else ""
-            small = f"{listed(rest)} look{plural} like {ours} but is called {foreign}" if rest else ""
+            small = f"{listed(rest)} look{plural} like {ours}, but the map says {foreign}" if rest else ""
             if gain < 1:
-                large = f"{pair.channels[0]} looks like {ours} but is called {foreign}" if upper else ""
-                small = f"{listed(rest)} look{plural} like {foreign} but is called {ours}" if rest else ""
+                large = f"{pair.channels[0]} looks like {ours}, but the map says {foreign}" if upper else ""
+                small = f"{listed(rest)} look{plural} like {foreign}, but the map says {ours}" if rest else ""
             return (
-                f"{' or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
+                f"{'; or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
                 "Check the unit in the column map."
             )
     return UNKNOWN

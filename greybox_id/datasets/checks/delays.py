@@ -240,9 +240,9 @@ def _usual(pair: Pair, lags: dict[int, Lag], dt: float) -> list[Finding]:
         verb = "lags" if usual >= 0 else "leads"
         runs = f"median of {len(lags)} runs" if len(lags) > 1 else f"run {next(iter(lags))}"
         why = (
-            "the vehicle's response included"
+            "which includes the response of the vehicle"
             if not pair.kinematic
-            else "though both are the same quantity: shift one of them"
+            else "although both are the same quantity: shift one of them in time"
         )
         sentence = (
             f"{pair.left} {verb} {pair.right} by {short_with_sd(abs(usual), error)} samples "

@@ -167,8 +167,8 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
         f"hold{'' if first.more > 1 else 's'}"
     )
     sentence = (
-        f"{first.fault.what}: as mapped, {old.left} against {old.right} has {_numbers(old)}; after the correction, "
-        f"{_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
+        f"{first.fault.what}: with the present map, {old.left} and {old.right} have {_numbers(old)}; after the "
+        f"correction, {_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
     if others:
         sentence += f" As likely: {listed(others, 3)}."
@@ -462,13 +462,13 @@ def _strange(result: Sequence[Relation]) -> list[Finding]:
 CLOCKED = ("a_x", "yaw_rate", "|v_x|")
 """What may be held against a time derivative whose gain is known."""
 CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
-    ("steer", "the sign of steer", lambda item: "steer" in item.channels, "v_x and yaw_rate, a_y or positions"),
+    ("steer", "the sign of steer", lambda item: "steer" in item.channels, "v_x and one of yaw_rate, a_y, positions"),
     ("yaw_rate", "the sign of yaw_rate", lambda item: "yaw_rate" in item.channels and item.left != "v_y",
-     "v_x with steer or a_y, yaw, or positions"),
+     "yaw, or positions, or v_x with steer or a_y"),
     ("a_x", "axis and sign of a_x", lambda item: item.left == "a_x", "v_x"),
-    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x with yaw_rate, steer or positions"),
+    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x and one of yaw_rate, steer, positions"),
     ("v_x", "the scale of v_x", lambda one: "v_x" in one.channels and one.known and one.left in ("a_x", "a_y", "|v_x|"),
-     "positions, or a_y with yaw_rate, or a_x"),
+     "positions, or a_x, or a_y with yaw_rate"),
     ("v_y", "the sign of v_y", lambda item: item.left in ("v_y", "sideslip"),
      "x, y and yaw, or yaw_rate at several speeds"),
     ("yaw", "the sign of yaw", lambda item: "yaw" in item.channels, "yaw_rate or positions"),
@@ -489,12 +489,12 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             continue
         value = [relation for relation in result if does(relation)]
         if not value:
-            lacking.append(f"{what} (that needs {needs})")
+            lacking.append(f"{what} (this check needs {needs})")
         elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
     sentences = []
     if lacking:
-        sentences.append(f"could not be checked, as channels are missing: {'; '.join(lacking)}.")
+        sentences.append(f"could not be checked, because channels are missing: {'; '.join(lacking)}.")
     if still:
-        sentences.append(f"could not be checked, as nothing in this recording shows it clearly: {'; '.join(still)}.")
+        sentences.append(f"could not be checked, because this recording does not show it clearly: {'; '.join(still)}.")
     return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]

@@ -81,7 +81,7 @@ def _constant(recording: Recording, name: str, value: float) -> Finding:
     elif name == "steer" and (value != 0.0 or ("yaw_rate" in recording and "yaw_rate" not in moving)):
         moving = []  # a circle at constant steering angle is a manoeuvre; straight ahead, side wind and camber move a_y
     dead = bool(moving)
-    tail = f" while {', '.join(moving)} moves: the channel is dead." if dead else "."
+    tail = f" while {listed(moving)} var{'y' if moving[1:] else 'ies'}: the channel is dead." if dead else "."
     sentence = f"{name} is {with_unit(exact(value, 6), recording.unit(name))} in every row{tail}"
     return Finding(
         "dead" if dead else "constant",
@@ -170,7 +170,7 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
     levels, counts = np.unique(good, return_counts=True)
     findings = []
     for end, level, count, below in (
-        ("most", levels[-1], counts[-1], counts[-4:-1]), ("least", levels[0], counts[0], counts[1:4])
+        ("larger", levels[-1], counts[-1], counts[-4:-1]), ("smaller", levels[0], counts[0], counts[1:4])
     ):  # fmt: skip
         if len(levels) < 20 or level == 0.0 or count < CLIP_COUNT or count < CLIP_RATIO * below.max():
             continue
@@ -179,10 +179,9 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
             continue  # one stretch is a vehicle at rest or a long hold
         unit = recording.unit(name)
         sentence = (
-            f"{name} reads exactly {with_unit(exact(level, 4), unit)} in {count} rows, in {stretches} stretches, "
+            f"{name} reads exactly {with_unit(exact(level, 4), unit)} in {count} rows, in {stretches} stretches of the "
+            f"recording, and is never {end}: "
         )
-        sentence += f"and never {end}: "
-        sentence = sentence.replace("never most", "never more").replace("never least", "never less")
         sentence += "the command is at its limit." if name in COMMANDS else "it is clipped there."
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
         rows = tuple(np.flatnonzero(values == level).tolist())
@@ -474,7 +473,7 @@ def _open_questions(recording: Recording) -> list[Finding]:
     if not names:
         return []
     sentence = (
-        f"the column map leaves {listed(names)} open (lines that begin with #?): remove the #? from the right line, or "
-        "delete the question."
+        f"the column map does not yet state the column or unit of {listed(names)}: of the lines that begin with #?, "
+        "choose one and remove its #?, or delete them all."
     )
     return [Finding("question", Severity.WARNING, FoundAt(names[0]), sentence, float(len(names)))]

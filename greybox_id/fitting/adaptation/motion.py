@@ -82,14 +82,14 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
     for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
         held, fitted = _about(model, fit, names, strength), []
         for number, (train, _) in enumerate(folds, 1):
-            say(f"prior strength {strength:g}: fitted without piece {number} of {len(folds)}")
+            say(f"prior strength {strength:g}: fitted without part {number} of {len(folds)}")
             fitted.append(_fitted(held, train, how))
         known = _errors_in_folds(folds, fitted)
         several.append(AdaptedCandidate(words, strength, False, _pieces(known, scale)))
         squares.append(known)
     best = chosen(several)
     other = chosen(several[1:])
-    say(f"fitted to {seconds:g} s, and scored")
+    say(f"fitted to {seconds:g} s, and scored on the rest")
     made = {id(item): _adapted(model, fit, names, item, new, how) for item in (several[0], best, other)}
     role_of = {"chosen": best, "zero_shot": several[0], "adapted": other if best is several[0] else best}
     length = 0.0 if rest is None else rest.duration

@@ -126,7 +126,8 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
         later = f"The data after the first {first} of the drive prefer other parameters than the data before"
     yield Reason(
         WITH_CARE,
-        f"{later} {gain}: the vehicle may have changed, or be a different one. Fit each part by itself.",
+        f"{later} {gain}: the vehicle may have changed, or the recordings are of two vehicles. Fit each part "
+        "by itself.",
     )
 
 
@@ -160,7 +161,7 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
             f"The error of {name} is {left}{against}{depends}: the model lacks an effect"
-            f"{', or is of another vehicle' if error > DOUBTFUL else ''}. The intervals include this error; "
+            f"{', or describes another vehicle' if error > DOUBTFUL else ''}. The intervals include this error; "
             "greybox gap looks for its cause.",
         )
     else:

@@ -358,7 +358,7 @@ def _beside_unfitted(
     over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
     if over_all > WORSE:
         surely = _surely_worse(scores, unfitted, judged)
-        doubt = "" if surely else "; between stretches of the drive, the difference varies by as much"
+        doubt = "" if surely else ", but this difference is no larger than its scatter between stretches of the drive"
         yield Reason(
             NOT_USABLE if surely else WITH_CARE,
             f"{what}the fit has {_times(over_all)} the errors of the unfitted model{doubt}.",
@@ -438,8 +438,9 @@ def _trained(fit: Fit) -> Mapping[str, Any]:
 def _told(scores: Scores, judged: Sequence[str]) -> str:
     """How well outputs are predicted, over the shortest horizon that is judged."""
     name = judged[0]
+    words = "one sample ahead" if name == "honest" else name.replace("_", " ")
     each = [f"{output} {e.fit_percent:.0f} %" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
-    return f"fit {listed(each)} ({name.replace('_', ' ')})" if each else ""
+    return f"fit {listed(each)} ({words})" if each else ""
 
 
 def _unexplained(error: Error) -> float:
@@ -488,4 +489,4 @@ def _beside(times: float) -> str:
 def _called(role: str, roles: Sequence[str]) -> str:
     if role == TRAINED:
         return "On the training data, "
-    return "Held out, " if len(roles) == 1 else f"On {role}, "
+    return "On held-out data, " if len(roles) == 1 else f"On {role}, "

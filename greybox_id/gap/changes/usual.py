@@ -171,7 +171,7 @@ def usual(
     filters : name -> standard deviation between runs that have passed other filters.
     """
     known = tuple(numbers)
-    tell(f"learning what is usual from {', '.join(one.recording.name for one in rides)}")
+    tell(f"estimating the usual values from {', '.join(one.recording.name for one in rides)}")
     nominal = values_of(known, np.array([item.mean for item in known]))
     scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
     belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}
@@ -183,7 +183,7 @@ def usual(
     noise = noise_of([innovation for innovation in innovations if innovation is not None], len(follower.read))
     result = common(replace(weigher, noise=noise), rides, scatter, belief, result)
     tempered = replace(weigher, noise=replace(noise, temper=_temper(result, rides)))
-    tell("learning what varies from run to run")
+    tell("estimating the scatter between runs")
     return common(tempered, rides, scatter, belief, result)
 
 

@@ -139,7 +139,7 @@ def arena(words: str) -> Arena:
         return Arena(words, radius * np.column_stack([np.cos(around), np.sin(around)]), radius)
     if words.lower().endswith(".csv"):
         return Arena(words, _outline(Path(words)))
-    raise BadInput(f"‹arena› {words!r:.60} is no arena: {WORDS}.")
+    raise BadInput(f"‹arena› {words!r:.60} is not an arena; an arena is {WORDS}.")
 
 
 def _size(words: str, part: str) -> float:

@@ -46,7 +46,7 @@ from ..figures.sheet import (
 from ..pdf import write_pdf, write_png
 from .words import judged, main_words, verdict
 
-BEFORE = look(ORANGE, 1.1, "model as it was")
+BEFORE = look(ORANGE, 1.1, "original model")
 AFTER = look(BLUE, 1.3, "with the applied effects", dashes=DASHED)
 MOVED = "with re-estimated parameters"
 FLOOR = look(INK, 1.2, "floor: the error that noise alone leaves")
@@ -87,7 +87,7 @@ def bars(closure: Closure, after: str) -> Sheet:
     """
     channels = list(dict.fromkeys(error.channel for error in closure.errors))
     if not channels:
-        return notice_sheet("no errors over horizons were kept")
+        return notice_sheet("errors over horizons were not computed")
     horizons = sorted({error.horizon for error in closure.errors}, key=lambda h: math.inf if h is None else h)
     sheet, axes = row_of(len(channels), 82.0)
     for ax, channel in zip(axes, channels, strict=True):

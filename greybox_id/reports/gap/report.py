@@ -98,10 +98,10 @@ ERRORS_ALONE = (
     "RMSE; in brackets, the RMSE that noise alone leaves. Predictions over a horizon start from measured states."
 )
 LIMITS = (
-    "Would show from: the smallest size of an effect that would be detected here. It is twice the standard deviation "
+    "Detected from: the smallest size of an effect that would be detected here. It is twice the standard deviation "
     "of the effect's estimate, computed to first order, with all parameters that have a tolerance refitted. Not "
     "absorbed: the share of the information on the effect that remains when these parameters are refitted. Effects "
-    "with a threshold, such as a play, are not listed: they are detected by refits only."
+    "with a threshold, such as backlash, are not listed: they are detected by refits only."
 )
 CHANNELS = (
     "A ratio of error to noise of 1 means that only noise is left. The last two columns give the frequency at which "
@@ -288,7 +288,7 @@ def _hardly_driven(gap: Gap) -> str:
     rare = [f"{place} ({percent(time)} of the time)" for place, time in shares.items() if time < RARELY]
     if not rare:
         return ""
-    return f"Hardly driven: {listed(rare)}. Effects that act only there could go undetected."
+    return f"These regimes were hardly driven: {listed(rare)}. Effects that act only there could go undetected."
 
 
 def limits_table(gap: Gap) -> Table:
@@ -297,9 +297,7 @@ def limits_table(gap: Gap) -> Table:
         (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _told(limit))
         for name, limit in gap.limits.items()
     )
-    return Table(
-        ("effect", "meaning", "would show from", "usual size", "in usual sizes", "not absorbed"), rows, "lLrrrr"
-    )
+    return Table(("effect", "meaning", "detected from", "usual size", "ratio of both", "not absorbed"), rows, "lLrrrr")
 
 
 def _about(name: str) -> str:
@@ -405,7 +403,7 @@ def _equations(gap: Gap) -> Table:
 
 def _regimes(gap: Gap) -> Table:
     """Shares of the time, and of the gap where there is one."""
-    head = ("regime", "of the time", *(("of the gap",) if gap.gap_detected else ()))
+    head = ("regime", "share of the time", *(("share of the gap",) if gap.gap_detected else ()))
     rows = tuple(
         (REGIMES.get(k, k), percent(t), *((percent(g),) if gap.gap_detected else ()))
         for k, (t, g) in gap.where.regimes.items()

@@ -140,7 +140,7 @@ def interval_words(ranked: Ranked, unit: bool = True) -> str:
 
 
 REGIMES = {
-    "any": "evenly spread",
+    "any": "evenly spread over the drive",
     "straight": "driving straight on",
     "lateral": "in turns",
     "high_lateral": "in hard turns",
@@ -149,7 +149,7 @@ REGIMES = {
     "braking": "while braking",
     "combined": "turning while braking or accelerating",
     "high_speed": "at high speed",
-    "time_drift": "as the drive goes on",
+    "time_drift": "late in the drive",
 }
 """Regime -> where that is, as the end of a sentence."""
 MOST_SHARES = 3
@@ -234,7 +234,7 @@ def where(gap: Gap) -> str:
 
 def _equations(gap: Gap) -> str:
     shares = sorted(gap.where.equations.items(), key=lambda item: -item[1])
-    named = [f"{name} {percent(share)}" for name, share in shares[:MOST_SHARES] if share >= LEAST_SHARE]
+    named = [f"{name} ({percent(share)} of the gap)" for name, share in shares[:MOST_SHARES] if share >= LEAST_SHARE]
     return listed(named) or gap.where.channel
 
 
@@ -245,7 +245,7 @@ def _regime(gap: Gap) -> str:
         return REGIMES["any"]
     place = REGIMES.get(where.regime, where.regime)
     if isfinite(time) and isfinite(share) and share > CONCENTRATED * time:
-        return f"{percent(share)} of the gap lies in {percent(time)} of the time, {place}"
+        return f"{percent(share)} of the gap lies in {percent(time)} of the time, namely {place}"
     return place
 
 
@@ -253,7 +253,7 @@ def _time(gap: Gap) -> str:
     time = gap.where.time
     if not {"from", "to"} <= time.keys():
         return ""
-    share = f", {percent(time['share'])} of the time" if isfinite(time.get("share", float("nan"))) else ""
+    share = f" ({percent(time['share'])} of the time)" if isfinite(time.get("share", float("nan"))) else ""
     return f"half of the gap lies between {time['from']:.1f} and {time['to']:.1f} s{share}"
 
 
@@ -379,8 +379,10 @@ def tells(closure: Closure) -> bool:
 def levels(closure: Closure) -> str:
     """Mean squares over the noise's, all channels alike."""
     before, after = number(closure.before), number(closure.after)
-    change = before if before == after else f"{before} → {after}"
-    return f"mean square error {change} times that of the noise, floor {number(closure.floor)}"
+    change = f"{before} → {after} times that of the noise (before → after)"
+    if before == after:
+        change = f"{before} times that of the noise, before and after"
+    return f"mean square error {change}; the floor is {number(closure.floor)}"
 
 
 def as_it_stands(gap: Gap, closure: Closure) -> str:

@@ -38,7 +38,7 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
             yield led("", f"{output}, on the seconds of the adaptation: RMSE {number(item['rmse'])} {unit}")
         return
     ahead = ", 0.5 s ahead" if isinstance(result.fit.model, MotionModel) else ""
-    table = plain_table(f"what follows{ahead}", "unit", "as it was", "chosen", "expected, 95 %")
+    table = plain_table(f"rest of the recording{ahead}", "unit", "before adaptation", "chosen", "expected, 95 %")
     for output, error in result.chosen.rest.items():
         before, (low, high) = result.zero_shot.rest[output], result.chosen.interval[output]
         table.add_row(

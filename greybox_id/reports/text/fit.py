@@ -28,10 +28,10 @@ MOST_NAMED = 6
 MOST_OPEN = 4
 """Sentences printed on what the recording leaves open."""
 PROTOCOL_WORDS = {
-    "honest": "one sample ahead, pooled, no window across a join",
-    "published": "as published: batches of 100, windows across joins",
-    "closed_loop": "free run on own predictions, pooled",
-    "free run": "free run of whole manoeuvres, pooled",
+    "honest": "one sample ahead, all runs together; no window spans two runs",
+    "published": "as published: mean over batches of 100; windows may span two runs",
+    "closed_loop": "free run on its own predictions, all runs together",
+    "free run": "free run of whole manoeuvres, all together",
 }
 """Protocol of a model with memory -> what is done under it."""
 
@@ -76,11 +76,11 @@ def solver_lines(stage: Stage, what: str) -> Iterator[str]:
     if stage.certificate is not None:
         c = stage.certificate
         ended = f"{c.status}, {counted(c.iterations, 'iteration')}"
-        better = f"objective {percent(c.gained)} lower" if c.gained > NEGLIGIBLE else "objective no lower"
-        confirmed = "certified" if c.confirmed else "not certified"
-        yield f"{confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}"
+        better = f"objective {percent(c.gained)} lower" if c.gained > NEGLIGIBLE else "objective unchanged"
+        confirmed = "confirmed" if c.confirmed else "not confirmed"
+        yield f"optimum  {confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}"
     for number_of, words in enumerate(stage.fallbacks):
-        yield f"{'' if number_of else 'instead':9}{words}"
+        yield f"{'' if number_of else 'tried':9}{words}"
 
 
 @by_kind
@@ -170,7 +170,7 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
     if known:
         lines.add_row("fixed", ", ".join(known))
     if nothing:
-        lines.add_row("at zero", ", ".join(nothing))
+        lines.add_row("" if known else "fixed", f"{', '.join(nothing)} = 0")
     for name, values in result.per_run.items():
         if result.model[name].shape == () and len(values) > 1:
             entry = pretty_unit(result.model[name].unit)
@@ -189,7 +189,7 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
     if sentences:
         yield ""
     for sentence in sentences[:MOST_OPEN]:
-        yield f"open     {sentence}"
+        yield f"weak     {sentence}"
     if len(sentences) > MOST_OPEN:
         yield f"         and {len(sentences) - MOST_OPEN} more"
 

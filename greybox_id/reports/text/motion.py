@@ -102,7 +102,9 @@ def _starts(objectives: Sequence[float]) -> str:
     alike = sum(objective <= best * (1 + SAME) for objective in objectives)
     if alike == len(objectives):
         return f"all {alike} starts ended at the same objective, {number(best, 4)}"
-    spread = f"the others between it and {number(worst, 4)}" if len(objectives) - alike > 1 else number(worst, 4)
+    spread = (
+        f"the others at up to {number(worst, 4)}" if len(objectives) - alike > 1 else f"the other at {number(worst, 4)}"
+    )
     return f"{alike} of {len(objectives)} starts ended at the best objective, {number(best, 4)}; {spread}"
 
 

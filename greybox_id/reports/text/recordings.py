@@ -110,12 +110,14 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
             screen.print(f"no column looks like {', '.join(proposal.lacking)}; if there is one, name it in the map")
     if proposal.without_drive:
         screen.print(
-            "no column looks like a drive (throttle, motor_current, drive_force or ax_cmd), which single_track needs"
+            "no column looks like a drive signal (throttle, motor_current, drive_force or ax_cmd), "
+            "which single_track needs"
         )
     if proposal.left_assumed:
         turning = ", ".join(proposal.left_assumed)
         screen.print(
-            f"nothing in the file shows which way is left: check the signs of {turning} in a turn that you know"
+            f"nothing in the file shows whether left is positive: check the signs of {turning} in a turn "
+            "of known direction"
         )
     for finding in proposal.findings:
         stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")

@@ -36,8 +36,8 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
         table.add_row(name, *alike(low, middle, high, sd, by=sd), pretty_unit(track.units[name]), share)
     yield table
     yield ""
-    tests = ("NIS (1)", "windows within 95 %", "autocorrelation", "gated")
-    counts = ("taken", "innovation rms")
+    tests = ("NIS (1)", "windows within 95 % band", "autocorrelation", "gated")
+    counts = ("samples used", "innovation rms")
     checks = plain_table("reading", *counts, "unit", *tests, right=(*counts, *tests))
     for name, item in track.consistency.items():
         checks.add_row(

@@ -24,7 +24,7 @@ from .digest import Course, Digest, Measured
 
 MOST_NAMED = 4
 """Estimates that the first sentence names."""
-LEADS = ("How sure", "Is it so", "Against what")
+LEADS = ("How sure", "Consistent", "Checked")
 
 
 def verdict(digest: Digest) -> tuple[str, str, str]:
@@ -58,9 +58,7 @@ def _is_it_so(digest: Digest) -> str:
     means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
     inside = listed([f"{percent(item.inside)}" for item in known.values() if isfinite(item.inside)])
     windows = f", and {inside} of the windows of {WINDOW:g} s lie within their 95 % bounds" if inside else ""
-    widened = (
-        f"; the bands were therefore widened by a factor of {number(digest.widened, 3)}" if digest.widened > 1 else ""
-    )
+    widened = f"; the bands were widened by a factor of {number(digest.widened, 3)}" if digest.widened > 1 else ""
     return f"The ratio of squared innovations to what the filter expects is {means}{windows}{_memory(digest)}{widened}."
 
 
@@ -158,7 +156,17 @@ def readings(digest: Digest) -> Table:
         )
         for name, one in digest.consistency.items()
     )  # fmt: skip
-    head = ("reading", "taken", "innovation RMS", "unit", "NIS", "windows within", "autocorrelation", "bound", "gated")
+    head = (
+        "reading",
+        "samples used",
+        "innovation RMS",
+        "unit",
+        "NIS",
+        "windows within",
+        "autocorrelation",
+        "bound",
+        "gated",
+    )
     return Table(head, rows, "lRRlRRRRR")
 
 

@@ -43,7 +43,7 @@ def good():
 def test_a_good_fit_that_was_validated_is_usable_and_says_why(good):
     assert good.verdict.usability == USABLE
     assert good.verdict.reasons[0] == "The optimum is confirmed."
-    assert "Held out, fit v_y" in good.verdict.reasons[1]
+    assert "On held-out data, fit v_y" in good.verdict.reasons[1]
     told = good.verdict.comparison["validate"]["1 s ahead"]["yaw_rate"]
     assert told["rmse"] < 0.5 * told["persistence"]
     assert told["rmse"] < 0.7 * told["unfitted"]
@@ -149,9 +149,7 @@ def test_errors_that_are_larger_in_one_stretch_alone_do_not_refute_a_fit(good):
 
     once = worse_in(1)
     assert once.usability == WITH_CARE
-    assert any("times the errors of the unfitted model; between stretches of the drive" in r for r in once.reasons), (
-        once
-    )
+    assert any("times the errors of the unfitted model, but this difference" in r for r in once.reasons), once
     throughout = worse_in(min(len(e.blocks) for errors in own.values() for e in errors.values()))
     assert throughout.usability == NOT_USABLE
     assert "times the errors of the unfitted model." in throughout.reasons[0]

@@ -128,7 +128,7 @@ def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
     fixed = Advice.between(("steering_delay", "steering_lag"), "Drive a step steer; greybox design designs it.")
     gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To detect roll: drive."))
     first, second = designing.quoted(GapResult.of(gap, made), "disc:80").advice
-    assert first.startswith("To tell steering_delay from steering_lag, drive from ")
+    assert first.startswith("To distinguish steering_delay from steering_lag, drive from ")
     assert "are expected to distinguish steering_delay or steering_lag by " in first
     assert second == "To detect roll: drive."
     assert "too small" in designing.quoted(GapResult.of(gap, made), "disc:2").advice[0]

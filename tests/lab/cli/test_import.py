@@ -64,7 +64,7 @@ def test_a_fit_goes_to_a_folder_of_the_models_name(tmp_path, monkeypatch):
 
 def test_bad_input_is_a_sentence(tmp_path):
     assert "is not a file" in refused("import", tmp_path / "none.json")
-    assert "do not tell which signal is which" in refused(
+    assert "do not show which signal is which" in refused(
         "import", FOLDER / "renamed.json", "--out", tmp_path / "a.json"
     )
     assert "a fit is a .json file" in refused("import", FOLDER / "lat_small.json", "--out", tmp_path / "a")

@@ -233,7 +233,7 @@ def test_loops_are_said(tmp_path):
 
 
 def test_names_that_do_not_tell_are_asked_for(tmp_path):
-    with pytest.raises(BadInput, match=r"do not tell.*inputs SIGNAL=INPUT"):
+    with pytest.raises(BadInput, match=r"do not show.*inputs SIGNAL=INPUT"):
         imported(tmp_path, body_of("renamed"))
     with pytest.raises(BadInput, match=r"say what imu_long, handwheel are|say what handwheel, imu_long are"):
         imported(tmp_path, body_of("renamed"), FOREIGN[:1])
