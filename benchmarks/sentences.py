@@ -37,12 +37,15 @@ WORDS = 2
 """A shorter text is a name or a unit."""
 WIDTH, HELP_WIDTH, GAP = 160, 98, 2
 """Characters of a line of output, of a line of help, and between columns."""
-LONGEST = 4
-"""Line breaks in a sentence of a report; more are a figure's numbers."""
+END = re.compile(r"(?<=[a-z)\]%”][.?!])\s+(?=[A-Z\"])")
+"""Between two sentences."""
+SPACES = {0xA0: " ", 0x202F: " "}
+FULL = 85
+"""Characters of a full line in a report; shorter ones are rows of tables, titles and numbers of figures."""
 CELL = re.compile(r"\S+(?: \S+)*")
 LABEL = re.compile(r"[A-Z][a-z]+(?: [a-z]+){1,6}")
 WORD = re.compile(r"(?<![\w./-])[A-Za-z][a-z]+(?=$|[\s.,;:()?!-])")
-NO_SENTENCE = re.compile(r"^(greybox|Usage:|\$|import |from |--?\w)|[{}=]|\.\.\.$")
+NO_SENTENCE = re.compile(r"^(greybox|\S+\.(json|toml|csv)\b|.*\| greybox|Usage:|\$|import |from |--?\w)|[{}=]|\.\.\.$")
 """Lines of commands, of code and of options, and what --help cuts off."""
 
 
@@ -139,30 +142,38 @@ def sentences(text: str) -> Iterator[str]:
     width = HELP_WIDTH if "Usage:" in text else WIDTH
     rows: list[dict[int, str]] = []
     ends: dict[int, int] = {}
-    for line in text.replace("  [", " [").splitlines()[1:]:
+    for line in text.translate(SPACES).replace("  [", " [").splitlines()[1:]:
         cells = {found.start(): found.group() for found in CELL.finditer(line)}
         places = [*sorted(ends), width + GAP]
         room = {at: places[places.index(at) + 1] - GAP for at in ends}
         inside = bool(ends) and set(cells) <= set(ends) and (len(ends) == 1 or min(cells, default=0) > min(ends))
         full = any(ends[at] <= room[at] < ends[at] + 1 + len(cells[at].split()[0]) for at in cells if inside)
         if full:
-            rows[-1] |= {at: f"{rows[-1][at]} {words}" for at, words in cells.items()}
+            rows[-1] |= {at: f"{rows[-1][at]} {words}".replace("- ", "-") for at, words in cells.items()}
             ends |= {at: at + len(words) for at, words in cells.items()}
         else:
             rows.append(cells)
             ends = {at: at + len(words) for at, words in cells.items()}
     for row in rows:
         for words in row.values():
-            yield from re.split(r"(?<=[a-z)\]%][.?!])\s+(?=[A-Z\"])", words)
+            yield from re.split(END, words)
 
 
 def pdf_sentences(text: str) -> Iterator[str]:
-    """Whole sentences of a report, and short lines of words alone: what stands in figures and tables has no order."""
-    lines = text.splitlines()[1:]
-    yield from (line for line in lines if LABEL.fullmatch(line))
-    for part in re.split(r"(?<=[a-z)\]%”][.?!])\s+", "\n".join(lines)):
-        if part.count("\n") <= LONGEST and "-\n" not in part and part[:1].isupper() and part[-1:] in ".?!":
-            yield " ".join(part.split())
+    """Whole sentences of a report, and lines of a few words: the rest of figures and tables has no order in a PDF."""
+    paragraphs, before = [""], ""
+    for line in text.translate(SPACES).splitlines()[1:]:
+        if LABEL.fullmatch(line):
+            yield line
+        if len(before) >= FULL:
+            paragraphs[-1] += f" {line}"
+        elif len(line) >= FULL:
+            paragraphs.append(line)
+        before = line
+    for paragraph in paragraphs:
+        for one in re.split(END, paragraph):
+            if one[:1].isupper() and one[-1:] in ".?!" and not re.search("[a-z]- [a-z]", one):
+                yield " ".join(one.split())
 
 
 def draw(folder: Path, seed: int) -> list[dict[str, Any]]:

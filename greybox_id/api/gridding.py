@@ -152,7 +152,7 @@ def grid_parts(grid: Grid) -> Iterator[RenderableType]:
         yield led(word, f"{cell}: {row['parameters']} parameters; {what}")
     yield led("fits", f"{len(grid.table)}, {number(float(grid.table['cpu_seconds'].sum()))} CPU s")
     yield ""
-    titles = ("parameters", "cross-validated error, % of spread", "AIC", "AIC effective")
+    titles = ("parameters", "cross-validated error, % of sd", "AIC", "AIC effective")
     table = plain_table(*grid.names, *titles)
     for _, item in grid.table.sort_values("cv_error").head(10).iterrows():
         row = {str(name): value for name, value in item.items()}

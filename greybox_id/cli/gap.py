@@ -192,7 +192,7 @@ def what_would_show(
     if as_json:
         print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
-    sizes = ("detected from", "scatter between runs", "sd from one run")
+    sizes = ("smallest change", "scatter between runs", "sd from one run")
     table = plain_table("effect", *sizes, right=sizes)
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
@@ -236,7 +236,7 @@ def gap(
         type=FILE,
     ),
     model: str | None = option(
-        "Model to simulate with --vehicle; default: that of its file, else single_track. FILE.py is executed.",
+        "Model to simulate with --vehicle; default: that of its file, else single_track. A FILE.py is run.",
         "NAME",
         shell_complete=names(MODELS),
         callback=named_model,
@@ -246,7 +246,7 @@ def gap(
         "Held-out recording, on which it is measured how much of the gap closes; repeatable.", "RECORDING", type=FILE
     ),
     since: Sequence[str] = option(
-        "Recordings from before a change: report what differs by more than these differ among themselves.",
+        "Recordings from before a change: report only changes beyond the scatter between these recordings.",
         "RECORDING...",
         type=FILE,
     ),

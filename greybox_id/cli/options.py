@@ -340,7 +340,7 @@ _MODEL = (
     ),
     click.option(
         "--vehicle", metavar="VEHICLE", shell_complete=VEHICLES,
-        help="Numbers to start from: a shipped vehicle or a file.",
+        help="Vehicle that gives the start values: a shipped name or a file.",
     ),
     click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE",

@@ -159,15 +159,15 @@ def _parameters(s: LateralSettings, c: Centres) -> tuple[Parameter, ...]:
         Parameter(
             "kappa_2", "1/(m rad)", np.full(shape, gain),
             prior=Prior(1.5, step_sd=(2.0, 2.0, 2.0), strength=steady),
-            about="slope of this curvature over the steering angle", source="kinematic car",
+            about="slope of the curvature kappa_1 over the steering angle", source="kinematic car",
         ),
         Parameter(
             "kappa_3", "s/m^2", np.zeros(shape), prior=Prior(0.3, step_sd=(0.4, 0.4, 0.4), strength=steady),
-            about="slope of this curvature over speed",
+            about="slope of the curvature kappa_1 over speed",
         ),
         Parameter(
             "kappa_4", "s^2/m^2", np.zeros(shape), prior=Prior(0.1, step_sd=(0.15, 0.15, 0.15), strength=steady),
-            about="slope of this curvature over longitudinal acceleration",
+            about="slope of the curvature kappa_1 over longitudinal acceleration",
         ),
     )  # fmt: skip
     responding = Parameter(

@@ -23,7 +23,7 @@ from greybox_id.cli.output import console, print_json
     metavar="FOLDER",
     help="Folder of the sessions, with one subfolder per session.",
 )
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; default: any that is free.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; default: any free port.")
 @click.option(
     "--browser/--no-browser", default=True, show_default=True, help="Whether to open the page in the browser."
 )

@@ -104,8 +104,8 @@ def exam() -> None:
     "families",
     multiple=True,
     metavar="NAME",
-    help="Sources of the cases. Tier foreign: simulators (workshop is the virtual vehicle); injected: recordings; "
-    "changed: cases; or a set of sources (development, examination).",
+    help="Source of the cases: for tier foreign a simulator (workshop is the virtual vehicle), for tier injected a "
+    "recording, for tier changed a case; or a set of sources (development, examination). Repeatable.",
 )
 @click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
 @json_option

@@ -46,7 +46,7 @@ def import_(network: str, inputs: str, sample_time: float | None, out: str | Non
     """Import NETWORK, an MS-NN saved by nnodely (saveModel), as a fit; or parameters of another tool as a vehicle file.
 
     Such parameters are a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or of CommonRoad.
-    Nothing in the file is run.
+    No code in the file is run.
 
     \b
     greybox import trained/net.json --sample-time 0.05 --out run/fit.json

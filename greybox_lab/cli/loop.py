@@ -125,7 +125,7 @@ def agent_command(
     help="File of the token that signs requests: 16 characters or more.",
 )
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option("--port", type=click.IntRange(0, 65535), default=8787, show_default=True, help="0: any that is free.")
+@click.option("--port", type=click.IntRange(0, 65535), default=8787, show_default=True, help="Port; 0: any free port.")
 @click.option("--out", metavar="FOLDER", type=click.Path(path_type=Path), default=Path("greybox_serve"),
               show_default=True, help="Folder of its state.")  # fmt: skip
 @json_option

@@ -82,7 +82,7 @@ def adapted_motion(model: Equations, task: AdaptTask) -> Adaptation:
     for strength in STRENGTHS if isinstance(model, MotionModel) else STRENGTHS[:1]:
         held, fitted = _about(model, fit, names, strength), []
         for number, (train, _) in enumerate(folds, 1):
-            say(f"prior strength {strength:g}: fitted without part {number} of {len(folds)}")
+            say(f"cross-validation with prior strength {strength:g}: part {number} of {len(folds)} held out")
             fitted.append(_fitted(held, train, how))
         known = _errors_in_folds(folds, fitted)
         several.append(AdaptedCandidate(words, strength, False, _pieces(known, scale)))

@@ -403,8 +403,8 @@ def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: f
     u, v = table[name], table.get("v_x")
     yield f"an offset of {name}", np.ones(len(u))
     yield f"a gain on {name}", u
-    yield f"a gain on {name} that varies with it", u * np.abs(u)
-    yield f"a gain on {name} that varies with it", u**3
+    yield f"a gain on {name} that varies with {name}", u * np.abs(u)
+    yield f"a gain on {name} that varies with {name}", u**3
     yield f"the sign of {name}", np.abs(u)
     yield f"the rate of {name}", du
     if v is not None and name != "v_x" and float(np.std(v)) > 1e-3 * float(np.mean(np.abs(v))):

@@ -72,7 +72,7 @@ class Direction:
         ]
         listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
         together = " alone" if len(moves) == 1 else " together"
-        return f"Changing {listed}{together}, which is one standard deviation, hardly changes the residuals."
+        return f"Changing {listed}{together} (one standard deviation) hardly changes the residuals."
 
 
 @dataclass(frozen=True)

@@ -54,17 +54,17 @@ motor_saturation = alteration(
 )  # fmt: skip
 
 brake_bias = alteration(
-    GROUP, "brake_bias", "1", 0.0, (-0.6, 0.6), "added to the front axle's share of the braking force",
+    GROUP, "brake_bias", "1", 0.0, (-0.6, 0.6), "change of the front axle's share of the braking force",
     typical=0.1, brake_split_front=lambda share, q: share + q.p.brake_bias,
 )  # fmt: skip
 
 aero_drag = alteration(
-    GROUP, "aero_drag", "N s^2/m^2", 0.0, (-5.0, 30.0), "added to the aerodynamic drag c_2",
+    GROUP, "aero_drag", "N s^2/m^2", 0.0, (-5.0, 30.0), "change of the aerodynamic drag c_2",
     typical=0.2, c_2=lambda c_2, q: c_2 + q.p.aero_drag,
 )  # fmt: skip
 
 rolling_resistance = alteration(
-    GROUP, "rolling_resistance", "N", 0.0, (-1e4, 1e4), "added to the rolling resistance c_0",
+    GROUP, "rolling_resistance", "N", 0.0, (-1e4, 1e4), "change of the rolling resistance c_0",
     typical=100.0, c_0=lambda c_0, q: c_0 + q.p.rolling_resistance,
 )  # fmt: skip
 

@@ -26,7 +26,7 @@ def _turned(read: Namespace, q: Quantities) -> tuple[Symbol, Symbol]:
 
 
 yaw_rate_bias = reading(
-    GROUP, "yaw_rate_bias", "rad/s", 0.0, (-0.2, 0.2), "added to the yaw rate",
+    GROUP, "yaw_rate_bias", "rad/s", 0.0, (-0.2, 0.2), "offset of the yaw rate reading",
     typical=0.02, yaw_rate=lambda read, q: read.yaw_rate + q.p.yaw_rate_bias,
 )  # fmt: skip
 
@@ -36,12 +36,12 @@ yaw_rate_scale = reading(
 )  # fmt: skip
 
 accel_bias_x = reading(
-    GROUP, "accel_bias_x", "m/s^2", 0.0, (-3.0, 3.0), "added to the longitudinal acceleration",
+    GROUP, "accel_bias_x", "m/s^2", 0.0, (-3.0, 3.0), "offset of the longitudinal acceleration reading",
     typical=0.3, a_x=lambda read, q: read.a_x + q.p.accel_bias_x,
 )  # fmt: skip
 
 accel_bias_y = reading(
-    GROUP, "accel_bias_y", "m/s^2", 0.0, (-3.0, 3.0), "added to the lateral acceleration",
+    GROUP, "accel_bias_y", "m/s^2", 0.0, (-3.0, 3.0), "offset of the lateral acceleration reading",
     typical=0.3, a_y=lambda read, q: read.a_y + q.p.accel_bias_y,
 )  # fmt: skip
 

@@ -94,7 +94,7 @@ steering_backlash = effect(
 )  # fmt: skip
 
 steering_offset = alteration(
-    GROUP, "steering_offset", "rad", 0.0, (-0.2, 0.2), "added to the road-wheel angle",
+    GROUP, "steering_offset", "rad", 0.0, (-0.2, 0.2), "offset of the road-wheel angle",
     typical=0.01, apply_to_memory=shift_steering, steer=lambda steer, q: steer + q.p.steering_offset,
 )  # fmt: skip
 

@@ -86,8 +86,8 @@ METHOD = (
     ),
     (
         "Unknown",
-        "An unmodelled effect is present where unknown forces remain larger than the usual error of equations, or "
-        "where readings scatter by more than their stated noise.",
+        "An unmodelled effect is reported if the unknown forces that remain are larger than the usual model error, or "
+        "if readings scatter by more than their stated noise.",
     ),
 )
 ERRORS = (
@@ -98,7 +98,7 @@ ERRORS_ALONE = (
     "RMSE; in brackets, the RMSE that noise alone leaves. Predictions over a horizon start from measured states."
 )
 LIMITS = (
-    "Detected from: the smallest size of an effect that would be detected here. It is twice the standard deviation "
+    "Detection limit: the smallest size of an effect that would be detected here. It is twice the standard deviation "
     "of the effect's estimate, computed to first order, with all parameters that have a tolerance refitted. Not "
     "absorbed: the share of the information on the effect that remains when these parameters are refitted. Effects "
     "with a threshold, such as backlash, are not listed: they are detected by refits only."
@@ -111,7 +111,7 @@ STATED = (
     "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; the error that this "
     "removes is not counted as a gap."
 )
-EQUATIONS = "The equations of the simulation that was compared, with its effects, derived from the model."
+EQUATIONS = "Equations of the simulation that was compared with the recordings. They include the effects of the model."
 
 
 def write_report(gap: Gap, made: Made, out: str | Path) -> Path:
@@ -297,7 +297,9 @@ def limits_table(gap: Gap) -> Table:
         (name, _about(name), _size(name, limit), _usual(name, limit), _times(limit), _told(limit))
         for name, limit in gap.limits.items()
     )
-    return Table(("effect", "meaning", "detected from", "usual size", "ratio of both", "not absorbed"), rows, "lLrrrr")
+    return Table(
+        ("effect", "meaning", "detection limit", "usual size", "limit / usual size", "not absorbed"), rows, "lLrrrr"
+    )
 
 
 def _about(name: str) -> str:

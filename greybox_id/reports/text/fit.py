@@ -191,7 +191,7 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
     for sentence in sentences[:MOST_OPEN]:
         yield f"weak     {sentence}"
     if len(sentences) > MOST_OPEN:
-        yield f"         and {len(sentences) - MOST_OPEN} more"
+        yield f"         and {len(sentences) - MOST_OPEN} more such combinations"
 
 
 def _free(result: Fit, parameters: Sequence[Parameter]) -> Table:

@@ -389,7 +389,7 @@ def listening(host: str, port: int) -> Iterator[socket.socket]:
     except (OSError, OverflowError, UnicodeError) as error:
         raise BadInput(
             f"{host}:{port} cannot be listened at ({getattr(error, 'strerror', '') or error}); "
-            "name another ‹port› or ‹host›; port 0 is any that is free."
+            "name another ‹port› or ‹host›; port 0 is any free port."
         ) from error
     with sock:
         yield sock
