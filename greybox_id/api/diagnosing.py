@@ -188,8 +188,8 @@ def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Se
         return gap
     since = (
         "If these effects were present, uncertain parameters of the fit would absorb them: "
-        f"{listed([*gap.absorbed])}. To see what changed, also give the "
-        "diagnosis recordings from before the change."
+        f"{listed([*gap.absorbed])}. To see what changed, diagnose with "
+        "recordings from before the change."
     )
     return replace(gap, advice=(*gap.advice, since))
 

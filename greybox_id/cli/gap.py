@@ -243,7 +243,7 @@ def gap(
     ),
     columns: str = COLUMNS,
     held_out: Sequence[str] = option(
-        "Held-out recording, on which it is measured how much of the gap closes; repeatable.", "RECORDING", type=FILE
+        "Held-out recording: measures how much of the gap closes; repeatable.", "RECORDING", type=FILE
     ),
     since: Sequence[str] = option(
         "Recordings from before a change: report only changes beyond the scatter between these recordings.",

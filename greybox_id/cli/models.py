@@ -155,7 +155,7 @@ def _show_effect(effect: Effect, applies_to: Sequence[str]) -> None:
     table.add_row("typical", f"{with_unit(plain(effect.typical), parameter.unit)}: a fit starts from this magnitude")
     table.add_row("group", effect.group)
     for other in effect.others:
-        table.add_row("also has", f"{other.name} = {with_unit(plain(float(other.array)), other.unit)}: {other.about}")
+        table.add_row("parameter", f"{other.name} = {with_unit(plain(float(other.array)), other.unit)}: {other.about}")
     table.add_row("models", ", ".join(applies_to) or "none")
     console().print(f"{effect.name}\n")
     console().print(table)

@@ -49,7 +49,7 @@ from .judging import (
 from .regimes import where
 
 DIFFERS = "its estimate differs between parts of the drive, which suggests that the equations have the wrong form"
-OF_READINGS = "it only adds noise to readings: there is nothing to add to a simulation"
+OF_READINGS = "it only adds noise to readings and does not change a simulation"
 
 
 @np.errstate(over="ignore", invalid="ignore")  # in a search simulations may diverge: what is not finite is refused

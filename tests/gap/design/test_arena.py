@@ -38,8 +38,8 @@ def test_an_outline_that_is_not_convex_keeps_paths_out_of_its_notch(tmp_path):
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        ("ring:3", "no arena"), ("disc:nan", "no arena"), ("disc:0", "no size"), ("straight:1e9x3", "no size"),
-        ("straight:120", "no arena"), ("nowhere.csv", "cannot be read"), ("disc:1.2.3", "no size"),
+        ("ring:3", "not an arena"), ("disc:nan", "not an arena"), ("disc:0", "no size"), ("straight:1e9x3", "no size"),
+        ("straight:120", "not an arena"), ("nowhere.csv", "cannot be read"), ("disc:1.2.3", "no size"),
     ],
 )  # fmt: skip
 def test_what_is_no_arena_is_a_sentence(words, told):
