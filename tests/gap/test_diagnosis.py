@@ -573,7 +573,7 @@ def test_rows_held_stale_are_found_and_counted():
     assert first.probability > 0.9
     assert first.interval[0] <= 0.06 <= first.interval[1]
     assert gap.applied == ()
-    assert "nothing to add to a simulation" in first.reason
+    assert "does not change a simulation" in first.reason
 
 
 @pytest.mark.slow
@@ -581,7 +581,7 @@ def test_jitter_of_the_sampling_instant_is_found_where_commands_jump():
     gap = diagnosed(lap({"timestamp_jitter": 0.003}))
     told(gap, "timestamp_jitter", 0.003, within=0.15)
     assert gap.applied == ()
-    assert "nothing to add to a simulation" in gap.ranking[0].reason
+    assert "does not change a simulation" in gap.ranking[0].reason
 
 
 @pytest.mark.slow
