@@ -119,7 +119,7 @@ def test_a_fit_that_was_interrupted_or_is_not_confirmed_has_no_intervals(laps, t
     assert told["stages"][0]["fallbacks"][0].startswith("other starting point 1: ")
     shown = greybox("fit", laps[0], *FIT, "--out", tmp_path)
     assert "95 % interval" in shown.out
-    assert "instead  other starting point 1" in shown.out
+    assert "tried    other starting point 1" in shown.out
     assert "±" not in shown.out.split("RMSE")[0].split("prior")[0]
 
 
