@@ -90,8 +90,8 @@ def _maps() -> tuple[str, ...]:
 
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
-FILE = click.Path()
-ABOVE_ZERO, FROM_ZERO = click.FloatRange(min=0, min_open=True), click.IntRange(min=0)
+FILE, PATH = click.Path(), click.Path(path_type=Path)
+ABOVE_ZERO, FROM_ZERO, FROM_ONE = click.FloatRange(min=0, min_open=True), click.IntRange(min=0), click.IntRange(min=1)
 
 
 @dataclass(frozen=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -11,18 +10,20 @@ from typing import Any
 import click
 
 from greybox_id.cli.commands import CommandGroup
-from greybox_id.cli.options import json_option
+from greybox_id.cli.options import JSON, PATH, command, option
 from greybox_id.cli.output import console, print_json, progress, show
 
 from ..driving.loop.protocol import ARMS as LEARNED_ARMS
 
 LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
-data_option = partial(
-    click.option, "--data", metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the recordings."
-)
-report_option = click.option(
-    "--report", metavar="PLACE", help="Report to write: a folder, for HTML and PDF, or a FILE.md, for one page."
-)
+REPORT: Any = option("Report to write: a folder, for HTML and PDF, or a FILE.md, for one page.", "PLACE")
+
+
+def _data(required: bool = True) -> Any:
+    return option("Folder of the recordings.", "FOLDER", type=PATH, required=required)
+
+
+DATA: Any = _data()
 
 
 @click.group(name="bench", cls=CommandGroup)
@@ -38,13 +39,14 @@ def bench() -> None:
 
 def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
     """A command for a bench whose module has `measure`: rows beside published ones, one page."""
+    recordings = _data(bool(folder))
 
-    @bench.command(name, help=f"{about}\n\n\b\ngreybox bench {name}{f' --data {folder}' if folder else ''} --quick")
-    @data_option(required=bool(folder))
-    @click.option("--quick", is_flag=True, help="Use fewer seeds, rows and targets; takes about a CPU minute.")
-    @report_option
-    @json_option
-    def command(data: Path | None, quick: bool, report: str | None, as_json: bool) -> None:
+    def measured(
+        data: Path | None = recordings,
+        quick: bool = option("Use fewer seeds, rows and targets; takes about a CPU minute."),
+        report: str | None = REPORT,
+        as_json: bool = JSON,
+    ) -> None:
         from ..papers.bench import on_screen, pages_of, write_pages
 
         pages = pages_of(report, name)
@@ -53,6 +55,9 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
             document = result.document()
             written = write_pages(document, pages, _command(name, data is not None, quick))
         _say(result.as_dict(), on_screen(document), data, None, written, as_json)
+
+    measured.__doc__ = f"{about}\n\n\b\ngreybox bench {name}{f' --data {folder}' if folder else ''} --quick"
+    command(name, of=bench)(measured)
 
 
 def _command(name: str, data: bool, quick: bool) -> str:
@@ -81,22 +86,16 @@ _on_others_ground(
 )
 
 
-@bench.command("msnn")
-@data_option(required=True)
-@click.option(
-    "--quick",
-    is_flag=True,
-    help="Use the stated strengths of the priors instead of cross-validated strengths; takes some CPU minutes.",
-)
-@click.option(
-    "--out",
-    default=None,
-    metavar="FILE",
-    help="A .json file, to which each result is also written as soon as it is known.",
-)
-@report_option
-@json_option
-def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, as_json: bool) -> None:
+@command("msnn", of=bench)
+def msnn_command(
+    data: Path = DATA,
+    quick: bool = option(
+        "Use the stated strengths of the priors instead of cross-validated strengths; takes some CPU minutes."
+    ),
+    out: str | None = option("A .json file, to which each result is also written as soon as it is known.", "FILE"),
+    report: str | None = REPORT,
+    as_json: bool = JSON,
+) -> None:
     """Reproduce Tables 1 to 3 of the paper on model-structured networks of a 1:10 car.
 
     FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Two protocols
@@ -120,34 +119,18 @@ def msnn_command(data: Path, quick: bool, out: str | None, report: str | None, a
     _say(known, [] if document is None else on_screen(document), data, kept.file, written, as_json)
 
 
-@bench.command("truck")
-@data_option(required=True)
-@click.option(
-    "--quick", is_flag=True, help="Train only the smallest networks, from one seed: a few CPU minutes, not hours."
-)
-@click.option("--curves", is_flag=True, help="Make only the learning curves and the pretrained networks.")
-@click.option(
-    "--seeds", type=click.IntRange(1, 100), default=5, show_default=True, help="Number of trainings of each network."
-)
-@click.option(
-    "--out", default=None, metavar="FILE", help="File that keeps finished trainings; the next run continues from them."
-)
-@click.option(
-    "--minutes",
-    type=click.FloatRange(min=0),
-    help=("Start no training after this many minutes; with --out the next run continues."),
-)
-@report_option
-@json_option
+@command("truck", of=bench)
 def truck_command(
-    data: Path,
-    quick: bool,
-    curves: bool,
-    seeds: int,
-    out: str | None,
-    minutes: float | None,
-    report: str | None,
-    as_json: bool,
+    data: Path = DATA,
+    quick: bool = option("Train only the smallest networks, from one seed: a few CPU minutes, not hours."),
+    curves: bool = option("Make only the learning curves and the pretrained networks."),
+    seeds: int = option("Number of trainings of each network.", type=click.IntRange(1, 100), default=5),
+    out: str | None = option("File that keeps finished trainings; the next run continues from them.", "FILE"),
+    minutes: float | None = option(
+        "Start no training after this many minutes; with --out the next run continues.", type=click.FloatRange(min=0)
+    ),
+    report: str | None = REPORT,
+    as_json: bool = JSON,
 ) -> None:
     """Tables II to IV of the transfer-learning paper: a truck's lateral dynamics over 10 s of free run.
 
@@ -170,57 +153,27 @@ def truck_command(
     _say(result, [] if document is None else on_screen(document), data, kept.file, written, as_json)
 
 
-@bench.command("loop")
-@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
-@click.option(
-    "--quick", is_flag=True, help="Run one case, one cycle and five drivers (arms): about two CPU minutes, not hours."
-)
-@click.option(
-    "--case",
-    "cases",
-    type=click.IntRange(0, 7),
-    multiple=True,
-    help="Number of a case of greybox loop demo; default: all cases.",
-)
-@click.option(
-    "--arm",
-    "arms",
-    type=click.Choice(LOOP_ARMS),
-    multiple=True,
-    help="A driver (arm) to compare; default: all of them.",
-)
-@click.option(
-    "--cycles",
-    type=click.IntRange(1, 3),
-    help=(
-        "Number of cycles of driving and learning; each allows a larger share of the grip. "
-        "Default: 3, or 1 with --quick."
-    ),
-)
-@click.option(
-    "--vehicles",
-    type=click.IntRange(1, 20),
-    default=1,
-    show_default=True,
-    help="Number of vehicles drawn for each case.",
-)
-@click.option(
-    "--seeds",
-    type=click.IntRange(1, 20),
-    default=1,
-    show_default=True,
-    help="Number of random seeds of learning for each vehicle.",
-)
-@json_option
+@command("loop", of=bench)
 def loop_command(
-    out: Path,
-    quick: bool,
-    cases: tuple[int, ...],
-    arms: tuple[str, ...],
-    cycles: int | None,
-    vehicles: int,
-    seeds: int,
-    as_json: bool,
+    out: Path = option("Folder of the results.", "FOLDER", required=True, type=PATH),
+    quick: bool = option("Run one case, one cycle and five drivers (arms): about two CPU minutes, not hours."),
+    cases: tuple[int, ...] = option(
+        "Number of a case of greybox loop demo; default: all cases.",
+        name="--case",
+        type=click.IntRange(0, 7),
+        multiple=True,
+    ),
+    arms: tuple[str, ...] = option(
+        "A driver (arm) to compare; default: all of them.", name="--arm", type=click.Choice(LOOP_ARMS), multiple=True
+    ),
+    cycles: int | None = option(
+        "Number of cycles of driving and learning; each allows a larger share of the grip. "
+        "Default: 3, or 1 with --quick.",
+        type=click.IntRange(1, 3),
+    ),
+    vehicles: int = option("Number of vehicles drawn for each case.", type=click.IntRange(1, 20), default=1),
+    seeds: int = option("Number of random seeds of learning for each vehicle.", type=click.IntRange(1, 20), default=1),
+    as_json: bool = JSON,
 ) -> None:
     """Compare black boxes with named effects: drivers that learn on networks, and drivers that learn on named effects,
     drive the same changed cars.

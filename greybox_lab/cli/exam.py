@@ -10,10 +10,11 @@ import click
 
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.commands import CommandGroup
-from greybox_id.cli.options import json_option
+from greybox_id.cli.options import ABOVE_ZERO, FROM_ONE, FROM_ZERO, JSON, PATH, argument, command, option
 from greybox_id.cli.output import console, print_json, progress
 from greybox_id.cli.terminal import tell
 
+JOBS: Any = option("Processes at a time.", type=FROM_ONE, default=1)
 DIAGNOSER = f"{__name__}:diagnose_case"
 """What sits the examination, unless another function is named."""
 COUNTS = {
@@ -34,6 +35,7 @@ ASKED = {
     "changed": ("data", "family"),
 }
 """Tier -> the options that say what its cases are to be."""
+TIERS = click.Choice(list(ASKED))
 
 
 @click.group(name="exam", cls=CommandGroup)
@@ -47,82 +49,45 @@ def exam() -> None:
     """
 
 
-@exam.command("make")
-@click.option(
-    "--out",
-    required=True,
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    help="New folder of the examination, or an unfinished one to continue.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(min=0),
-    default=0,
-    show_default=True,
-    help="Seed of the examination; the same seed makes the same cases.",
-)
-@click.option(
-    "--tier",
-    type=click.Choice(list(ASKED)),
-    default="clean",
-    show_default=True,
-    help="clean: exact vehicle files, nominal forms, white noise; workshop: tolerances, other forms, coloured noise, "
-    "outliers; foreign: vehicles of other simulators; many: three to six effects at once; rough: cars on springs "
-    "with rough files; injected: altered real recordings; changed: a real car that was changed (DART).",
-)
-@click.option(
-    "--cases", type=click.IntRange(min=0), help="Tiers clean and workshop: cases with withheld effects; default: 60."
-)
-@click.option(
-    "--nulls",
-    type=click.IntRange(min=0),
-    help=("Cases without effects; default: a sixth of the other cases; for the tier foreign 200."),
-)
-@click.option(
-    "--singles", type=click.IntRange(min=0), help="Cases with one effect; default: 70, for the tier rough 14."
-)
-@click.option(
-    "--data",
-    metavar="FOLDER",
-    type=click.Path(path_type=Path),
-    help="Folder of the real recordings, for tiers injected and changed.",
-)
-@click.option("--pairs", type=click.IntRange(min=0), help="Cases with two effects; default: 25, for the tier rough 6.")
-@click.option(
-    "--outside",
-    type=click.IntRange(min=0),
-    help=("Cases with an effect that the diagnosis has no name for; default: 30."),
-)
-@click.option(
-    "--many",
-    type=click.IntRange(min=0),
-    help=("Cases with three to six effects at once; default for the tier many: 60."),
-)
-@click.option(
-    "--family",
-    "families",
-    multiple=True,
-    metavar="NAME",
-    help="Source of the cases: for tier foreign a simulator (workshop is the virtual vehicle), for tier injected a "
-    "recording, for tier changed a case; or a set of sources (development, examination). Repeatable.",
-)
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
-@json_option
+@command("make", of=exam)
 def make_command(
-    out: Path,
-    seed: int,
-    tier: Any,
-    cases: int | None,
-    nulls: int | None,
-    singles: int | None,
-    data: Path | None,
-    pairs: int | None,
-    outside: int | None,
-    many: int | None,
-    families: tuple[str, ...],
-    jobs: int,
-    as_json: bool,
+    out: Path = option(
+        "New folder of the examination, or an unfinished one to continue.",
+        "FOLDER",
+        required=True,
+        type=PATH,
+    ),
+    seed: int = option("Seed of the examination; the same seed makes the same cases.", type=FROM_ZERO, default=0),
+    tier: Any = option(
+        "clean: exact vehicle files, nominal forms, white noise; workshop: tolerances, other forms, coloured noise, "
+        "outliers; foreign: vehicles of other simulators; many: three to six effects at once; rough: cars on springs "
+        "with rough files; injected: altered real recordings; changed: a real car that was changed (DART).",
+        type=TIERS,
+        default="clean",
+    ),
+    cases: int | None = option("Tiers clean and workshop: cases with withheld effects; default: 60.", type=FROM_ZERO),
+    nulls: int | None = option(
+        "Cases without effects; default: a sixth of the other cases; for the tier foreign 200.",
+        type=FROM_ZERO,
+    ),
+    singles: int | None = option("Cases with one effect; default: 70, for the tier rough 14.", type=FROM_ZERO),
+    data: Path | None = option("Folder of the real recordings, for tiers injected and changed.", "FOLDER", type=PATH),
+    pairs: int | None = option("Cases with two effects; default: 25, for the tier rough 6.", type=FROM_ZERO),
+    outside: int | None = option(
+        "Cases with an effect that the diagnosis has no name for; default: 30.", type=FROM_ZERO
+    ),
+    many: int | None = option(
+        "Cases with three to six effects at once; default for the tier many: 60.", type=FROM_ZERO
+    ),
+    families: tuple[str, ...] = option(
+        "Source of the cases: for tier foreign a simulator (workshop is the virtual vehicle), for tier injected a "
+        "recording, for tier changed a case; or a set of sources (development, examination). Repeatable.",
+        "NAME",
+        name="--family",
+        multiple=True,
+    ),
+    jobs: int = JOBS,
+    as_json: bool = JSON,
 ) -> None:
     """Generate the cases of an examination, and store their sealed answers in a separate folder. After an
     interruption the same command continues.
@@ -178,30 +143,22 @@ def make_command(
     console().print(f"sealed   {made.seal}")
 
 
-@exam.command("run")
-@click.argument("cases", metavar="CASES", type=click.Path(path_type=Path))
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
-@click.option(
-    "--timeout",
-    type=click.FloatRange(min=0, min_open=True),
-    default=120.0,
-    show_default=True,
-    metavar="SECONDS",
-    help="A case that takes longer counts as wrong.",
-)
-@click.option(
-    "--diagnoser",
-    default=DIAGNOSER,
-    metavar="MODULE:FUNCTION",
-    help="Diagnose with this command in place of greybox gap.",
-)
-@click.option("--sample", type=click.IntRange(min=1), help="Diagnose at most this many cases, drawn at random.")
-@click.option(
-    "--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed with which --sample draws."
-)
-@json_option
+@command("run", of=exam)
 def run_command(
-    cases: Path, jobs: int, timeout: float, diagnoser: str, sample: int | None, seed: int, as_json: bool
+    cases: Path = argument("CASES", type=PATH),
+    jobs: int = JOBS,
+    timeout: float = option(
+        "A case that takes longer counts as wrong.",
+        "SECONDS",
+        type=ABOVE_ZERO,
+        default=120.0,
+    ),
+    diagnoser: str = option(
+        "Diagnose with this command in place of greybox gap.", "MODULE:FUNCTION", default=DIAGNOSER, show_default=False
+    ),
+    sample: int | None = option("Diagnose at most this many cases, drawn at random.", type=FROM_ONE),
+    seed: int = option("Seed with which --sample draws.", type=FROM_ZERO, default=0),
+    as_json: bool = JSON,
 ) -> None:
     """Diagnose each of CASES as greybox gap does, in a process that cannot read the answers. After an interruption
     the same command continues.
@@ -227,16 +184,15 @@ def run_command(
     )
 
 
-@exam.command("score")
-@click.argument("folder", metavar="FOLDER", type=click.Path(path_type=Path))
-@click.option("--detail", is_flag=True, help="Print also the effects that were confused and every wrong case.")
-@click.option(
-    "--seal", "noted", default="", metavar="SUM", help=("Checksum of the seal, as printed when the cases were made.")
-)
-@click.option("--partial", is_flag=True, help="Score the cases diagnosed so far, as a sample; this score is not kept.")
-@click.option("--jobs", type=click.IntRange(min=1), default=1, show_default=True, help="Processes at a time.")
-@json_option
-def score_command(folder: Path, detail: bool, noted: str, partial: bool, jobs: int, as_json: bool) -> None:
+@command("score", of=exam)
+def score_command(
+    folder: Path = argument("FOLDER", type=PATH),
+    detail: bool = option("Print also the effects that were confused and every wrong case."),
+    noted: str = option("Checksum of the seal, as printed when the cases were made.", "SUM", name="--seal", default=""),
+    partial: bool = option("Score the cases diagnosed so far, as a sample; this score is not kept."),
+    jobs: int = JOBS,
+    as_json: bool = JSON,
+) -> None:
     """Open the answers in FOLDER and score the diagnoses. This is done once; the score is kept in FOLDER/score.json.
 
     \b

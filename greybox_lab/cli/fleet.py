@@ -6,12 +6,12 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import click
 
 from greybox_id.cli.commands import CommandGroup
-from greybox_id.cli.options import json_option
+from greybox_id.cli.options import FROM_ONE, JSON, PATH, argument, command, option
 from greybox_id.cli.output import console, print_json, tell_result
 from greybox_id.cli.terminal import tell
 from greybox_id.reports.text.screen import Screen
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 EVERY = 10.0
 """s between plain lines of progress."""
 
-results_argument = click.argument("results", metavar="RESULTS", type=click.Path(path_type=Path))
+RESULTS: Any = argument("RESULTS", type=PATH)
 
 
 @click.group(name="fleet", cls=CommandGroup)
@@ -37,53 +37,25 @@ def fleet() -> None:
     """
 
 
-@fleet.command("run")
-@click.argument("plan", metavar="FLEET.toml", type=click.Path(path_type=Path))
-@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the results.")
-@click.option(
-    "--engine",
-    type=click.Choice(["local", "dask"]),
-    default="local",
-    show_default=True,
-    help="local: processes of this machine; dask: workers of Dask.",
-)
-@click.option("--scheduler", metavar="ADDRESS", help="With dask: address of the scheduler, as in tcp://host:8786.")
-@click.option(
-    "--jobs",
-    type=click.IntRange(min=1),
-    default=1,
-    show_default=True,
-    help="Number of parallel recordings on this machine.",
-)
-@click.option(
-    "--only",
-    type=click.Choice(["all", "changed"]),
-    default="all",
-    show_default=True,
-    help="'changed' skips files whose size and date are unchanged, without reading them.",
-)
-@click.option("--retry-failed", is_flag=True, help="Process again the recordings that failed or reached a limit.")
-@click.option(
-    "--compact", is_flag=True, help="Write each table as one file, without results of recordings that have changed."
-)
-@click.option(
-    "--second-pass",
-    "refit",
-    is_flag=True,
-    help="After the first pass, fit poorly excited recordings again, with the fleet's distribution as prior.",
-)
-@json_option
+@command("run", of=fleet)
 def run_command(
-    plan: Path,
-    out: Path,
-    engine: Literal["local", "dask"],
-    scheduler: str | None,
-    jobs: int,
-    only: Literal["all", "changed"],
-    retry_failed: bool,
-    compact: bool,
-    refit: bool,
-    as_json: bool,
+    plan: Path = argument("FLEET.toml", type=PATH),
+    out: Path = option("Folder of the results.", "FOLDER", required=True, type=PATH),
+    engine: Literal["local", "dask"] = option(
+        "local: processes of this machine; dask: workers of Dask.", default="local"
+    ),
+    scheduler: str | None = option("With dask: address of the scheduler, as in tcp://host:8786.", "ADDRESS"),
+    jobs: int = option("Number of parallel recordings on this machine.", type=FROM_ONE, default=1),
+    only: Literal["all", "changed"] = option(
+        "'changed' skips files whose size and date are unchanged, without reading them.", default="all"
+    ),
+    retry_failed: bool = option("Process again the recordings that failed or reached a limit."),
+    compact: bool = option("Write each table as one file, without results of recordings that have changed."),
+    refit: bool = option(
+        "After the first pass, fit poorly excited recordings again, with the fleet's distribution as prior.",
+        name="--second-pass",
+    ),
+    as_json: bool = JSON,
 ) -> None:
     """Process every recording of FLEET.toml that is not done. After an interruption the same command continues.
 
@@ -104,10 +76,11 @@ def run_command(
     tell_result(result, as_json)
 
 
-@fleet.command("status")
-@results_argument
-@json_option
-def status_command(results: Path, as_json: bool) -> None:
+@command("status", of=fleet)
+def status_command(
+    results: Path = RESULTS,
+    as_json: bool = JSON,
+) -> None:
     """Report how many recordings of a fleet are processed, and with which results.
 
     \b
@@ -118,10 +91,11 @@ def status_command(results: Path, as_json: bool) -> None:
     tell_result(status(results), as_json)
 
 
-@fleet.command("estimate")
-@results_argument
-@json_option
-def estimate_command(results: Path, as_json: bool) -> None:
+@command("estimate", of=fleet)
+def estimate_command(
+    results: Path = RESULTS,
+    as_json: bool = JSON,
+) -> None:
     """Estimate population, vehicles and drift from RESULTS; no recording is read.
 
     \b
@@ -132,17 +106,14 @@ def estimate_command(results: Path, as_json: bool) -> None:
     tell_result(estimate(results), as_json)
 
 
-@fleet.command("report")
-@results_argument
-@click.option(
-    "--out", metavar="FILE", type=click.Path(path_type=Path), help="Report to write; default: RESULTS/report.html."
-)
-@click.option(
-    "--format", "kind", type=click.Choice(["html"]), default="html", show_default=True, help="Format of the report."
-)
-@click.option("--vehicle", metavar="NAME", help="Report on this vehicle alone.")
-@json_option
-def report_command(results: Path, out: Path | None, kind: str, vehicle: str | None, as_json: bool) -> None:
+@command("report", of=fleet)
+def report_command(
+    results: Path = RESULTS,
+    out: Path | None = option("Report to write; default: RESULTS/report.html.", "FILE", type=PATH),
+    kind: str = option("Format of the report.", name="--format", type=click.Choice(["html"]), default="html"),
+    vehicle: str | None = option("Report on this vehicle alone.", "NAME"),
+    as_json: bool = JSON,
+) -> None:
     """Write a report of RESULTS as one HTML page: the population; which vehicles deviate from it, since when and in
     which parameter; which recordings failed.
 

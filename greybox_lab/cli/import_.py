@@ -12,7 +12,7 @@ from greybox_id.base.guard import claim
 from greybox_id.base.numbers import counted, number, pretty_unit
 from greybox_id.base.signals import unit_of
 from greybox_id.cli.defaults import command_line
-from greybox_id.cli.options import json_option
+from greybox_id.cli.options import FILE, JSON, argument, command, option
 from greybox_id.cli.output import console, print_json
 from greybox_id.fitting.fit import Fit
 from greybox_id.models.vehicle import as_plain, write_vehicle
@@ -21,28 +21,23 @@ from ..nnodely import Imported, ImportedVehicle, import_network, import_vehicle
 from ..nnodely.vehicles import SUFFIXES
 
 
-@click.command(name="import")
-@click.argument("network", metavar="NETWORK", type=click.Path())
-@click.option(
-    "--inputs",
-    default="",
-    metavar="SIGNAL=INPUT,...",
-    help="Which signal each input of the file is, if their names do not show it.",
-)
-@click.option(
-    "--sample-time",
-    type=click.FloatRange(min=1e-4, max=10.0),
-    metavar="SECONDS",
-    help="Sample time of the network's training; default: that of the file.",
-)
-@click.option(
-    "--out",
-    default=None,
-    metavar="FILE",
-    help="A .json file for a network, by default fit.json in a folder of the model's name; a .toml file for a vehicle.",
-)
-@json_option
-def import_(network: str, inputs: str, sample_time: float | None, out: str | None, as_json: bool) -> None:
+@command("import")
+def import_(
+    network: str = argument("NETWORK", type=FILE),
+    inputs: str = option(
+        "Which signal each input of the file is, if their names do not show it.", "SIGNAL=INPUT,...", default=""
+    ),
+    sample_time: float | None = option(
+        "Sample time of the network's training; default: that of the file.",
+        "SECONDS",
+        type=click.FloatRange(min=1e-4, max=10.0),
+    ),
+    out: str | None = option(
+        "A .json file for a network, by default fit.json in a folder of the model's name; a .toml file for a vehicle.",
+        "FILE",
+    ),
+    as_json: bool = JSON,
+) -> None:
     """Import NETWORK, an MS-NN saved by nnodely (saveModel), as a fit; or parameters of another tool as a vehicle file.
 
     Such parameters are a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or of CommonRoad.

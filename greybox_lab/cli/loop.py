@@ -5,12 +5,13 @@ from __future__ import annotations
 import asyncio
 import sys
 from pathlib import Path
+from typing import Any
 
 import click
 
 from greybox_id.base.errors import BadInput
 from greybox_id.cli.commands import CommandGroup
-from greybox_id.cli.options import json_option
+from greybox_id.cli.options import FILE, JSON, PATH, argument, command, option
 from greybox_id.cli.output import console, print_json, progress, tell_result
 
 from ..driving.loop.protocol import ARMS
@@ -25,34 +26,29 @@ def loop() -> None:
     """
 
 
-arm_option = click.option(
-    "--arm",
-    type=click.Choice(list(ARMS)),
+SEED: Any = option("Seed of all random numbers.", type=click.IntRange(0, 10**6), default=0)
+ARM: Any = option(
+    "How the model on which the driver learns is identified from the recorded rows; docs/loop.md explains each way.",
+    type=click.Choice(ARMS),
     default="named",
-    show_default=True,
-    help="How the model on which the driver learns is identified from the recorded rows; docs/loop.md explains each "
-    "way.",
 )
 
 
-@loop.command("demo")
-@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the demo.")
-@click.option("--quick", is_flag=True, help="Use fewer rows and steps; takes some minutes.")
-@click.option(
-    "--case",
-    type=click.IntRange(0, 7),
-    default=0,
-    show_default=True,
-    help="Number of the case: effects of the car that its file does not state. "
-    "In cases 6 and 7, greybox gap cannot name them.",
-)
-@arm_option
-@click.option(
-    "--cycles", type=click.IntRange(1, 20), default=3, show_default=True, help="Number of cycles of the loop."
-)
-@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Seed of all random numbers.")
-@json_option
-def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed: int, as_json: bool) -> None:
+@command("demo", of=loop)
+def demo_command(
+    out: Path = option("Folder of the demo.", "FOLDER", required=True, type=PATH),
+    quick: bool = option("Use fewer rows and steps; takes some minutes."),
+    case: int = option(
+        "Number of the case: effects of the car that its file does not state. "
+        "In cases 6 and 7, greybox gap cannot name them.",
+        type=click.IntRange(0, 7),
+        default=0,
+    ),
+    arm: str = ARM,
+    cycles: int = option("Number of cycles of the loop.", type=click.IntRange(1, 20), default=3),
+    seed: int = SEED,
+    as_json: bool = JSON,
+) -> None:
     """Close the loop on a simulated car. After an interruption the same command continues.
 
     \b
@@ -66,39 +62,19 @@ def demo_command(out: Path, quick: bool, case: int, arm: str, cycles: int, seed:
     tell_result(result, as_json)
 
 
-@loop.command("agent")
-@click.argument("server", metavar="SERVER")
-@click.option(
-    "--token-file", required=True, metavar="FILE", type=click.Path(), help="File of the token that signs requests."
-)
-@click.option("--out", required=True, metavar="FOLDER", type=click.Path(path_type=Path), help="Folder of the agent.")
-@click.option(
-    "--session", default="car", show_default=True, help="Name of the session at the server: letters, digits and dashes."
-)
-@click.option(
-    "--case",
-    type=click.IntRange(0, 7),
-    default=0,
-    show_default=True,
-    help="Number of the case, as in greybox loop demo.",
-)
-@arm_option
-@click.option(
-    "--trainings", type=click.IntRange(1, 20), default=2, show_default=True, help="Number of policies to learn."
-)
-@click.option(
-    "--steps",
-    type=click.IntRange(1, 10_000_000),
-    default=150_000,
-    show_default=True,
-    help="Number of steps of a training.",
-)
-@click.option("--seed", type=click.IntRange(0, 10**6), default=0, show_default=True, help="Seed of all random numbers.")
-@json_option
+@command("agent", of=loop)
 def agent_command(
-    server: str, token_file: str, out: Path, session: str, case: int, arm: str, trainings: int, steps: int, seed: int,
-    as_json: bool,
-) -> None:  # fmt: skip
+    server: str = argument("SERVER"),
+    token_file: str = option("File of the token that signs requests.", "FILE", required=True, type=FILE),
+    out: Path = option("Folder of the agent.", "FOLDER", required=True, type=PATH),
+    session: str = option("Name of the session at the server: letters, digits and dashes.", default="car"),
+    case: int = option("Number of the case, as in greybox loop demo.", type=click.IntRange(0, 7), default=0),
+    arm: str = ARM,
+    trainings: int = option("Number of policies to learn.", type=click.IntRange(1, 20), default=2),
+    steps: int = option("Number of steps of a training.", type=click.IntRange(1, 10_000_000), default=150_000),
+    seed: int = SEED,
+    as_json: bool = JSON,
+) -> None:
     """Drive a simulated car, send its rows to SERVER, and drive with the policies that SERVER learns.
 
     SERVER is the address that `greybox serve` prints. After an interruption the same command continues.
@@ -117,19 +93,14 @@ def agent_command(
     tell_result(result, as_json)
 
 
-@click.command(name="serve")
-@click.option(
-    "--token-file",
-    metavar="FILE",
-    type=click.Path(),
-    help="File of the token that signs requests: 16 characters or more.",
-)
-@click.option("--host", default="127.0.0.1", show_default=True, help="Address to listen at.")
-@click.option("--port", type=click.IntRange(0, 65535), default=8787, show_default=True, help="Port; 0: any free port.")
-@click.option("--out", metavar="FOLDER", type=click.Path(path_type=Path), default=Path("greybox_serve"),
-              show_default=True, help="Folder of its state.")  # fmt: skip
-@json_option
-def serve(token_file: str | None, host: str, port: int, out: Path, as_json: bool) -> None:
+@command("serve")
+def serve(
+    token_file: str | None = option("File of the token that signs requests: 16 characters or more.", "FILE", type=FILE),
+    host: str = option("Address to listen at.", default="127.0.0.1"),
+    port: int = option("Port; 0: any free port.", type=click.IntRange(0, 65535), default=8787),
+    out: Path = option("Folder of its state.", "FOLDER", type=PATH, default=Path("greybox_serve")),
+    as_json: bool = JSON,
+) -> None:
     """Serve until stopped. The first line printed is the address.
 
     \b
