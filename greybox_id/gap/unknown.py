@@ -187,8 +187,8 @@ def left_where_it_acts(search: Search, best: Hypothesis, seen: Mapping[str, Arra
     """
     gained, expected = left_gain(search, best, seen)
     result = {}
-    for candidate, at in best.parts:
-        here = acts_on(search, best, at.start)
+    for k, candidate in enumerate(best.candidates):
+        here = acts_on(search, best, k)
         over, usual = float(np.sum((gained - expected)[here])), float(np.sum(expected[here]))
         result[candidate.effect] = over if over > CAL.surely * np.sqrt(usual) else 0.0
     return result

@@ -7,8 +7,8 @@ G = 9.81
 SENSOR_EFFECTS = {
     "yaw_rate_bias": 0.0, "yaw_rate_scale": 1.0, "accel_bias_x": 0.0, "accel_bias_y": 0.0, "imu_mount_pitch": 0.0,
     "imu_mount_roll": 0.0, "imu_mount_yaw": 0.0, "imu_lever_arm": 0.0, "velocity_lever_arm": 0.0,
-    "wheel_speed_scale": 1.0, "sensor_latency_yaw": 0.0, "sensor_latency_vx": 0.0, "sensor_latency_imu": 0.0,
-    "timestamp_jitter": 0.0, "dropped_samples": 0.0,
+    "velocity_mount_yaw": 0.0, "wheel_speed_scale": 1.0, "sensor_latency_yaw": 0.0, "sensor_latency_vx": 0.0,
+    "sensor_latency_imu": 0.0, "timestamp_jitter": 0.0, "dropped_samples": 0.0,
 }  # fmt: skip
 
 
@@ -31,9 +31,11 @@ def readings(true, when, effects, h_cg, rng):
     a_y = true("a_y", at) + x * true("yaw_acceleration", at)
     a_y = a_y + G * true("roll", at) - h_cg * true("roll_acceleration", at)
     c, s = np.cos(effects["imu_mount_yaw"]), np.sin(effects["imu_mount_yaw"])  # the sensor is turned to the left
+    late, turned = when["v_y"], effects["velocity_mount_yaw"]
     read = {
         "v_x": effects["wheel_speed_scale"] * true("v_x", when["v_x"]),
-        "v_y": true("v_y", when["v_y"]) + effects["velocity_lever_arm"] * true("yaw_rate", when["v_y"]),
+        "v_y": np.cos(turned) * (true("v_y", late) + effects["velocity_lever_arm"] * true("yaw_rate", late))
+        - np.sin(turned) * true("v_x", late),
         "yaw_rate": effects["yaw_rate_scale"] * true("yaw_rate", when["yaw_rate"]) + effects["yaw_rate_bias"],
         "a_x": c * a_x + s * a_y - G * np.sin(effects["imu_mount_pitch"]) + effects["accel_bias_x"],
         "a_y": c * a_y - s * a_x + G * np.sin(effects["imu_mount_roll"]) + effects["accel_bias_y"],

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
+from ...models.effects import sensors, timing
 from ...models.memory_model import MemoryModel
 from ...models.parameter import Parameter
 from .calibration import CAL
@@ -129,6 +130,7 @@ class Candidate:
     gradual : whether what a small magnitude does tells what a larger one will.
     part : where it acts; None: everywhere.
     never_beside : effects that are other forms of it.
+    reads : outputs that it acts on, where it changes only what sensors read; empty: it acts on the motion.
     """
 
     effect: str
@@ -137,6 +139,7 @@ class Candidate:
     gradual: bool = True
     part: ActingRows | None = None
     never_beside: frozenset[str] = frozenset()
+    reads: frozenset[str] = frozenset()
 
     @property
     def held(self) -> tuple[float, ...]:
@@ -188,7 +191,7 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
         seconds = [_second(*places[other.name]) for other in effect.others]
         gradual = effect.gradual and not main.shift
         if gradual and not seconds:
-            result.append(Candidate(name, (main,)))
+            result.append(Candidate(name, (main,), reads=_reads(effect, model)))
             continue
         if any(second.unit == "rad" for second in seconds):  # with a direction, the magnitude has no sign
             main = replace(main, low=max(main.low, 0.0))
@@ -199,8 +202,20 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
             firsts = [main.null + f * (typical - main.null) for f in (CAL.delay_starts if main.shift else CAL.starts)]
         for form in product(*(_forms(second) for second in seconds)):
             starts = tuple(product([f for f in firsts if main.low <= f <= main.high], *(_ways(item) for item in form)))
-            result.append(Candidate(name, (main, *form), starts, gradual, never_beside=frozenset(effect.instead_of)))
+            result.append(
+                Candidate(
+                    name, (main, *form), starts, gradual,
+                    never_beside=frozenset(effect.instead_of), reads=_reads(effect, model),
+                )
+            )  # fmt: skip
     return tuple(result)
+
+
+def _reads(effect: Effect, model: Diagnosed) -> frozenset[str]:
+    """Outputs that an effect of a sensor acts on; none where the motion takes one of these signals as an input."""
+    touched = {*effect.touches}
+    only_read = effect.group in (sensors.GROUP, timing.GROUP) and touched.isdisjoint(model.inputs)
+    return frozenset(touched & {*model.outputs}) if only_read else frozenset()
 
 
 def shifting(model: Diagnosed) -> frozenset[str]:

@@ -132,14 +132,20 @@ def spreads(search: Search, hypothesis: Hypothesis, orders: Mapping[str, Array],
         return []
     informs = np.sum(alone.itself**2, axis=1)
     cuts = {place: np.eye(CAL.parts)[_thirds(values, informs)] for place, values in orders.items()}
-    here = acts_on(search, hypothesis, at)  # what a sensor does is not for other channels' errors to judge
+    here = acts_on(search, hypothesis, effect)  # what a sensor does is not for other channels' errors to judge
     cuts[BETWEEN_CHANNELS] = np.eye(len(here))[:, here]
     return _spreads(alone, hypothesis, cuts, at)
 
 
-def acts_on(search: Search, hypothesis: Hypothesis, at: int) -> NDArray[np.bool_]:
-    """(channels,) whether one coordinate of a hypothesis acts on a channel, beside what it does to all of them."""
-    does = np.sum((hypothesis.J[:, :, at] / search.colour.stationary_sd) ** 2, axis=0)
+def acts_on(search: Search, hypothesis: Hypothesis, effect: int) -> NDArray[np.bool_]:
+    """(channels,) whether one of a hypothesis' effects acts on a channel, beside what it does to all of them.
+
+    What changes a sensor acts on other channels through starts that follow its readings, which is no effect of it.
+    """
+    candidate, at = hypothesis.parts[effect]
+    if candidate.reads:
+        return np.array([channel in candidate.reads for channel in search.bench.channels])
+    does = np.sum((hypothesis.J[:, :, at.start] / search.colour.stationary_sd) ** 2, axis=0)
     return np.asarray(does > CAL.acts**2 * np.sum(does))
 
 

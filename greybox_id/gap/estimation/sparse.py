@@ -145,8 +145,22 @@ class Sets:
         return self._both(on)[0]
 
     def cost(self, on: Mask) -> float:
-        """Half of the squares that a set leaves with beliefs, everything else where it is best."""
-        return self.left - self._both(on)[1]
+        """Half of the squares that a set leaves with beliefs, everything else where it is best within its bounds."""
+        fit = self._both(on)[1]
+        if fit == NEVER and not self._excluded(on):
+            fit = self._within_bounds(on)
+        return self.left - fit
+
+    def _within_bounds(self, on: Mask) -> float:
+        """By how much a set lowers half of the squares where no coordinate is beyond its bounds."""
+        H, free = self.S + np.diag(self._precision(on)), np.ones(len(self.b), dtype=bool)
+        low, high = np.minimum(self.low - self.mean, 0.0), np.maximum(self.high - self.mean, 0.0)
+        off = least_within(H, self.b, low, high, free)
+        fit = -float(self.b @ off + 0.5 * off @ H @ off)
+        return fit if 0.0 <= fit <= self.left else NEVER  # of columns of what spins rounding is left
+
+    def _excluded(self, on: Mask) -> bool:
+        return any(on[a] and on[b] for a, b in self.never)
 
     def _both(self, on: Mask) -> tuple[float, float]:
         key = on.tobytes()
@@ -155,7 +169,7 @@ class Sets:
         return self._known[key]
 
     def _scored(self, on: Mask) -> tuple[float, float]:
-        if any(on[a] and on[b] for a, b in self.never):
+        if self._excluded(on):
             return NEVER, NEVER
         prec = self._precision(on)
         by = 1 / np.sqrt(prec)

@@ -7,7 +7,7 @@ import casadi as cs
 from ..model import Namespace, Symbol
 from ..motion_model import MotionModel, Quantities
 from ..single_track import G
-from .stating import effect, reading
+from .stating import effect, reading, speed
 
 GROUP = "sensors"
 
@@ -75,6 +75,13 @@ velocity_lever_arm = reading(
     typical=0.5, needs=("yaw_rate",), v_y=lambda read, q: read.v_y + q.x.yaw_rate * q.p.velocity_lever_arm,
 )  # fmt: skip
 
+# by name only: on recordings with v_y, tyres that are not alike on both sides look like it
+velocity_mount_yaw = reading(
+    GROUP, "velocity_mount_yaw", "rad", 0.0, (-0.3, 0.3), "angle by which the sensor of v_y is turned to the left",
+    typical=0.02, needs=("v_x",), by_name=True,
+    v_y=lambda read, q: cs.cos(q.p.velocity_mount_yaw) * read.v_y - cs.sin(q.p.velocity_mount_yaw) * speed(q),
+)  # fmt: skip
+
 wheel_speed_scale = effect(
     GROUP, "wheel_speed_scale", "1", 1.0, (0.5, 2.0), "gain of the speed reading, as from a wrong wheel radius",
     touches=("v_x",), apply=_wheel_speed, typical=1.05,
@@ -82,5 +89,5 @@ wheel_speed_scale = effect(
 
 ALL = (
     yaw_rate_bias, yaw_rate_scale, accel_bias_x, accel_bias_y, imu_mount_pitch, imu_mount_roll, imu_mount_yaw,
-    imu_lever_arm, velocity_lever_arm, wheel_speed_scale,
+    imu_lever_arm, velocity_lever_arm, velocity_mount_yaw, wheel_speed_scale,
 )  # fmt: skip

@@ -114,13 +114,14 @@ def reading(
     *,
     typical: float,
     needs: tuple[str, ...] = (),
+    by_name: bool = False,
     **changes: Callable[[Namespace, Quantities], Symbol],
 ) -> Effect:
     """An effect on what sensors read: output=(readings so far, q) -> what is read instead.
 
     Parameters
     ----------
-    group, name, typical, needs : as of `Effect`.
+    group, name, typical, needs, by_name : as of `Effect`.
     unit, null, bounds, about : of its magnitude.
     changes : those of the model's outputs act, the others do nothing.
     """
@@ -134,5 +135,6 @@ def reading(
         return model.sensed(sensor)
 
     return effect(
-        group, name, unit, null, bounds, about, touches=tuple(changes), apply=apply, typical=typical, needs=needs
+        group, name, unit, null, bounds, about, touches=tuple(changes), apply=apply, typical=typical, needs=needs,
+        by_name=by_name,
     )  # fmt: skip

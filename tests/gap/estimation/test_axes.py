@@ -80,6 +80,15 @@ def test_effects_that_a_derivative_tells_all_about_need_no_starts():
     assert all(own[name].starts and not own[name].gradual for name in abrupt)
 
 
+def test_effects_of_sensors_say_which_outputs_they_change():
+    by = {name: cause.reads for name, cause in found()[1].items()}
+    assert by["yaw_rate_bias"] == by["sensor_latency_yaw"] == {"yaw_rate"}
+    assert by["sensor_latency_imu"] == {"yaw_rate", "a_x", "a_y"}
+    assert by["grip_scale"] == by["steering_delay"] == frozenset()
+    assert found()[1]["wheel_speed_scale"].reads == {"v_x"}
+    assert found("lateral")[1]["wheel_speed_scale"].reads == frozenset()  # there the motion takes that speed
+
+
 def test_delays_and_latencies_are_what_moves_instants():
     everything, own, _ = found()
     late = {"steering_delay", "sensor_latency_yaw", "sensor_latency_vx", "sensor_latency_imu"}

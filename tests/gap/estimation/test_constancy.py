@@ -1,5 +1,7 @@
 """A true cause has one magnitude everywhere; one that grows along a recording is seen to."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from gap_cases import GivenBench, axis, candidate, search_on
@@ -82,6 +84,21 @@ def test_a_channel_that_an_effect_hardly_acts_on_does_not_judge_it():
     _, channels = spreads(search, fitted, {"time": np.arange(ROWS)})
     assert channels.parts == pytest.approx((1.0,), abs=0.2)
     assert channels.relative == 0.0
+
+
+def test_what_changes_a_sensor_is_judged_by_its_own_readings_alone():
+    """Through starts that follow a sensor, it acts on other channels, too."""
+    rng = np.random.default_rng(4)
+    X = rng.standard_normal((ROWS, 2, 1)) * [[1.0], [0.1]]
+    measured = X[:, :, 0] * [1.0, 4.0] + SD * rng.standard_normal((ROWS, 2))
+    search = search_on(GivenBench(lambda p: X @ p, measured, 1, channels=("v_y", "yaw_rate")), SD)
+    base = search.at_means()
+    motion = candidate(0)
+    for cause, count in ((motion, 2), (replace(motion, reads=frozenset({"v_y"})), 1)):
+        (fitted,) = refit(search, [Start((cause,), np.zeros(1), base.theta, base.linear)])
+        _, channels = spreads(search, fitted, {"time": np.arange(ROWS)})
+        assert len(channels.parts) == count
+        assert (channels.p_value < 1e-12) == (count == 2)
 
 
 def test_a_part_that_says_nothing_has_no_magnitude():

@@ -137,6 +137,19 @@ def test_a_magnitude_beyond_its_bound_is_told():
     assert not np.any(sets.beyond(switched(of=2)))
 
 
+def test_what_a_set_costs_counts_another_magnitude_at_its_bound():
+    """Without the first, the second would be below zero: it is held there, and the difference is finite."""
+    A, r = drawn([1.0, 0.3])
+    A[:, 3] = A[:, 2] + 0.3 * A[:, 3]
+    r = A @ -np.array([0.1, 0.1, 1.0, -0.4]) + np.random.default_rng(1).standard_normal(300)
+    sets = sets_of(linear(A, r, 2, low=0.0), 2)
+    both, first, second = (switched(*names, of=2) for names in ((0, 1), (0,), (1,)))
+    assert list(sets.beyond(both)) == [False, True]
+    assert sets.score(both) == -np.inf
+    assert sets.cost(both) == pytest.approx(sets.cost(first), abs=0.1)  # the second at its bound, but for its belief
+    assert sets.cost(first) < sets.cost(second) - 10.0
+
+
 def test_evidence_switches_off_what_a_recording_does_not_want():
     truth = np.zeros(12)
     truth[[3, 8]] = [0.8, -0.6]

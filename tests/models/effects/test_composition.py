@@ -14,7 +14,7 @@ from greybox_id.models.single_track import single_track
 CHAIN = {"steering_backlash", "steering_rate_limit", "steering_lag", "steering_bandwidth", "steering_delay"}
 READINGS = {
     "yaw_rate_bias", "yaw_rate_scale", "accel_bias_x", "accel_bias_y", "imu_mount_pitch", "imu_mount_roll",
-    "imu_mount_yaw", "imu_lever_arm", "velocity_lever_arm", "wheel_speed_scale", "roll_dynamics",
+    "imu_mount_yaw", "imu_lever_arm", "velocity_lever_arm", "velocity_mount_yaw", "wheel_speed_scale", "roll_dynamics",
 }  # fmt: skip
 LOADS = {"downforce", "longitudinal_load_transfer"}
 COMMAND = {"steering_offset", "steering_ratio", "sensor_quantisation", "steering_compliance"}

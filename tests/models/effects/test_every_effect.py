@@ -28,9 +28,9 @@ TABLE = {
     "road_bank": (0, "rad"), "wind_gust": (0, "m/s"), "downforce": (0, "N s^2/m^2"), "yaw_rate_bias": (0, "rad/s"),
     "yaw_rate_scale": (1, "1"), "accel_bias_x": (0, "m/s^2"), "accel_bias_y": (0, "m/s^2"),
     "imu_mount_pitch": (0, "rad"), "imu_mount_roll": (0, "rad"), "imu_mount_yaw": (0, "rad"),
-    "imu_lever_arm": (0, "m"), "velocity_lever_arm": (0, "m"), "wheel_speed_scale": (1, "1"),
-    "sensor_latency_yaw": (0, "s"), "sensor_latency_vx": (0, "s"), "sensor_latency_imu": (0, "s"),
-    "timestamp_jitter": (0, "s"), "dropped_samples": (0, "1"),
+    "imu_lever_arm": (0, "m"), "velocity_lever_arm": (0, "m"), "velocity_mount_yaw": (0, "rad"),
+    "wheel_speed_scale": (1, "1"), "sensor_latency_yaw": (0, "s"), "sensor_latency_vx": (0, "s"),
+    "sensor_latency_imu": (0, "s"), "timestamp_jitter": (0, "s"), "dropped_samples": (0, "1"),
 }  # fmt: skip
 """Null value and unit, as specified."""
 
@@ -96,8 +96,13 @@ def test_effects_are_those_specified_and_say_what_they_mean():
         low, high = effect.parameter.bounds
         assert low <= effect.typical <= high
         assert effect.typical != effect.parameter.array
-        assert not effect.by_name or effect.group == "steering"
         assert all(own.fixed and own.about and own.name.startswith(name.split("_")[0]) for own in effect.others)
+
+
+def test_a_diagnosis_tries_what_looks_like_another_effect_only_where_it_is_named():
+    assert {name for name, effect in EFFECTS.items() if effect.by_name} == {
+        "steering_jerk_limit", "sensor_quantisation", "steering_compliance", "velocity_mount_yaw",
+    }  # fmt: skip
 
 
 def test_effects_concern_the_models_on_which_they_make_sense():

@@ -37,6 +37,8 @@ def test_a_sensor_forward_of_the_centre_of_gravity_reads_the_motion_there():
     forward = readings(("imu_lever_arm", 0.5), ("velocity_lever_arm", 0.8))
     assert forward["a_x"] == pytest.approx(BARE["a_x"] - 0.3**2 * 0.5)
     assert forward["v_y"] == pytest.approx(BARE["v_y"] + 0.3 * 0.8)
+    both = readings(("velocity_lever_arm", 0.8), ("velocity_mount_yaw", 0.1))  # the motion there, along turned axes
+    assert both["v_y"] == pytest.approx(np.cos(0.1) * forward["v_y"] - np.sin(0.1) * BARE["v_x"])
     double = readings(("imu_lever_arm", 1.0))
     assert double["a_y"] - BARE["a_y"] == pytest.approx(2 * (forward["a_y"] - BARE["a_y"]))
 
