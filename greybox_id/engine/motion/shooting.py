@@ -31,8 +31,8 @@ from .unknowns import Unknowns, lay_out_unknowns
 
 LANES = 16
 """A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
-LANE = 4000
-"""Segments of a lane of a recording of hours: what `LANES` of them are linearised in takes some 20 MB."""
+LANE = 2000
+"""Segments of a lane of a recording of hours: what `LANES` of them are linearised in takes some 10 MB."""
 MOST_SEGMENTS = 600_000
 """Segments that one call simulates where many points are simulated at once: some 50 MB of them."""
 Starts = Literal["free", "measured"]
