@@ -187,9 +187,8 @@ def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Se
     if gap.applied or not gap.absorbed or not of_a_fit:
         return gap
     since = (
-        "If these effects were present, uncertain parameters of the fit would absorb them: "
-        f"{listed([*gap.absorbed])}. To see what changed, diagnose with "
-        "recordings from before the change."
+        f"Uncertain parameters of the fit would absorb {listed([*gap.absorbed])}, so these cannot be detected here. To "
+        "see what changed, diagnose with recordings from before the change."
     )
     return replace(gap, advice=(*gap.advice, since))
 

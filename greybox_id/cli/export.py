@@ -46,7 +46,7 @@ def export(
 ) -> None:
     """Write FIT, or a model made from options, as code or parameter files for other tools.
 
-    If FIT is the file of a policy, it is written as C or ONNX.
+    FIT may be the file of a driver (policy) that greybox loop or greybox race has trained: it is written as C or ONNX.
 
     \b
     greybox export run/fit.json --target c --out car
@@ -80,7 +80,7 @@ def export(
         print_json(result.to_json())
     else:
         about = TARGETS if exporter is None else exporter.targets
-        console().print(f"{result.model} for {target}: {about[target]}")
+        console().print(f"{result.model} exported for {target}, {about[target]}")
         for file in result:
             console().print(f"written  {file}")
     end_by(getattr(model, "verdict", None))

@@ -52,7 +52,7 @@ def fit(
     robust: float | None = option(
         "Residuals beyond K standard deviations count linearly, not squared.", "K", type=ABOVE_ZERO
     ),
-    noise: Sequence[str] = option("Standard deviation of an output's readings.", "NAME=SD"),
+    noise: Sequence[str] = option("Standard deviation of the noise of an output's readings.", "NAME=SD"),
     early_stopping: bool = option(
         "Stop when the error on the validation recording is smallest, as in the paper that introduced the model."
     ),

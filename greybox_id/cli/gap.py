@@ -254,8 +254,8 @@ def gap(
         "With --since and no RECORDING: print the smallest change that would be detected with one more such recording."
     ),
     out: str | None = option("Folder for gap.json, gap.png, gap.pdf and closed.toml.", "FOLDER"),
-    report: str | None = option("Report, .pdf or .html; with --out, FOLDER/gap.pdf unless given.", "FILE"),
-    apply: str | None = option("Vehicle file (.toml or .json) with the effects that close the gap.", "FILE"),
+    report: str | None = option("File for the report, .pdf or .html; default with --out: FOLDER/gap.pdf.", "FILE"),
+    apply: str | None = option("Write a vehicle file (.toml or .json) with the effects that close the gap.", "FILE"),
     arena: str | None = option(
         "Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30.", "ARENA"
     ),

@@ -409,7 +409,7 @@ def fit_of(file: str | Path) -> FitResult:
     one = load(file)
     if one.verdict is not None and one.verdict.usability == NOT_USABLE:
         tell(
-            f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} Results based on it are not "
-            "usable either."
+            f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} Results based on this "
+            "fit are not usable either."
         )
     return one

@@ -75,7 +75,7 @@ def simulate(
 ) -> None:
     """Simulate every run of RECORDING freely on its inputs, with FIT or with a model made from options.
 
-    A vehicle that names no model is a single_track.
+    If neither --model nor the vehicle file names a model, single_track is simulated.
 
     \b
     greybox simulate run/fit.json lap7.csv --columns roboracer --out lap7_simulated.csv

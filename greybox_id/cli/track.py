@@ -82,8 +82,8 @@ def track(
     cat live.csv | greybox track --vehicle car.toml --columns canonical --follow
 
     Forces named as parameters replace the tyre model. An input that was not recorded, such as the driving force,
-    follows from the readings. The uncertainty of free parameters with a stated standard deviation widens the bands.
-    --follow prints its verdict on standard error at the end.
+    is estimated from the readings. The uncertainty of free parameters with a stated standard deviation widens the
+    bands. --follow prints its verdict on standard error at the end.
 
     A .json of the same name is written beside the table; greybox report makes a report of it. Exit code 3: the
     estimates are written, but the filter no longer follows the vehicle; the verdict says where.

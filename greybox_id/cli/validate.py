@@ -18,8 +18,8 @@ def validate(
     columns: str = COLUMNS,
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Score FIT on each RECORDING: over horizons and in free run; models with memory are scored under each of their
-    protocols.
+    """Score FIT on each RECORDING, over horizons and in free run; networks with a window of past samples one sample
+    ahead, in closed loop, and as published.
 
     For equations of motion, errors are compared with those of persistence and of the model before the fit. Exit code
     3: the fit is not usable on these recordings.

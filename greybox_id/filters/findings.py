@@ -275,5 +275,5 @@ def untold(name: str, mask: Mask, slip: Array | None, force: str) -> str:
         where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~mask]), MOSTLY)):.1f}°"
     return (
         f"{name}: not identifiable in {100 * (1 - share):.0f} % of the rows{where}; its band is wide there. The"
-        f" lateral force {force} is identifiable there, too."
+        f" lateral force {force} is identifiable in these rows as well."
     )

@@ -245,8 +245,8 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
         yield Reason(
             WITH_CARE,
             f"{name}: successive innovations correlate ({value.correlation:.2f}): the model lacks something and "
-            f"bands are too narrow. greybox gap looks for the cause. If the error of {name} varies slowly, name it as "
-            "coloured.",
+            f"bands are too narrow. greybox gap looks for the cause. If the error of {name} varies slowly, "
+            f"add {name} to the coloured readings.",
         )
 
 

@@ -220,7 +220,7 @@ def ipopt_words(stage: Stage) -> str:
         return "Ipopt was not asked to confirm the optimum"
     if verdict.confirmed:
         corner = verdict.status.partition("; ")[2]
-        return f"Ipopt confirmed the optimum on the same problem{': ' if corner else ''}{corner}"
+        return f"Ipopt confirmed the optimum{': ' if corner else ''}{corner}"
     better = (
         f"with an objective {percent(verdict.gained)} lower" if verdict.gained > NOTHING else "and found nothing better"
     )

@@ -114,7 +114,7 @@ def _findings(recordings: Sequence[Recording]) -> list[Part]:
         items = [_said(item) for item in result[:MOST_FINDINGS]]
         if more > 0:
             items.append(f"and {counted(more, 'finding')} more; greybox data check lists all.")
-        parts += [Text("", lead=f"Findings in {recording.name}{part}"), Points(tuple(items))]
+        parts += [Text("", lead=f"Findings in recording {recording.name}{part}"), Points(tuple(items))]
     return parts
 
 

@@ -70,9 +70,10 @@ ERRORS = (
     "model lacks."
 )
 EQUATIONS = (
-    "Derived from the model, with the added effects. A dot is a time derivative; w is an abbreviation. A prime marks "
-    "a quantity that an effect alters; “late” marks a delayed quantity, and “read” the reading of a sensor that "
-    "differs from the quantity itself. Constants and quantities that do not influence an output are left out."
+    "Derived from the model, with the added effects. A dot is a time derivative; w1, w2 and so on stand for repeated "
+    "terms. A prime marks a quantity that an effect alters; “late” marks a delayed quantity, and “read” the reading "
+    "of a sensor that differs from the quantity itself. Constants and quantities that do not influence an output are "
+    "left out."
 )
 
 
@@ -136,9 +137,10 @@ def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
     each = []
     for name, error in scores[FREE_RUN].items():
         soon = scores[near].get(name) if near else None
-        beside = f" ({_rmse(soon)})" if soon else ""
-        each.append(f"{_rmse(error)}{beside} {pretty_unit(model.unit(name))} in {signal_words(name)}")
-    return f"in free run{f' ({near})' if near else ''} is {listed(each)}"
+        unit = pretty_unit(model.unit(name))
+        beside = f" ({near}: {_rmse(soon)} {unit})" if soon else ""
+        each.append(f"{_rmse(error)} {unit} in {signal_words(name)}{beside}")
+    return f"in free run is {listed(each)}"
 
 
 def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> str:

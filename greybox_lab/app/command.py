@@ -35,8 +35,8 @@ def app(files: tuple[str, ...], session: str | None, home: str, port: int, brows
     greybox app lap7.csv lap8.csv
     greybox app --no-browser
 
-    Prints the page's address; its token gives access. Without a RECORDING the page offers the shipped ones. Every step
-    runs a command; the last step lists them. Results are in FOLDER/NAME.
+    Prints the address of the page; whoever has this address can open the page. Without a RECORDING the page offers the
+    shipped ones. Every step runs a command; the last step lists them. Results are in FOLDER/NAME.
     """  # fmt: skip
     try:
         import nicegui  # noqa: F401

@@ -39,8 +39,8 @@ def demo_command(
     out: Path = option("Folder of the demo.", "FOLDER", required=True, type=PATH),
     quick: bool = option("Use fewer rows and steps; takes some minutes."),
     case: int = option(
-        "Number of the case: effects of the car that its file does not state. "
-        "In cases 6 and 7, greybox gap cannot name them.",
+        "Number of the case. In each, the car has effects that its vehicle file does not state. "
+        "Those of cases 6 and 7 are not known to greybox gap.",
         type=click.IntRange(0, 7),
         default=0,
     ),
@@ -66,7 +66,12 @@ def demo_command(
 def agent_command(
     server: str = argument("SERVER"),
     token_file: str = option("File of the token that signs requests.", "FILE", required=True, type=FILE),
-    out: Path = option("Folder of the agent.", "FOLDER", required=True, type=PATH),
+    out: Path = option(
+        "Folder for the rows that the agent records and the policies that it receives.",
+        "FOLDER",
+        required=True,
+        type=PATH,
+    ),
     session: str = option("Name of the session at the server: letters, digits and dashes.", default="car"),
     case: int = option("Number of the case, as in greybox loop demo.", type=click.IntRange(0, 7), default=0),
     arm: str = ARM,
@@ -98,10 +103,12 @@ def serve(
     token_file: str | None = option("File of the token that signs requests: 16 characters or more.", "FILE", type=FILE),
     host: str = option("Address to listen at.", default="127.0.0.1"),
     port: int = option("Port; 0: any free port.", type=click.IntRange(0, 65535), default=8787),
-    out: Path = option("Folder of its state.", "FOLDER", type=PATH, default=Path("greybox_serve")),
+    out: Path = option(
+        "Folder in which the server keeps sessions and policies.", "FOLDER", type=PATH, default=Path("greybox_serve")
+    ),
     as_json: bool = JSON,
 ) -> None:
-    """Serve until stopped. The first line printed is the address.
+    """Receive rows from vehicles and send them policies, until Ctrl-C. The first line printed is the address.
 
     \b
     greybox serve --token-file token.txt --port 0

@@ -98,7 +98,9 @@ class FleetEstimate:
         if not stated:
             tested = self.drift["vehicle"].nunique()
             result = f"nothing found in {counted(tested, 'vehicle')} with enough recordings"
-            lines.append(f"changed  {result if tested else 'no vehicle has enough recordings for a test'}")
+            lines.append(
+                f"changed  {result if tested else 'no vehicle has enough recordings to test whether it has changed'}"
+            )
         lines.append(f"written  {self.folder}/population, vehicles, drift, apart, {PRIOR}")
         return "\n".join([*lines, f"         every vehicle on one page: greybox fleet report {self.folder}"])
 

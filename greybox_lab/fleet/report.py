@@ -103,7 +103,7 @@ def _answer(how_far: FleetStatus, fleet_estimate: FleetEstimate, names: list[str
             "a false discovery rate of 5 %.",
         )
     else:
-        yield "changed", "No vehicle has enough recordings for a test."
+        yield "changed", "No vehicle has enough recordings to test whether it has changed."
     listed = counted(
         fleet_estimate.vehicles[fleet_estimate.vehicles["vehicle"].isin(names)]["vehicle"].nunique(), "vehicle"
     )

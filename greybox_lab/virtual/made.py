@@ -31,8 +31,14 @@ def _virtual_lap(folder: Path, seed: int | None) -> tuple[Path, ...]:
 
 
 MADE: dict[str, tuple[str, Callable[[Path, int | None], tuple[Path, ...]]]] = {
-    "racer": ("synthetic 1:10 car, two recordings in the columns of roboracer; the shipped seed is 20240", _racer),
-    "simrod": ("synthetic SimRod, steps and sines, the tyres' true forces in a folder beside", _simrod),
+    "racer": (
+        "synthetic 1:10 car: two recordings with the columns of roboracer; those in the package have seed 20240",
+        _racer,
+    ),
+    "simrod": (
+        "synthetic SimRod (a small electric car): step and sine steers; a second folder has the true tyre forces",
+        _simrod,
+    ),
     "virtual_lap": ("a lap of a vehicle drawn by the seed, double-track, in canonical columns", _virtual_lap),
 }
 """Name -> what it is, and what writes it to a folder."""

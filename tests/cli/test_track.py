@@ -126,7 +126,10 @@ def test_what_is_left_beside_the_table_has_a_report(files):
     track(files, out="lap8.csv")
     called = greybox("report", files / "lap8.json", "--out", files / "lap8.html", "--json")
     assert called.code == 0, called.err
-    assert "On lap (500 rows in 1 run), the estimates of an EKF on lateral" in called.told["verdict"][0]
+    assert (
+        "In recording lap (500 rows in 1 run), the estimates of an EKF with the model lateral"
+        in called.told["verdict"][0]
+    )
     assert "No estimate was also measured" not in called.told["verdict"][2]
     assert "track --vehicle" in (files / "lap8.html").read_text("utf-8")
     track(files, out="lap8.csv")

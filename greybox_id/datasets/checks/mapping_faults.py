@@ -163,8 +163,8 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     old, new = first.before, first.after
     repair = _repair(first.fault) if not others else {}
     more = (
-        f"; {first.more} more relation{'s' if first.more > 1 else ''} between channels then "
-        f"hold{'' if first.more > 1 else 's'}"
+        f"; {first.more} other relation{'s' if first.more > 1 else ''} between channels then "
+        f"agree{'' if first.more > 1 else 's'}, too"
     )
     sentence = (
         f"{first.fault.what}: with the present map, {old.left} and {old.right} have {_numbers(old)}; after the "
@@ -211,7 +211,7 @@ def _repair(fault: Fault) -> dict[str, tuple[str, float, float]]:
 
 
 def _numbers(relation: Relation) -> str:
-    gain = f" and gain {number(relation.gain)}" if relation.known else ""
+    gain = f" and gain {number(np.copysign(relation.gain, relation.correlation))}" if relation.known else ""
     return f"correlation {number(relation.correlation, 2)}{gain}"
 
 
@@ -494,7 +494,9 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             still.append(what)
     sentences = []
     if lacking:
-        sentences.append(f"could not be checked, because channels are missing: {'; '.join(lacking)}.")
+        sentences.append(f"not checked, for want of channels that vary: {'; '.join(lacking)}.")
     if still:
-        sentences.append(f"could not be checked, because this recording does not show it clearly: {'; '.join(still)}.")
+        sentences.append(
+            f"not checked, because the motion in this recording does not show it clearly: {'; '.join(still)}."
+        )
     return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]

@@ -81,7 +81,7 @@ def _constant(recording: Recording, name: str, value: float) -> Finding:
     elif name == "steer" and (value != 0.0 or ("yaw_rate" in recording and "yaw_rate" not in moving)):
         moving = []  # a circle at constant steering angle is a manoeuvre; straight ahead, side wind and camber move a_y
     dead = bool(moving)
-    tail = f" while {listed(moving)} var{'y' if moving[1:] else 'ies'}: the channel is dead." if dead else "."
+    tail = f", while {listed(moving)} var{'y' if moving[1:] else 'ies'}: the channel is dead." if dead else "."
     sentence = f"{name} is {with_unit(exact(value, 6), recording.unit(name))} in every row{tail}"
     return Finding(
         "dead" if dead else "constant",

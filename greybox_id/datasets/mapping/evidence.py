@@ -127,7 +127,7 @@ class Met:
         """For a person."""
         if self.pair.kinematic:
             return f"{self.pair.left} is {number(abs(self.agreed.gain), 2)} times {self.pair.right}"
-        return f"{self.pair.left} over {self.pair.right} gives a wheelbase of {number(1 / abs(self.agreed.gain), 2)} m"
+        return f"{self.pair.right} over {self.pair.left} gives a wheelbase of {number(1 / abs(self.agreed.gain), 2)} m"
 
 
 def pairs_of(recording: Recording) -> list[Pair]:

@@ -318,7 +318,10 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     if units:
         likely = units[0] if len(units) == 1 or not whole else units[-1] if step >= 1e4 else units[0]
         return MapEntry(
-            TIME, name, likely, reasons=(why, f"unit: its usual step of {exact(step)} is a sample time in {likely}")
+            TIME,
+            name,
+            likely,
+            reasons=(why, f"unit: its usual step is {exact(step)}, a plausible sample time in {likely}"),
         )
     return MapEntry(
         TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, f"a step of {exact(step)} is no sample time")

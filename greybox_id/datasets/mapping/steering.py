@@ -113,7 +113,8 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
     else:
         others = f" (or {readings[1].ratio:g} in {readings[1].unit})" if len(readings) > 1 else ""
         why = (
-            f"the hand wheel's angle: divide_by is the steering ratio, about {best.ratio:g}{others}; write the true one"
+            f"as the hand wheel's angle, it is divided by the steering ratio, about {best.ratio:g}{others}: "
+            "set divide_by to the true one"
         )
     length = number(in_radians * FACTORS[best.unit], 2)
     known = f"in {best.unit}, ratio times wheelbase is {length} m: {why}"
@@ -133,9 +134,9 @@ def _no_angle(entry: MapEntry, length: float) -> MapEntry:
 
 def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
     """A hand wheel whose ratio nothing tells, or only as of a car's usual wheelbase: a start for who answers."""
-    why, ratio = "the hand wheel's angle: divide_by is the steering ratio", entry.divide_by
+    why, ratio = "this is the hand wheel's angle: set divide_by to the steering ratio", entry.divide_by
     if length:
-        why += f"; turning and speed imply that ratio times wheelbase is about {number(length, 3)} m"
+        why += f"; from yaw rate and speed, steering ratio times wheelbase is about {number(length, 3)} m"
     if length and length > LONGEST:
         ratio = float(f"{length / np.sqrt(CARS[0] * CARS[1]):.3g}")
         why += f", a ratio of {ratio:g} for a car of usual length"

@@ -58,11 +58,11 @@ RANKING = (
 CLOSURE = (
     "The table gives mean square errors, divided by the mean square of the noise; every channel has the same weight. "
     "The floor is the error that noise alone leaves, and the excess is the error above the floor. The 95 % intervals "
-    "come from paired blocks of time."
+    "come from blocks of time; errors before and after are compared in the same blocks."
 )
 MATHEMATICS = (
-    "The equations that an added effect changes, derived from the model. A dot is a time derivative; w is an "
-    "abbreviation. A prime marks a quantity that an effect alters; “late” marks a delayed quantity, and "
+    "The equations that an added effect changes, derived from the model. A dot is a time derivative; w1, w2 and so "
+    "on stand for repeated terms. A prime marks a quantity that an effect alters; “late” marks a delayed quantity, and "
     "“read” the reading of a sensor."
 )
 METHOD = (
@@ -74,7 +74,8 @@ METHOD = (
     (
         "Which effect",
         "Each effect is added to the model, alone and with others, and estimated together with all numbers that "
-        "have a tolerance. Every hypothesis also has unknown forces and coloured sensor noise. The probability of "
+        "have a tolerance. Every set of effects that is tried (a hypothesis) also contains unknown forces and "
+        "coloured sensor noise, which are estimated with it. The probability of "
         "an effect follows from the gain of log-likelihood minus a cost for every effect. Hypotheses that explain "
         "the recordings equally well share the probability.",
     ),
@@ -85,7 +86,7 @@ METHOD = (
         "it is not.",
     ),
     (
-        "Unknown",
+        "Left",
         "An unmodelled effect is reported if the unknown forces that remain are larger than the usual model error, or "
         "if readings scatter by more than their stated noise.",
     ),
@@ -198,11 +199,15 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
     about = known.parameter.about if known is not None else ""
     one = [
         f"{capital(about)}: {magnitude_words(value)}." if about else f"{magnitude_words(value)}.",
-        f"It belongs to the group {known.group} and changes {listed([*known.touches])}." if known is not None else "",
+        f"It belongs to the group “{known.group}” and acts on {listed([*known.touches])}." if known is not None else "",
         f"It is present with probability {probability_words(value.probability)}"
         + (" and was applied." if value.effect in gap.applied else "."),
         f"It raises the log-likelihood by {number(value.gain)}"
-        + (f", {number(best - value.gain)} less than the effect with the largest gain." if value.gain < best else "."),
+        + (
+            f", which is {number(best - value.gain)} less than the effect with the largest gain."
+            if value.gain < best
+            else "."
+        ),
     ]
     one = [sentence for sentence in one if sentence]
     if _touches_null(value):

@@ -125,7 +125,8 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     requested = {entry.signal for entry in proposal.open}
     if requested:
         screen.print(
-            f"{counted(len(requested), 'signal')} for you to decide (marked ?): {', '.join(sorted(requested))}"
+            f"{counted(len(requested), 'signal')} for you to decide (marked ?): {', '.join(sorted(requested))}; "
+            "their lines in the column map begin with #?"
         )
     if out:
         joined = f"join {proposal.file} --columns {out} --out drive.csv"

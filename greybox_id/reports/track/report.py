@@ -45,8 +45,8 @@ def _how_sure(one: Digest) -> str:
     ]
     untold = [f"{signal_words(name)} in {percent(walk)}" for name, walk in walks.items() if walk < 1]
     return (
-        f"On {one.data.name} ({counted(one.rows, 'row')} in {counted(one.runs, 'run')}), the estimates of "
-        f"{method(one)} on {one.model} have a median standard deviation of {listed(each)}"
+        f"In recording {one.data.name} ({counted(one.rows, 'row')} in {counted(one.runs, 'run')}), the estimates of "
+        f"{method(one)} with the model {one.model} have a median standard deviation of {listed(each)}"
         f"{f'; the recording determines {listed(untold)} of the rows' if untold else ''}."
     )
 
@@ -56,10 +56,15 @@ def _is_it_so(digest: Digest) -> str:
     if not known:
         return "There are too few readings to say whether the filter's standard deviations are right."
     means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
-    inside = listed([f"{percent(item.inside)}" for item in known.values() if isfinite(item.inside)])
-    windows = f", and {inside} of the windows of {WINDOW:g} s lie within their 95 % bounds" if inside else ""
-    widened = f"; the bands were widened by a factor of {number(digest.widened, 3)}" if digest.widened > 1 else ""
-    return f"The ratio of squared innovations to what the filter expects is {means}{windows}{_memory(digest)}{widened}."
+    inside = listed(
+        [f"{percent(item.inside)} in {signal_words(name)}" for name, item in known.items() if isfinite(item.inside)]
+    )
+    windows = f"; means over {WINDOW:g} s lie within their 95 % bounds in {inside} of the cases" if inside else ""
+    widened = f"; the bands of the estimates were widened by a factor of {number(digest.widened, 3)}"
+    return (
+        f"The mean squared innovation over its expected value (1 for a consistent filter) is {means}{windows}"
+        f"{_memory(digest)}{widened if digest.widened > 1 else ''}."
+    )
 
 
 def _memory(digest: Digest) -> str:
@@ -341,9 +346,9 @@ BANDS = (
 )
 RANGE = "Outside the ranges in the section “Signals used”, these estimates say nothing about the vehicle."
 EQUATIONS = (
-    "Derived from the model, with tracked parameters as states. A dot is a time derivative; w is an abbreviation. A "
-    "prime marks a quantity that an effect or a tracked parameter alters; “late” marks a delayed quantity, and "
-    "“read” the reading of a sensor."
+    "Derived from the model, with tracked parameters as states. A dot is a time derivative; w1, w2 and so on "
+    "stand for repeated terms. A prime marks a quantity that an effect or a tracked parameter alters; “late” marks a "
+    "delayed quantity, and “read” the reading of a sensor."
 )
 
 

@@ -121,7 +121,7 @@ def test_a_drive_in_which_nothing_happens_is_not_accused_and_says_so(seed):
 
 def test_checks_whose_channels_are_missing_are_told():
     findings = check_mapping(only(clean(4), "v_x", "steer"))
-    (lacking,) = [f for f in findings if "channels are missing" in f.sentence]
+    (lacking,) = [f for f in findings if "not checked, for want of channels" in f.sentence]
     assert "the sign of steer (this check needs v_x and one of yaw_rate, a_y, positions)" in lacking.sentence
     assert "the scale of v_x" in lacking.sentence
 
