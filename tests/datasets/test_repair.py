@@ -115,5 +115,5 @@ def test_a_question_that_the_map_leaves_open_is_a_warning(lap):
     file, mapping, _ = lap(lambda table: table)
     mapping.write_text(MAP.replace("yaw_rate =", "#? yaw_rate ="))
     (question,) = [item for item in check(read(file, mapping)) if item.kind == "question"]
-    assert "leaves yaw_rate open" in question.sentence
+    assert "does not yet state the column or unit of yaw_rate" in question.sentence
     assert question.severity.value == "warning"
