@@ -28,8 +28,8 @@ from ..datasets.raw_table import RawTable
 
 COLUMNS: Mapping[str, tuple[str, str]] = {
     "slip": (r"sa|slip ?angle|alpha|schr(ä|ae)glaufwinkel", "rad"),
-    "load": (r"fz|normal (force|load)|vertical (force|load)|load|radlast", "N"),
-    "force": (r"fy|lateral force|side force|seitenkraft", "N"),
+    "load": (r"f ?z|normal (force|load)|vertical (force|load)|load|radlast", "N"),
+    "force": (r"f ?y|lateral force|side force|seitenkraft", "N"),
     "camber": (r"ia|inclination( angle)?|camber( angle)?|gamma|sturz", "rad"),
     "pressure": (r"p|((inflation|tyre|tire) )?pressure", "kPa"),
     "temperature": (r"tst[cio]|((tread|tyre|tire) )?temp(erature)?", "degC"),

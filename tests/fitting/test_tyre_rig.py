@@ -66,6 +66,12 @@ def test_the_formula_behind_a_rig_comes_back(rig):
     assert found.stiffness_spread == pytest.approx(0.04, abs=0.03)
 
 
+def test_forces_may_be_named_as_symbols_are_written(rig, tmp_path):
+    file = tmp_path / "symbols.dat"
+    file.write_text(rig.read_text().replace("FZ\tFY", "F_z\tF_y"))
+    assert fit_tyre([file]).numbers == fit_tyre([rig]).numbers
+
+
 def test_the_command_writes_a_tyre_property_file(rig, tmp_path):
     done = greybox("fit", "--model", "tyre", rig, "--out", tmp_path / "mine.tir")
     assert done.code == 0, done.err
