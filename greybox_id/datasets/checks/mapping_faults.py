@@ -492,11 +492,8 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             lacking.append(f"{what} (this check needs {needs})")
         elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
-    sentences = []
-    if lacking:
-        sentences.append(f"not checked, for want of channels that vary: {'; '.join(lacking)}.")
-    if still:
-        sentences.append(
-            f"not checked, because the motion in this recording does not show it clearly: {'; '.join(still)}."
-        )
-    return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]
+    whys = "for want of channels that vary", "because the motion in this recording does not show it clearly"
+    return [
+        Finding("unchecked", Severity.NOTE, FoundAt("map"), f"not checked, {why}: {'; '.join(what)}.")
+        for why, what in zip(whys, (lacking, still), strict=True) if what
+    ]  # fmt: skip
