@@ -46,7 +46,7 @@ def export(
 ) -> None:
     """Write FIT, or a model made from options, as code or parameter files for other tools.
 
-    FIT may be the file of a driver (policy) that greybox loop or greybox race has trained: it is written as C or ONNX.
+    FIT may be the file of a driver (policy) that greybox loop has trained: it is written as C or ONNX.
 
     \b
     greybox export run/fit.json --target c --out car

@@ -57,9 +57,13 @@ def _is_it_so(digest: Digest) -> str:
         return "There are too few readings to say whether the filter's standard deviations are right."
     means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
     inside = listed(
-        [f"{percent(item.inside)} in {signal_words(name)}" for name, item in known.items() if isfinite(item.inside)]
+        [
+            f"{percent(item.inside)} of the cases in {signal_words(name)}"
+            for name, item in known.items()
+            if isfinite(item.inside)
+        ]
     )
-    windows = f"; means over {WINDOW:g} s lie within their 95 % bounds in {inside} of the cases" if inside else ""
+    windows = f"; means over {WINDOW:g} s lie within their 95 % bounds in {inside}" if inside else ""
     widened = f"; the bands of the estimates were widened by a factor of {number(digest.widened, 3)}"
     return (
         f"The mean squared innovation over its expected value (1 for a consistent filter) is {means}{windows}"
