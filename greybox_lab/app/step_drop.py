@@ -88,31 +88,40 @@ def draw(page: Page, data: dict[str, Any]) -> None:
 
 
 def uploader(page: Page) -> ui.upload:
-    """Where files are dropped: without it files on their way are lost, so it stays for as long as the page."""
+    """Where files are dropped: without it files on their way are lost, so it stays for as long as the page.
 
-    async def take(event: events.UploadEventArguments) -> None:
-        try:
-            name = safe_name(event.file.name)
-            must_be_small(name, event.file.size())
-            place = page.session.folder / "recordings" / name
-            place.unlink(missing_ok=True)  # it may be a link
-            await event.file.save(place)
-            page.session.add(name)
-            page.work.look()
-        except (gb.GreyboxError, OSError) as error:
-            tell(sentence(error))
+    Files that are dropped together come in one request: the first is fitted, and each in a request of its own
+    would arrive in any order.
+    """
+
+    async def take(event: events.MultiUploadEventArguments) -> None:
+        for file in event.files:
+            try:
+                name = safe_name(file.name)
+                must_be_small(name, file.size())
+                place = page.session.folder / "recordings" / name
+                place.unlink(missing_ok=True)  # it may be a link
+                await file.save(place)
+                page.session.add(name)
+                page.work.look()
+            except (gb.GreyboxError, OSError) as error:
+                tell(sentence(error))
 
     words = (
         f"A file of more than {LARGEST >> 20} MB is too large for this page: cut it into parts, or use the "
         "command line."
     )
     element = ui.upload(
-        multiple=True, max_file_size=LARGEST, auto_upload=True, on_upload=take, on_rejected=lambda: tell(words)
+        multiple=True,
+        max_file_size=LARGEST,
+        auto_upload=True,
+        on_multi_upload=take,
+        on_rejected=lambda: tell(words),
     )
     element.props('flat label="Drop files here, or choose with +" aria-label="recordings"').mark("upload")
 
     def failed() -> None:
-        tell("A file did not arrive: drop it again.")
+        tell("The files did not arrive: drop them again.")
         element.run_method("removeQueuedFiles")
 
     element.on("failed", failed, [])
