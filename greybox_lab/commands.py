@@ -4,25 +4,31 @@ from __future__ import annotations
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Gap": {
-        "exam": ("greybox_lab.cli.exam", "Examine the diagnosis of gaps on cases whose true causes are hidden from it.")
+        "exam": ("greybox_lab.cli.exam", "Test the diagnosis of gaps on cases whose true causes are hidden from it.")
     },
     "Deploy": {
         "import": (
             "greybox_lab.cli.import_",
-            "Import a network saved by nnodely (as a fit), or a file of vehicle parameters.",
+            "Import a network saved by nnodely, or a file of vehicle parameters.",
         )
     },
     "Fleet": {
         "fleet": (
             "greybox_lab.cli.fleet",
-            "Fit thousands of recordings of many vehicles; find population, outliers and drift.",
+            "Fit thousands of recordings of many vehicles; find unusual vehicles and changes over time.",
         ),
     },
     "Race": {
-        "loop": ("greybox_lab.cli.loop", "Let a learned driver adapt to its vehicle by the effects that gap names."),
-        "serve": ("greybox_lab.cli.loop", "Serve vehicles that send rows, and learn policies for them."),
+        "loop": (
+            "greybox_lab.cli.loop",
+            "Train a driving policy in simulation, and correct the simulation with what gap finds.",
+        ),
+        "serve": (
+            "greybox_lab.cli.loop",
+            "Run a server that receives samples from vehicles and sends them driving policies.",
+        ),
     },
-    "This tool": {"app": ("greybox_lab.app.command", "Check, fit and diagnose a recording in a page of the browser.")},
+    "This tool": {"app": ("greybox_lab.app.command", "Check, fit and diagnose recordings in the browser.")},
     "Papers": {"bench": ("greybox_lab.cli.bench", "Reproduce tables of published papers.")},
 }
 """Heading -> command -> module that holds it, and its line of help."""

@@ -15,25 +15,30 @@ def adapt(
     file: str = argument("RECORDING", type=FILE),
     columns: str = COLUMNS,
     seconds: float = option(
-        "Seconds of motion to adapt to; the rest is scored.", "SECONDS", type=ABOVE_ZERO, default=20.0
+        "Length of the part to which the fit is adapted, counted while the vehicle moves; the rest is scored.",
+        "SECONDS",
+        type=ABOVE_ZERO,
+        default=20.0,
     ),
     free: str = option(
-        "Parameters that may change: auto, all or names; for models with memory also F, few, paper or physical.",
+        "Parameters that may change: auto (chosen by cross-validation), all, or names such as D_f,D_r. Fits of "
+        "msnn_... and gnn also have few (steering ratio and offset, motor gain), F (impulse responses), physical "
+        "(single numbers) and paper (those of the paper on these networks).",
         "WORDS",
         default="auto",
     ),
     validate: str | None = option(
-        "Recording to score on; default: the remaining seconds of RECORDING.", "RECORDING", type=FILE
+        "Recording on which the adapted fit is scored; default: the rest of RECORDING.", "RECORDING", type=FILE
     ),
     calibrate: str | None = CALIBRATE,
-    out: str | None = option("Folder for fit.json; default: the model's name, adapted.", "FOLDER"),
+    out: str | None = option("Folder to which fit.json is written; default: MODEL_adapted.", "FOLDER"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Adapt FIT to the first seconds of RECORDING, of a car that may have changed.
+    """Adapt FIT to the first seconds of RECORDING, because the car may have changed.
 
-    Blocked cross-validation on those seconds alone chooses which parameters are adapted, how far they may move, and
-    whether delays are estimated anew; the unchanged fit is always a candidate. The rest of the recording is scored: one
-    sample ahead, or 0.5 s ahead for equations of motion.
+    Cross-validation within these seconds chooses which parameters change and how far; it may also keep the fit
+    unchanged. The adapted fit is then scored on the rest of the recording, with predictions 0.5 s ahead. Fits of
+    msnn_... and gnn are scored one sample ahead, and their delays may be estimated anew.
 
     \b
     greybox adapt run/fit.json new_tyres.csv --columns roboracer --seconds 20 --out adapted

@@ -111,28 +111,28 @@ def _allow(ctx: click.Context, param: click.Parameter, value: bool) -> None:
 Groups = dict[str, dict[str, tuple[str, str]]]
 GROUPS: Groups = {
     "Recordings": {
-        "data": ("greybox_id.cli.data", "Check, map and convert recordings before a fit."),
+        "data": ("greybox_id.cli.data", "Check recordings, map their columns, convert and join them."),
         "datasets": ("greybox_id.cli.datasets", "Fetch public recordings, or make synthetic ones."),
     },
     "Fit": {
         "models": ("greybox_id.cli.models", "List all models, or describe one."),
-        "effects": ("greybox_id.cli.models", "List all effects that a model may lack, or describe one."),
+        "effects": ("greybox_id.cli.models", "List all effects that can be added to a model, or describe one."),
         "fit": ("greybox_id.cli.fit", "Fit a model to recordings."),
         "validate": ("greybox_id.cli.validate", "Score a fit on recordings."),
-        "profile": ("greybox_id.cli.profile", "Profile the likelihood of a fit's parameters."),
-        "sample": ("greybox_id.cli.sample", "Draw from the posterior of a fit's parameters."),
-        "predict": ("greybox_id.cli.predict", "Predict a recording with a fit."),
-        "simulate": ("greybox_id.cli.predict", "Simulate a fit or a model freely on a recording's inputs."),
-        "grid": ("greybox_id.cli.grid", "Fit many structures of a model with memory, and choose one."),
-        "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a changed car with a few seconds of its data."),
+        "profile": ("greybox_id.cli.profile", "Compute profile likelihoods of a fit's parameters."),
+        "sample": ("greybox_id.cli.sample", "Draw samples from the posterior of a fit's parameters."),
+        "predict": ("greybox_id.cli.predict", "Predict the outputs in a recording with a fit."),
+        "simulate": ("greybox_id.cli.predict", "Simulate a fit or a model with the inputs in a recording."),
+        "grid": ("greybox_id.cli.grid", "Fit a network with many combinations of settings, and choose one."),
+        "adapt": ("greybox_id.cli.adapt", "Adapt a fit to a changed car, with a few seconds of a new recording."),
         "report": (
             "greybox_id.cli.report",
             "Write a report with figures on a fit, a gap or the estimates of a filter.",
         ),
     },
     "Gap": {
-        "gap": ("greybox_id.cli.gap", "Say where a simulation deviates from the vehicle, and why."),
-        "design": ("greybox_id.cli.design", "Design the most informative next manoeuvre."),
+        "gap": ("greybox_id.cli.gap", "Find where a simulation deviates from the vehicle, and which effects cause it."),
+        "design": ("greybox_id.cli.design", "Design the manoeuvre that is most informative to drive next."),
     },
     "Estimate": {
         "track": ("greybox_id.cli.track", "Estimate sideslip, tyre parameters and forces over a recording."),
@@ -143,7 +143,7 @@ GROUPS: Groups = {
     "This tool": {
         "completion": (
             "greybox_id.cli.options",
-            "Print a script with which a shell completes commands, options and names.",
+            "Print a script for your shell, which then completes commands, options and names.",
         ),
     },
 }

@@ -28,7 +28,7 @@ from .commands import CommandGroup, Guarded
 from .options import ABOVE_ZERO, COLUMNS, FILE, JSON, argument, command, option, part_asked, read_part
 from .output import console, print_json, progress, working
 
-WHEELBASE: Any = option("Wheelbase in m; makes the check of the steering more exact.", type=ABOVE_ZERO)
+WHEELBASE: Any = option("Wheelbase of the vehicle in m, to check the steering angle with.", type=ABOVE_ZERO)
 
 
 class RepairTarget(Guarded):
@@ -59,16 +59,17 @@ def check_command(
     columns: str = COLUMNS,
     wheelbase: float | None = WHEELBASE,
     repair: str | None = option(
-        "Write the column map with the repairs that the check proposes; it may be the file of --columns.",
+        "Repair the column map as the check proposes, and write it to MAP.toml, which may be the file of --columns.",
         "MAP.toml",
         type=RepairTarget(),
     ),
     as_json: bool = JSON,
 ) -> None:
-    """List what is noteworthy or wrong in each FILE. Exit code 1: at least one FILE is not to be trusted.
+    """Check units, signs, time and sensors of each recording FILE, and list what is wrong or noteworthy.
 
-    --repair corrects signs, units and columns as the findings propose, writes the corrected map, and gives the verdict
-    on the FILEs read with it. If MAP.toml is the map of --columns, its former content is kept as MAP.toml.bak.
+    --repair corrects signs, units and columns in the column map, and then judges each FILE read with the corrected map.
+    If MAP.toml is the map of --columns, its former content is kept as MAP.toml.bak. Exit code 1: at least one FILE is
+    not to be trusted.
 
     \b
     greybox data check lap7.csv lap8.csv --columns my_car.toml
@@ -133,15 +134,15 @@ def _kept_beside(columns: str, repair: str) -> Path | None:
 @command("map", of=data)
 def map_command(
     files: Sequence[str] = argument("FILE...", type=FILE, required=True),
-    out: str | None = option("Write the proposal as a column map to be edited.", "MAP.toml"),
-    rate: float | None = option("Rows per second, for a FILE without time.", type=ABOVE_ZERO),
+    out: str | None = option("Write the proposed column map to this file, which you can edit.", "MAP.toml"),
+    rate: float | None = option("Rows per second, if FILE has no column of time.", type=ABOVE_ZERO),
     wheelbase: float | None = WHEELBASE,
     as_json: bool = JSON,
 ) -> None:
-    """Propose a column map for FILE from names, units and cross-checks, and list what is uncertain.
+    """Propose a column map for FILE: which column holds which signal, and in which unit.
 
-    If several FILEs are given, they must be topics or sensors of one drive, each with its own clock; the command
-    proposes one map for all.
+    The proposal follows from names of columns and from relations between signals; uncertain entries are marked. Several
+    FILEs must be topics or sensors of one drive, each with its own clock; they get one map.
 
     \b
     greybox data map lap7.csv --out my_car.toml
@@ -164,11 +165,13 @@ def map_command(
 def convert_command(
     file: str = argument("FILE", type=FILE),
     columns: str = COLUMNS,
-    out: str = option(f"What to write: {', '.join(WRITTEN)}.", "FILE", required=True),
-    rate: float | None = option("Resample evenly to this many rows per second.", type=click.FloatRange(0.1, 1e5)),
+    out: str = option(f"File to write: {', '.join(WRITTEN)}.", "FILE", required=True),
+    rate: float | None = option("Resample to this number of rows per second.", type=click.FloatRange(0.1, 1e5)),
     as_json: bool = JSON,
 ) -> None:
-    """Convert FILE to SI units, ISO 8855 signs and the names of the map "canonical", in the format of --out.
+    """Convert the recording FILE to SI units, ISO 8855 signs and the signal names of greybox-id.
+
+    The ending of the file of --out gives the format.
 
     \b
     greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv
@@ -194,13 +197,13 @@ def convert_command(
 def join_command(
     files: Sequence[str] = argument("FILE...", type=FILE, required=True),
     columns: str = COLUMNS,
-    out: str = option(f"What to write: {', '.join(WRITTEN)}.", "FILE", required=True),
+    out: str = option(f"File to write: {', '.join(WRITTEN)}.", "FILE", required=True),
     as_json: bool = JSON,
 ) -> None:
-    """Join FILEs of one drive to one recording; each FILE has one topic or sensor with its own clock.
+    """Join several FILEs of one drive to one recording.
 
-    If two files carry the same signal, the offset between their clocks is estimated from it; other files keep their
-    time stamps.
+    Each FILE has one topic or sensor with its own clock. If two files hold the same signal, the offset between their
+    clocks is estimated from it and corrected; other files keep their time stamps.
 
     \b
     greybox data join imu.csv odom.csv commands.csv --columns my_car.toml --out lap7.parquet

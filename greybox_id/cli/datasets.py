@@ -53,10 +53,12 @@ def list_command(
 @command("fetch", of=datasets)
 def fetch_command(
     name: str = argument("NAME", shell_complete=names(PUBLIC)),
-    out: str | None = option("Folder to write; default: the cache ($GREYBOX_CACHE).", "FOLDER"),
+    out: str | None = option("Folder to which the files are written; default: the cache ($GREYBOX_CACHE).", "FOLDER"),
     as_json: bool = JSON,
 ) -> None:
-    """Download NAME from its authors; a broken transfer is continued, and the SHA-256 is checked.
+    """Download the recordings NAME from their authors.
+
+    Their SHA-256 is checked. A download that was interrupted is continued.
 
     \b
     greybox datasets fetch roboracer
@@ -80,7 +82,7 @@ def fetch_command(
 @command("make", of=datasets)
 def make_command(
     name: str = argument("NAME", shell_complete=names(made)),
-    out: str = option("Folder to write.", "FOLDER", default="."),
+    out: str = option("Folder to which the recordings are written.", "FOLDER", default="."),
     seed: int | None = option("Seed of all random numbers.", type=FROM_ZERO),
     as_json: bool = JSON,
 ) -> None:

@@ -14,40 +14,49 @@ from .output import console, print_json, progress, show
 def design(
     source: str = argument("FIT|GAP", type=FILE),
     goal: Literal["precision", "discriminate", "detect"] | None = option(
-        "Goal of the design; default: precision for a FIT, discriminate for a GAP."
+        "precision: precise parameters; discriminate: tell possible causes of a gap apart; detect: find an effect that "
+        "is below the detection limit. Default: precision for a FIT, discriminate for a GAP."
     ),
     arena: str = option(
-        "Free area: straight:120x8 or disc:30 (in m), or OUTLINE.csv with x and y.", "ARENA", required=True
+        "Free area: straight:LENGTHxWIDTH or disc:RADIUS (in m), or a .csv file of its outline with columns x and y.",
+        "ARENA",
+        required=True,
     ),
     parameters: str = option(
         "Parameters to estimate precisely, such as I_z,B_f; default: all free ones.", "NAMES", default=""
     ),
     criterion: Literal["d", "a", "e", "c"] = option(
-        "Minimises the covariance's determinant (d), the mean variance (a), the variance of the worst"
-        " combination (e) or that of the first of NAMES (c).",
+        "What is minimised. d: determinant of the covariance; a: mean variance; e: variance of the worst combination; "
+        "c: variance of the first of NAMES.",
         default="d",
     ),
     duration: float = option("Longest duration of the manoeuvre.", "SECONDS", default=20.0),
-    rate: float = option("Rows of the plan per second.", "HZ", default=50.0),
-    limits: str | None = option("TOML file of limits, such as steer_max, speed_max, sideslip_max.", "FILE", type=FILE),
-    vehicle: str | None = option("Vehicle whose steer_max is the limit, unless LIMITS states one.", "NAME|FILE"),
+    rate: float = option("Rows per second of plan.csv.", "HZ", default=50.0),
+    limits: str | None = option(
+        "TOML file of limits in SI units, such as steer_max, speed_max, sideslip_max.", "FILE", type=FILE
+    ),
+    vehicle: str | None = option("Vehicle that gives steer_max, unless --limits does.", "NAME|FILE"),
     speed_max: float | None = option("Highest speed that is allowed.", "M/S"),
     grip: float | None = option(
-        "Largest share of an axle's friction that the manoeuvre may use; default: 0.85.", "SHARE"
+        "Largest share of the friction of an axle that the manoeuvre may use; default: 0.85.", "SHARE"
     ),
     repeat: int = option("How many times the manoeuvre will be driven.", default=1),
     driver: bool = option(
-        "Whether a driver corrects speed and path, or the planned commands are sent unchanged.",
+        "driver: a driver corrects speed and path; open-loop: the planned commands are sent unchanged.",
         name="--driver/--open-loop",
         default=True,
         show_default=True,
     ),
     effort: float = option("Factor on the time of the search for a manoeuvre: 2 is twice the usual time.", default=1.0),
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
-    out: str = option("Folder for plan.csv, plan.svg, design.json.", "FOLDER", default="design"),
+    out: str = option(
+        "Folder for plan.csv (the manoeuvre), plan.svg (its path) and design.json (the results).",
+        "FOLDER",
+        default="design",
+    ),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Design the most informative manoeuvre: for the parameters of FIT, or to separate the explanations of GAP.
+    """Design the most informative manoeuvre: to estimate parameters of FIT, or to tell possible causes in GAP apart.
 
     \b
     greybox design run/fit.json --goal precision --parameters I_z,B_f --arena disc:40 --duration 20 --out next

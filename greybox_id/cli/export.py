@@ -34,11 +34,11 @@ def export(
     target: str = option(f"One of {', '.join(TARGETS)}.", "TARGET", required=True, shell_complete=names(TARGETS)),
     out: str = option("Folder to write; an earlier export there is replaced.", "FOLDER", required=True),
     parameters: str = option(
-        "Parameters that the code takes as arguments; all others become constants, which makes the code faster.",
+        "Parameters that remain arguments of the code; all others become constants, which makes the code faster.",
         "free|all|NAME,...",
         default="free",
     ),
-    called: str | None = option("Name of files and functions; default: that of FOLDER.", "NAME", name="--name"),
+    called: str | None = option("Name of the files and functions; default: the name of FOLDER.", "NAME", name="--name"),
     as_json: bool = JSON_AND_OWN,
     effects: tuple[str, ...],
     fix: tuple[str, ...],
@@ -46,7 +46,7 @@ def export(
 ) -> None:
     """Write FIT, or a model made from options, as code or parameter files for other tools.
 
-    FIT may be the file of a driver (policy) that greybox loop has trained: it is written as C or ONNX.
+    FIT may also be a driving policy that greybox loop has trained; it is written as C or ONNX.
 
     \b
     greybox export run/fit.json --target c --out car

@@ -36,45 +36,54 @@ def fit(
     files: Sequence[str] = argument("RECORDING...", type=FILE, required=True),
     columns: str = COLUMNS,
     validation: str | None = option(
-        "A recording to score on; it affects the fit with --early-stopping only.",
+        "Held-out recording on which the fit is scored. It has no influence on the fit, except with --early-stopping.",
         "RECORDING",
         name="--validate",
         type=FILE,
     ),
     calibrate: str | None = CALIBRATE,
-    out: str | None = option("Folder for fit.json; default: the model's name.", "FOLDER"),
+    out: str | None = option("Folder to which fit.json is written; default: the name of the model.", "FOLDER"),
     horizon: float | None = option(
-        "Horizon of the predictions that are fitted; default: whole runs.", "SECONDS", type=ABOVE_ZERO
+        "Length of the predictions whose errors are minimised; default: whole runs.", "SECONDS", type=ABOVE_ZERO
     ),
     start_from: Literal["free", "measured"] = option(
-        "Whether the initial state of a prediction may deviate from the readings.", default="free"
+        "Initial states of predictions. free: they are estimated and may deviate from the readings; measured: they "
+        "are the readings.",
+        default="free",
     ),
     robust: float | None = option(
-        "Residuals beyond K standard deviations count linearly, not squared.", "K", type=ABOVE_ZERO
+        "Count residuals beyond K standard deviations linearly, not squared.", "K", type=ABOVE_ZERO
     ),
-    noise: Sequence[str] = option("Standard deviation of the noise of an output's readings.", "NAME=SD"),
+    noise: Sequence[str] = option(
+        "Known standard deviation of the sensor noise of an output, as in yaw_rate=0.01.", "NAME=SD"
+    ),
     early_stopping: bool = option(
         "Stop when the error on the validation recording is smallest, as in the paper that introduced the model."
     ),
     strength: float | None = option(
-        "Factor on the strength of the weights' priors; default: chosen by cross-validation.", type=ABOVE_ZERO
+        "Only models msnn_... and gnn: factor on the strength of the priors of the weights (regularisation); default: "
+        "chosen by cross-validation.",
+        type=ABOVE_ZERO,
     ),
     solver: Literal["auto", "gauss-newton", "ipopt"] = option(
         "auto: Gauss-Newton finds the optimum, Ipopt confirms it.", default="auto"
     ),
     pretrain: str | None = option(
-        "For mlp_lateral and bicycle_mlp: a fit or posterior on which the network is trained first. For "
-        "hybrid_stiffness and hybrid_force: a fit of the same model, whose training is continued.",
+        "For mlp_lateral and bicycle_mlp: a fit or posterior of equations of motion, which the network learns first. "
+        "For hybrid_stiffness and hybrid_force: a fit of the same model, whose training is continued.",
         "FILE",
     ),
     pretrain_points: int = option("Number of points at which --pretrain trains the network.", default=20_000),
     pretrain_range: Literal["data", "box"] = option(
-        "Pretrain at the rows of the recordings, or in a range 1.3 times as wide as theirs.", default="data"
+        "data: these points are rows of the recordings; box: they lie in a range 1.3 times as wide.", default="data"
     ),
     pretrain_beyond: float = option(
-        "Also pretrain on the known vehicle at speeds up to this many times the fastest recorded.", default=1.0
+        "With --pretrain, train also at speeds up to this factor times the highest recorded speed; 1: not above it.",
+        default=1.0,
     ),
-    starts: int = option("Number of starting points.", type=click.IntRange(1, 1000), default=1),
+    starts: int = option(
+        "Number of starting points from which the solver is run.", type=click.IntRange(1, 1000), default=1
+    ),
     jobs: int = JOBS,
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     as_json: bool = JSON,
@@ -90,13 +99,11 @@ def fit(
     greybox fit --model tyre rig.csv --out tyre.tir
     greybox fit --model hybrid_force step*.csv sine*.csv --vehicle simrod --columns canonical
 
-    The model "tyre" is a magic formula, fitted to data of a tyre rig (SA, FZ, FY) and written as .tir.
+    --model tyre fits a magic formula to data of a tyre rig (columns SA, FZ, FY) and writes a .tir file.
 
-    Numbers may carry a unit; without one they are SI. The strength of the priors on the weights of a model with
-    memory is chosen by blocked cross-validation on the training data, unless --early-stopping or --strength is
-    given. --calibrate timing aligns training runs by their delays; in each run of the validation recording, the
-    delay is estimated from the first seconds and the rest is scored. Ctrl-C keeps the best fit so far. Exit code 3:
-    the fit is written, but is not usable; the verdict says why.
+    A number without a unit is in SI units. With --calibrate timing, the delay of each training run is estimated
+    and corrected before the fit. Ctrl-C keeps the best fit so far. Exit code 3: the fit is written, but is not usable;
+    the verdict says why.
     """  # fmt: skip
     from .. import FitOptions
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers

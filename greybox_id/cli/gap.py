@@ -228,43 +228,54 @@ class _Since(click.Command):
 @command("gap", cls=_Since)
 def gap(
     recordings: Sequence[str] = argument("RECORDING...", type=FILE),
-    vehicle: str | None = option("Vehicle: a shipped name or a file.", "VEHICLE", shell_complete=VEHICLES),
+    vehicle: str | None = option(
+        "Vehicle that is simulated: a shipped name or a vehicle file.", "VEHICLE", shell_complete=VEHICLES
+    ),
     fit_file: str | None = option(
-        "A fit in place of a vehicle file; --vehicle then states noise and tolerances only.",
+        "Fit that is simulated, in place of a vehicle; a --vehicle beside it gives only noise and tolerances.",
         "FIT",
         name="--fit",
         type=FILE,
     ),
     model: str | None = option(
-        "Model to simulate with --vehicle; default: that of its file, else single_track. A FILE.py is run.",
+        "Model that is simulated with the values of --vehicle; default: the one that the vehicle file names, else "
+        "single_track. Your own: FILE.py:NAME, which is executed.",
         "NAME",
         shell_complete=names(MODELS),
         callback=named_model,
     ),
     columns: str = COLUMNS,
     held_out: Sequence[str] = option(
-        "Held-out recording: measures how much of the gap closes; repeatable.", "RECORDING", type=FILE
+        "Held-out recording, on which it is measured how much of the gap closes; repeatable.", "RECORDING", type=FILE
     ),
     since: Sequence[str] = option(
-        "Recordings from before a change: report only changes beyond the scatter between these recordings.",
+        "Recordings from before a change of the vehicle. Reports only what has changed since, beyond the scatter "
+        "between these recordings.",
         "RECORDING...",
         type=FILE,
     ),
     sensitivity: bool = option(
-        "With --since and no RECORDING: print the smallest change that would be detected with one more such recording."
+        "With --since and without RECORDING: print the smallest change of each effect that one more such recording "
+        "would show."
     ),
-    out: str | None = option("Folder for gap.json, gap.png, gap.pdf and closed.toml.", "FOLDER"),
-    report: str | None = option("File for the report, .pdf or .html; default with --out: FOLDER/gap.pdf.", "FILE"),
+    out: str | None = option(
+        "Folder for gap.json (the results), gap.png, gap.pdf and closed.toml (the vehicle with the applied effects).",
+        "FOLDER",
+    ),
+    report: str | None = option(
+        "Write the report to this .pdf or .html file; default with --out: FOLDER/gap.pdf.", "FILE"
+    ),
     apply: str | None = option("Write a vehicle file (.toml or .json) with the effects that close the gap.", "FILE"),
     arena: str | None = option(
-        "Design a manoeuvre that distinguishes the explanations, in this arena, such as disc:30.", "ARENA"
+        "Design a manoeuvre that distinguishes the possible causes, within this free area, such as disc:30 (radius in "
+        "m).",
+        "ARENA",
     ),
     check: bool = option("Exit with code 1 if a gap is detected."),
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Say where the simulation of each RECORDING deviates from the vehicle, which effects cause this, and how much of
-    the gap these effects close.
+    """Find where the simulation deviates from RECORDING, which effects cause this, and how much of the gap they close.
 
     \b
     greybox gap lap7.csv --vehicle car.toml --held-out lap8.csv
@@ -274,7 +285,8 @@ def gap(
     greybox gap lap7.csv --vehicle car.toml --apply car_closed.toml
     greybox simulate lap9.csv --vehicle car_closed.toml
 
-    How far the gap closes is known only on recordings that were not used for the diagnosis: name some with --held-out.
+    Name a recording with --held-out: only on recordings that were not used for the diagnosis is it known how much of
+    the gap closes.
     """  # fmt: skip
     if sensitivity:
         what_would_show(recordings, vehicle, fit_file, since, columns, model, as_json)

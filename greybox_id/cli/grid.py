@@ -14,27 +14,30 @@ def grid(
     name: str = argument("MODEL", shell_complete=names(MODEL_NAMES)),
     file: str = argument("RECORDING", type=FILE),
     settings: Sequence[str] = option(
-        "A setting and its values: n_delta=5,6,7, n_x=1:4 (1 and 4 included), or one value for all structures.",
+        "A setting and its values, such as n_delta=5,6,7 or n_x=1:4 (from 1 to 4); one value holds for all structures.",
         "NAME=VALUES",
         name="--set",
     ),
     columns: str = COLUMNS,
     validate: str | None = option(
-        "Recording on which structures are scored and AIC is computed.", "RECORDING", type=FILE
+        "Held-out recording on which structures are scored and AIC is computed.", "RECORDING", type=FILE
     ),
     strength: float | None = option(
-        "Factor on the strength of the priors; default: chosen once by cross-validation, for the default structure.",
+        "Factor on the strength of the priors of the weights (regularisation); default: chosen by cross-validation for "
+        "the default structure, and used for all.",
         type=ABOVE_ZERO,
     ),
     jobs: int = JOBS,
-    out: str = option("A .parquet file; an interrupted grid continues from it.", "FILE", default="grid.parquet"),
+    out: str = option(
+        "Table of the fits, a .parquet file; an interrupted grid continues from it.", "FILE", default="grid.parquet"
+    ),
     as_json: bool = JSON,
 ) -> None:
-    """Fit every structure of MODEL that the settings span, and choose one.
+    """Fit a network MODEL (msnn_... or gnn) with every combination of settings, and choose one combination.
 
-    The table of fits is written after each fit; after an interruption the same command continues it. Of the structures
-    whose cross-validated error is within one standard error of the least, the one with the fewest parameters is chosen.
-    The structure with the least AIC, the criterion of the paper, is printed as well.
+    The choice: of the structures whose cross-validated error is within one standard error of the smallest error, the
+    one with the fewest parameters. The structure with the smallest AIC, by which the paper on these networks chooses,
+    is printed as well. After an interruption the same command continues.
 
     \b
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv

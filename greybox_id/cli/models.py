@@ -28,12 +28,14 @@ from .output import console, print_json
 @command("models")
 def models(
     name: str | None = argument("[NAME]", required=False, shell_complete=names(MODELS), callback=named_model),
-    vehicle: str | None = option("Show a model with a vehicle's numbers.", "VEHICLE", shell_complete=VEHICLES),
-    settings: Sequence[str] = option("A hyperparameter, such as tyre=brush.", "NAME=VALUE", name="--set"),
-    out: str | None = option("Write these numbers as a vehicle file (.toml), to be edited.", "FILE"),
+    vehicle: str | None = option(
+        "Show the model with the values of this vehicle: a shipped name or a file.", "VEHICLE", shell_complete=VEHICLES
+    ),
+    settings: Sequence[str] = option("Setting of the model, such as tyre=brush.", "NAME=VALUE", name="--set"),
+    out: str | None = option("Write these values to a vehicle file (.toml), which you can edit.", "FILE"),
     as_json: bool = JSON,
 ) -> None:
-    """List the models; with NAME, show its parts and the effects that can be added to it.
+    """List the models; with NAME, show inputs, outputs, parameters, settings and possible effects of this model.
 
     \b
     greybox models single_track --set tyre=brush --vehicle full_size_car
@@ -67,7 +69,7 @@ def models(
         table.add_row(known, str(model.size), " ".join(model.inputs), " ".join(model.outputs), model.about)
     console().print(table)
     console().print(
-        "\ngreybox models NAME shows parameters, bounds and effects of a model; greybox effects lists all effects"
+        "\ngreybox models NAME shows the parameters of a model, their bounds, and the effects that can be added to it."
     )
 
 
@@ -76,7 +78,7 @@ def effects(
     name: str | None = argument("[NAME]", required=False, shell_complete=names(EFFECTS), callback=named_effect),
     as_json: bool = JSON,
 ) -> None:
-    """List the effects that models may lack; with NAME, what its magnitude means and which models it applies to.
+    """List the effects that can be added to models; with NAME, show unit, bounds and models of this effect.
 
     \b
     greybox effects steering_delay
@@ -93,13 +95,14 @@ def effects(
     if as_json:
         print_json({"effects": {known: _effect(e) | {"models": _applies_to(e)} for known, e in EFFECTS.items()}})
         return
-    table = plain_table("effect", "null", "unit", "group", "magnitude")
+    table = plain_table("effect", "no effect", "unit", "group", "what its magnitude is")
     for known, effect in EFFECTS.items():
         parameter = effect.parameter
         table.add_row(known, plain(float(parameter.array)), pretty_unit(parameter.unit), effect.group, parameter.about)
     console().print(table)
     console().print(
-        "\ngreybox effects NAME shows the models that an effect applies to, its bounds and its typical size"
+        "\nno effect: the magnitude with which the effect changes nothing\n"
+        "greybox effects NAME shows to which models an effect can be added, its bounds and its typical magnitude."
     )
 
 

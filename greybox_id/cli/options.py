@@ -204,11 +204,13 @@ def _span(ctx: click.Context, option: click.Parameter, value: str | None) -> Non
 
 
 CALIBRATE: Any = option(
-    "Models with memory: estimate each new run's delay from its first SECONDS (default: 5) and score the rest.",
+    "Only models msnn_... and gnn: estimate the delay of the outputs in the first SECONDS (default: 5) of each "
+    "new run, correct it, and score the rest of the run.",
     "timing[=SECONDS]",
 )
 _COLUMNS = option(
-    "Column map: name of a shipped one, or a .toml file.", "MAP", default="canonical",
+    "Column map, which says what each column holds and in which unit: a shipped name or a .toml file.", "MAP",
+    default="canonical",
     shell_complete=names(_maps, files=".toml"),
 )  # fmt: skip
 COLUMNS: Any = replace(
@@ -216,11 +218,11 @@ COLUMNS: Any = replace(
     after=(
         click.option(
             "--between", metavar="START:STOP", callback=_span, expose_value=False,
-            help="Only rows from START to STOP, in s; one of them may be omitted.",
+            help="Use only the rows from START to STOP, in s; START or STOP may be omitted.",
         ),
         click.option(
             "--where", metavar="CONDITION", callback=_kept, expose_value=False,
-            help='Only rows at which this condition holds, such as "v_x > 5 and abs(steer) < 0.1".',
+            help='Use only the rows at which this condition holds, such as "v_x > 5 and abs(steer) < 0.1".',
         ),
     ),
 )  # fmt: skip
@@ -243,7 +245,7 @@ def part_asked(recording: Recording) -> Recording:
     return recording if where is None else recording.where(where)
 
 
-json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+json_option = click.option("--json", "as_json", is_flag=True, help="Print one JSON object instead of text.")
 JSON: Any = Declared(lambda name, annotation: json_option)
 JOBS: Any = option("Number of parallel processes (on Linux).", type=click.IntRange(min=1), default=1)
 
@@ -320,8 +322,8 @@ JSON_AND_OWN: Any = replace(
     before=(
         click.option(
             "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
-            help="File and name of your own model or effect, if the fit was made with it or if you want to try it; "
-            "the file is run.",
+            help="Load your own model or effect NAME from FILE.py: if the fit was made with it, or to try it. The file "
+            "is executed.",
         ),
     ),
 )  # fmt: skip
@@ -336,32 +338,48 @@ def _effects() -> Collection[str]:
 _MODEL = (
     click.option(
         "--model", "name", metavar="NAME", shell_complete=names(MODEL_NAMES), callback=named_model,
-        help=f"One of {', '.join(MODEL_NAMES)}, or FILE.py:NAME, which is run; default: that of the vehicle.",
+        help=f"Model: {', '.join(MODEL_NAMES)}; or your own, as FILE.py:NAME (the file is executed). "
+        "Default: the model that the vehicle file names.",
     ),
     click.option(
         "--vehicle", metavar="VEHICLE", shell_complete=VEHICLES,
-        help="Vehicle that gives the start values: a shipped name or a file.",
+        help="Vehicle that gives the values of the parameters (in a fit: start values and priors): a shipped name or a "
+        "vehicle file.",
     ),
     click.option(
         "--set", "settings", multiple=True, metavar="NAME=VALUE",
-        help="A hyperparameter, such as tyre=brush or lat.q=14.",
+        help="Setting of the model, such as tyre=brush or lat.q=14; greybox models NAME lists its settings.",
     ),
 )  # fmt: skip
 _EFFECTS = click.option(
     "--with", "effects", multiple=True, metavar="EFFECT[=VALUE]", shell_complete=names(_effects),
     callback=named_effects,
-    help="Add an effect or FILE.py:NAME: free, fixed at VALUE[unit], or free with a prior MEAN±SD[unit].",
+    help="Add an effect, such as steering_delay=30ms, or your own as FILE.py:NAME. With VALUE its magnitude is fixed; "
+    "without VALUE it is estimated; with MEAN±SD it is estimated with this prior.",
 )  # fmt: skip
 _FIX = click.option(
     "--fix", multiple=True, metavar="NAME[=VALUE]",
-    help="Fix a parameter at its present value or at VALUE[unit]: m=3.5kg.",
+    help="Keep a parameter fixed at VALUE, as in m=3.5kg; without VALUE, at its present value.",
 )  # fmt: skip
 _ESTIMATED = (
     click.option("--free", multiple=True, metavar="NAME", help="Estimate a parameter that would otherwise be fixed."),
-    click.option("--prior", multiple=True, metavar="NAME=MEAN±SD", help="Prior of a parameter: B_f=6±3 or B_f=6+-3."),
-    click.option("--start", multiple=True, metavar="NAME=VALUE", help="Start value of a parameter."),
     click.option(
-        "--per-run", multiple=True, metavar="NAME", help="Estimate a parameter with its own value in each unbroken run."
+        "--prior",
+        multiple=True,
+        metavar="NAME=MEAN±SD",
+        help="Prior of a parameter, its mean and standard deviation: B_f=6±3 or B_f=6+-3.",
+    ),
+    click.option(
+        "--start",
+        multiple=True,
+        metavar="NAME=VALUE",
+        help="Value of a parameter at which the solver starts, as in I_z=0.05.",
+    ),
+    click.option(
+        "--per-run",
+        multiple=True,
+        metavar="NAME",
+        help="Estimate one value of this parameter for each run; a new run begins after each gap in time.",
     ),
 )
 

@@ -35,17 +35,22 @@ def predict(
     file: str = argument("RECORDING", type=FILE),
     columns: str = COLUMNS,
     horizon: float | None = option(
-        "Equations of motion: predict each row from the readings this much earlier; default: a free run of each run.",
+        "Only equations of motion: predict each row from the readings this much earlier; default: free run, a "
+        "simulation of each run from its first readings.",
         "SECONDS",
         type=ABOVE_ZERO,
     ),
-    posterior: str | None = option("Draws of greybox sample: predict their mean and a 95 % band.", "FILE", type=FILE),
+    posterior: str | None = option(
+        "File of draws that greybox sample wrote: predict their mean and a 95 % band.", "FILE", type=FILE
+    ),
     calibrate: str | None = CALIBRATE,
-    open_loop: bool = option("Models with memory: predict one sample ahead from measured inputs."),
+    open_loop: bool = option("Only models msnn_... and gnn: predict one sample ahead from measured inputs."),
     out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="prediction.csv"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Predict RECORDING with FIT, a given time ahead or freely from the start of each run.
+    """Predict the outputs in RECORDING with FIT, and write them as a table.
+
+    Without --horizon, the prediction is a free run: a simulation from the start of each run.
 
     \b
     greybox predict run/fit.json lap7.csv --columns roboracer --horizon 0.5 --out lap7_predicted.csv
@@ -66,14 +71,15 @@ def simulate(
     paths: Sequence[str] = argument("[FIT] RECORDING", type=FILE, required=True),
     columns: str = COLUMNS,
     start_state: Sequence[str] = option(
-        "A state at the start of every run; others start from the first row's readings.", "NAME=VALUE"
+        "Value of a state at the start of every run; all other states start at the readings of its first row.",
+        "NAME=VALUE",
     ),
     out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="simulation.csv"),
     as_json: bool = JSON_AND_OWN,
     fix: Sequence[str],
     **options: Any,
 ) -> None:
-    """Simulate every run of RECORDING freely on its inputs, with FIT or with a model made from options.
+    """Simulate FIT, or a model made from options, with the inputs in RECORDING, and write the outputs as a table.
 
     If neither --model nor the vehicle file names a model, single_track is simulated.
 

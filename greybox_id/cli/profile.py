@@ -16,8 +16,8 @@ from .output import WITHOUT_FORM, console, print_json, progress, show
 def profile(
     fit_file: str = argument("FIT", type=FILE),
     files: Sequence[str] = argument("[RECORDING...]", type=FILE),
-    names: Sequence[str] = option("A free parameter; repeatable.", "NAME", name="--parameter"),
-    everything: bool = option("Every free parameter.", name="--all"),
+    names: Sequence[str] = option("Free parameter whose profile is computed; repeatable.", "NAME", name="--parameter"),
+    everything: bool = option("Compute the profile of every free parameter.", name="--all"),
     confidence: float = option(
         "Confidence level of the intervals.", type=click.FloatRange(0, 1, min_open=True, max_open=True), default=0.95
     ),
@@ -26,11 +26,10 @@ def profile(
     out: str | None = option("Write the profiles to this .csv or .parquet file.", "FILE"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Compute the profile of the likelihood over each parameter of FIT, with all other parameters re-optimised, and the
-    interval that follows from it.
+    """Compute profile likelihoods of FIT's parameters, and confidence intervals from them.
 
-    The training recordings of FIT are read from their former paths, or from RECORDING... if they were moved.
-    Ctrl-C keeps the profiles that are done.
+    A profile holds one parameter at a series of values and optimises all others again. The training recordings of FIT
+    are read from their former paths, or from RECORDING if they were moved. Ctrl-C keeps the profiles that are done.
 
     \b
     greybox profile run/fit.json --parameter I_z --parameter B_f --out profiles.csv

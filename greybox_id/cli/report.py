@@ -13,19 +13,25 @@ from .output import console, print_json, working
 @command("report")
 def report(
     files: Sequence[str] = argument("FIT|GAP|TRACK...", type=FILE, required=True),
-    train: Sequence[str] = option("New path of a training recording that was moved; repeatable.", "FILE"),
-    validate: str | None = option("New path of the validation recording if it was moved.", "FILE"),
+    train: Sequence[str] = option("New path of a training recording, if it was moved; repeatable.", "FILE"),
+    validate: str | None = option("New path of the validation recording, if it was moved.", "FILE"),
     columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
     kind: Literal["pdf", "html"] | None = option(
-        "Format of the report; default: that of the suffix of --out, else pdf.", name="--format"
+        "Format of the report; default: by the ending of --out, else pdf.", name="--format"
     ),
     out: str | None = option("File to write; default: next to the first file.", "FILE"),
-    posterior: str | None = option("Draws of greybox sample for one FIT: adds bands and a corner plot.", "FILE"),
+    posterior: str | None = option(
+        "File of draws that greybox sample wrote. A report of one FIT then also has uncertainty bands and a corner "
+        "plot.",
+        "FILE",
+    ),
     figures: str | None = option("Also write the figures to this folder, as SVG.", "FOLDER"),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Write a report of a FIT (fit.json), of a GAP (gap.json of greybox gap --out) or of a TRACK (the .json
-    that greybox track writes next to its table); or compare several FITs.
+    """Write a report with figures on a FIT, a GAP or a TRACK, or compare several FITs.
+
+    FIT is a fit.json; GAP is the gap.json of greybox gap --out; TRACK is the .json that greybox track writes next to
+    its table.
 
     \b
     greybox report run/fit.json
@@ -35,7 +41,7 @@ def report(
     greybox report estimates.json
     greybox report run/fit.json other/fit.json --out comparison.pdf
 
-    Recordings are read from the paths that a FIT names and must be unchanged: their hashes are compared.
+    The recordings of a FIT are read from their former paths and must be unchanged.
     """
     from ..api.reporting import beside, reported  # the typesetter, which --help does without
 

@@ -18,23 +18,28 @@ def sample(
     fit_file: str = argument("FIT", type=FILE),
     files: Sequence[str] = argument("[RECORDING...]", type=FILE),
     method: Literal["laplace", "mcmc", "abc-smc"] = option(
-        "Draw from the fit's covariance (laplace), from likelihood and priors (mcmc), or by the distances between "
-        "simulations and recordings (abc-smc).",
+        "laplace: draw from a normal distribution with the fit's covariance; mcmc: from likelihood and priors; "
+        "abc-smc: keep draws whose simulations are close to the recordings.",
         default="mcmc",
     ),
-    draws: int = option("Number of draws; of particles for abc-smc.", default=2000),
+    draws: int = option("Number of draws (for abc-smc: of particles).", default=2000),
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     distance: Literal["pooled", "trajectories"] = option(
-        "abc-smc: distance over all rows, or the mean of the trajectories' distances.", default="pooled"
+        "Distance of abc-smc. pooled: over all rows together; trajectories: the mean of the distances of the runs.",
+        default="pooled",
     ),
     columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),
-    out: str = option("A .parquet file; an interrupted run continues from it.", "FILE", default="posterior.parquet"),
+    out: str = option(
+        "Table of the draws, a .parquet file; an interrupted run continues from it.",
+        "FILE",
+        default="posterior.parquet",
+    ),
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Draw from the posterior of FIT's free parameters.
+    """Draw samples from the posterior of FIT's free parameters.
 
-    The training recordings of FIT are read from their former paths, or from RECORDING... if they were moved; their
-    hashes are compared. After an interruption the same command continues; with more --draws, mcmc continues, too.
+    The training recordings of FIT are read from their former paths, or from RECORDING if they were moved; they must be
+    unchanged. After an interruption the same command continues. With a larger --draws, mcmc adds draws to the file.
 
     \b
     greybox sample run/fit.json --draws 2000 --out posterior.parquet

@@ -41,34 +41,50 @@ FROM_STDIN = "-"
 @command("track", more=MODEL)
 def track(
     file: str | None = argument("RECORDING", type=FILE, required=False),
-    fit_file: str | None = option("A fit, in place of --model and --vehicle.", "FIT", name="--fit", type=FILE),
+    fit_file: str | None = option(
+        "Fit whose model is used, in place of --model and --vehicle.", "FIT", name="--fit", type=FILE
+    ),
     columns: str = COLUMNS,
-    parameters: Sequence[str] = option("What to track as a random walk: C_alpha_f,C_alpha_r or F_yf,F_yr.", "NAMES"),
-    disturbances: Sequence[str] = option("Disturbances to track, which return to zero: road_bank,S_h_f.", "NAMES"),
-    readings: str = option("Outputs that the filter reads.", "NAMES", default="v_x,yaw_rate,a_y"),
-    coloured: str = option("Readings whose error varies slowly, such as a_y.", "NAMES", default=""),
-    kind: Literal["ekf", "ukf"] = option("", name="--filter", default="ekf"),
+    parameters: Sequence[str] = option(
+        "Parameters or forces that are tracked as random walks: C_alpha_f,C_alpha_r or F_yf,F_yr.", "NAMES"
+    ),
+    disturbances: Sequence[str] = option(
+        "Parameters or effects that are tracked and return to zero, such as road_bank,S_h_f.", "NAMES"
+    ),
+    readings: str = option("Measured signals that the filter uses.", "NAMES", default="v_x,yaw_rate,a_y"),
+    coloured: str = option(
+        "Those of the measured signals whose error varies slowly, such as a_y.", "NAMES", default=""
+    ),
+    kind: Literal["ekf", "ukf"] = option("Extended or unscented Kalman filter.", name="--filter", default="ekf"),
     smooth: bool = option("Smooth the estimates: use later readings, too."),
-    noise: Sequence[str] = option("Standard deviation of a noise, such as walk_v_y=0.05.", "NAME=SIZE"),
+    noise: Sequence[str] = option(
+        "Standard deviation of a noise of the filter, such as noise_a_y=0.1; it is then not tuned.", "NAME=SIZE"
+    ),
     tune: str = option(
-        "Seconds at the start of the recording on which unstated noise is tuned; 0: no tuning.",
+        "The noise of the filter is tuned on the first SECONDS of the recording, except what --noise states; 0: no "
+        "tuning.",
         "SECONDS",
         default="60s",
     ),
     calibrate: str = option(
-        "Seconds at the start of the recording on which free parameters are tuned together with the noise.",
+        "Free parameters of the model are tuned together with the noise on the first SECONDS of the recording; 0: they "
+        "are not tuned.",
         "SECONDS",
         default="0s",
     ),
     gate: float = option(
-        "Readings further than this many standard deviations from the prediction count as noisier.",
+        "Readings further than SDS standard deviations from their prediction get a lower weight.",
         "SDS",
         type=ABOVE_ZERO,
         default=5.0,
     ),
-    out: str = option("File to write: .csv, .parquet, .mf4 or .mcap.", "FILE", default="estimates.parquet"),
+    out: str = option(
+        "Table of the estimates: .csv, .parquet, .mf4 or .mcap. A .json file for greybox report is written beside it.",
+        "FILE",
+        default="estimates.parquet",
+    ),
     figures: str | None = option("Write the figures to this folder, as SVG.", "FOLDER"),
-    apply: str | None = option("Vehicle file (.toml or .json) with the tuned numbers.", "FILE"),
+    apply: str | None = option("Write a vehicle file (.toml or .json) with the tuned values.", "FILE"),
     live: bool = option("Read CSV lines from standard input and write estimates line by line.", name="--follow"),
     as_json: bool = JSON_AND_OWN,
     **options: Any,
@@ -81,12 +97,10 @@ def track(
     greybox track --vehicle car.toml lap.csv --calibrate 200s --apply car_calibrated.toml
     cat live.csv | greybox track --vehicle car.toml --columns canonical --follow
 
-    Forces named as parameters replace the tyre model. An input that was not recorded, such as the driving force,
-    is estimated from the readings. The uncertainty of free parameters with a stated standard deviation widens the
-    bands. --follow prints its verdict on standard error at the end.
+    Tracked forces, such as F_yf, replace the tyre model. An input that was not recorded, such as the driving force, is
+    estimated from the readings. The uncertainty of parameters with a stated standard deviation widens the bands.
 
-    A .json of the same name is written beside the table; greybox report makes a report of it. Exit code 3: the
-    estimates are written, but the filter no longer follows the vehicle; the verdict says where.
+    Exit code 3: the estimates are written, but the filter no longer follows the vehicle; the verdict says where.
     """  # fmt: skip
     chosen = requested(**options)
     tracked = _tracked(chosen, fit_file)

@@ -18,11 +18,11 @@ def validate(
     columns: str = COLUMNS,
     as_json: bool = JSON_AND_OWN,
 ) -> None:
-    """Score FIT on each RECORDING, over horizons and in free run; networks with a window of past samples one sample
-    ahead, in closed loop, and as published.
+    """Score FIT on each RECORDING: errors of predictions over several horizons and in free run.
 
-    For equations of motion, errors are compared with those of persistence and of the model before the fit. Exit code
-    3: the fit is not usable on these recordings.
+    If the model consists of equations of motion, the errors are compared with those of persistence (the first reading
+    is held constant) and of the unfitted model. Fits of msnn_... and gnn are scored one sample ahead, in closed loop,
+    and in the way of the papers on these networks. Exit code 3: the fit is not usable on these recordings.
 
     \b
     greybox validate run/fit.json lap7.csv lap8.csv --columns roboracer

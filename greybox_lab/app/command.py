@@ -15,13 +15,15 @@ from greybox_id.cli.output import console, print_json
 
 @click.command(name="app")
 @click.argument("files", nargs=-1, metavar="[RECORDING]...", type=click.Path())
-@click.option("--session", metavar="NAME", help="Session to open or to start; default: the first recording's name.")
+@click.option(
+    "--session", metavar="NAME", help="Session to continue or to start; default: the name of the first recording."
+)
 @click.option(
     "--home",
     default="app",
     show_default=True,
     metavar="FOLDER",
-    help="Folder of the sessions, with one subfolder per session.",
+    help="Folder of all sessions; each has a subfolder.",
 )
 @click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; default: any free port.")
 @click.option(
@@ -29,14 +31,15 @@ from greybox_id.cli.output import console, print_json
 )
 @json_option
 def app(files: tuple[str, ...], session: str | None, home: str, port: int, browser: bool, as_json: bool) -> None:
-    """Look at recordings, fit a model and see why it does not fit, in a page of this machine's browser.
+    """Check recordings, fit a model and diagnose its gap, in the browser of this machine.
 
     \b
     greybox app lap7.csv lap8.csv
     greybox app --no-browser
 
-    Prints the address of the page; whoever has this address can open the page. Without a RECORDING the page offers the
-    shipped ones. Every step runs a command; the last step lists them. Results are in FOLDER/NAME.
+    The command prints the address of the page; whoever has this address can open the page. Without a RECORDING, the
+    page offers example recordings. Each step runs a greybox command; the last step lists these commands. Results are
+    written to a subfolder of --home with the name of the session.
     """  # fmt: skip
     try:
         import nicegui  # noqa: F401

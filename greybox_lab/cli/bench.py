@@ -16,7 +16,7 @@ from greybox_id.cli.output import console, print_json, progress, show
 from ..driving.loop.protocol import ARMS as LEARNED_ARMS
 
 LOOP_ARMS = ("base", *LEARNED_ARMS, "oracle")
-REPORT: Any = option("Report to write: a folder, for HTML and PDF, or a FILE.md, for one page.", "PLACE")
+REPORT: Any = option("Write a report: to a folder (as HTML and PDF) or to a .md file (one page).", "PLACE")
 
 
 def _data(required: bool = True) -> Any:
@@ -28,7 +28,7 @@ DATA: Any = _data()
 
 @click.group(name="bench", cls=CommandGroup)
 def bench() -> None:
-    """Reproduce tables of published papers on the authors' recordings, and compare them with the results of greybox-id.
+    """Reproduce tables of published papers with the authors' recordings, and compare them with results of greybox-id.
 
     \b
     greybox bench a2rl --data a2rl --quick
@@ -43,7 +43,7 @@ def _on_others_ground(name: str, module: str, folder: str, about: str) -> None:
 
     def measured(
         data: Path | None = recordings,
-        quick: bool = option("Use fewer seeds, rows and targets; takes about a CPU minute."),
+        quick: bool = option("Compute with fewer random seeds, rows or targets; takes about a CPU minute."),
         report: str | None = REPORT,
         as_json: bool = JSON,
     ) -> None:
@@ -67,7 +67,7 @@ def _command(name: str, data: bool, quick: bool) -> str:
 
 _on_others_ground(
     "a2rl", "a2rl", "a2rl",
-    "Steering of a full-size racer: compare an inverse single track with a published network, and fit the servo.",
+    "Steering of a full-size racer: compare an inverse single track with a published network, and fit the actuator.",
 )  # fmt: skip
 _on_others_ground(
     "ferrari", "ferrari", "revs_telemetry",
@@ -75,32 +75,29 @@ _on_others_ground(
 )  # fmt: skip
 _on_others_ground(
     "abs", "brakes", "abs",
-    "Grip while braking: estimate it along a lap on which it changes in steps; the recordings are from another "
-    "simulator.",
+    "Grip while braking: estimate it along a simulated lap on which it changes in steps.",
 )  # fmt: skip
 _on_others_ground(
     "emps",
     "emps",
     "",
-    "A servo axis with friction (no car): fit it with this package and other tools, on the same rows and in one run.",
+    "A servo axis with friction (no car): compare fits of greybox-id and of other tools on the same rows.",
 )
 
 
 @command("msnn", of=bench)
 def msnn_command(
     data: Path = DATA,
-    quick: bool = option(
-        "Use the stated strengths of the priors instead of cross-validated strengths; takes some CPU minutes."
-    ),
-    out: str | None = option("A .json file, to which each result is also written as soon as it is known.", "FILE"),
+    quick: bool = option("Use preset strengths of the priors, without cross-validation; takes a few CPU minutes."),
+    out: str | None = option("Write each result to this .json file as soon as it is known.", "FILE"),
     report: str | None = REPORT,
     as_json: bool = JSON,
 ) -> None:
     """Reproduce Tables 1 to 3 of the paper on model-structured networks of a 1:10 car.
 
-    FOLDER holds train.csv and valid.csv, and perhaps tire_set_1.csv, tire_set_2.csv and single_mass.csv. Two protocols
-    are compared with the paper's figures: exactly that of the authors, and one in which nothing is chosen on scored
-    data. The report holds Figs. 2 and 7 to 12 too.
+    FOLDER must hold train.csv and valid.csv; it may hold tire_set_1.csv, tire_set_2.csv and single_mass.csv. The
+    numbers of the paper are compared with two results: one as the authors computed it, and one in which nothing was
+    chosen on the scored data. The report also has Figs. 2 and 7 to 12 of the paper.
 
     \b
     greybox bench msnn --data roboracer --quick --report msnn
@@ -122,20 +119,20 @@ def msnn_command(
 @command("truck", of=bench)
 def truck_command(
     data: Path = DATA,
-    quick: bool = option("Train only the smallest networks, from one seed: a few CPU minutes, not hours."),
-    curves: bool = option("Make only the learning curves and the pretrained networks."),
+    quick: bool = option("Train only the smallest networks, from one seed; takes a few CPU minutes, not hours."),
+    curves: bool = option("Compute only the learning curves and the pretrained networks."),
     seeds: int = option("Number of trainings of each network.", type=click.IntRange(1, 100), default=5),
-    out: str | None = option("File that keeps finished trainings; the next run continues from them.", "FILE"),
+    out: str | None = option("File of finished trainings; the next run continues from them.", "FILE"),
     minutes: float | None = option(
         "Start no training after this many minutes; with --out the next run continues.", type=click.FloatRange(min=0)
     ),
     report: str | None = REPORT,
     as_json: bool = JSON,
 ) -> None:
-    """Tables II to IV of the transfer-learning paper: a truck's lateral dynamics over 10 s of free run.
+    """Reproduce Tables II to IV of the transfer-learning paper: lateral dynamics of a truck in free runs of 10 s.
 
-    FOLDER holds train.parquet and val.parquet, and perhaps test.parquet, which is scored and never fitted.
-    Every finished training is kept in --out; Ctrl-C loses only the current one.
+    FOLDER must hold train.parquet and val.parquet; it may hold test.parquet, which is scored and never fitted.
+    The file of --out keeps every finished training; Ctrl-C loses only the current one.
 
     \b
     greybox bench truck --data truck --quick --json
@@ -156,29 +153,33 @@ def truck_command(
 @command("loop", of=bench)
 def loop_command(
     out: Path = option("Folder of the results.", "FOLDER", required=True, type=PATH),
-    quick: bool = option("Run one case, one cycle and five drivers (arms): about two CPU minutes, not hours."),
+    quick: bool = option("Run one case, one cycle and five arms; takes about two CPU minutes, not hours."),
     cases: tuple[int, ...] = option(
-        "Number of a case of greybox loop demo; default: all cases.",
+        "Number of a case of greybox loop demo, that is, of a car; default: all cases. Repeatable.",
         name="--case",
         type=click.IntRange(0, 7),
         multiple=True,
     ),
     arms: tuple[str, ...] = option(
-        "A driver (arm) to compare; default: all of them.", name="--arm", type=click.Choice(LOOP_ARMS), multiple=True
+        "An arm, that is, a way to model the car for the training of a policy; default: all. Repeatable.",
+        name="--arm",
+        type=click.Choice(LOOP_ARMS),
+        multiple=True,
     ),
     cycles: int | None = option(
-        "Number of cycles of driving and learning; each allows a larger share of the grip. "
-        "Default: 3, or 1 with --quick.",
+        "Number of cycles of driving and training; in each, the policy may use more of the grip. "
+        "Default: 3, with --quick 1.",
         type=click.IntRange(1, 3),
     ),
     vehicles: int = option("Number of vehicles drawn for each case.", type=click.IntRange(1, 20), default=1),
-    seeds: int = option("Number of random seeds of learning for each vehicle.", type=click.IntRange(1, 20), default=1),
+    seeds: int = option("Number of trainings with different seeds per vehicle.", type=click.IntRange(1, 20), default=1),
     as_json: bool = JSON,
 ) -> None:
-    """Compare black boxes with named effects: drivers that learn on networks, and drivers that learn on named effects,
-    drive the same changed cars.
+    """Compare ways to correct the simulation in which a driving policy is trained: networks, or effects such as
+    steering_delay.
 
-    Results are kept in FOLDER; the same command continues and compares all results in it.
+    All policies drive the same cars, which differ from the vehicle file. Results are kept in FOLDER; the same command
+    continues, and compares all results in it.
 
     \b
     greybox bench loop --quick --out black_box

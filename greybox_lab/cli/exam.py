@@ -14,7 +14,7 @@ from greybox_id.cli.options import ABOVE_ZERO, FROM_ONE, FROM_ZERO, JSON, PATH, 
 from greybox_id.cli.output import console, print_json, progress
 from greybox_id.cli.terminal import tell
 
-JOBS: Any = option("Processes at a time.", type=FROM_ONE, default=1)
+JOBS: Any = option("Number of parallel processes.", type=FROM_ONE, default=1)
 DIAGNOSER = f"{__name__}:diagnose_case"
 """What sits the examination, unless another function is named."""
 COUNTS = {
@@ -40,7 +40,7 @@ TIERS = click.Choice(list(ASKED))
 
 @click.group(name="exam", cls=CommandGroup)
 def exam() -> None:
-    """Examine the diagnosis of gaps blindly: make cases, diagnose them, and open the answers once.
+    """Test the diagnosis of gaps on cases with hidden causes: make cases, diagnose them, then score once.
 
     \b
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
@@ -52,36 +52,41 @@ def exam() -> None:
 @command("make", of=exam)
 def make_command(
     out: Path = option(
-        "New folder of the examination, or an unfinished one to continue.",
+        "Folder of the examination: a new one, or an unfinished one to continue.",
         "FOLDER",
         required=True,
         type=PATH,
     ),
     seed: int = option("Seed of the examination; the same seed makes the same cases.", type=FROM_ZERO, default=0),
     tier: Any = option(
-        "clean: exact vehicle files, nominal forms, white noise; workshop: tolerances, other forms, coloured noise, "
-        "outliers; foreign: vehicles of other simulators; many: three to six effects at once; rough: cars on springs "
-        "with rough files; injected: altered real recordings; changed: a real car that was changed (DART).",
+        "Kind of the cases. clean: exact vehicle files, white noise; workshop: vehicle files with tolerances, other "
+        "equations than the model, coloured noise, outliers; foreign: vehicles of other simulators; many: three to six "
+        "effects at once; rough: sprung cars with inexact vehicle files; injected: real recordings that were altered; "
+        "changed: a real car that was changed (DART).",
         type=TIERS,
         default="clean",
     ),
-    cases: int | None = option("Tiers clean and workshop: cases with withheld effects; default: 60.", type=FROM_ZERO),
+    cases: int | None = option(
+        "Number of cases with hidden effects in the tiers clean and workshop; default: 60.", type=FROM_ZERO
+    ),
     nulls: int | None = option(
-        "Cases without effects; default: a sixth of the other cases; for the tier foreign 200.",
+        "Number of cases without effects; default: a sixth of the other cases, in the tier foreign 200.",
         type=FROM_ZERO,
     ),
-    singles: int | None = option("Cases with one effect; default: 70, for the tier rough 14.", type=FROM_ZERO),
-    data: Path | None = option("Folder of the real recordings, for tiers injected and changed.", "FOLDER", type=PATH),
-    pairs: int | None = option("Cases with two effects; default: 25, for the tier rough 6.", type=FROM_ZERO),
+    singles: int | None = option("Number of cases with one effect; default: 70, in the tier rough 14.", type=FROM_ZERO),
+    data: Path | None = option(
+        "Folder of the real recordings, for the tiers injected and changed.", "FOLDER", type=PATH
+    ),
+    pairs: int | None = option("Number of cases with two effects; default: 25, in the tier rough 6.", type=FROM_ZERO),
     outside: int | None = option(
-        "Cases with an effect that the diagnosis has no name for; default: 30.", type=FROM_ZERO
+        "Number of cases with an effect that greybox gap does not know; default: 30.", type=FROM_ZERO
     ),
     many: int | None = option(
-        "Cases with three to six effects at once; default for the tier many: 60.", type=FROM_ZERO
+        "Number of cases with three to six effects at once; default in the tier many: 60.", type=FROM_ZERO
     ),
     families: tuple[str, ...] = option(
-        "Source of the cases: for tier foreign a simulator (workshop is the virtual vehicle), for tier injected a "
-        "recording, for tier changed a case; or a set of sources (development, examination). Repeatable.",
+        "Source of the cases: in the tier foreign a simulator (workshop is the virtual vehicle), in injected a "
+        "recording, in changed a case; or a set of sources: development or examination. Repeatable.",
         "NAME",
         name="--family",
         multiple=True,
@@ -89,10 +94,10 @@ def make_command(
     jobs: int = JOBS,
     as_json: bool = JSON,
 ) -> None:
-    """Generate the cases of an examination, and store their sealed answers in a separate folder. After an
-    interruption the same command continues.
+    """Make the cases of an examination, and store the answers (their true causes) in a separate, sealed folder.
 
-    Note the checksum that is printed: with it, greybox exam score --seal detects replaced answers.
+    Note the checksum that is printed: greybox exam score --seal uses it to detect replaced answers. After an
+    interruption the same command continues.
 
     \b
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean
@@ -148,7 +153,7 @@ def run_command(
     cases: Path = argument("CASES", type=PATH),
     jobs: int = JOBS,
     timeout: float = option(
-        "A case that takes longer counts as wrong.",
+        "Time limit of a case; a case that takes longer counts as wrong.",
         "SECONDS",
         type=ABOVE_ZERO,
         default=120.0,
@@ -160,11 +165,10 @@ def run_command(
     seed: int = option("Seed with which --sample draws.", type=FROM_ZERO, default=0),
     as_json: bool = JSON,
 ) -> None:
-    """Diagnose each of CASES as greybox gap does, in a process that cannot read the answers. After an interruption
-    the same command continues.
+    """Diagnose each case in the folder CASES as greybox gap does, without access to the answers.
 
-    The results of each case are its files diagnosis.json and closed.toml. Several runs may share the cases; each
-    process takes one core.
+    The results are the files diagnosis.json and closed.toml of each case. Several commands may work on the same cases
+    at once; each process takes one core. After an interruption the same command continues.
 
     \b
     greybox exam run exam_clean/cases --jobs 2
@@ -187,13 +191,15 @@ def run_command(
 @command("score", of=exam)
 def score_command(
     folder: Path = argument("FOLDER", type=PATH),
-    detail: bool = option("Print also the effects that were confused and every wrong case."),
-    noted: str = option("Checksum of the seal, as printed when the cases were made.", "SUM", name="--seal", default=""),
-    partial: bool = option("Score the cases diagnosed so far, as a sample; this score is not kept."),
+    detail: bool = option("Also print every wrong case, and which effects were taken for which."),
+    noted: str = option("Checksum that greybox exam make printed.", "SUM", name="--seal", default=""),
+    partial: bool = option("Score only the cases that have been diagnosed so far; this score is not stored."),
     jobs: int = JOBS,
     as_json: bool = JSON,
 ) -> None:
-    """Open the answers in FOLDER and score the diagnoses. This is done once; the score is kept in FOLDER/score.json.
+    """Compare the diagnoses in FOLDER with the answers.
+
+    This is done once; the score is stored in FOLDER/score.json.
 
     \b
     greybox exam score exam_clean --detail

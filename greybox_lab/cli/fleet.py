@@ -27,7 +27,7 @@ RESULTS: Any = argument("RESULTS", type=PATH)
 
 @click.group(name="fleet", cls=CommandGroup)
 def fleet() -> None:
-    """Check, fit and diagnose the recordings of many vehicles, and summarise them.
+    """Check, fit and diagnose the recordings of many vehicles, and compare the vehicles.
 
     \b
     greybox fleet run fleet.toml --out results --jobs 2
@@ -42,22 +42,27 @@ def run_command(
     plan: Path = argument("FLEET.toml", type=PATH),
     out: Path = option("Folder of the results.", "FOLDER", required=True, type=PATH),
     engine: Literal["local", "dask"] = option(
-        "local: processes of this machine; dask: workers of Dask.", default="local"
+        "Where the work runs. local: in processes of this machine; dask: on workers of Dask.", default="local"
     ),
-    scheduler: str | None = option("With dask: address of the scheduler, as in tcp://host:8786.", "ADDRESS"),
-    jobs: int = option("Number of parallel recordings on this machine.", type=FROM_ONE, default=1),
+    scheduler: str | None = option("Address of the scheduler of Dask, as in tcp://host:8786.", "ADDRESS"),
+    jobs: int = option(
+        "Number of recordings that are processed in parallel on this machine.", type=FROM_ONE, default=1
+    ),
     only: Literal["all", "changed"] = option(
-        "'changed' skips files whose size and date are unchanged, without reading them.", default="all"
+        "all: read every file to see whether it has changed; changed: skip files whose size and date are the same.",
+        default="all",
     ),
-    retry_failed: bool = option("Process again the recordings that failed or reached a limit."),
-    compact: bool = option("Write each table as one file, without results of recordings that have changed."),
+    retry_failed: bool = option("Also process recordings that failed or reached a limit before."),
+    compact: bool = option("Rewrite each table of results as one file, and drop outdated rows."),
     refit: bool = option(
-        "After the first pass, fit poorly excited recordings again, with the fleet's distribution as prior.",
+        "Afterwards, fit recordings with little excitation again; their prior is the distribution over the fleet.",
         name="--second-pass",
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Process every recording of FLEET.toml that is not done. After an interruption the same command continues.
+    """Process every recording of FLEET.toml that has not been processed yet.
+
+    After an interruption the same command continues.
 
     \b
     greybox fleet run fleet.toml --out results --jobs 2
@@ -81,7 +86,7 @@ def status_command(
     results: Path = RESULTS,
     as_json: bool = JSON,
 ) -> None:
-    """Report how many recordings of a fleet are processed, and with which results.
+    """Print how many recordings of a fleet have been processed, and how many failed.
 
     \b
     greybox fleet status results
@@ -96,7 +101,9 @@ def estimate_command(
     results: Path = RESULTS,
     as_json: bool = JSON,
 ) -> None:
-    """Estimate population, vehicles and drift from RESULTS; no recording is read.
+    """Estimate from RESULTS the mean of the fleet, the values of each vehicle, and changes over time.
+
+    No recording is read.
 
     \b
     greybox fleet estimate results
@@ -109,13 +116,15 @@ def estimate_command(
 @command("report", of=fleet)
 def report_command(
     results: Path = RESULTS,
-    out: Path | None = option("Report to write; default: RESULTS/report.html.", "FILE", type=PATH),
+    out: Path | None = option("Report to write, a .html file; default: RESULTS/report.html.", "FILE", type=PATH),
     kind: str = option("Format of the report.", name="--format", type=click.Choice(["html"]), default="html"),
-    vehicle: str | None = option("Report on this vehicle alone.", "NAME"),
+    vehicle: str | None = option("Report only on this vehicle.", "NAME"),
     as_json: bool = JSON,
 ) -> None:
-    """Write a report of RESULTS as one HTML page: the population; which vehicles deviate from it, since when and in
-    which parameter; which recordings failed.
+    """Write a report of RESULTS as one HTML page.
+
+    It shows the distribution over the fleet, which vehicles deviate from it, since when and in which parameter, and
+    which recordings failed.
 
     \b
     greybox fleet report results --out fleet.html

@@ -25,23 +25,23 @@ from ..nnodely.vehicles import SUFFIXES
 def import_(
     network: str = argument("NETWORK", type=FILE),
     inputs: str = option(
-        "Which signal each input of the file is, if their names do not show it.", "SIGNAL=INPUT,...", default=""
+        "Which signal each input of the network is, if its name does not show it.", "SIGNAL=INPUT,...", default=""
     ),
     sample_time: float | None = option(
-        "Sample time of the network's training; default: that of the file.",
+        "Sample time with which the network was trained; default: the one in the file.",
         "SECONDS",
         type=click.FloatRange(min=1e-4, max=10.0),
     ),
     out: str | None = option(
-        "A .json file for a network, by default fit.json in a folder of the model's name; a .toml file for a vehicle.",
+        "File to write: .json for a network (default: MODEL/fit.json), .toml for a vehicle.",
         "FILE",
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Import NETWORK, an MS-NN saved by nnodely (saveModel), as a fit; or parameters of another tool as a vehicle file.
+    """Import NETWORK, a model-structured network saved by nnodely (saveModel), as a fit.
 
-    Such parameters are a .tir file, Autoware's vehicle_info.param.yaml, parameters of f1tenth_gym or of CommonRoad.
-    No code in the file is run.
+    A parameter file of another tool is imported as a vehicle file: a .tir file, Autoware's vehicle_info.param.yaml,
+    and parameter files of f1tenth_gym and of CommonRoad. No code in the file is executed.
 
     \b
     greybox import trained/net.json --sample-time 0.05 --out run/fit.json

@@ -19,7 +19,7 @@ from ..driving.loop.protocol import ARMS
 
 @click.group(name="loop", cls=CommandGroup)
 def loop() -> None:
-    """Let a learned driver adapt to its vehicle by the effects that `greybox gap` names.
+    """Train a driving policy in simulation, and correct the simulation with the effects that greybox gap finds.
 
     \b
     greybox loop demo --quick --out loop
@@ -28,7 +28,7 @@ def loop() -> None:
 
 SEED: Any = option("Seed of all random numbers.", type=click.IntRange(0, 10**6), default=0)
 ARM: Any = option(
-    "How the model on which the driver learns is identified from the recorded rows; docs/loop.md explains each way.",
+    "How the model in which the policy is trained follows from the recording; docs/loop.md explains each way.",
     type=click.Choice(ARMS),
     default="named",
 )
@@ -36,20 +36,24 @@ ARM: Any = option(
 
 @command("demo", of=loop)
 def demo_command(
-    out: Path = option("Folder of the demo.", "FOLDER", required=True, type=PATH),
-    quick: bool = option("Use fewer rows and steps; takes some minutes."),
+    out: Path = option("Folder for the results of the demo.", "FOLDER", required=True, type=PATH),
+    quick: bool = option("Use fewer rows and fewer training steps; takes a few minutes."),
     case: int = option(
-        "Number of the case. In each, the car has effects that its vehicle file does not state. "
-        "Those of cases 6 and 7 are not known to greybox gap.",
+        "Number of the case, that is, of a car with effects that its vehicle file does not state. In cases 6 and 7, "
+        "greybox gap does not know these effects.",
         type=click.IntRange(0, 7),
         default=0,
     ),
     arm: str = ARM,
-    cycles: int = option("Number of cycles of the loop.", type=click.IntRange(1, 20), default=3),
+    cycles: int = option(
+        "Number of cycles; each drives, diagnoses the gap and trains.", type=click.IntRange(1, 20), default=3
+    ),
     seed: int = SEED,
     as_json: bool = JSON,
 ) -> None:
-    """Close the loop on a simulated car. After an interruption the same command continues.
+    """Run the whole loop with a simulated car: drive, diagnose the gap, train the policy again, test and replace it.
+
+    After an interruption the same command continues.
 
     \b
     greybox loop demo --quick --out loop
@@ -65,22 +69,29 @@ def demo_command(
 @command("agent", of=loop)
 def agent_command(
     server: str = argument("SERVER"),
-    token_file: str = option("File of the token that signs requests.", "FILE", required=True, type=FILE),
+    token_file: str = option(
+        "File that holds the token with which requests are signed; the same as for greybox serve.",
+        "FILE",
+        required=True,
+        type=FILE,
+    ),
     out: Path = option(
-        "Folder for the rows that the agent records and the policies that it receives.",
+        "Folder for the samples that are recorded and the policies that are received.",
         "FOLDER",
         required=True,
         type=PATH,
     ),
     session: str = option("Name of the session at the server: letters, digits and dashes.", default="car"),
-    case: int = option("Number of the case, as in greybox loop demo.", type=click.IntRange(0, 7), default=0),
+    case: int = option(
+        "Number of the case (of a simulated car), as in greybox loop demo.", type=click.IntRange(0, 7), default=0
+    ),
     arm: str = ARM,
-    trainings: int = option("Number of policies to learn.", type=click.IntRange(1, 20), default=2),
-    steps: int = option("Number of steps of a training.", type=click.IntRange(1, 10_000_000), default=150_000),
+    trainings: int = option("Number of trainings; each yields a policy.", type=click.IntRange(1, 20), default=2),
+    steps: int = option("Number of steps of each training.", type=click.IntRange(1, 10_000_000), default=150_000),
     seed: int = SEED,
     as_json: bool = JSON,
 ) -> None:
-    """Drive a simulated car, send its rows to SERVER, and drive with the policies that SERVER learns.
+    """Drive a simulated car, send its samples to SERVER, and drive with the policies that SERVER trains.
 
     SERVER is the address that `greybox serve` prints. After an interruption the same command continues.
 
@@ -100,15 +111,21 @@ def agent_command(
 
 @command("serve")
 def serve(
-    token_file: str | None = option("File of the token that signs requests: 16 characters or more.", "FILE", type=FILE),
-    host: str = option("Address to listen at.", default="127.0.0.1"),
-    port: int = option("Port; 0: any free port.", type=click.IntRange(0, 65535), default=8787),
+    token_file: str | None = option(
+        "File that holds the token (16 characters or more) with which requests are signed.", "FILE", type=FILE
+    ),
+    host: str = option("Address of this machine at which the server listens.", default="127.0.0.1"),
+    port: int = option(
+        "Port at which the server listens; 0: any free port.", type=click.IntRange(0, 65535), default=8787
+    ),
     out: Path = option(
         "Folder in which the server keeps sessions and policies.", "FOLDER", type=PATH, default=Path("greybox_serve")
     ),
     as_json: bool = JSON,
 ) -> None:
-    """Receive rows from vehicles and send them policies, until Ctrl-C. The first line printed is the address.
+    """Run a server that receives samples from vehicles and sends them driving policies, until Ctrl-C.
+
+    It first prints its address.
 
     \b
     greybox serve --token-file token.txt --port 0
