@@ -17,7 +17,7 @@ from ..base.files import write_atomically
 from ..base.guard import claim
 from ..base.processes import Pace
 from ..datasets.checks import check, distrusted
-from ..datasets.checks.mending import mended
+from ..datasets.checks.checking import mended
 from ..datasets.clocks import at_rate
 from ..datasets.column_map import column_map
 from ..datasets.formats import WRITTEN, write
