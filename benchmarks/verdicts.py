@@ -38,8 +38,8 @@ from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.scores.metrics import ahead
 from greybox_id.fitting.scores.motion import score_motion
 from greybox_id.fitting.verb import fit
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 from greybox_id.models.vehicle import vehicle as vehicle_of
 from greybox_lab.virtual.virtual_vehicle import drive, random_vehicle

@@ -14,9 +14,8 @@ from ..gap.gap import Gap, Ranked
 from ..models.hybrid_model import HybridModel
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
-from ..models.parameter import Parameter
+from ..models.parameter import Parameter, Stated
 from ..models.registry import build
-from ..models.stated import Stated
 from ..models.vehicle import ChosenModel, Vehicle
 
 CLOSED = ", gap closed"

@@ -19,7 +19,7 @@ from ..base.numbers import alike, pretty_unit
 from ..fitting.fit import KIND as FIT_KIND
 from ..fitting.fit import Fit
 from ..fitting.saved_fit import load
-from ..gap.advice import Advice
+from ..gap.advice import to_distinguish
 from ..gap.design.arena import arena as arena_of
 from ..gap.design.discriminate import ambiguous, detecting, discriminating
 from ..gap.design.limits import must_agree, read_limits, stated, usual_limits
@@ -29,8 +29,8 @@ from ..gap.design.task import LONGEST, MOST_ROWS, SHORTEST, DesignTask
 from ..gap.gap import Gap
 from ..models.effects import EFFECTS, vocabulary
 from ..models.motion_model import MotionModel
+from ..models.parameter import Stated
 from ..models.registry import build
-from ..models.stated import Stated
 from ..models.vehicle import Vehicle
 from ..models.vehicles import with_tolerances
 from ..reports.gap.saved import KIND as GAP_KIND
@@ -245,7 +245,7 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
     names = ambiguous(gap)
     if not names:
         return gap
-    lead = f"To distinguish {names[0]} from {', '.join(names[1:])}"
+    lead = to_distinguish(names)
     try:
         design_result = design(gap, "discriminate", arena=arena, progress=progress)
     except BadInput as error:  # the diagnosis is worth having all the same
@@ -256,13 +256,9 @@ def quoted(gap: GapResult, arena: str, progress: Callable[[str], None] | None = 
         where = f"In {design_result.arena.words}, {design_result.duration:.1f} s"
         drive = f"{lead}, drive {way} {where} of driving are expected to distinguish {expected}."
         known = (*((drive,) if design_result.phases else ()), *design_result.impossible)
-    return replace(
-        gap,
-        advice=(
-            *known,
-            *(line for line in gap.advice if not (isinstance(line, Advice) and line.apart.issuperset(names))),
-        ),
-    )
+    alike = [(item.effect, *item.indistinguishable_from) for item in gap.ranking if item.indistinguishable_from]
+    instead = tuple(f"{to_distinguish(item)}: " for item in alike if set(names) <= {*item})
+    return replace(gap, advice=(*known, *(line for line in gap.advice if not line.startswith(instead))))
 
 
 def targets(folder: str | Path) -> Path:

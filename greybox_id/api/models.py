@@ -26,9 +26,8 @@ from ..models.hybrid_model import HybridModel
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
 from ..models.motion_model import MotionModel, State
-from ..models.parameter import Parameter, Prior
+from ..models.parameter import Parameter, Prior, Stated
 from ..models.registry import MODELS, build, install, own_model, prepared
-from ..models.stated import Stated
 from ..models.vehicle import Vehicle, shipped_vehicles, write_vehicle
 from .given import VehicleLike
 

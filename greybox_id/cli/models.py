@@ -16,9 +16,8 @@ from ..fitting.requested_model import named_vehicle
 from ..models.effect import Effect
 from ..models.effects import EFFECTS
 from ..models.model import Model
-from ..models.parameter import Parameter
+from ..models.parameter import Parameter, Stated
 from ..models.registry import MODELS, build
-from ..models.stated import Stated
 from ..models.vehicle import ChosenModel, Vehicle, vehicle_text
 from ..reports.text.screen import plain, plain_table
 from .options import JSON, VEHICLES, argument, command, named_effect, named_model, names, option, settings_of

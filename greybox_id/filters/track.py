@@ -24,7 +24,7 @@ from ..fitting.fit import NOT_USABLE, USABLE, WITH_CARE, Reason, Verdict, weighe
 from ..fitting.scores.verdict import distrust, used_signals
 from ..models.effect import Effect
 from ..models.motion_model import MotionModel
-from ..models.stated import Stated
+from ..models.parameter import Stated
 from ..models.vehicle import ChosenModel, TrackingPlan, Vehicle
 from .findings import LOST, Consistency, window_rows, windowed
 

@@ -18,9 +18,8 @@ from ..models.effects import EFFECTS
 from ..models.memory_model import MemoryModel
 from ..models.model import Model
 from ..models.motion_model import MotionModel
-from ..models.parameter import Parameter, Prior
+from ..models.parameter import Parameter, Prior, Stated
 from ..models.registry import MODELS, build, candidates, vehicle_parameters
-from ..models.stated import Stated
 from ..models.vehicle import Vehicle, shipped_vehicles
 from ..models.vehicle import vehicle as read_vehicle
 from ..models.vehicles import with_size

@@ -41,17 +41,9 @@ def to_drive(names: Sequence[str], effects: Mapping[str, Effect]) -> str:
     return MANOEUVRES.get(groups, "a mixed manoeuvre with step steers, hard brakings and a spiral up to the limit")
 
 
-class Advice(str):
-    """A sentence on what would tell more, and the effects that it would tell apart."""
-
-    apart: frozenset[str] = frozenset()
-
-    @classmethod
-    def between(cls, names: Sequence[str], sentence: str) -> Advice:
-        """A sentence on how some effects are told apart."""
-        result = cls(sentence)
-        result.apart = frozenset(names)
-        return result
+def to_distinguish(names: Sequence[str]) -> str:
+    """How a sentence begins that says what tells effects apart, the likeliest first."""
+    return f"To distinguish {names[0]} from {', '.join(names[1:])}"
 
 
 def advice(
@@ -88,11 +80,8 @@ def advice(
                 "them, measure the mounting angle of the sensor."
             )
         else:
-            words = (
-                f"To distinguish {first} from {', '.join(others)}: drive {to_drive(item, effects)}; "
-                f"{COMMAND} designs the manoeuvre for your arena."
-            )
-            one.append(Advice.between(item, words))
+            drive = f"drive {to_drive(item, effects)}; {COMMAND} designs the manoeuvre for your arena."
+            one.append(f"{to_distinguish(item)}: {drive}")
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]
     alike = [name for name in shown if to_drive([name], effects) == to_drive(shown[:1], effects)]

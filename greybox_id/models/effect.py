@@ -44,6 +44,8 @@ class Effect:
     driven_by : what of `needs` a model must have as an input, where actuators read it.
     rounds : the input of a model of motion that it rounds to whole multiples of its magnitude; empty for none. Such a
         magnitude has an optimum for every number of steps, so fits try many sizes.
+    reads_only : whether it changes only what sensors read, or when: the motion stays as it is, unless it takes what is
+        touched as an input.
     by_name : whether a diagnosis tries it only where it is named: on most recordings it looks like another effect.
 
     Examples
@@ -71,6 +73,7 @@ class Effect:
     driven_by: tuple[str, ...] = ()
     by_name: bool = False
     rounds: str = ""
+    reads_only: bool = False
 
     def __post_init__(self) -> None:
         for name in ("parameter", "memory_parameter"):

@@ -54,6 +54,7 @@ from .msnn_full import (
 )
 from .msnn_lat import LateralSettings, covering_lat, msnn_lat
 from .msnn_long import LongitudinalSettings, covering_long, msnn_long
+from .parameter import Stated
 from .single_track import (
     BODY,
     BRAKE,
@@ -70,7 +71,6 @@ from .single_track import (
     single_track,
     with_roll,
 )
-from .stated import Stated
 from .steering import steering
 from .tyres import TYRES, TyreSettings
 from .vehicle import Vehicle

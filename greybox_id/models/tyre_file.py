@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..base.errors import BadInput
 from ..base.files import small_file
-from .stated import Stated
+from .parameter import Stated
 
 LARGEST_NUMBER = 1e100
 FORMATS = {5: "5.2", 6: "5.2", 21: "5.2", 51: "5.1", 52: "5.2", 60: "6.0", 61: "6.1", 62: "6.2"}

@@ -44,7 +44,7 @@ from ..base.signals import SIGNALS
 from ..base.toml_file import key_of, must_know, parse_toml, quoted, table_of, text_of
 from ..base.version import __version__
 from ..datasets.shipped import named_text, shipped_files
-from .stated import Stated
+from .parameter import Stated
 from .tyre_file import read_tyre_file
 
 

@@ -13,9 +13,8 @@ from math import hypot
 from ..base.errors import BadInput
 from .effect import AnyModel, Effect
 from .longitudinal import WHEELS
-from .parameter import Parameter, Prior
+from .parameter import Parameter, Prior, Stated
 from .single_track import BODY, DRIVE, G
-from .stated import Stated
 from .vehicle import Vehicle
 
 MEASURED = ("m", "l_f", "l_r", "h_cg", "track_f", "track_r", "wheel_radius", "I_w")

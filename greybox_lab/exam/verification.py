@@ -16,8 +16,8 @@ from greybox_id.gap.closing import closure
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.model import must_be
 from greybox_id.models.motion_model import MotionModel
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build, motion_model_of
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import vehicle
 
 from .answers import Answer

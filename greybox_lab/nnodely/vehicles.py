@@ -14,7 +14,7 @@ from typing import Any
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import small_file
 from greybox_id.datasets.formats import needed
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.tyre_file import DIGITS, read_tyre_file
 from greybox_id.models.vehicle import ChosenModel, Vehicle
 

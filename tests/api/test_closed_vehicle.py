@@ -19,8 +19,8 @@ from greybox_id.fitting.verb import fit
 from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build, model_of, vehicle_parameters
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import ChosenModel, write_vehicle
 from greybox_id.models.vehicle import vehicle as read_vehicle
 

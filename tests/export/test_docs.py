@@ -12,8 +12,8 @@ from documents import indented, page
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.verb import export
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 SMALL = Vehicle("small car", {name: Stated(value) for name, value in {

@@ -9,8 +9,8 @@ from exported import points, subject
 from greybox_id.export.equations import Equations
 from greybox_id.export.subject import Subject
 from greybox_id.export.target_f1tenth import cautions, files
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES
 from greybox_id.models.vehicle import Vehicle
 

@@ -8,8 +8,8 @@ from driven import driven
 from greybox_id.base.errors import BadInput
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.requested_model import Choices, RequestedModel, doubts, magnitudes, with_choices
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import ChosenModel, vehicle
 
 

@@ -15,7 +15,7 @@ from greybox_id.gap.diagnosis import diagnose
 from greybox_id.gap.estimation.axes import ActingRows
 from greybox_id.gap.examining import examine
 from greybox_id.models.effects import EFFECTS, vocabulary
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import Vehicle
 
 LOOSE = Vehicle("car", {**NUMBERS, "I_z": Stated(2274.0, 80.0), "c_0": Stated(208.0, 20.0)}, {}, NOISE)

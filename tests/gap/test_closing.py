@@ -10,8 +10,8 @@ from greybox_id.gap.closing import closed_by, closure, left_open
 from greybox_id.gap.estimation.bench import Bench
 from greybox_id.gap.estimation.free_runs import Misfit
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 NOISE = {"v_y": 0.02, "yaw_rate": 0.005, "a_y": 0.1}

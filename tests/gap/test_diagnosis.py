@@ -21,8 +21,8 @@ from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.gap import CHANNELS, REGIMES, Budget, Ranked, Share, Unnamed
 from greybox_id.gap.judging import _beside_unknown, _strains, by_no_name, may_vary, something_unnamed
 from greybox_id.models.effects import EFFECTS, vocabulary
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import StatedModelError, Vehicle
 from greybox_id.reports.gap.words import whether
 

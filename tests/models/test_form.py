@@ -9,9 +9,9 @@ from linearised import rates, segment, vector
 from greybox_id.base.errors import BadInput
 from greybox_id.engine.motion.trace import MotionTrace
 from greybox_id.models.form import CURVE_SD, KNOTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
 from greybox_id.models.roughness import with_roughness
-from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES, axle
 from greybox_id.models.vehicle import Vehicle
 

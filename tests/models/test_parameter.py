@@ -6,8 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from greybox_id.base.errors import BadInput
-from greybox_id.models.parameter import Parameter, Prior, pack, unpack
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Parameter, Prior, Stated, pack, unpack
 
 shapes = st.lists(st.sampled_from([(), (1,), (3,), (2, 3), (2, 1, 2), (0,)]), max_size=5)
 

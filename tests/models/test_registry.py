@@ -8,9 +8,8 @@ from toys import TINY, drive, tiny
 
 from greybox_id.base.errors import BadInput, GreyboxError
 from greybox_id.fitting.scores.memory import predictions
-from greybox_id.models.parameter import Prior
+from greybox_id.models.parameter import Prior, Stated
 from greybox_id.models.registry import MODELS, build, candidates, prepared, vehicle_parameters
-from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES
 
 MOTION = ["single_track", "lateral", "longitudinal", "kinematic", "steering"]

@@ -13,9 +13,9 @@ from greybox_id.base.errors import BadInput
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.how import FitOptions
 from greybox_id.fitting.verb import fit
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build, vehicle_parameters
 from greybox_id.models.single_track import ROLLING, lateral, single_track, with_roll
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 START = {"v_y": 0.0, "yaw_rate": 0.0}

@@ -8,9 +8,9 @@ from driving import read
 from linearised import rates, vector
 
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
 from greybox_id.models.roughness import with_roughness
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 SD = {"B_f": Stated(10.0, 0.2), "C_f": Stated(1.4, 0.01), "c_0": Stated(200.0, 8.0), "c_2": Stated(0.45, 0.02)}

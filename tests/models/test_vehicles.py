@@ -8,8 +8,8 @@ from linearised import matrices
 from greybox_id.base.errors import BadInput, BadModel
 from greybox_id.fitting.requested_model import Choices, RequestedModel
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build, model_of, vehicle_parameters
-from greybox_id.models.stated import Stated
 from greybox_id.models.tyres import TYRES
 from greybox_id.models.vehicle import ChosenModel, Vehicle, shipped_vehicles, vehicle
 from greybox_id.models.vehicles import derived, stated_effect, with_tolerances, with_vehicle

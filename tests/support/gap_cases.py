@@ -11,8 +11,8 @@ from greybox_id.gap.estimation.axes import Axis, Candidate
 from greybox_id.gap.estimation.hypothesis import Start
 from greybox_id.gap.estimation.noise import white_noise
 from greybox_id.gap.estimation.search import Search
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 NOISE = {"v_x": 0.02, "v_y": 0.02, "yaw_rate": 0.01, "a_x": 0.15, "a_y": 0.15}

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.linalg import expm
 
 from greybox_id.datasets.recording import Recording
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import Vehicle
 
 SIMROD = {"m": 930.0, "I_z": 700.0, "l_f": 1.175, "l_r": 1.171}

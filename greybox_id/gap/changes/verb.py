@@ -24,7 +24,7 @@ from ...datasets.recording import Recording
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
 from ...models.motion_model import MotionModel
-from ...models.stated import Stated
+from ...models.parameter import Stated
 from ...models.vehicle import Vehicle
 from ..estimation.calibration import CAL
 from ..gap import Closure, Gap, Ranked, Where

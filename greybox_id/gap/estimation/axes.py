@@ -13,7 +13,6 @@ import numpy as np
 
 from ...engine.simulation import Diagnosed
 from ...models.effect import Effect
-from ...models.effects import sensors, timing
 from ...models.memory_model import MemoryModel
 from ...models.parameter import Parameter
 from .calibration import CAL
@@ -214,7 +213,7 @@ def candidates(model: Diagnosed, effects: Mapping[str, Effect], shifting: frozen
 def _reads(effect: Effect, model: Diagnosed) -> frozenset[str]:
     """Outputs that an effect of a sensor acts on; none where the motion takes one of these signals as an input."""
     touched = {*effect.touches}
-    only_read = effect.group in (sensors.GROUP, timing.GROUP) and touched.isdisjoint(model.inputs)
+    only_read = effect.reads_only and touched.isdisjoint(model.inputs)
     return frozenset(touched & {*model.outputs}) if only_read else frozenset()
 
 

@@ -14,10 +14,9 @@ from ...models.effect import AnyModel, Effect
 from ...models.memory_model import MemoryModel
 from ...models.model import Model
 from ...models.motion_model import MotionModel
-from ...models.parameter import Parameter, Prior
+from ...models.parameter import Parameter, Prior, Stated
 from ...models.roughness import with_roughness
 from ...models.single_track import G
-from ...models.stated import Stated
 from ...models.vehicle import Vehicle
 from ...models.vehicles import stated_effect, with_tolerances
 from .axes import ZONE

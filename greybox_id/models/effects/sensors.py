@@ -84,7 +84,7 @@ velocity_mount_yaw = reading(
 
 wheel_speed_scale = effect(
     GROUP, "wheel_speed_scale", "1", 1.0, (0.5, 2.0), "gain of the speed reading, as from a wrong wheel radius",
-    touches=("v_x",), apply=_wheel_speed, typical=1.05,
+    touches=("v_x",), apply=_wheel_speed, typical=1.05, reads_only=True,
 )  # fmt: skip
 
 ALL = (

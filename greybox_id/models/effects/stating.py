@@ -136,5 +136,5 @@ def reading(
 
     return effect(
         group, name, unit, null, bounds, about, touches=tuple(changes), apply=apply, typical=typical, needs=needs,
-        by_name=by_name,
+        by_name=by_name, reads_only=True,
     )  # fmt: skip

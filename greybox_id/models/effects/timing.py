@@ -34,31 +34,31 @@ def _only_the_recording(model: MotionModel) -> MotionModel:
 
 sensor_latency_yaw = effect(
     GROUP, "sensor_latency_yaw", "s", 0.0, LATEST, "latency of the yaw rate reading",
-    touches=("yaw_rate",), apply=_late_yaw_rate, typical=0.03,
+    touches=("yaw_rate",), apply=_late_yaw_rate, typical=0.03, reads_only=True,
 )  # fmt: skip
 
 sensor_latency_vx = effect(
     GROUP, "sensor_latency_vx", "s", 0.0, LATEST, "latency of the speed reading",
-    touches=("v_x",), apply=_late_speed, typical=0.05,
+    touches=("v_x",), apply=_late_speed, typical=0.05, reads_only=True,
 )  # fmt: skip
 
 sensor_latency_imu = effect(
     GROUP, "sensor_latency_imu", "s", 0.0, LATEST, "latency of the readings of yaw rate and accelerations",
-    touches=("yaw_rate", "a_x", "a_y"), apply=_late_imu, typical=0.03,
+    touches=("yaw_rate", "a_x", "a_y"), apply=_late_imu, typical=0.03, reads_only=True,
     apply_to_memory=delay_imu, memory_parameter=LATENCY_PER_RUN,
 )  # fmt: skip
 
 timestamp_jitter = effect(
     GROUP, "timestamp_jitter", "s", 0.0, (0.0, 0.05), "standard deviation of the difference between the time of a "
     "reading and its stamp",
-    touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.003,
+    touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.003, reads_only=True,
 )  # fmt: skip
 """Moves no expected reading: it scatters readings by their rate of change times this. What tells it is residuals whose
 variance grows with the squared rate of what is read, which the diagnosis tests."""
 
 dropped_samples = effect(
     GROUP, "dropped_samples", "1", 0.0, (0.0, 0.9), "share of the rows at which sensors repeat their last reading",
-    touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.1,
+    touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.1, reads_only=True,
 )  # fmt: skip
 """Belongs to the recording, not to the motion. What tells it is rows that repeat the one before exactly, which the
 diagnosis counts."""

@@ -6,9 +6,8 @@ from linear_bicycle import VEHICLE, manoeuvres
 
 from greybox_id.engine.hybrid.problem import HybridProblem, WindowErrors, drawn
 from greybox_id.engine.hybrid.stretches import stretches
-from greybox_id.models.parameter import Prior
+from greybox_id.models.parameter import Prior, Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 SMALL = {"hidden": [5, 4], "window": 40, "warm_up": 15}

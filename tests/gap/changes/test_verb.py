@@ -18,8 +18,8 @@ from greybox_id.gap.changes.verb import Changed, diagnose_change, drifting, filt
 from greybox_id.gap.estimation.calibration import CAL
 from greybox_id.gap.gap import Ranked
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle
 
 TOLERANT = Vehicle(

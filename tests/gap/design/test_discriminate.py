@@ -11,10 +11,11 @@ from greybox_id.api import designing
 from greybox_id.api.designing import nominal_of
 from greybox_id.api.gap_result import GapResult
 from greybox_id.fitting.provenance import DataRecord
-from greybox_id.gap.advice import Advice
+from greybox_id.gap.advice import advice
 from greybox_id.gap.design import discriminate
 from greybox_id.gap.design.discriminate import ENOUGH, ambiguous, parted
 from greybox_id.gap.gap import Ranked
+from greybox_id.models.effects import EFFECTS
 from greybox_id.reports.gap.saved import Made, as_text, stated_numbers
 from greybox_lab.exam.aliases import ALWAYS_ALIKE
 
@@ -125,8 +126,9 @@ def test_a_delay_and_a_lag_are_told_apart(saved):
 def test_advice_is_the_manoeuvre_that_is_computed(made, monkeypatch):
     quick = partial(designing.design, duration=6.0, limits=LIMITS, effort=0.03)
     monkeypatch.setattr(designing, "design", quick)
-    fixed = Advice.between(("steering_delay", "steering_lag"), "Drive a step steer; greybox design designs it.")
-    gap = unsure("steering_delay", "steering_lag", (0.06, 0.06), advice=(fixed, "To detect roll: drive."))
+    gap = unsure("steering_delay", "steering_lag", (0.06, 0.06))
+    fixed, *_ = advice([(gap.ranking[0].effect, *gap.ranking[0].indistinguishable_from)], [], EFFECTS)
+    gap = replace(gap, advice=(fixed, "To detect roll: drive."))
     first, second = designing.quoted(GapResult.of(gap, made), "disc:80").advice
     assert first.startswith("To distinguish steering_delay from steering_lag, drive from ")
     assert "are expected to distinguish steering_delay or steering_lag by " in first

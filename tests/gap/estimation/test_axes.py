@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from greybox_id.gap.estimation.axes import DIRECTIONS, candidates, nuisances, shifting
 from greybox_id.gap.estimation.preparing import prepare
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import Vehicle
 
 TOLERANT = Vehicle(

@@ -9,7 +9,7 @@ from greybox_id.gap.estimation.axes import nuisances, shifting
 from greybox_id.gap.estimation.causes import causes
 from greybox_id.gap.estimation.preparing import prepare
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import Vehicle
 
 DT = 0.02

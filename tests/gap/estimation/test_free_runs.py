@@ -10,8 +10,8 @@ from greybox_id.gap.estimation import preparing
 from greybox_id.gap.estimation.free_runs import misfit, of_subsets, refitted_tolerances
 from greybox_id.gap.estimation.refit import refit
 from greybox_id.models.effects import EFFECTS
+from greybox_id.models.parameter import Stated
 from greybox_id.models.registry import build, model_of
-from greybox_id.models.stated import Stated
 from greybox_id.models.vehicle import Vehicle, vehicle
 from greybox_lab.virtual.virtual_vehicle import Forms, drive, random_vehicle
 from greybox_lab.virtual.virtual_vehicle.car import tolerances, vehicle_file_text

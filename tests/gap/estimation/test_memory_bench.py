@@ -14,7 +14,7 @@ from greybox_id.gap.estimation.memory_bench import MemoryBench, must_suit
 from greybox_id.gap.estimation.noise import blocks
 from greybox_id.gap.estimation.preparing import prepare
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import Vehicle
 
 

@@ -10,7 +10,7 @@ from greybox_id.datasets.recording import Recording
 from greybox_id.gap.estimation.axes import nuisances, shifting
 from greybox_id.gap.estimation.preparing import excerpt, prepare, thinned
 from greybox_id.models.effects import EFFECTS
-from greybox_id.models.stated import Stated
+from greybox_id.models.parameter import Stated
 from greybox_id.models.vehicle import ChosenModel, Vehicle
 
 

@@ -1,5 +1,6 @@
 """What holds for every effect on every model of equations of motion that it concerns."""
 
+from dataclasses import replace
 from functools import cache
 
 import casadi as cs
@@ -97,6 +98,17 @@ def test_effects_are_those_specified_and_say_what_they_mean():
         assert low <= effect.typical <= high
         assert effect.typical != effect.parameter.array
         assert all(own.fixed and own.about and own.name.startswith(name.split("_")[0]) for own in effect.others)
+
+
+@pytest.mark.parametrize("model", EVERY_MODEL)
+def test_effects_that_change_readings_alone_leave_the_motion(model):
+    bare = EVERY_MODEL[model]
+    for effect in (one for one in EFFECTS.values() if one.concerns(bare) and not {*bare.inputs} & {*one.touches}):
+        changed = bare + effect
+        of_readings = {
+            name: getattr(bare, name) for name in ("sensors", "latencies", "parameters", "effects", "origins")
+        }
+        assert (replace(changed, **of_readings) == bare) == effect.reads_only, effect.name
 
 
 def test_a_diagnosis_tries_what_looks_like_another_effect_only_where_it_is_named():
