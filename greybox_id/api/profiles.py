@@ -26,6 +26,7 @@ from ..fitting.fit import Fit
 from ..fitting.holding import place, profiled, restated
 from ..fitting.how import Say, quiet
 from ..fitting.uncertainty import uncertainty
+from ..fitting.uncertainty.beyond_noise import wider
 from ..fitting.uncertainty.profile import End, Profile
 from ..fitting.uncertainty.profile import profile as profile_one
 from ..fitting.uncertainty.sandwich import Uncertainty
@@ -50,11 +51,21 @@ MOVED = 0.1
 
 @dataclass(frozen=True)
 class ProfileBeside:
-    """A profile beside what the covariance says: interval and standard deviation."""
+    """A profile beside what the covariance says.
+
+    Attributes
+    ----------
+    profile : the profile, with the interval of the noise alone in it.
+    wald : interval by the covariance that the fit states, which counts the error of the model's form.
+    sd : standard deviation that the fit states.
+    noise_wald, noise_sd : both of the noise alone.
+    """
 
     profile: Profile
     wald: tuple[float, float]
     sd: float
+    noise_wald: tuple[float, float]
+    noise_sd: float
 
 
 @dataclass(frozen=True)
@@ -96,9 +107,19 @@ class Profiles:
         return as_text(self.parts())
 
     def to_pandas(self) -> pd.DataFrame:
-        """Every profile point by point: value, rise of the objective, and the rise at which the interval ends."""
+        """Every profile point by point: value, rise of the objective, and the rise at which the interval ends, with the
+        error of the model's form and of the noise alone.
+        """
         tables = [
-            pd.DataFrame({"parameter": name, "value": o.values, "rise": o.rise, "allowed": o.allowed})
+            pd.DataFrame(
+                {
+                    "parameter": name,
+                    "value": o.values,
+                    "rise": o.rise,
+                    "allowed": o.allowed,
+                    "allowed_noise_alone": o.noise_alone.allowed,
+                }
+            )
             for name, o in ((name, one.profile) for name, one in self.found.items())
         ]
         return pd.concat(tables, ignore_index=True)
@@ -141,7 +162,8 @@ def profile(
     Returns
     -------
     Profile
-        `interval` in the parameter's SI unit, `values` (k,) along the profile, and `rise` (k,) of the objective there,
+        `interval` in the parameter's SI unit, which counts the error of the model's form as the fit's interval does;
+        `noise_alone`, the interval without it; `values` (k,) along the profile, and `rise` (k,) of the objective there,
         which ends the interval at `allowed`; `ends` says how either side ends, `about(name, unit)` all of it in words.
 
     Raises
@@ -176,16 +198,17 @@ def profiles(
     """Profiles of several parameters, side by side in so many processes; Ctrl-C keeps those that are done."""
     problem, solution = restated(fit, matched(trained(fit), recordings))
     known = uncertainty(problem, solution.x, solution.nodes)
-    intervals = known.interval(confidence)
     away, pace, finished = apart(len(names), jobs), Pace(len(names)), itertools.count(1)
 
     def work(k: int) -> ProfileBeside:
         if not away:
             say(f"{names[k]}: profile {k + 1} of {len(names)}{pace.left(k)}", passing=True)
         at = place(problem, fit.model, names[k])
-        value = profile_one(problem, solution.x, solution.nodes, at, told=known, confidence=confidence)
-        low, high = (float(end) for end in intervals[at])
-        return ProfileBeside(value, (low, high), float(known.sd[at]))
+        ratio = wider(fit, names[k], float(known.sd[at]))
+        value = profile_one(problem, solution.x, solution.nodes, at, told=known, confidence=confidence, wider=ratio)
+        intervals = (known.interval(confidence, one)[at] for one in (ratio, 1.0))
+        both, noise = ((float(low), float(high)) for low, high in intervals)
+        return ProfileBeside(value, both, ratio * float(known.sd[at]), noise, float(known.sd[at]))
 
     def done_with(k: int, profile_beside: ProfileBeside) -> bool:
         del profile_beside
@@ -222,12 +245,14 @@ def _moved(fit: Fit, problem: LeastSquares, solution: Solution, known: Uncertain
 
 def _table(fit: Fit, result: Mapping[str, ProfileBeside], confidence: float) -> Table:
     level = f"{100 * confidence:g} %"
-    table = plain_table("parameter", "estimate", f"{level} by covariance", f"{level} by profile", "unit", "")
+    noise = f"{level} by profile, noise alone"
+    table = plain_table("parameter", "estimate", f"{level} by covariance", f"{level} by profile", noise, "unit", "")
     for name, one in result.items():
         value = fit.model[name]
         table.add_row(
             name, estimate(float(value.array), one.sd), _interval(one.wald, one.sd),
-            _interval(one.profile.interval, one.sd), pretty_unit(value.unit), _status(one.profile),
+            _interval(one.profile.interval, one.sd), _interval(one.profile.noise_alone.interval, one.noise_sd),
+            pretty_unit(value.unit), _status(one.profile),
         )  # fmt: skip
     return table
 
@@ -246,7 +271,7 @@ def _status(profile: Profile) -> str:
 
 
 def _as_dict(fit: Fit, name: str, one: ProfileBeside) -> dict[str, Any]:
-    profile = one.profile
+    profile, noise = one.profile, one.profile.noise_alone
     return {
         "unit": fit.model[name].unit,
         "estimate": float(fit.model[name].array),
@@ -254,6 +279,13 @@ def _as_dict(fit: Fit, name: str, one: ProfileBeside) -> dict[str, Any]:
         "by_covariance": list(one.wald),
         "by_profile": list(profile.interval),
         "ends": [end.value for end in profile.ends],
+        "noise_alone": {
+            "sd": one.noise_sd,
+            "by_covariance": list(one.noise_wald),
+            "by_profile": list(noise.interval),
+            "ends": [end.value for end in noise.ends],
+            "allowed_rise": noise.allowed,
+        },
         "identifiable": profile.identifiable,
         "at_a_better_optimum": profile.at_a_better_optimum,
         "settled": profile.settled,

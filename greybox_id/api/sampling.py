@@ -84,10 +84,12 @@ class PosteriorResult(Posterior):
             f"sampled  {len(self)} draws of {self.fit.get('model')} by {self.method}, {100 * self.acceptance:.3g} % "
             f"accepted{met}, at least {least:.0f} effective draws; {self.cpu_seconds:.1f} CPU s\n"
         )
-        table = plain_table("parameter", "mean", "sd", "95 % interval", "unit", "R-hat", "ESS")
+        head = ("parameter", "mean", "sd", "95 % interval", "95 %, noise alone", "unit", "R-hat", "ESS")
+        table = plain_table(*head)
         for name, row in self.table.iterrows():
             table.add_row(
                 str(name), number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
+                interval(row["low_noise_alone"], row["high_noise_alone"], row["sd_noise_alone"]),
                 pretty_unit(row["unit"]), f"{row['r_hat']:.3f}" if np.isfinite(row["r_hat"]) else "–",
                 f"{row['ess']:.0f}",
             )  # fmt: skip
@@ -153,8 +155,9 @@ class PosteriorResult(Posterior):
             if name not in self.names:
                 raise BadInput(f"names: the posterior has no {name!r}; it has {', '.join(self.names)}.")
         columns = [self.names.index(name) for name in chosen]
-        values = self.chosen(min(max(len(self), 1000), 5000))[:, columns]
-        result = corner(values, chosen, [self.coordinates[k].unit for k in columns])
+        count = min(max(len(self), 1000), 5000)
+        own, alone = (self.chosen(count, noise_alone=noise)[:, columns] for noise in (False, True))
+        result = corner(own, alone, chosen, [self.coordinates[k].unit for k in columns])
         result.lay_out()
         return result
 
@@ -190,8 +193,9 @@ def sample(
     Returns
     -------
     Posterior
-        `frame` (a row a draw), `table` (mean, sd and 95 % interval by parameter), `r_hat`, `ess`, `summary()`,
-        `corner()`, `priors()`, `to_arviz()`, `save(path)`. Ctrl-C leaves what there is, `complete` false.
+        `frame` (a row a draw), `table` (mean, sd and 95 % interval by parameter, with the error of the model's form as
+        in the fit's intervals, and of the noise alone), `noise_alone` (the draws without that error), `r_hat`, `ess`,
+        `summary()`, `corner()`, `priors()`, `to_arviz()`, `save(path)`. Ctrl-C leaves what there is, `complete` false.
 
     Raises
     ------

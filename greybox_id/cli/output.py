@@ -23,10 +23,6 @@ if TYPE_CHECKING:
     from ..fitting.how import Say
 
 
-WITHOUT_FORM = "The intervals of greybox fit also include the error of the model's form; these do not."
-"""Beside intervals that the likelihood alone gives."""
-
-
 def console() -> Console:
     """Standard output for people."""
     result = Screen()

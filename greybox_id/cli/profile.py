@@ -9,7 +9,7 @@ import click
 from ..api.profiles import profiles, profiles_target
 from ..fitting.holding import profiled
 from .options import FILE, JOBS, JSON_AND_OWN, MOVED, argument, command, fit_of, option
-from .output import WITHOUT_FORM, console, print_json, progress, show
+from .output import console, print_json, progress, show
 
 
 @command("profile")
@@ -46,6 +46,5 @@ def profile(
         print_json(result.as_dict() | ({"written": str(target)} if target is not None else {}))
         return
     show(result.parts())
-    console().print(WITHOUT_FORM)
     if target is not None:
         console().print(f"\nwritten  {target}")

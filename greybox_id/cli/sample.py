@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Literal
 
 from .options import FILE, FROM_ZERO, JSON_AND_OWN, argument, command, option
-from .output import WITHOUT_FORM, console, print_json, progress, show
+from .output import console, print_json, progress, show
 
 INTERRUPTED = 130
 """Exit code after Ctrl-C, as of other commands; what there is was kept."""
@@ -60,7 +60,6 @@ def sample(
         print_json(result.as_dict() | {"written": str(target)})
     else:
         show(result.parts())
-        console().print(WITHOUT_FORM)
         console().print(f"\nwritten  {target}")
     if not result.complete:
         sys.exit(INTERRUPTED)

@@ -59,17 +59,18 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
 def _table(fit: Fit, posterior: Posterior) -> Table:
     body, rows = [], posterior.table
     for coordinate in posterior.coordinates:
-        row = {name: float(rows[name].loc[coordinate.name]) for name in ("mean", "sd", "low", "high", "r_hat", "ess")}
+        row = {name: float(rows[name].loc[coordinate.name]) for name in rows if name != "unit"}
         single = coordinate.run is None and fit.model[coordinate.parameter].shape == ()
         stated = float(fit.sd[coordinate.parameter]) if single else np.nan
         value = float(fit.model[coordinate.parameter].array) if single else np.nan
         body.append((
             coordinate.name, number(row["mean"]), number(row["sd"]), interval(row["low"], row["high"], row["sd"]),
+            interval(row["low_noise_alone"], row["high_noise_alone"], row["sd_noise_alone"]),
             pretty_unit(coordinate.unit), number(value) if single else "–", number(stated) if single else "–",
             f"{row['r_hat']:.3f}" if np.isfinite(row["r_hat"]) else "–", f"{row['ess']:.0f}",
         ))  # fmt: skip
-    head = ("parameter", "mean", "sd", "95 % interval", "unit", "fit", "fit's sd", "R-hat", "ESS")
-    return Table(head, tuple(body), "lrrrlrrrr")
+    head = ("parameter", "mean", "sd", "95 % interval", "95 %, noise alone", "unit", "fit", "fit's sd", "R-hat", "ESS")
+    return Table(head, tuple(body), "lrrrrlrrrr")
 
 
 def _corner(fit: Fit, posterior: Posterior) -> Drawing:
@@ -88,11 +89,13 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
         kept = sorted(shift, key=lambda name: -shift[name])[:MOST_DRAWN] or names[:MOST_DRAWN]
         names = [name for name in names if name in kept]
     columns = [posterior.names.index(name) for name in names]
-    values = posterior.chosen(min(len(posterior), DRAWS))[:, columns]
+    own, alone = (
+        posterior.chosen(min(len(posterior), DRAWS), noise_alone=noise)[:, columns] for noise in (False, True)
+    )
     left = len(posterior.names) - len(names)
     more = f" The {left} parameters whose mean is nearest to the fit are not shown." if left else ""
     return Drawing(
-        "corner", corner(values, names, [posterior.coordinates[k].unit for k in columns]),
+        "corner", corner(own, alone, names, [posterior.coordinates[k].unit for k in columns]),
         "Draws of the posterior: each parameter on the diagonal, pairs below. They show curved or long shapes, which "
         f"standard deviations do not.{more}",
         "Histograms of the parameters, and scatter plots of their pairs.",

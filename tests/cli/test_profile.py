@@ -35,12 +35,16 @@ def test_a_profile_agrees_with_the_covariance_where_the_model_is_nearly_linear(f
     assert own["unit"] == "N/rad"
     assert own["identifiable"]
     assert own["by_profile"] == pytest.approx(own["by_covariance"], rel=0.02)
+    alone = own["noise_alone"]
+    assert alone["by_profile"] == pytest.approx(alone["by_covariance"], rel=0.02)
+    assert own["allowed_rise"] / alone["allowed_rise"] == pytest.approx((own["sd"] / alone["sd"]) ** 2)
     fit = json.loads(fitted.read_text())["parameters"]["C_alpha_f"]
     assert own["estimate"] == fit["value"]
     low, high = fit["interval"]  # half a row between commands, and what the form lacks, widen it
-    assert low <= own["by_covariance"][0] < own["by_covariance"][1] <= high
+    assert own["by_covariance"] == pytest.approx([low, high], rel=1e-3)
+    assert low < alone["by_covariance"][0] < alone["by_covariance"][1] < high
     curve = pd.read_csv(out)
-    assert list(curve) == ["parameter", "value", "rise", "allowed"]
+    assert list(curve) == ["parameter", "value", "rise", "allowed", "allowed_noise_alone"]
     assert np.array_equal(curve["value"], own["values"])
     assert curve["rise"].min() == pytest.approx(0.0, abs=1e-6)
 
@@ -49,7 +53,7 @@ def test_a_person_sees_both_intervals_of_all_parameters(fitted):
     called = greybox("profile", fitted, "--all")
     assert called.code == 0, called.err
     words = " ".join(called.out.split())
-    assert "parameter estimate 95 % by covariance 95 % by profile unit" in words
+    assert "parameter estimate 95 % by covariance 95 % by profile 95 % by profile, noise alone unit" in words
     assert all(name in words for name in ("I_z", "C_alpha_f", "C_alpha_r"))
     assert "yaw_rate_bias" not in words
 

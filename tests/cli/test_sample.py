@@ -37,7 +37,8 @@ def test_it_tells_what_was_drawn(sampled):
     assert told["ess"] > 20
     assert told["cpu_seconds"] > 0
     own = told["parameters"]["C_alpha_f"]
-    assert own["low"] < own["mean"] < own["high"]
+    assert own["low"] < own["low_noise_alone"] < own["mean"] < own["high_noise_alone"] < own["high"]
+    assert own["sd"] > own["sd_noise_alone"]
     frame = pd.read_parquet(out)
     assert list(frame)[:4] == ["chain", "draw", "weight", "log_posterior"]
     assert len(frame) == 200

@@ -203,6 +203,37 @@ RIDGE = 1e-10
 """Of a covariance in units of its standard deviations: rounding must not make it indefinite."""
 
 
+class Widening:
+    """Draws of the noise alone, made as wide as a fit's covariance, which counts the error of its form as well.
+
+    Deviations from the fit are mapped linearly, so that their covariance becomes the one that the fit states, and all
+    else of the draws stays: bends, skewness, weights, chains. No direction gets narrower. What the map takes beyond a
+    bound is put on it, as an interval of a fit ends there.
+
+    Sources: Chandler & Bate, Inference for clustered data using the independence loglikelihood, Biometrika 94 (2007);
+    Shaby, The open-faced sandwich adjustment for MCMC using estimating functions, J. Computational and Graphical
+    Statistics 23 (2014).
+
+    Parameters
+    ----------
+    target : what was drawn from.
+    beyond : (d, d) covariance of theta that the fit states beyond that of the noise.
+    """
+
+    def __init__(self, target: Target, beyond: Array) -> None:
+        self.target = target
+        size = np.where(target.logarithmic, target.density.centre, 1.0)
+        inward = np.linalg.inv(target.factor)
+        added, Q = np.linalg.eigh(inward @ (beyond / np.outer(size, size)) @ inward.T)
+        self.outward = target.factor @ (Q * np.sqrt(1.0 + np.maximum(added, 0.0))) @ Q.T @ inward
+
+    def __call__(self, theta: Array) -> Array:
+        """(n, d) -> (n, d)."""
+        target = self.target
+        u = target.centre + (target.to_u(theta) - target.centre) @ self.outward.T
+        return np.clip(target.to_theta(u), *target.density.bounds)
+
+
 class Target:
     """The density in the coordinates in which draws move, u = log(theta) or theta, as `whitening` tells.
 

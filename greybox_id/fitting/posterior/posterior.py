@@ -78,8 +78,9 @@ def weighted_quantile(values: Array, weight: Array, share: float) -> float:
 
 
 Method = Literal["laplace", "mcmc", "abc-smc"]
-METADATA, SOURCE = b"greybox-posterior", b"greybox-fit"
-VERSION = 2
+METADATA, SOURCE, NOISE_ALONE = b"greybox-posterior", b"greybox-fit", b"greybox-noise-alone"
+VERSION, WITHOUT_FORM = 3, 2
+"""Of the format; an earlier one that is read, whose draws are of the noise alone."""
 LEVEL = 0.95
 """Of the intervals `low` to `high`."""
 MET, FEW = 1.05, 100.0
@@ -96,10 +97,12 @@ class Posterior:
     ----------
     method : "laplace", "mcmc" or "abc-smc".
     coordinates : what was drawn, in the order of `values`.
-    values : (draws, d) in SI units.
+    values : (draws, d) in SI units, with all that the fit's intervals count, the error of its form as well; of abc-smc
+        as drawn.
+    noise_alone : (draws, d) the same draws of the likelihood itself, which counts the noise alone.
     weight : (draws,) sums to one.
     chain, draw : (draws,) which chain (of mcmc a walker) each belongs to, and its place there.
-    measure : (draws,) log_posterior, up to a constant; of abc-smc the distance.
+    measure : (draws,) log_posterior of `noise_alone`, up to a constant; of abc-smc the distance.
     acceptance : share of proposals that were accepted, of abc-smc in the last population.
     evaluations : simulations of all recordings.
     cpu_seconds : s.
@@ -110,11 +113,13 @@ class Posterior:
     state : what an unfinished run goes on from.
     source : the text of the fit's file, so that draws can be simulated by whoever has no other file.
     pareto_k : of laplace, the shape of the tail of the draws' weights; NaN where it is not known.
+    with_form : whether `values` count the error of the model's form; not of abc-smc, nor in files of versions before.
     """
 
     method: Method
     coordinates: tuple[DrawnNumber, ...]
     values: Array
+    noise_alone: Array
     weight: Array
     chain: Array
     draw: Array
@@ -129,6 +134,7 @@ class Posterior:
     state: Mapping[str, Any] = field(default_factory=dict)
     source: str = field(default="", repr=False)
     pareto_k: float = float("nan")
+    with_form: bool = True
 
     @property
     def weighted(self) -> bool:
@@ -170,18 +176,23 @@ class Posterior:
 
     @cached_property
     def table(self) -> pd.DataFrame:
-        """By name: `mean`, `sd`, `low` and `high` (95 %), `unit`, `r_hat`, `ess`."""
-        mean = self.weight @ self.values if len(self) else np.full(len(self.names), np.nan)
-        sd = np.sqrt(self.weight @ (self.values - mean) ** 2) if len(self) else mean
+        """By name: `mean`, `sd`, `low` and `high` (95 %), `unit`, `r_hat`, `ess`; of the noise alone `sd_noise_alone`,
+        `low_noise_alone` and `high_noise_alone`.
+        """
+        own, noise = self._described(self.values), self._described(self.noise_alone)
+        told = {"unit": [coordinate.unit for coordinate in self.coordinates], "r_hat": self.r_hat, "ess": self.ess}
+        of_noise = {f"{name}_noise_alone": noise[name] for name in ("sd", "low", "high")}
+        return pd.DataFrame({**own, **told, **of_noise}, index=list(self.names))
+
+    def _described(self, values: Array) -> dict[str, Array]:
+        """Mean, standard deviation and ends of intervals by parameter."""
+        mean = self.weight @ values if len(self) else np.full(len(self.names), np.nan)
+        sd = np.sqrt(self.weight @ (values - mean) ** 2) if len(self) else mean
+        shares = {"low": (1 - LEVEL) / 2, "high": (1 + LEVEL) / 2}
         ends = {
-            name: [weighted_quantile(item, self.weight, share) for item in self.values.T]
-            for name, share in (("low", (1 - LEVEL) / 2), ("high", (1 + LEVEL) / 2))
+            k: np.array([weighted_quantile(v, self.weight, share) for v in values.T]) for k, share in shares.items()
         }
-        units = [coordinate.unit for coordinate in self.coordinates]
-        return pd.DataFrame(
-            {"mean": mean, "sd": sd, **ends, "unit": units, "r_hat": self.r_hat, "ess": self.ess},
-            index=list(self.names),
-        )
+        return {"mean": mean, "sd": sd, **ends}
 
     @property
     def worst(self) -> tuple[float, float]:
@@ -192,6 +203,11 @@ class Posterior:
         """Sentences on what these draws cannot be trusted for; empty where there is nothing to say."""
         result = []
         worst, least = self.worst
+        if not self.with_form:
+            again = "" if self.method == "abc-smc" else " Sample again to include it."
+            result.append(
+                f"These intervals do not include the error of the model's form, as those of the fit do.{again}"
+            )
         if not self.complete:
             on = "" if self.method == "laplace" else " and it continues"
             result.append(f"The run was interrupted: call it again with the same arguments{on}.")
@@ -227,12 +243,13 @@ class Posterior:
             item.name: (float(self.table["mean"][item.name]), float(self.table["sd"][item.name])) for item in single
         }
 
-    def chosen(self, count: int, seed: int = 0) -> Array:
+    def chosen(self, count: int, seed: int = 0, *, noise_alone: bool = False) -> Array:
         """(count, d) draws that stand for all, by systematic resampling: each as often as its weight says."""
         at = (np.random.default_rng((seed, 7919)).uniform() + np.arange(count)) / count
         order = np.random.default_rng((self.seed, 104729)).permutation(len(self))  # neighbours in a chain are alike
         places = np.searchsorted(np.cumsum(self.weight[order]) / np.sum(self.weight), at)
-        return np.asarray(self.values[order[np.minimum(places, len(self) - 1)]])
+        values = self.noise_alone if noise_alone else self.values
+        return np.asarray(values[order[np.minimum(places, len(self) - 1)]])
 
     def vectors(self, fit: Fit, draws: Array) -> Array:
         """Parameter vectors of a fit's model, (n, parameters), from draws (n, d); run-scoped ones at their mean."""
@@ -301,13 +318,14 @@ class Posterior:
                 "version": VERSION, "greybox_id": __version__, "method": self.method, "seed": self.seed,
                 "acceptance": self.acceptance, "evaluations": self.evaluations, "cpu_seconds": self.cpu_seconds,
                 "complete": self.complete, "fit": self.fit, "options": self.options, "state": self.state,
-                "pareto_k": self.pareto_k,
+                "pareto_k": self.pareto_k, "with_form": self.with_form,
                 "coordinates": [vars(coordinate) for coordinate in self.coordinates],
             }
         )  # fmt: skip
         head["checksum"] = checksum(head)
         table = pa.Table.from_pandas(self.frame, preserve_index=False)
-        known = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode()}
+        noise = np.ascontiguousarray(self.noise_alone, dtype="<f8").tobytes()  # columns of it would seem parameters
+        known = {METADATA: json.dumps(head).encode(), SOURCE: self.source.encode(), NOISE_ALONE: noise}
         table = table.replace_schema_metadata({**(table.schema.metadata or {}), **known})
         target = Path(path)
         with replacing(target) as beside:
@@ -380,16 +398,16 @@ def load_posterior(path: str | Path, *, going_on: bool = False) -> Posterior:
             f"{file} is not a posterior of greybox-id, or is damaged; make one with greybox sample."
         ) from error
     try:
-        if head["version"] != VERSION:
+        if head["version"] not in (VERSION, WITHOUT_FORM):
             raise BadInput(f"{file} has format version {head['version']!r:.20}, not {VERSION}. Sample again.")
         if head.pop("checksum", None) != checksum(head):
             raise ValueError("its metadata do not match their checksum")
-        return replace(_sound(head, table.to_pandas()), source=source)
+        return replace(_sound(head, table.to_pandas(), known.get(NOISE_ALONE)), source=source)
     except (LookupError, ArithmeticError, TypeError, ValueError, AttributeError) as error:
         raise BadInput(f"{file} is damaged: {error}. Restore it, or sample again.") from error
 
 
-def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
+def _sound(head: Mapping[str, Any], frame: pd.DataFrame, noise: bytes | None) -> Posterior:
     """The posterior, if what depends on it can rely on its content. Raises `TypeError` or `ValueError` otherwise."""
     drawn = of_plain(tuple[DrawnNumber, ...], head["coordinates"], "coordinates")
     names = [item.name for item in drawn]
@@ -397,18 +415,23 @@ def _sound(head: Mapping[str, Any], frame: pd.DataFrame) -> Posterior:
     if head["method"] not in ("laplace", "mcmc", "abc-smc") or list(frame) != [*OF_DRAWS, measured, *names]:
         raise ValueError("its columns are not those of its parameters")
     values = np.ascontiguousarray(frame[names].to_numpy(dtype=float))  # sums depend on the order in memory
+    earlier = head["version"] == WITHOUT_FORM
+    if noise is None and not earlier:
+        raise ValueError("it lacks the draws of the noise alone")
+    noise_alone = values if noise is None else np.frombuffer(noise, dtype="<f8").reshape(values.shape).astype(float)
     weight = frame["weight"].to_numpy(dtype=float)
-    if not (np.all(np.isfinite(values)) and np.all(np.isfinite(weight)) and np.all(weight >= 0)):
+    if not (np.all(np.isfinite([values, noise_alone])) and np.all(np.isfinite(weight)) and np.all(weight >= 0)):
         raise ValueError("it has draws or weights that are not numbers")
     if len(weight) and not np.isclose(np.sum(weight), 1.0):
         raise ValueError("its weights do not sum to one")
     return Posterior(
-        method=head["method"], coordinates=drawn, values=values, weight=weight,
+        method=head["method"], coordinates=drawn, values=values, noise_alone=noise_alone, weight=weight,
         chain=frame["chain"].to_numpy(dtype=float), draw=frame["draw"].to_numpy(dtype=float),
         measure=frame[measured].to_numpy(dtype=float), acceptance=float(head["acceptance"]),
         evaluations=int(head["evaluations"]), cpu_seconds=float(head["cpu_seconds"]), seed=int(head["seed"]),
         complete=bool(head["complete"]), fit=head["fit"], options=head["options"], state=head["state"],
         pareto_k=float("nan") if head.get("pareto_k") is None else float(head["pareto_k"]),
+        with_form=not earlier and bool(head["with_form"]),
     )  # fmt: skip
 
 

@@ -1,7 +1,9 @@
 """What a posterior predicts of a recording: the mean over draws, and a band in which readings are expected.
 
 Readings scatter about a simulation by what the fit's own residuals scattered, and simulations of draws scatter by what
-the recordings left open: the band is the mean and a normal distribution of both variances together.
+the recordings left open: the band is the mean and a normal distribution of both variances together. The draws are those
+of the noise alone: residuals hold the error of the form already, and what that error does to parameters goes with it,
+so that predictions of both together scatter less than those of parameters by themselves.
 """
 
 from __future__ import annotations
@@ -90,7 +92,7 @@ def predictive_band(
     simulator = Simulator(model)
     simulator.kernel.prepare()
     total, squares, base = np.zeros(1), np.zeros(1), None
-    for p in posterior.vectors(fit, posterior.chosen(DRAWS, 0)):
+    for p in posterior.vectors(fit, posterior.chosen(DRAWS, 0, noise_alone=True)):
         predictor = Predictor(simulator, recording, p)
         result = in_order(predictor.free_run() if horizon is None else predictor.ahead(horizon))
         if base is None:

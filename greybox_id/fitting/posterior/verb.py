@@ -18,13 +18,15 @@ from ...datasets.recording import Recording
 from ...engine.motion.shooting import MotionProblem
 from ...models.model import must_be
 from ...models.motion_model import MotionModel
+from ...models.parameter import placed
 from ..fit import KIND, Fit
 from ..holding import restated
 from ..how import Say, quiet
 from ..uncertainty import uncertainty
+from ..uncertainty.beyond_noise import beyond_noise
 from . import abc_smc, mcmc
 from .abc_smc import Distance, Growing, ParticleSet
-from .density import PosteriorDensity, Target
+from .density import PosteriorDensity, Target, Widening
 from .laplace import ROUNDS, weighted_draws
 from .mcmc import BURN_IN, Ensemble
 from .posterior import Method, Posterior, identity
@@ -110,7 +112,8 @@ def sample(
     how = options or SampleOptions()
     must_suit_sampling(fit)
     before = begun if begun is not None and _is_of(begun, fit, how) else None
-    if before is not None and before.complete and len(before) == how.draws:
+    done = before is not None and before.complete and len(before) == how.draws
+    if before is not None and done and (before.with_form or how.method == "abc-smc"):
         return before
     with threadpool_limits(1):
         run = _Run(fit, recordings, how, before, keep, say)
@@ -144,13 +147,19 @@ class _Run:
         problem, solution = restated(fit, recordings)
         assert isinstance(problem, MotionProblem)
         self.density = PosteriorDensity(problem, solution)
-        self._problem, self._solution = problem, solution
+        self._fit, self._problem, self._solution = fit, problem, solution
+        self._widened: Widening | None = None
         self._identity, self._source = identity(fit), KIND.text(fit.as_dict())
 
     def _target(self) -> Target:
         known = uncertainty(self._problem, self._solution.x, self._solution.nodes)
         among = np.ix_(self.density.places, self.density.places)
-        return Target(self.density, known.released_independent[among], known.released[among])
+        target = Target(self.density, known.released_independent[among], known.released[among])
+        start = {parameter.name: at.start for parameter, at in placed(self._fit.model.parameters)}
+        numbers = [start[coordinate.parameter] + coordinate.entry for coordinate in self.density.coordinates]
+        beyond = beyond_noise(self._fit, self._problem, known)[np.ix_(numbers, numbers)]
+        self._widened = Widening(target, beyond)
+        return target
 
     def laplace(self) -> Posterior:
         target, count = self._target(), self.how.draws
@@ -175,7 +184,7 @@ class _Run:
                 np.array(state["burnt"], dtype=float).reshape(-1, *np.shape(state["at"])),
             )  # fmt: skip
             walkers = len(start.at)
-            values, logs = target.to_u(self.before.values), self.before.measure
+            values, logs = target.to_u(self.before.noise_alone), self.before.measure
             order = np.lexsort((self.before.chain, self.before.draw))
             kept = [
                 (values[order[k : k + walkers]], logs[order[k : k + walkers]]) for k in range(0, len(order), walkers)
@@ -291,11 +300,12 @@ class _Run:
         spent, simulated = time.process_time() - self._clock, self.density.evaluations
         if self.before is not None:
             spent, simulated = spent + self.before.cpu_seconds, simulated + self.before.evaluations
+        wide = values if self._widened is None else self._widened(values)
         return Posterior(
-            method=self.how.method, coordinates=self.density.coordinates, values=values, weight=weight,
-            chain=np.asarray(chain, float), draw=np.asarray(draw, float), measure=measure, acceptance=acceptance,
-            evaluations=simulated, cpu_seconds=spent, seed=self.how.seed, complete=True, fit=self._identity,
-            options=_options(self.how), source=self._source,
+            method=self.how.method, coordinates=self.density.coordinates, values=wide, noise_alone=values,
+            weight=weight, chain=np.asarray(chain, float), draw=np.asarray(draw, float), measure=measure,
+            acceptance=acceptance, evaluations=simulated, cpu_seconds=spent, seed=self.how.seed, complete=True,
+            fit=self._identity, options=_options(self.how), source=self._source, with_form=self._widened is not None,
         )  # fmt: skip
 
     def _now_and_then(self, made: Callable[[], Posterior]) -> None:

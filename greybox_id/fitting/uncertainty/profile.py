@@ -4,10 +4,14 @@ A covariance describes the optimum's immediate surroundings; far from linear mod
 or have no end. The profile follows the optimum of all other unknowns while one is held at values further and further
 out, until the objective has risen by what the confidence allows. Correlated residuals widen it as they widen the
 covariance: the rise counts in units of the variance's inflation, and Student's t takes the place of chi-squared. For a
-linear model the interval is that of the covariance, exactly.
+linear model the interval is that of the covariance, exactly. So it is with what a fit counts beside the noise, the
+error of its form above all: the rise that ends the interval grows as the variance does.
 
 Sources: Bates & Watts, Nonlinear regression analysis and its applications (1988), section 6.1, profile t; Raue et al.,
-Structural and practical identifiability analysis by exploiting the profile likelihood, Bioinformatics 25 (2009).
+Structural and practical identifiability analysis by exploiting the profile likelihood, Bioinformatics 25 (2009); the
+rise calibrated by the variance: Chandler & Bate, Inference for clustered data using the independence loglikelihood,
+Biometrika 94 (2007); Pace, Salvan & Sartori, Adjusting composite likelihood ratio statistics, Statistica Sinica 21
+(2011).
 """
 
 from __future__ import annotations
@@ -48,6 +52,22 @@ class End(Enum):
 
 
 @dataclass(frozen=True)
+class NoiseAlone:
+    """The interval of a profile that counts the noise and nothing else that the fit leaves open.
+
+    Attributes
+    ----------
+    allowed : rise at which it ends.
+    interval : lower and upper end; infinite or at the bound where the profile does not cross.
+    ends : how either side ends.
+    """
+
+    allowed: float
+    interval: tuple[float, float]
+    ends: tuple[End, End]
+
+
+@dataclass(frozen=True)
 class Profile:
     """The profile of one unknown.
 
@@ -57,8 +77,10 @@ class Profile:
     values : (points,) rising.
     rise : (points,) of the objective above the optimum, all other unknowns re-optimised.
     allowed : rise at which the interval ends.
-    interval : lower and upper end; infinite or at the bound where the profile does not cross.
+    interval : lower and upper end, with all that the fit's interval counts (the error of the model's form); infinite or
+        at the bound where the profile does not cross.
     ends : how either side ends.
+    noise_alone : the interval without the error of the model's form; the same where the fit has none.
     unknowns : (points, unknowns) all unknowns along the profile.
     settled : whether every point was optimised to its end.
 
@@ -77,6 +99,7 @@ class Profile:
     allowed: float
     interval: tuple[float, float]
     ends: tuple[End, End]
+    noise_alone: NoiseAlone
     unknowns: Array = field(repr=False)
     settled: bool
 
@@ -88,7 +111,7 @@ class Profile:
     @property
     def at_a_better_optimum(self) -> bool:
         """Whether a point of the profile fits better than the supposed optimum did."""
-        return bool(np.min(self.rise) < -0.01 * self.allowed)
+        return bool(np.min(self.rise) < -0.01 * self.noise_alone.allowed)
 
     def about(self, name: str, unit: str = "") -> str:
         """The interval and its ends in plain sentences."""
@@ -118,6 +141,7 @@ def profile(
     *,
     told: Uncertainty | None = None,
     confidence: float = 0.95,
+    wider: float = 1.0,
 ) -> Profile:
     """Profile one unknown about an optimum.
 
@@ -129,6 +153,7 @@ def profile(
     index : of the unknown.
     told : uncertainty at the optimum, if it is known already.
     confidence : of the interval.
+    wider : the standard deviation that the fit states over that of the noise alone, at least 1.
 
     Raises
     ------
@@ -142,19 +167,35 @@ def profile(
     half = sd * float(told.quantile(confidence)[index])
     if not (np.isfinite(half) and half > 0.0):
         half = max(abs(float(x[index])), 1.0)
-    walk = _Walk(problem, x, problem.objective(x, nodes), index, allowed, half)
+    goals = _Goal(allowed, half), _Goal(wider**2 * allowed, wider * half)
+    walk = _Walk(problem, x, problem.objective(x, nodes), index, goals)
     lower, upper = walk.towards(-1), walk.towards(1)
     points = [*lower.points[:0:-1], *upper.points]
+    noise, both = (
+        ((below.limit, above.limit), (below.end, above.end))
+        for below, above in zip(lower.limits, upper.limits, strict=True)
+    )
     return Profile(
         index,
         np.array([point.x[index] for point in points]),
         np.array([point.rise for point in points]),
-        allowed,
-        (lower.limit, upper.limit),
-        (lower.end, upper.end),
+        goals[1].allowed,
+        *both,
+        NoiseAlone(allowed, *noise),
         np.array([point.x for point in points]),
         all(point.settled for point in points),
     )
+
+
+class _Goal(NamedTuple):
+    """The rise at which an interval ends, and the width to one side that the covariance makes us expect."""
+
+    allowed: float
+    half: float
+
+    def root(self, point: _Point) -> float:
+        """Root of the rise over the allowed one: for a linear model, the distance in half widths."""
+        return float(np.sqrt(max(point.rise, 0.0) / self.allowed))
 
 
 class _Point(NamedTuple):
@@ -163,75 +204,83 @@ class _Point(NamedTuple):
     settled: bool
 
 
+class _Limit(NamedTuple):
+    limit: float
+    end: End
+
+
 class _Side(NamedTuple):
-    """One side of a profile: points outwards, the optimum first."""
+    """One side of a profile: points outwards, the optimum first, and where each interval ends."""
 
     points: list[_Point]
-    end: End
-    limit: float
+    limits: list[_Limit]
 
 
 class _Walk:
-    """Steps outwards from an optimum, (unknowns,) x; half: width to one side that the covariance makes us expect."""
+    """Steps outwards from an optimum, (unknowns,) x, to one goal after the other, the nearest first."""
 
-    def __init__(
-        self, problem: LeastSquares, x: Array, objective: float, index: int, allowed: float, half: float
-    ) -> None:
+    def __init__(self, problem: LeastSquares, x: Array, objective: float, index: int, goals: tuple[_Goal, ...]) -> None:
         self.held = copy.copy(problem)
         self.held.free = problem.free.copy()
         self.held.free[index] = False
-        self.x, self.objective, self.index, self.allowed, self.half = x, objective, index, allowed, half
+        self.x, self.objective, self.index, self.goals = x, objective, index, goals
 
     def towards(self, direction: Literal[-1, 1]) -> _Side:
         """Walk to the end of one side."""
-        bound = float(self.held.bounds[(direction + 1) // 2][self.index])
-        points, value = [_Point(self.x, 0.0, True)], float(self.x[self.index])
-        estimate = value
-        step = STRIDE * min(self.half, max(abs(value), self.half / REACH))
-        shortened = 0
-        while True:
+        estimate, half = float(self.x[self.index]), self.goals[0].half
+        points, limits = [_Point(self.x, 0.0, True)], list[_Limit]()
+        step = STRIDE * min(half, max(abs(estimate), half / REACH))
+        stopped: _Limit | None = None
+        for goal in self.goals:
+            if stopped is None:  # what ends one interval ends the wider one
+                stopped, step = self._walked(goal, direction, points, step)
+            limits.append(stopped or _Limit(self._crossing(points, goal), End.CROSSED))
+        return _Side(points, limits)
+
+    def _walked(
+        self, goal: _Goal, direction: Literal[-1, 1], points: list[_Point], step: float
+    ) -> tuple[_Limit | None, float]:
+        """Points up to the first beyond a goal, and the next step; what stops them before, if anything does."""
+        bound, shortened = float(self.held.bounds[(direction + 1) // 2][self.index]), 0
+        while goal.root(points[-1]) < 1.0:
+            value = float(points[-1].x[self.index])
             if value == bound:
-                return _Side(points, End.BOUND, bound)
-            if abs(value - estimate) >= REACH * self.half:
-                return _Side(points, End.FLAT, direction * np.inf)
+                return _Limit(bound, End.BOUND), step
+            if abs(value - self.x[self.index]) >= REACH * goal.half:
+                return _Limit(direction * np.inf, End.FLAT), step
             further = direction * min(direction * value + step, direction * bound)
-            result = self._at(further, points)
+            result = self._at(further, points, goal)
             if result is None:
                 step, shortened = step / 4.0, shortened + 1
                 if shortened > CLOSER:
-                    return _Side(points, End.NOT_FINITE, value)
+                    return _Limit(value, End.NOT_FINITE), step
                 continue
-            slope = (self._root(result) - self._root(points[-1])) / abs(further - value)
+            slope = (goal.root(result) - goal.root(points[-1])) / abs(further - value)
             points.append(result)
-            value = further
-            if self._root(result) >= 1.0:
-                return _Side(points, End.CROSSED, self._crossing(points))
             step = min(GROWTH * step, STRIDE / slope if slope > 0.0 else np.inf)
+        return None, step
 
-    def _crossing(self, points: list[_Point]) -> float:
+    def _crossing(self, points: list[_Point], goal: _Goal) -> float:
         """Where the last stretch crosses, approached by secants in the root of the rise, which is nearly straight."""
         for _ in range(CLOSER):
             inside, outside = points[-2:]
-            if min(abs(self._root(p) - 1.0) for p in (inside, outside)) < CLOSE:
+            if min(abs(goal.root(p) - 1.0) for p in (inside, outside)) < CLOSE:
                 break
-            result = self._at(self._between(inside, outside), points[:-1])
+            result = self._at(self._between(inside, outside, goal), points[:-1], goal)
             if result is None:
                 break
             points.insert(-1, result)
-            if self._root(result) >= 1.0:
+            if goal.root(result) >= 1.0:
                 points.pop()
-        return self._between(*points[-2:])
+        inside, outside = points[-2:]
+        return self._between(inside, outside, goal)
 
-    def _between(self, inside: _Point, outside: _Point) -> float:
-        low, high = self._root(inside), self._root(outside)
+    def _between(self, inside: _Point, outside: _Point, goal: _Goal) -> float:
+        low, high = goal.root(inside), goal.root(outside)
         share = (1.0 - low) / (high - low)
         return float(inside.x[self.index] + share * (outside.x[self.index] - inside.x[self.index]))
 
-    def _root(self, point: _Point) -> float:
-        """Root of the rise over the allowed one: for a linear model, the distance in half widths."""
-        return float(np.sqrt(max(point.rise, 0.0) / self.allowed))
-
-    def _at(self, value: float, points: list[_Point]) -> _Point | None:
+    def _at(self, value: float, points: list[_Point], goal: _Goal) -> _Point | None:
         """The others at their best while the unknown is held at a value; None where the model is not finite."""
         last = points[-1].x
         starts = [last.copy()]
@@ -242,15 +291,15 @@ class _Walk:
             start[self.index] = value
             solution = gauss_newton(self.held, start, negligible=0.0, search="levenberg_marquardt")
             for _ in range(REPEATS):
-                if solution.status not in (Status.SLOW, Status.STEP_LIMIT) or self._settled(solution):
+                if solution.status not in (Status.SLOW, Status.STEP_LIMIT) or self._settled(solution, goal):
                     break
                 solution = gauss_newton(self.held, solution.x, negligible=0.0, search="levenberg_marquardt")
             if solution.status is Status.INTERRUPTED:
                 raise KeyboardInterrupt
             if solution.status is not Status.NOT_FINITE:
-                return _Point(solution.x, solution.objective - self.objective, self._settled(solution))
+                return _Point(solution.x, solution.objective - self.objective, self._settled(solution, goal))
         return None
 
-    def _settled(self, solution: Solution) -> bool:
+    def _settled(self, solution: Solution, goal: _Goal) -> bool:
         """Whether further steps would not matter to the interval."""
-        return solution.status is Status.CONVERGED or solution.decrement * solution.objective < SETTLED * self.allowed
+        return solution.status is Status.CONVERGED or solution.decrement * solution.objective < SETTLED * goal.allowed

@@ -269,12 +269,17 @@ class Uncertainty:
         upper, finite = 0.5 + 0.5 * confidence, np.isfinite(self.dof)
         return np.where(finite, stdtrit(np.where(finite, self.dof, 1.0), upper), ndtri(upper))
 
-    def interval(self, confidence: float = 0.95) -> Array:
+    def interval(self, confidence: float = 0.95, wider: float = 1.0) -> Array:
         """Lower and upper end of each unknown's interval, (unknowns, 2), cut at the bounds.
 
         Of an unknown at its bound, the interval begins there and reaches as far as that of the optimum without bounds.
+
+        Parameters
+        ----------
+        confidence : of the interval.
+        wider : a standard deviation that is stated over the one here.
         """
-        half, centre = self.quantile(confidence) * self.sd, np.where(np.isfinite(self.sd), self.centre, 0.0)
+        half, centre = self.quantile(confidence) * wider * self.sd, np.where(np.isfinite(self.sd), self.centre, 0.0)
         return np.clip(np.stack([centre - half, centre + half]), *self.bounds).T
 
 

@@ -77,19 +77,24 @@ def _written(value: float, n: int) -> str:
 
 
 BINS = 25
+WITH_FORM, NOISE_ALONE = "with the error of the model's form", "noise alone"
+ALIKE_DRAWS = 1e-3
+"""Draws that differ by a smaller share look the same."""
 CORNER = 92.0
 """Height of a cell at most, points."""
 
 
-def corner(values: Array, names: Sequence[str], units: Sequence[str]) -> Sheet:
+def corner(values: Array, noise_alone: Array, names: Sequence[str], units: Sequence[str]) -> Sheet:
     """Histograms on the diagonal, pairs below it.
 
     Parameters
     ----------
     values : (draws, parameters), all of the same weight.
+    noise_alone : (draws, parameters) without the error of the form; drawn where it differs.
     names, units : of the parameters.
     """
-    size = len(names)
+    size, differs = len(names), not np.allclose(values, noise_alone, rtol=ALIKE_DRAWS, atol=0.0)
+    own, alone = (look(BLUE, label=WITH_FORM), look(ORANGE, label=NOISE_ALONE)) if differs else (look(BLUE), look(BLUE))
     sheet = Sheet((min(CORNER, 0.85 * WIDE / size),) * size, size)
     for (row, column), ax in np.ndenumerate(sheet.grid):
         if column > row:
@@ -97,7 +102,10 @@ def corner(values: Array, names: Sequence[str], units: Sequence[str]) -> Sheet:
             continue
         ax.locator_params(nbins=3)
         if row == column:
-            ax.hist(values[:, row], bins=BINS, histtype="step", color=BLUE)
+            bins = np.histogram_bin_edges(values[:, row], BINS)
+            ax.hist(values[:, row], bins=bins, histtype="step", **own)
+            if differs:
+                ax.hist(noise_alone[:, row], bins=bins, histtype="step", **alone)
             ax.set_yticks([])
         else:
             ax.plot(values[:, column], values[:, row], linestyle="", marker=".", markersize=1, alpha=0.3, color=BLUE)

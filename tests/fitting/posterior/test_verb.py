@@ -57,14 +57,30 @@ def test_chains_meet_where_the_fit_is_and_are_as_wide_as_its_covariance(found, l
     assert drawn.evaluations > 800
     problem, solution = restated(found, [lap])
     index = problem.parameters.index[0]
-    scatter = uncertainty(problem, solution.x, solution.nodes).sd[index]  # what the form may lack is no part of draws
+    scatter = uncertainty(problem, solution.x, solution.nodes).sd[index]
     names = [parameter.name for parameter in found.model.parameters]
     for name in FREE:
-        own, sd = drawn.table.loc[name], float(scatter[names.index(name)])
-        assert sd <= float(found.sd[name])
-        assert own["mean"] == pytest.approx(float(found.model[name].array), abs=0.5 * sd)
-        assert own["sd"] == pytest.approx(sd, rel=0.4)
-        assert own["low"] < own["mean"] < own["high"]
+        own, sd, stated = drawn.table.loc[name], float(scatter[names.index(name)]), float(found.sd[name])
+        assert sd <= stated
+        assert own["mean"] == pytest.approx(float(found.model[name].array), abs=0.5 * stated)
+        assert own["sd"] == pytest.approx(stated, rel=0.15)
+        assert own["sd_noise_alone"] == pytest.approx(sd, rel=0.4)
+        assert own["low"] < own["low_noise_alone"] < own["mean"] < own["high_noise_alone"] < own["high"]
+
+
+def test_draws_have_the_covariance_that_the_fit_states(found, lap):
+    own = sample(found, [lap], SampleOptions("laplace", 4000))
+    names = [parameter.name for parameter in found.model.parameters]
+    places = [names.index(name) for name in FREE]
+    stated = found.covariance[np.ix_(places, places)]
+    unit = np.sqrt(np.diag(stated))
+    np.testing.assert_allclose(own.covariance() / np.outer(unit, unit), stated / np.outer(unit, unit), atol=0.15)
+
+
+def test_a_fit_without_an_error_of_form_has_draws_of_the_noise_alone(found, lap, monkeypatch):
+    monkeypatch.setattr(verb, "beyond_noise", lambda fit, problem, known: np.zeros((fit.model.size,) * 2))
+    own = sample(found, [lap], SampleOptions("laplace", 200))
+    np.testing.assert_allclose(own.values, own.noise_alone, rtol=1e-9)
 
 
 def test_laplace_and_mcmc_draw_from_the_same(found, lap, drawn):
@@ -190,6 +206,7 @@ def test_abc_closes_in_on_the_fit(found, lap, monkeypatch):
 def test_what_is_saved_is_what_is_loaded(drawn, tmp_path):
     again = load_posterior(drawn.save(tmp_path / "posterior.parquet"))
     assert np.array_equal(again.values, drawn.values)
+    assert np.array_equal(again.noise_alone, drawn.noise_alone)
     assert again.table.equals(drawn.table)
     assert again.fit == drawn.fit
     assert again.source == drawn.source
@@ -197,6 +214,23 @@ def test_what_is_saved_is_what_is_loaded(drawn, tmp_path):
     assert set(own["posterior"]) == set(FREE)
     chains = len(np.unique(drawn.chain))
     assert all(values.shape == (chains, 800 // chains) for values in own["posterior"].values())
+
+
+def test_a_file_of_the_version_before_says_what_it_lacks_and_is_gone_on_with(found, lap, drawn, tmp_path, monkeypatch):
+    monkeypatch.setattr("greybox_id.fitting.posterior.posterior.VERSION", 2)
+    earlier = replace(drawn, values=drawn.noise_alone).save(tmp_path / "earlier.parquet")
+    monkeypatch.undo()
+    again = load_posterior(earlier)
+    assert not again.with_form
+    assert "do not include the error of the model's form" in again.cautions()[0]
+    whole = sample(found, [lap], SampleOptions("mcmc", 800, seed=1), begun=again)
+    assert whole.with_form
+    np.testing.assert_allclose(whole.values, drawn.values, rtol=1e-12)
+
+
+def test_draws_beyond_a_bound_are_put_on_it(found, drawn):
+    low, high = np.array([found.model[name].bounds for name in FREE]).T
+    assert np.all((drawn.values >= low) & (drawn.values <= high))
 
 
 def test_a_damaged_file_is_a_sentence(drawn, tmp_path):

@@ -95,6 +95,40 @@ def test_the_confidence_sets_the_width():
     np.testing.assert_allclose(curve.profile(1, confidence=0.5).interval, curve.told.interval(0.5)[1], rtol=1e-5)
 
 
+@pytest.mark.parametrize("wider", [1.0, 1.0003, 1.3, 20.0])
+def test_of_a_linear_model_the_interval_is_as_much_wider_as_the_fits(wider):
+    curve = line(np.random.default_rng(0), 0.8)
+    found = curve.profile(1, wider=wider)
+    away = np.array([-1.0, 1.0]) * curve.told.quantile()[1] * curve.told.sd[1]
+    np.testing.assert_allclose(found.interval, curve.x[1] + wider * away, rtol=1e-5)
+    np.testing.assert_allclose(found.noise_alone.interval, curve.x[1] + away, rtol=1e-5)
+    assert found.allowed == pytest.approx(wider**2 * found.noise_alone.allowed)
+    assert np.all(np.diff(found.values) > 0)
+
+
+def test_the_interval_of_the_noise_alone_is_what_it_were_without_the_wider_one():
+    curve, t, y = decay(np.random.default_rng(1))
+
+    def rise(b):
+        shape = np.exp(-b * t)
+        a = shape @ y / (shape @ shape)
+        return 0.5 * np.sum(((a * shape - y) / 0.1) ** 2) - curve.objective(curve.x, None)
+
+    alone, found, b = curve.profile(1), curve.profile(1, wider=2.5), curve.x[1]
+    np.testing.assert_allclose(found.noise_alone.interval, alone.interval, rtol=2e-3)
+    expected = (brentq(lambda v: rise(v) - found.allowed, 0.01, b), brentq(lambda v: rise(v) - found.allowed, b, b + 9))
+    np.testing.assert_allclose(found.interval, expected, rtol=5e-3)
+
+
+def test_what_ends_an_interval_ends_the_wider_one():
+    bound = decay(np.random.default_rng(1))[0].profile(1).interval[0] - 0.05
+    curve, _, _ = decay(np.random.default_rng(1), bounds=(np.array([-np.inf, bound]), np.full(2, np.inf)))
+    found = curve.profile(1, wider=4.0)
+    assert (found.noise_alone.ends[0], found.ends[0]) == (End.CROSSED, End.BOUND)
+    assert found.interval[0] == bound < found.noise_alone.interval[0]
+    assert not found.identifiable
+
+
 def test_of_a_nonlinear_model_the_interval_ends_where_the_best_fit_has_become_too_bad():
     curve, t, y = decay(np.random.default_rng(1))
 
