@@ -8,6 +8,7 @@ import time
 from pathlib import Path
 
 import pytest
+from calling import greybox, refused
 
 from greybox_id.datasets.shipped import shipped
 
@@ -17,10 +18,6 @@ SMALL_FULL = [
     *("--set", "lat.n_delta=3", "--set", "lat.q=4", "--set", "long.gamma=3", "--set", "long.eta=2"),
     *("--strength", "1", "--solver", "gauss-newton"),
 ]
-
-
-def run(*arguments, **options):
-    return subprocess.run([*GREYBOX, *map(str, arguments)], capture_output=True, text=True, timeout=300, **options)
 
 
 @pytest.fixture(scope="module")
@@ -35,12 +32,12 @@ def short(tmp_path_factory) -> Path:
 def full(short, tmp_path_factory) -> tuple[Path, dict]:
     """A small closed-loop fit, and what it printed."""
     out = tmp_path_factory.mktemp("full")
-    done = run(
+    done = greybox(
         "fit", "--model", "msnn_full", short, "--columns", "roboracer", "--validate", short, "--out", out, "--json",
         *SMALL_FULL,
     )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return out / "fit.json", json.loads(done.stdout)
+    assert done.code == 0, done.err
+    return out / "fit.json", done.told
 
 
 def test_json_holds_what_the_contract_names(full):
@@ -59,44 +56,44 @@ def test_json_holds_what_the_contract_names(full):
 @pytest.mark.slow
 def test_a_fit_predicts_and_validates(full, short, tmp_path):
     fit, told = full
-    done = run("validate", fit, short, "--columns", "roboracer", "--json")
-    assert done.returncode == 0
-    assert json.loads(done.stdout)["metrics"][str(short)] == told["metrics"]["validate"]
+    done = greybox("validate", fit, short, "--columns", "roboracer", "--json")
+    assert done.code == 0
+    assert done.told["metrics"][str(short)] == told["metrics"]["validate"]
     for suffix in ("csv", "parquet"):
         out = tmp_path / f"p.{suffix}"
-        done = run("predict", fit, short, "--columns", "roboracer", "--out", out)
-        assert done.returncode == 0
+        done = greybox("predict", fit, short, "--columns", "roboracer", "--out", out)
+        assert done.code == 0
         assert out.stat().st_size > 1000
     header = (tmp_path / "p.csv").read_text().splitlines()[0]
     assert header == "time,run,yaw_rate,yaw_rate_predicted,a_x,a_x_predicted"
 
 
 def test_a_person_sees_units_uncertainty_and_what_was_written(short, tmp_path):
-    done = run("fit", "--model", "msnn_lat", short, "--columns", "roboracer", "--out", tmp_path, *SMALL_LAT)
-    assert done.returncode == 0
-    assert "rad/s" in done.stdout
-    assert "±" in done.stdout
-    assert str(tmp_path / "fit.json") in done.stdout
+    done = greybox("fit", "--model", "msnn_lat", short, "--columns", "roboracer", "--out", tmp_path, *SMALL_LAT)
+    assert done.code == 0
+    assert "rad/s" in done.out
+    assert "±" in done.out
+    assert str(tmp_path / "fit.json") in done.out
 
 
 def test_fits_with_the_same_seed_are_the_same(short, tmp_path):
     for name in ("a", "b"):
-        done = run(
+        done = greybox(
             "fit", "--model", "msnn_lat", short, "--columns", "roboracer", "--out", tmp_path / name, *SMALL_LAT,
             "--starts", "2", "--seed", "3",
         )  # fmt: skip
-        assert done.returncode == 0
+        assert done.code == 0
     a, b = (json.loads((tmp_path / name / "fit.json").read_text())["parameters"] for name in ("a", "b"))
     assert a == b
 
 
 def test_early_stopping_says_which_mode_was_used(short, tmp_path):
-    done = run(
+    done = greybox(
         "fit", "--model", "msnn_lat", short, "--columns", "roboracer", "--validate", short, "--out", tmp_path,
         "--early-stopping", "--set", "n_delta=3", "--set", "q=4", "--json",
     )  # fmt: skip
-    assert done.returncode == 0
-    assert json.loads(done.stdout)["mode"] == "early stopping"
+    assert done.code == 0
+    assert done.told["mode"] == "early stopping"
 
 
 BAD_MAP = 'name = "bad"\n[time]\ncolumn = "t"\nunit = "s"\n[signals.yaw_rate]\ncolumn = "yaw_rate"\nunit = "m/s"\n'
@@ -118,11 +115,7 @@ BAD_MAP = 'name = "bad"\n[time]\ncolumn = "t"\nunit = "s"\n[signals.yaw_rate]\nc
 )
 def test_bad_input_is_a_sentence_and_exit_code_2(make, says, short, tmp_path):
     file, columns = make(tmp_path, short)
-    done = run("fit", "--model", "msnn_lat", file, "--columns", columns, "--out", tmp_path / "out")
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert says in done.stderr
-    assert done.stdout == ""
+    assert says in refused("fit", "--model", "msnn_lat", file, "--columns", columns, "--out", tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -139,17 +132,16 @@ def test_bad_input_is_a_sentence_and_exit_code_2(make, says, short, tmp_path):
     ],
 )
 def test_wrong_use_is_a_sentence_and_exit_code_2(arguments, says, short, tmp_path):
-    done = run("fit", short, "--columns", "roboracer", "--out", tmp_path / "out", *arguments)
-    assert done.returncode == 2
-    assert "Traceback" not in done.stderr
-    assert says in done.stderr
+    assert says in refused("fit", short, "--columns", "roboracer", "--out", tmp_path / "out", *arguments)
 
 
 def test_output_that_cannot_be_written_is_a_sentence(short, tmp_path):
     (tmp_path / "file").write_text("in the way")
-    done = run("fit", "--model", "msnn_lat", short, "--columns", "roboracer", "--out", tmp_path / "file", *SMALL_LAT)
-    assert done.returncode == 2
-    assert "cannot be written" in done.stderr
+    done = greybox(
+        "fit", "--model", "msnn_lat", short, "--columns", "roboracer", "--out", tmp_path / "file", *SMALL_LAT
+    )
+    assert done.code == 2
+    assert "cannot be written" in done.err
 
 
 @pytest.mark.slow
@@ -177,8 +169,8 @@ def _heeds_interrupts():
 
 
 def test_models_lists_every_model_with_its_size():
-    done = run("models", "--json")
-    told = json.loads(done.stdout)["models"]
+    done = greybox("models", "--json")
+    told = done.told["models"]
     assert {name: told[name]["parameters"] for name in ("msnn_lat", "msnn_long", "msnn_full")} == {
         "msnn_lat": 160, "msnn_long": 384, "msnn_full": 544,
     }  # fmt: skip
