@@ -14,7 +14,7 @@ from greybox_id.fitting.provenance import DataRecord
 from greybox_id.gap.estimation.wandering import Wander
 from greybox_id.reports.gap.report import gap_report
 from greybox_id.reports.gap.saved import Made, as_text, load_gap
-from greybox_id.reports.pdf import rendered
+from greybox_id.reports.html import page
 
 MADE = Made("car", "greybox gap x", 3, "0.1.0", (DataRecord("train", "x", "x.csv", "a3" * 32, "canonical", 9, 1, 0.4),))
 
@@ -30,7 +30,7 @@ def test_the_report_of_a_saved_diagnosis_is_that_of_the_diagnosis(case, tmp_path
     gap = CASES[case]()
     found, made = load_gap(saved(gap, tmp_path))
     assert made == MADE
-    assert rendered(gap_report(found, made)) == rendered(gap_report(gap, MADE))
+    assert page(gap_report(found, made)) == page(gap_report(gap, MADE))  # of which the PDF holds the same parts
     assert as_text(found, made) == as_text(gap, MADE)
 
 
@@ -95,4 +95,4 @@ def test_what_gap_prints_as_json_can_be_reported(tmp_path):
     found, made = load_gap(file)
     assert made == MADE
     assert found.ranking[0].interval == (0.01, float("inf"))
-    assert rendered(gap_report(found, made)) == rendered(gap_report(gap, MADE))
+    assert page(gap_report(found, made)) == page(gap_report(gap, MADE))  # of which the PDF holds the same parts

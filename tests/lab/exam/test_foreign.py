@@ -179,10 +179,10 @@ def test_what_is_identified_fits_what_lacks_nothing(family):
         assert np.std(real[name] - said_[name]) < 1.5 * FORM_MOST * np.std(real[name])
 
 
-@pytest.mark.parametrize("name", sorted({*EFFECTS, *OUTSIDE} - set(OF_SENSORS)))
-def test_every_effect_of_the_vehicle_changes_how_it_moves(name):
+@pytest.fixture(scope="module")
+def replay():
+    """(effects) -> what sensors read of one vehicle that has them, under the same commands."""
     foreign = drawn(number=0)
-    size = magnitude(name, foreign.about, np.random.default_rng(4))
     base = ride(foreign, 25.0)
 
     def again(effects):
@@ -191,8 +191,15 @@ def test_every_effect_of_the_vehicle_changes_how_it_moves(name):
         found = replayed(DoubleTrack(numbers, gusts), foreign.about, base.commands, base.period, base.start)
         return readings(found, foreign.about, effects, 0)
 
-    with_it, without = again({name: size}), again({})
-    shows = max(np.sqrt(np.mean((with_it[c] - without[c]) ** 2)) / sd for c, sd in foreign.about.noise.items())
+    without = again({})
+    return lambda effects: (again(effects), without)
+
+
+@pytest.mark.parametrize("name", sorted({*EFFECTS, *OUTSIDE} - set(OF_SENSORS)))
+def test_every_effect_of_the_vehicle_changes_how_it_moves(name, replay):
+    about = drawn(number=0).about
+    with_it, without = replay({name: magnitude(name, about, np.random.default_rng(4))})
+    shows = max(np.sqrt(np.mean((with_it[c] - without[c]) ** 2)) / sd for c, sd in about.noise.items())
     assert shows > 0.1
 
 
