@@ -16,6 +16,7 @@ from numba import njit
 from reference_sensors import SENSOR_EFFECTS, instants, readings
 
 compiled = njit(error_model="numpy")
+kept = njit(error_model="numpy", cache=True)  # with all that it calls, which is in this file
 G = 9.81
 FRONT_SHARE = 0.55  # of the lateral load transfer
 SLOW = 0.5  # m/s, below which slip is regularised
@@ -257,7 +258,7 @@ def put(row, values):
         row[i] = values[i]
 
 
-@compiled
+@kept
 def integrate(car, tyre, events, steer, drive, given, v_dot, fine, states, saw):
     """From event to event; steer and drive hold the command [rad] and force [N] just after and just before the next.
 

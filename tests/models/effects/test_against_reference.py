@@ -5,18 +5,23 @@ Rows are 10 ms apart. The 1:10 car is stiff: segments of 10 ms would leave it a 
 effect, so its are shorter.
 """
 
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 import pytest
 from driving import driven, on_vehicle
 from reference_manoeuvres import manoeuvre
-from reference_vehicle import FULL_SIZE_CAR, RACER, simulate, simulate_lateral
+from reference_vehicle import FULL_SIZE_CAR, RACER
+from reference_vehicle import simulate as finely_simulated
+from reference_vehicle import simulate_lateral as finely_simulated_lateral
 
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.longitudinal import longitudinal
 from greybox_id.models.single_track import lateral, single_track
 
+FINE = 2e-4
+"""Step of the reference, s: half of it changes what an effect does by less than 4e-4 of it."""
+simulate, simulate_lateral = partial(finely_simulated, fine=FINE), partial(finely_simulated_lateral, fine=FINE)
 VEHICLES = {"full-size": (FULL_SIZE_CAR, 0.01), "1:10": (RACER, 0.0025)}
 CLOSE = 0.01
 """Root mean square of what is left, over that of the effect's influence."""
@@ -69,6 +74,11 @@ def nominal(vehicle, name="mixed", hold="zero"):
     return simulate(VEHICLES[vehicle][0], given, start=(given["v_x"][0], 0, 0), hold=hold)
 
 
+@cache
+def nominal_lateral():
+    return simulate_lateral(FULL_SIZE_CAR, without_drive("full-size", "mixed"))
+
+
 def with_effect(model, name, vehicle):
     """The model with an effect of plain magnitude, and the same for the reference."""
     effect = EFFECTS[name]
@@ -114,10 +124,9 @@ LATERAL = [name for name in MOTION if EFFECTS[name].concerns(lateral()) and name
 def test_an_effect_on_the_lateral_model_does_what_it_does_in_the_reference(name):
     model, lacking = with_effect(on_vehicle(lateral(), FULL_SIZE_CAR), name, "full-size")
     given = without_drive("full-size", "mixed")
-    bare = simulate_lateral(FULL_SIZE_CAR, given)
     truth = simulate_lateral(FULL_SIZE_CAR, given, lacking)
     found = driven(model, given, {"v_y": 0.0, "yaw_rate": 0.0})
-    wrong, plain = far(found, truth, bare, LESS_CLOSE.get(name, CLOSE))
+    wrong, plain = far(found, truth, nominal_lateral(), LESS_CLOSE.get(name, CLOSE))
     assert plain
     assert not wrong
 
@@ -136,6 +145,14 @@ def test_a_speed_that_is_an_input_was_read_by_the_sensor_that_is_late_or_scaled(
         assert np.max(np.abs(values - truth[output])[SETTLED:-10]) < 0.05 * np.max(influence)
 
 
+@cache
+def straight():
+    """Commands on a level, straight road, and how the reference drives by them."""
+    turned = commands("full-size")
+    given = {**turned, "steer": np.zeros(len(turned["time"])), "road_slope": np.zeros(len(turned["time"]))}
+    return given, simulate(FULL_SIZE_CAR, given, start=(given["v_x"][0], 0.0, 0.0))
+
+
 LONGITUDINAL = [name for name in MOTION if EFFECTS[name].concerns(longitudinal()) and name != "grip_scale"]
 """Grip acts along where brakes reach the road's friction, which the reference has none of: test_longitudinal.py."""
 
@@ -144,11 +161,9 @@ LONGITUDINAL = [name for name in MOTION if EFFECTS[name].concerns(longitudinal()
 def test_an_effect_on_the_longitudinal_model_does_what_it_does_in_the_reference(name):
     numbers = FULL_SIZE_CAR | {"I_w": 0.0, "drive_lag": 0.0}
     model, lacking = with_effect(on_vehicle(longitudinal(), numbers), name, "full-size")
-    turned = commands("full-size")
-    given = {**turned, "steer": np.zeros(len(turned["time"])), "road_slope": np.zeros(len(turned["time"]))}
-    start = (given["v_x"][0], 0.0, 0.0)
-    bare, truth = (simulate(FULL_SIZE_CAR, given, effects, start=start) for effects in ({}, lacking))
-    found = driven(model, given, {"v_x": start[0]})
+    given, bare = straight()
+    truth = simulate(FULL_SIZE_CAR, given, lacking, start=(given["v_x"][0], 0.0, 0.0))
+    found = driven(model, given, {"v_x": given["v_x"][0]})
     wrong, plain = far(found, truth, bare, LESS_CLOSE.get(name, CLOSE))
     assert plain
     assert not wrong
