@@ -79,6 +79,27 @@ def test_rows_of_the_training_lap_in_the_other_are_counted():
     assert a2rl.seen_before(train, mixed).tolist() == [True] * 200 + [False] * 300
 
 
+def test_what_is_scored_as_published_is_the_mean_over_the_first_two_batches():
+    off = np.concatenate([np.full(1000, 1.0), np.full(1000, -3.0), np.full(992, 50.0)])
+    assert a2rl.as_published(off) == pytest.approx(2.0)
+
+
+def test_an_error_that_comes_again_at_its_place_is_told_from_noise():
+    place = 1.5 * np.arange(3400)  # 30 m/s, laps of 3 000 m: 2 000 rows
+    angle = 2.0 * np.pi * place / 3000.0
+    lap = pd.DataFrame({"vx": np.full(3400, 30.0), "curv": 0.01 * np.sin(angle) + 0.01 * np.sin(5.0 * angle + 1.0)})
+    noise = 1e-3 * np.random.default_rng(0).standard_normal(3400)
+    again = 2e-3 * np.sin(9.0 * angle)
+    for off, low, high in ((noise, -0.2, 0.2), (again + noise, 0.6, 0.95)):
+        found = a2rl.repeated(lap.iloc[:2100], off[:2100], lap.iloc[2100:], off[2100:])
+        assert found["lap_length"] == pytest.approx(3000.0, abs=3.0)
+        assert low < found["correlation"] < high
+    assert found["rmse_less_earlier"] == pytest.approx(2**0.5, rel=0.15)
+    assert "noise" in a2rl.repeated_words(found)[0]
+    other = lap.iloc[2100:].assign(curv=np.random.default_rng(1).standard_normal(1300))
+    assert a2rl.repeated_words(a2rl.repeated(lap.iloc[:2100], off[:2100], other, off[2100:])) == []
+
+
 def test_yaw_errors_begin_where_the_angle_was_measured():
     rate = np.full(300, 2.0)
     drive = pd.DataFrame({"yawRate": rate, "yawAngle": 90.0 + 2.0 * 0.05 * np.arange(300)})
@@ -261,6 +282,9 @@ def test_the_racers_steering_on_its_laps(real_data, tmp_path):
     told = greybox("bench", "a2rl", "--data", real_data / "a2rl", "--quick", "--report", page, "--json").told
     rows = [row for row in told["rows"] if row["model"] == "inverse single track"]
     assert all(row["parameters"] <= 15 and row["value"] < 1.95 for row in rows)
+    assert told["rows"][0]["task"].endswith("scored as published: RMSE")
+    assert {row["task"] for row in told["rows"] if row["published"]} == {told["rows"][0]["task"]}
+    assert 0.3 < told["found"]["again_at_same_place"]["correlation"] < 0.9
     assert told["found"]["rows_of_validation_in_training"] == 1001
     delays = [told["found"][f"servo, {lap}, steering_delay"] for lap in ("training lap", "validation lap")]
     assert delays[0][0] <= delays[1][1]
