@@ -69,7 +69,8 @@ def track():
 
 def profile():
     found = gb.profile(gb.fit("kinematic", lap(), vehicle="roboracer"), "yaw_lag")
-    return {"interval": list(found.interval), "values": list(found.values), "rise": list(found.rise)}
+    intervals = {"interval": list(found.interval), "noise alone": list(found.noise_alone.interval)}
+    return {**intervals, "values": list(found.values), "rise": list(found.rise)}
 
 
 def _rounded(found):

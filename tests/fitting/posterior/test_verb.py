@@ -99,20 +99,22 @@ def test_laplace_and_mcmc_draw_from_the_same(found, lap, drawn):
 @pytest.mark.slow
 @pytest.mark.parametrize("method", ["laplace", "mcmc"])
 def test_at_a_bound_it_is_the_part_within(found, lap, method):
-    """The bound half a standard deviation below the estimate: what lies below it of the draws without a bound."""
+    """The bound half an sd of the noise below the estimate: what lies below it of the draws of the noise alone."""
     free = sample(found, [lap], SampleOptions("laplace", 4000))
-    cap = float(found.model["C_alpha_r"].array) - 0.5 * float(free.table["sd"]["C_alpha_r"])
-    below = free.values[:, FREE.index("C_alpha_r")] < cap
+    cap = float(found.model["C_alpha_r"].array) - 0.5 * float(free.table["sd_noise_alone"]["C_alpha_r"])
+    below = free.noise_alone[:, FREE.index("C_alpha_r")] < cap
     share = free.weight[below] / np.sum(free.weight[below])
-    expected = share @ free.values[below]
-    spread = np.sqrt(share @ (free.values[below] - expected) ** 2)
+    expected = share @ free.noise_alone[below]
+    spread = np.sqrt(share @ (free.noise_alone[below] - expected) ** 2)
     low = found.model["C_alpha_r"].bounds[0]
     bounded = fitted(lap, bounds={"C_alpha_r": (low, cap)})
     assert float(bounded.model["C_alpha_r"].array) == pytest.approx(cap)
     own = sample(bounded, [lap], SampleOptions(method, 2000, seed=1))
     for name, middle, sd in zip(FREE, expected, spread, strict=True):
-        assert own.table["mean"][name] == pytest.approx(middle, abs=0.5 * sd)
-        assert own.table["sd"][name] == pytest.approx(sd, rel=0.25)
+        alone = own.noise_alone[:, FREE.index(name)]
+        assert own.weight @ alone == pytest.approx(middle, abs=0.5 * sd)
+        assert own.table["sd_noise_alone"][name] == pytest.approx(sd, rel=0.25)
+    assert own.table["high"]["C_alpha_r"] <= cap  # with the error of form, too
 
 
 def test_a_posterior_far_from_normal_is_told(found, lap, tmp_path, monkeypatch):
