@@ -188,20 +188,23 @@ def poor(seed: int, k: int) -> Case:
     return Case(how, model, train, held if rng.random() < 0.7 else None, stated, given, {})
 
 
-def fitted(case: Case) -> dict[str, Any]:
-    """The verdict, and which intervals hold what is true."""
-    result: dict[str, Any] = {"name": case.name, "model": case.model, "vehicle": case.stated.name}
+def fit_of(case: Case) -> gb.Fit:
+    """The fit that a workshop would make. Raises `BadInput` where the recording can carry none."""
     about_null = {name: sd for name, sd in case.tolerances.effects.items() if name not in case.effects}
     text = virtual.vehicle_file_text(case.stated, replace(case.tolerances, effects=about_null))
     with tempfile.NamedTemporaryFile("w", suffix=".toml") as file:
         file.write(text)
         file.flush()
-        try:
-            fit = gb.fit(
-                case.model, case.train, validation=case.held_out, vehicle=file.name, effects=list(case.effects)
-            )
-        except BadInput as refusal:
-            return result | {"verdict": "refused", "reasons": [str(refusal)], "missed": {}, "counted": 0}
+        return gb.fit(case.model, case.train, validation=case.held_out, vehicle=file.name, effects=list(case.effects))
+
+
+def fitted(case: Case) -> dict[str, Any]:
+    """The verdict, and which intervals hold what is true."""
+    result: dict[str, Any] = {"name": case.name, "model": case.model, "vehicle": case.stated.name}
+    try:
+        fit = fit_of(case)
+    except BadInput as refusal:
+        return result | {"verdict": "refused", "reasons": [str(refusal)], "missed": {}, "counted": 0}
     table = fit.conf_int()
     known = {name: tuple(map(float, table.loc[name])) for name in table.index}
     known |= {one.name: (one.low, one.high) for one in fit.combined()}

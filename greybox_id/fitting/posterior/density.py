@@ -208,7 +208,8 @@ class Widening:
 
     Deviations from the fit are mapped linearly, so that their covariance becomes the one that the fit states, and all
     else of the draws stays: bends, skewness, weights, chains. No direction gets narrower. What the map takes beyond a
-    bound is put on it, as an interval of a fit ends there.
+    bound is put on it, as an interval of a fit ends there. It maps the parameters themselves: of their logarithms, a
+    standard deviation as large as the estimate would make powers of ten.
 
     Sources: Chandler & Bate, Inference for clustered data using the independence loglikelihood, Biometrika 94 (2007);
     Shaby, The open-faced sandwich adjustment for MCMC using estimating functions, J. Computational and Graphical
@@ -221,17 +222,16 @@ class Widening:
     """
 
     def __init__(self, target: Target, beyond: Array) -> None:
-        self.target = target
-        size = np.where(target.logarithmic, target.density.centre, 1.0)
-        inward = np.linalg.inv(target.factor)
-        added, Q = np.linalg.eigh(inward @ (beyond / np.outer(size, size)) @ inward.T)
-        self.outward = target.factor @ (Q * np.sqrt(1.0 + np.maximum(added, 0.0))) @ Q.T @ inward
+        self.density = target.density
+        L = target.factor * np.where(target.logarithmic, target.density.centre, 1.0)[:, None]
+        inward = np.linalg.inv(L)
+        added, Q = np.linalg.eigh(inward @ beyond @ inward.T)
+        self.outward = L @ (Q * np.sqrt(1.0 + np.maximum(added, 0.0))) @ Q.T @ inward
 
     def __call__(self, theta: Array) -> Array:
         """(n, d) -> (n, d)."""
-        target = self.target
-        u = target.centre + (target.to_u(theta) - target.centre) @ self.outward.T
-        return np.clip(target.to_theta(u), *target.density.bounds)
+        centre = self.density.centre
+        return np.asarray(np.clip(centre + (theta - centre) @ self.outward.T, *self.density.bounds))
 
 
 class Target:

@@ -50,6 +50,18 @@ def test_draws_are_as_wide_as_the_fit_says(fitted):
         assert drawn.table["sd_noise_alone"][name] < 0.9 * float(fitted.sd[name])
 
 
+def test_draws_of_a_width_far_beyond_the_estimate_end_at_the_bounds(fitted):
+    scale = 3000.0
+    sd = {name: scale * one for name, one in fitted.sd.items()}
+    drawn = gb.sample(replace(fitted, sd=sd, covariance=scale**2 * fitted.covariance), method="laplace", draws=500)
+    for name in FREE:
+        low, high = fitted.model[name].bounds
+        assert drawn.frame[name].between(low, high).all()
+        assert (drawn.table["low"][name], drawn.table["high"][name]) == pytest.approx((low, high))
+    again = gb.sample(fitted, method="laplace", draws=500)
+    np.testing.assert_allclose(drawn.noise_alone, again.noise_alone, rtol=1e-9)
+
+
 def test_a_fit_that_states_no_width_or_less_than_the_noise_leaves_the_noise(fitted):
     sd = float(fitted.sd["B_f"])
     assert wider(fitted, "B_f", 0.5 * sd) == pytest.approx(2.0)
