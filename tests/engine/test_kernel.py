@@ -6,6 +6,7 @@ import hashlib
 import itertools
 import os
 import re
+import shutil
 import stat
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -47,6 +48,23 @@ def empty_cache(tmp_path, monkeypatch):
     folder = tmp_path / "cache"
     monkeypatch.setenv("GREYBOX_CACHE", str(folder))
     return folder
+
+
+@pytest.fixture(scope="module")
+def compiled_once(tmp_path_factory):
+    """The cache of a process that compiled one kernel, and what this gave."""
+    folder = tmp_path_factory.mktemp("once") / "cache"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GREYBOX_CACHE", str(folder))
+        _, found = worked(compiled=True)
+    return folder, found
+
+
+@pytest.fixture
+def filled_cache(compiled_once, empty_cache):
+    """A cache with one library, as it was left by whoever compiled it."""
+    shutil.copytree(compiled_once[0], empty_cache)
+    return empty_cache
 
 
 def kernels(cache):
@@ -416,12 +434,10 @@ def test_a_prepared_kernel_runs_compiled_from_the_first_call(empty_cache):
 
 @needs_compiler
 @pytest.mark.parametrize("damage", ["truncated", "empty", "one byte", "another library"])
-def test_a_damaged_library_is_made_again(damage, empty_cache):
-    _, right = worked(compiled=True)
-    (path,) = kernels(empty_cache)
+def test_a_damaged_library_is_made_again(damage, compiled_once, filled_cache):
+    (path,) = kernels(filled_cache)
     whole = path.read_bytes()
     other = bytes([whole[len(whole) // 2] ^ 1])
-    path.unlink()  # this process has it mapped
     path.write_bytes(
         {
             "truncated": whole[: len(whole) // 2],
@@ -432,8 +448,8 @@ def test_a_damaged_library_is_made_again(damage, empty_cache):
     )
     made, found = worked(compiled=True)
     assert made.compiled
-    assert_same(found, right)
-    (path,) = kernels(empty_cache)
+    assert_same(found, compiled_once[1])
+    (path,) = kernels(filled_cache)
     assert path.stem.endswith(hashlib.sha256(path.read_bytes()).hexdigest()[:32])
 
 
@@ -463,9 +479,8 @@ def test_a_folder_in_one_that_others_can_write_to_is_not_used(empty_cache, caplo
 
 @needs_compiler
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names here")
-def test_a_pipe_in_place_of_a_library_is_passed_over(empty_cache):
-    worked(compiled=True)
-    (path,) = kernels(empty_cache)
+def test_a_pipe_in_place_of_a_library_is_passed_over(filled_cache):
+    (path,) = kernels(filled_cache)
     path.unlink()
     os.mkfifo(path)
     assert worked(compiled=True)[0].compiled
@@ -473,9 +488,8 @@ def test_a_pipe_in_place_of_a_library_is_passed_over(empty_cache):
 
 @needs_compiler
 @pytest.mark.parametrize("what", ["folder", "library"])
-def test_what_belongs_to_another_user_is_not_executed(what, empty_cache, monkeypatch):
-    worked(compiled=True)
-    (path,) = kernels(empty_cache)
+def test_what_belongs_to_another_user_is_not_executed(what, filled_cache, monkeypatch):
+    (path,) = kernels(filled_cache)
     loaded = []
     real = ctypes.CDLL
     monkeypatch.setattr(
@@ -495,14 +509,13 @@ def test_what_belongs_to_another_user_is_not_executed(what, empty_cache, monkeyp
 
 
 @needs_compiler
-def test_a_planted_library_under_the_right_name_is_not_executed(empty_cache):
-    worked(compiled=True)
-    (path,) = kernels(empty_cache)
+def test_a_planted_library_under_the_right_name_is_not_executed(filled_cache):
+    (path,) = kernels(filled_cache)
     planted = path.with_name(f"{path.stem[:-32]}{'0' * 32}.so")
     planted.write_bytes(b"planted")
     path.unlink()
     assert worked(compiled=True)[0].compiled
-    assert planted not in kernels(empty_cache)
+    assert planted not in kernels(filled_cache)
 
 
 @pytest.mark.parametrize("said", ['gcc "', "gcc 'x", "   ", "/nowhere/cc -O2"])
