@@ -68,15 +68,6 @@ def problem(model, recordings, compiled=False, **options):
     return MotionProblem(Simulator(model, compiled=compiled), recordings, noise=noise, **options)
 
 
-def somewhere(stated, share=0.05, seed=1):
-    """Unknowns about the nominal ones, within bounds; starts off their readings."""
-    rng, x = np.random.default_rng(seed), stated.start
-    free = stated.free & np.isfinite(x)
-    x[free] *= 1 + share * rng.standard_normal(np.sum(free))
-    x[stated.parameters.size :] += 0.01 * rng.standard_normal(len(x) - stated.parameters.size)
-    return np.clip(x, *stated.bounds)
-
-
 def slope(function, x, k, step=1e-5):
     """Derivative of a function by x[k], from five points."""
     h = step * max(abs(x[k]), 1e-2)

@@ -42,12 +42,12 @@ def saved(made, tmp_path):
     return written
 
 
-def unsure(first, second, sizes, **more):
+def unsure(first, second, sizes):
     pair = (
         Ranked(first, 0.5, sizes[0], "s", (0.0, 0.1), (second,), 100.0),
         Ranked(second, 0.48, sizes[1], "s", (0.0, 0.1), (first,), 99.0),
     )
-    return clear(ranking=pair, applied=(first,), **more)
+    return clear(ranking=pair, applied=(first,))
 
 
 def test_the_model_of_a_diagnosis_is_built_from_its_file_alone(made):
