@@ -148,9 +148,13 @@ def grid_parts(grid: Grid) -> Iterator[RenderableType]:
         yield led("doubt", doubt)
     for word, row in (("chosen", grid.chosen), ("AIC", grid.aic_best)):
         cell = ", ".join(f"{name}={row[name]}" for name in grid.names)
-        what = "fewest parameters within one standard error" if word == "chosen" else "least as published"
-        yield led(word, f"{cell}: {row['parameters']} parameters; {what}")
-    yield led("fits", f"{len(grid.table)}, {number(float(grid.table['cpu_seconds'].sum()))} CPU s")
+        what = (
+            "the fewest parameters within one standard error of the smallest cross-validated error"
+            if word == "chosen"
+            else "the smallest AIC, by which the paper on these networks chooses"
+        )
+        yield led(word, f"{cell} ({row['parameters']} parameters) has {what}")
+    yield led("took", f"{number(float(grid.table['cpu_seconds'].sum()))} CPU s for {len(grid.table)} fits")
     yield ""
     titles = ("parameters", "cross-validated error, % of sd", "AIC", "AIC effective")
     table = plain_table(*grid.names, *titles)

@@ -80,7 +80,7 @@ def export(
         print_json(result.to_json())
     else:
         about = TARGETS if exporter is None else exporter.targets
-        console().print(f"{result.model} exported for {target}, {about[target]}")
+        console().print(f"{result.model} exported for {target}: {about[target]}")
         for file in result:
             console().print(f"written  {file}")
     end_by(getattr(model, "verdict", None))

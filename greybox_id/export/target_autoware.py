@@ -66,7 +66,7 @@ def cautions(subject: Subject) -> list[str]:
     held = (*ACTUATORS.values(), *HELD)
     model = subject.model
     lost = [name for name in model.effects if name not in held]
-    result = [f"Autoware's files cannot hold {', '.join(lost)}."] if lost else []
+    result = [f"Autoware's files have no entry for {', '.join(lost)}, which is left out."] if lost else []
     short = [
         name for name in ("steering_lag", "motor_lag") if name in model.effects and float(model[name].array) < SHORTEST
     ]

@@ -58,7 +58,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
     numbers = single_track_of(subject)
-    result = [f"{which} cannot hold {', '.join(lost)}." for which, held in (
+    result = [f"{which} has no entry for {', '.join(lost)}, which is left out." for which, held in (
         ("f1tenth_gym", GYM_HOLDS), ("The ForzaETH race stack", STACK_HOLDS)
     ) if (lost := _lost(subject, held))]  # fmt: skip
     result += without_form_error(subject)
@@ -211,7 +211,7 @@ def _head(subject: Subject, held: Sequence[str]) -> list[str]:
     lost = _lost(subject, held)
     return [
         f"# {one_line(f'{subject.model.about}, from {subject.source}')}; written by greybox-id.",
-        *([f"# This file cannot hold {one_line(', '.join(lost))}."] if lost else []),
+        *([f"# This file has no entry for {one_line(', '.join(lost))}."] if lost else []),
         "# Lines that begin with # and a key are not known of this vehicle: fill them in.",
     ]
 

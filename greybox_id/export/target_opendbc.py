@@ -62,7 +62,7 @@ def origins(subject: Subject) -> list[KeyOrigin]:
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what the snippet does not hold."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
-    result = [f"CarParams cannot hold {', '.join(lost)}."] if lost else []
+    result = [f"CarParams has no entry for {', '.join(lost)}, which is left out."] if lost else []
     return [*result, "steerRatio is not known: the model's input is the road-wheel angle."]
 
 

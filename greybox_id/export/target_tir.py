@@ -45,7 +45,7 @@ def files(subject: Subject) -> Mapping[str, bytes]:
 def cautions(subject: Subject) -> list[str]:
     """Sentences on what these files do not hold."""
     lost = [name for name in subject.model.effects if name not in HOLDS]
-    result = [f"Tyre files cannot hold {', '.join(lost)}."] if lost else []
+    result = [f"A tyre file has no entry for {', '.join(lost)}, which is left out."] if lost else []
     result += without_form_error(subject)
     result.append(
         "Longitudinal and combined slip have the coefficients of the lateral curve: nothing else is known of them."

@@ -95,7 +95,7 @@ def _sha256(content: bytes) -> str:
 
 
 TARGETS = {
-    "c": "C99 functions for a step, its derivatives, sensitivities and outputs; a self-test; a CMake target",
+    "c": "C99 functions for a step, its derivatives, sensitivities and outputs, with a self-test and a CMake target",
     "casadi": "CasADi functions, serialised, and a Python module that loads them with named symbols",
     "acados": "a Python module that builds an AcadosModel",
     "onnx": "an ONNX graph of the step",

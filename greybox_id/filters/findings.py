@@ -274,6 +274,6 @@ def untold(name: str, mask: Mask, slip: Array | None, force: str) -> str:
     if slip is not None and share > 0:
         where = f", mostly where the slip angle is below {np.degrees(np.quantile(np.abs(slip[~mask]), MOSTLY)):.1f}°"
     return (
-        f"{name}: not identifiable in {100 * (1 - share):.0f} % of the rows{where}; its band is wide there. The"
-        f" lateral force {force} is identifiable in these rows as well."
+        f"{name}: not identifiable in {100 * (1 - share):.0f} % of the rows{where}; its band is wide there. Even in"
+        f" these rows, the lateral force {force} is identifiable."
     )

@@ -234,7 +234,8 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
             WITH_CARE,
             f"{name}: the scatter of the innovations is {number(np.sqrt(value.nis), 2)} times the expected one "
             f"(NIS {number(value.nis, 2)}): "
-            f"its noise is overstated and bands are too wide. State noise_{name} correctly, or have it tuned.",
+            f"its noise is overstated and bands are too wide. State a smaller noise_{name}, or state none: it is then "
+            "tuned.",
         )
     elif value.inside < INSIDE:
         yield Reason(

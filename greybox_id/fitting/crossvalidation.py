@@ -111,7 +111,10 @@ def choose_strengths(
         tried[tuple(strengths.values())] = root_mean(squares)
         if progress is not None:
             named = ", ".join(f"{n} {s:g}" for n, s in strengths.items())
-            progress(f"{trace.model.name}: cross-validation, {named}: error {root_mean(squares):.4f} times the noise")
+            progress(
+                f"{trace.model.name}: cross-validation with prior strengths {named}: error {root_mean(squares):.4f} "
+                "times the noise"
+            )
         return squares
 
     def fitted(strengths: Mapping[str, float], begin: Array) -> Folds:

@@ -226,7 +226,9 @@ class Fit:
     def _scaled(self, name: str) -> list[str]:
         """That a number scales with a stated one, if it does."""
         return [
-            f"proportional to {stated}, as stated" for stated, of in self.how.get("scaling", {}).items() if name in of
+            f"proportional to {stated}; holds for the stated {stated}"
+            for stated, of in self.how.get("scaling", {}).items()
+            if name in of
         ]
 
     def notes(self) -> dict[str, str]:

@@ -201,7 +201,7 @@ def _parameter(model: Model, name: str, option: str) -> Parameter:
         raise BadInput(f"{option} {name}: {model.name} lacks this effect; add it with ‹effects› {name}.")
     names = [parameter.name for parameter in model.parameters]
     raise BadInput(
-        f"{option} {name}: {model.name} has no parameter {name}.{near_or_all(name, names)} All of them: greybox models "
+        f"{option} {name}: {model.name} has no parameter {name}.{near_or_all(name, names)} See greybox models "
         f"{model.name}."
     )
 
@@ -294,7 +294,9 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
         others = [o for o in others if isinstance(o, MotionModel) and not _lacking(o, recording)]
         would_do = [o.name for o in others if any(name in recording for name in o.outputs)]
         target = " and ".join(" or ".join(model.aliases.get(name, (name,))) for name in lacking)
-        instead = f" Its signals suffice for {' and '.join(would_do)} (‹model›)." if would_do else ""
+        instead = (
+            f" Or choose another model: the signals suffice for {' and '.join(would_do)} (‹model›)." if would_do else ""
+        )
         raise BadInput(
             f"{recording.name} lacks {target}, which {model.name} needs; it has {', '.join(recording.signals)}. "
             f"Map the columns that hold them in the column map (‹columns›).{instead}"

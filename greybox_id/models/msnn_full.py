@@ -123,7 +123,7 @@ def msnn_full_plus(settings: PlusSettings | None = None) -> MemoryModel:
     model = replace(
         model,
         name="msnn_full_plus",
-        about="MS-NN-full with a steering rate limit, a speed window, mirroring and timing offsets",
+        about="msnn_full with a steering rate limit, a window of past speeds, left-right symmetry and time offsets",
         symmetric=s.symmetric,
         parts=tuple(replace(part, symmetric=s.symmetric) for part in model.parts),
     )

@@ -50,12 +50,13 @@ def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str
     """
     data = of_role(recordings, role)
     seconds = sum(one.recording.duration for one in data)
-    where = listed([one.recording.name for one in data])
+    where = f"{listed([one.recording.name for one in data])} ({seconds:.1f} s)"
+    kind = f"recording{'' if len(data) == 1 else 's'} {where}"
     if role == "train":
-        return f"On {where}, the {seconds:.1f} s of the training data (no recording was held out)"
+        return f"On the training {kind} (no recording was held out)"
     if chose:
-        return f"On {where}, {seconds:.1f} s that were not fitted but used to choose {chose}"
-    return f"On {where} ({seconds:.1f} s, held out)"
+        return f"On the {kind}, not fitted but used to choose {chose}"
+    return f"On the held-out {kind}"
 
 
 def noise_words(outputs: Sequence[str], noise: Noise | None) -> str:

@@ -121,9 +121,9 @@ def verdict(fit: Fit, recordings: Sequence[Driven], held: Mapping[str, Errors]) 
     scores, near = fit.metrics[role], _near(fit.metrics[role])
     return (
         f"{circumstances(fit, recordings, role)}, the RMSE of {fit.model.name} {_how_good(fit.model, scores, near)}.",
-        f"{_against_hold(scores, held[role], near)}; {_against_noise(scores, fit.stages[-1].noise)}"
-        f"{_against_training(fit) if role == 'validate' else ''}.",
-        f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}; {_not_determined(fit)}.",
+        f"{_against_hold(scores, held[role], near)}. {_against_noise(scores, fit.stages[-1].noise)}."
+        f"{_against_training(fit) if role == 'validate' else ''}",
+        f"{capital(ended(fit.stages[-1]))}, and {ipopt_words(fit.stages[-1])}. {_not_determined(fit)}.",
     )
 
 
@@ -151,25 +151,28 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
         if name in held.get(protocol, {})
     }
     what = f"over {protocol.removesuffix(' ahead')}" if near else "from a run's first row"
-    return f"The RMSE of persistence {what} is {_times(ratios, 'that of the model')}"
+    return (
+        f"The RMSE of persistence {what} is {_times(ratios, 'that of the model')} (persistence holds the first reading "
+        "constant)"
+    )
 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
     ratios = {name: _ratio(error["rmse"], noise[name]) for name, error in scores[FREE_RUN].items() if name in noise}
-    return "the RMSE of the model in free run is " + _times(ratios, "the standard deviation of the fit's residuals")
+    return "In free run, the RMSE of the model is " + _times(ratios, "the standard deviation of the fit's residuals")
 
 
 def _against_training(fit: Fit) -> str:
     value, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
     ratios = {name: _ratio(value[name]["rmse"], train[name]["rmse"]) for name in value if name in train}
-    return f", and {_times(ratios, 'that on the training data')}" if ratios else ""
+    return f" It is {_times(ratios, 'its RMSE on the training data')}." if ratios else ""
 
 
 def _times(ratios: Mapping[str, str], of: str) -> str:
-    """1.6 times as much in v_x, 3.1 in yaw rate and 2.3 in a_y."""
+    """1.6 times as much in v_x, 3.1 times in yaw rate and 2.3 times in a_y."""
     return listed(
         [
-            f"{ratio}{f' times {of}' if k == 0 else ''} in {signal_words(name)}"
+            f"{ratio} times{f' {of}' if k == 0 else ''} in {signal_words(name)}"
             for k, (name, ratio) in enumerate(ratios.items())
         ]
     )
@@ -180,27 +183,34 @@ def _ratio(value: float, reference: float) -> str:
 
 
 def _not_determined(fit: Fit) -> str:
-    """Which free parameters are not identifiable, as a clause."""
+    """Which free parameters are not identifiable, as sentences without the last full stop."""
     free = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
     if not free:
-        return "no parameter was free"
+        return "No parameter was free"
     bound = [p.name for p in free if not p.bounds[0] < float(p.array) < p.bounds[1]]
     result = left_open(fit)
     if result is None:
-        return "how well its parameters are determined is not known, because the fit kept no covariance"
+        return "How well the parameters are determined is not known, because the fit kept no covariance"
     weak = [name for name in result.undetermined if name not in bound]
     pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
-    clauses = [
-        f"{listed(weak)} {'is' if len(weak) == 1 else 'are'} weakly identifiable" if weak else "",
-        f"identifiable only in combination are {listed(pairs)}" if pairs else "",
-        f"{listed(bound)} {'lies' if len(bound) == 1 else 'lie'} at a bound" if bound else "",
-        f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from their priors" if far else "",
+    count = counted(len(free), "free parameter")
+    sentences = [
+        f"Of {count}, {len(weak)} {'is' if len(weak) == 1 else 'are'} weakly identifiable: {listed(weak)}"
+        if weak
+        else "",
+        f"Identifiable only in combination: {listed(pairs)}" if pairs else "",
+        f"At a bound {'lies' if len(bound) == 1 else 'lie'} {listed(bound)}" if bound else "",
+        f"The estimate of {far[0]} lies far from its prior"
+        if len(far) == 1
+        else f"The estimates of {listed(far)} lie far from their priors"
+        if far
+        else "",
     ]
-    stated = [clause for clause in clauses if clause]
+    stated = [sentence for sentence in sentences if sentence]
     if not stated:
-        return f"{'each of the ' if len(free) > 1 else 'its '}{counted(len(free), 'free parameter')} is determined"
-    return f"of {counted(len(free), 'free parameter')}, {'; '.join(stated)}"
+        return f"{'Each of the ' if len(free) > 1 else 'Its '}{count} is determined"
+    return ". ".join(stated)
 
 
 def _far(parameter: Parameter) -> bool:

@@ -187,7 +187,7 @@ def test_inputs_alone_are_simulated_with_a_model_made_from_options(tmp_path):
         (["--model", "lateral", "--strength", "2"], "--strength is for models with memory"),
         (["--model", "msnn_lat", "--horizon", "1"], "--horizon is for equations of motion"),
         (["--model", "msnn_lat", "--with", "steering_rate_limit"], "--with steering_rate_limit=VALUE"),
-        (["--model", "longitudinal"], "Its signals suffice for lateral and kinematic"),
+        (["--model", "longitudinal"], "the signals suffice for lateral and kinematic"),
         (["--model", "lateral", "--columns", "roboracer"], "column"),
     ],
 )  # fmt: skip

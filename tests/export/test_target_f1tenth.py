@@ -153,10 +153,13 @@ def test_what_the_files_cannot_hold_is_said_with_its_size():
     model = build("single_track", {}, {"steering_delay": 0.031, "steering_lag": 0.05, "mass_change": 1.1}, SMALL)
     model = model.with_parameters(model["S_h_f"].with_value(0.02))
     meant = Subject(model, "car", vehicle=SMALL)
-    assert "f1tenth_gym cannot hold steering_delay 0.031 s, steering_lag 0.05 s, S_h_f 0.02 rad." in cautions(meant)
-    assert "The ForzaETH race stack cannot hold steering_delay 0.031 s, S_h_f 0.02 rad." in cautions(meant)
+    gone = "steering_delay 0.031 s, steering_lag 0.05 s, S_h_f 0.02 rad, which is left out."
+    assert f"f1tenth_gym has no entry for {gone}" in cautions(meant)
+    gone = "steering_delay 0.031 s, S_h_f 0.02 rad, which is left out."
+    assert f"The ForzaETH race stack has no entry for {gone}" in cautions(meant)
     assert (
-        "# This file cannot hold steering_delay 0.031 s, steering_lag 0.05 s" in files(meant)["car_gym.yaml"].decode()
+        "# This file has no entry for steering_delay 0.031 s, steering_lag 0.05 s"
+        in files(meant)["car_gym.yaml"].decode()
     )
 
 
@@ -176,5 +179,5 @@ def test_the_command_takes_limits_from_the_vehicle_file_and_warns(tmp_path):
     asked = ("--vehicle", "roboracer", "--with", "steering_delay=31ms", "--target", "f1tenth")
     called = greybox("export", *asked, "--out", tmp_path / "car")
     assert called.code == 0
-    assert "warning: f1tenth_gym cannot hold steering_delay 0.031 s." in called.err
+    assert "warning: f1tenth_gym has no entry for steering_delay 0.031 s, which is left out." in called.err
     assert yaml.safe_load((tmp_path / "car" / "car_gym.yaml").read_text())["s_max"] == 0.419

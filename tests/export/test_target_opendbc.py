@@ -37,4 +37,4 @@ def test_what_is_not_known_is_left_open_and_said():
     text = files(made({}))["car_opendbc.py"].decode()
     assert "# ret.steerRatio = ..." in text
     assert "# ret.steerActuatorDelay = ...  # s; the model has no steering_delay" in text
-    assert "CarParams cannot hold steering_lag." in cautions(made({"steering_lag": 0.1}))
+    assert "CarParams has no entry for steering_lag, which is left out." in cautions(made({"steering_lag": 0.1}))

@@ -85,7 +85,7 @@ def test_every_line_says_what_is_behind_it():
 
 def test_what_cannot_be_held_is_said():
     meant, _ = written({"steering_delay": 0.03})
-    assert "Tyre files cannot hold steering_delay." in cautions(meant)
+    assert "A tyre file has no entry for steering_delay, which is left out." in cautions(meant)
 
 
 @pytest.mark.parametrize(

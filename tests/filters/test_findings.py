@@ -165,7 +165,7 @@ def test_where_a_stiffness_is_open_is_said_by_the_slip_angle():
     said = untold("C_alpha_f", told, slip, "F_yf")
     assert said.startswith("C_alpha_f: not identifiable in 40 % of the rows, mostly where the slip angle")
     assert "below 2.0°" in said
-    assert said.endswith("The lateral force F_yf is identifiable in these rows as well.")
+    assert said.endswith("Even in these rows, the lateral force F_yf is identifiable.")
     assert untold("C_alpha_f", np.ones(100, dtype=bool), slip, "F_yf") == ""
 
 

@@ -129,7 +129,7 @@ def test_driving_straight_leaves_the_stiffness_open_and_says_so(kind):
         assert 0.3 < found.told[name] < 0.6
         (said,) = (sentence for sentence in found.sentences if sentence.startswith(f"{name}: "))
         assert "of the rows, mostly where the slip angle is below 0." in said
-        assert f"The lateral force F_y{name[-1]} is identifiable in these rows as well." in said
+        assert f"Even in these rows, the lateral force F_y{name[-1]} is identifiable." in said
 
 
 def test_a_stiffness_that_a_factor_scales_is_left_open_in_the_same_words():

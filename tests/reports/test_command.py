@@ -91,7 +91,7 @@ def test_equations_of_motion_have_a_report_too(motion_fit, laps, tmp_path):
     result = CliRunner().invoke(report, [str(path), "--figures", str(tmp_path / "figures")], catch_exceptions=False)
     assert result.exit_code == 0
     assert result.stdout.splitlines()[0].startswith("Usable with care.")
-    assert "On lap2 (" in result.stdout
+    assert "On the held-out recording lap2 (" in result.stdout
     assert (tmp_path / "fit.pdf").read_bytes().startswith(b"%PDF")
     assert (tmp_path / "figures" / "tyres.svg").is_file()
 

@@ -49,9 +49,9 @@ def test_ipopt_s_word_is_passed_on_as_it_was(small_fit, sentences):
 
 
 def test_a_recording_that_chose_when_to_stop_is_not_called_unseen(small_fit, sentences):
-    assert "held out" in sentences(small_fit)[0]
+    assert "held-out" in sentences(small_fit)[0]
     stopped = sentences(replace(small_fit, mode="early stopping"))
-    assert "held out" not in stopped[0]
+    assert "held-out" not in stopped[0]
     assert "choose when to stop" in stopped[0]
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,13 +77,12 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
             wrong = right if ground[0] is left else left
             sentence += (
                 f"The course does not depend on a sign convention, so {listed(wrong)} must be "
-                f"clockwise-positive: change the"
+                f"clockwise-positive: negate {'it' if len(wrong) == 1 else 'them'} in the column map"
             )
-            sentence += " sign in the column map (sign = -1, or remove sign = -1)."
+            sentence += " (set sign = -1, or remove it)."
         else:
             sentence += (
-                f"{listed(left)} and {listed(right)} have opposite signs; negate the wrong ones (sign = -1, or remove "
-                "sign = -1)."
+                f"Negate either {listed(left)} or {listed(right)} in the column map (set sign = -1, or remove it)."
             )
         findings.append(
             Finding("sign", Severity.DISTRUST, FoundAt(pair.nodes[0]), sentence, agreed.correlation,
@@ -194,22 +193,26 @@ def _blame(pair: Pair, gain: float, loosely: bool = False, sound: Collection[str
     """
     for factor, kinds, foreign, ours in FACTORS:
         names = [name for name in pair.channels if name in kinds and name not in sound]
+
         ratio = abs(np.log(gain)) / np.log(factor)
         near = abs(abs(np.log(gain)) - np.log(factor)) < np.log(FACTOR_TOLERANCE)
         if names and (near or (loosely and ratio > 0.3)):
-            upper = pair.channels[0] in names  # the left side's own channel
-            large = f"{pair.channels[0]} looks like {foreign}, but the map says {ours}" if upper else ""
-            rest = [name for name in names if name != pair.channels[0]]
-            plural = "s" if len(rest) == 1 else ""
-            small = f"{listed(rest)} look{plural} like {ours}, but the map says {foreign}" if rest else ""
-            if gain < 1:
-                large = f"{pair.channels[0]} looks like {ours}, but the map says {foreign}" if upper else ""
-                small = f"{listed(rest)} look{plural} like {foreign}, but the map says {ours}" if rest else ""
+            first = names[:1] if pair.channels[0] in names else []  # the left side's channel
+            rest = [name for name in names if name not in first]
+            large = _slipped(first, foreign, ours) if gain >= 1 else _slipped(first, ours, foreign)
+            small = _slipped(rest, ours, foreign) if gain >= 1 else _slipped(rest, foreign, ours)
             return (
                 f"{'; or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
                 "Check the unit in the column map."
             )
     return UNKNOWN
+
+
+def _slipped(names: Sequence[str], looks: str, says: str) -> str:
+    """That channels look like one unit where the map says another; of a yaw rate per second."""
+    per = "/s" if list(names) == ["yaw_rate"] and "rad" in (looks, says) else ""
+    verb = "looks" if len(names) == 1 else "look"
+    return f"{listed(names)} {verb} like {looks}{per}, but the map says {says}{per}" if names else ""
 
 
 def _limits(recording: Recording) -> list[Finding]:
@@ -251,7 +254,7 @@ def check_rest(recording: Recording) -> list[Finding]:
             continue
         unit, seconds = recording.unit(name), weights.sum() * recording.sample_time
         shown = f"{'+' if offset > 0.0 else ''}{short_with_sd(offset, error)}"
-        cause = "the sensor's offset" if name == "yaw_rate" else "offset, or slope of the ground"
+        cause = "the sensor has an offset" + (" or the ground slopes" if name != "yaw_rate" else "")
         sentence = (
             f"{name} reads {with_unit(shown, unit)} at rest ({seconds:.1f} s in {len(stretches)} "
             f"standstill{'s' if len(stretches) > 1 else ''}): {cause}."

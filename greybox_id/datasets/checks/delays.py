@@ -240,13 +240,13 @@ def _usual(pair: Pair, lags: dict[int, Lag], dt: float) -> list[Finding]:
         verb = "lags" if usual >= 0 else "leads"
         runs = f"median of {len(lags)} runs" if len(lags) > 1 else f"run {next(iter(lags))}"
         why = (
-            "which includes the response of the vehicle"
+            "This time includes the response of the vehicle."
             if not pair.kinematic
-            else "although both are the same quantity: shift one of them in time"
+            else "The two should agree: correct the time of one of the sensors."
         )
         sentence = (
             f"{pair.left} {verb} {pair.right} by {short_with_sd(abs(usual), error)} samples "
-            f"({short_with_sd(abs(usual) * ms, error * ms)} ms; {runs}), {why}."
+            f"({short_with_sd(abs(usual) * ms, error * ms)} ms; {runs}). {why}"
         )
         apart = pair.kinematic and abs(usual) > WORTH_TELLING + OF_HELD_COMMANDS
         severity = Severity.WARNING if apart else Severity.NOTE

@@ -163,12 +163,12 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     old, new = first.before, first.after
     repair = _repair(first.fault) if not others else {}
     more = (
-        f"; {first.more} other relation{'s' if first.more > 1 else ''} between channels then "
-        f"agree{'' if first.more > 1 else 's'}, too"
+        f", and {first.more} other relation{'s' if first.more > 1 else ''} between channels "
+        f"hold{'' if first.more > 1 else 's'}, too"
     )
     sentence = (
-        f"{first.fault.what}: with the present map, {old.left} and {old.right} have {_numbers(old)}; after the "
-        f"correction, {_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
+        f"{first.fault.what}: as mapped now, {old.left} and {old.right} have {_numbers(old)}. Corrected, they have "
+        f"{_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
     if others:
         sentence += f" As likely: {listed(others, 3)}."
@@ -489,10 +489,13 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             continue
         value = [relation for relation in result if does(relation)]
         if not value:
-            lacking.append(f"{what} (this check needs {needs})")
+            lacking.append(f"{what} (needs {needs})")
         elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
-    whys = "for want of channels that vary", "because the motion in this recording does not show it clearly"
+    whys = (
+        "because channels that it needs are missing, constant or have gaps",
+        "because the motion in this recording does not show it clearly",
+    )
     return [
         Finding("unchecked", Severity.NOTE, FoundAt("map"), f"not checked, {why}: {'; '.join(what)}.")
         for why, what in zip(whys, (lacking, still), strict=True) if what

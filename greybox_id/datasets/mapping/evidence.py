@@ -264,7 +264,7 @@ def _by_margin(
     if margin >= MARGIN:
         size = sizes[entry.signal]
         why = "; ".join(alike[:2]) or f"values up to {number(size)} are too large for the other units"
-        return replace(entry, reasons=(*entry.reasons, f"unit: {why}"))
+        return replace(entry, reasons=(*entry.reasons, f"unit: {entry.unit} is plausible, since {why}"))
     names = tuple(option.unit for option in options)
     below = number(sizes[entry.signal])
     why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {below})"
@@ -274,7 +274,7 @@ def _by_margin(
 def _pedal(entry: MapEntry, size: float) -> MapEntry:
     """A pedal without a unit: a share, percent, or something that only who wired it knows."""
     if size <= FULL:
-        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: usual for this signal"))
+        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: the usual one, not checked"))
     upto = f"values up to {number(size, 3)}"
     if size <= PERCENT and entry.signal == "throttle":
         return replace(entry, unit="%", reasons=(*entry.reasons, f"unit: {upto} are percent"))
@@ -308,7 +308,7 @@ def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase:
     """A unit that is stated, or the only one there is, beside what the data say; of a hand wheel `steering` asks."""
     met = [item for item in agreed if entry.signal == item.pair.nodes[0]]
     off = [item.words for item in met if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN]
-    how = "unit: as the file states it" if before.unit else "unit: usual for this signal"
+    how = "unit: as the file states it" if before.unit else "unit: the usual one, not checked"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 
 

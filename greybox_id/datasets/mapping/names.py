@@ -321,7 +321,7 @@ def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
             TIME,
             name,
             likely,
-            reasons=(why, f"unit: its usual step is {exact(step)}, a plausible sample time in {likely}"),
+            reasons=(why, f"unit: {likely} is plausible, since the usual time step is {exact(step)}"),
         )
     return MapEntry(
         TIME, name, "", decided=False, units=("s", "ms"), reasons=(why, f"a step of {exact(step)} is no sample time")

@@ -185,7 +185,7 @@ def _candidates(
         ordered = sorted(names, key=lambda n: (guesses[n].wish, guesses[n].signal == HAND_WHEEL, guesses[n].rank))
         for place, name in enumerate(ordered):
             unit = stated[name] if stated[name] and _fits(stated[name], signal) else ""
-            reasons = [f'"{name}" is a usual name of {signal}']
+            reasons = [f'"{name}" is a usual name of {signal}' if name != signal else "the column has this name"]
             if stated[name] and not unit:
                 reasons.append(f"the file says {stated[name]}, which is no unit of {signal}")
             entry = MapEntry(signal, name, unit, reasons=tuple(reasons))

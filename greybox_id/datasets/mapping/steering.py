@@ -136,11 +136,13 @@ def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
     """A hand wheel whose ratio nothing tells, or only as of a car's usual wheelbase: a start for who answers."""
     why, ratio = "this is the hand wheel's angle: set divide_by to the steering ratio", entry.divide_by
     if length:
-        why += f"; from yaw rate and speed, steering ratio times wheelbase is about {number(length, 3)} m"
+        why += f"; according to yaw rate and speed, this ratio times the wheelbase is about {number(length, 3)} m"
     if length and length > LONGEST:
         ratio = float(f"{length / np.sqrt(CARS[0] * CARS[1]):.3g}")
         why += f", a ratio of {ratio:g} for a car of usual length"
-    return replace(entry, divide_by=ratio, decided=False, reasons=(*entry.reasons, why))
+    # a wheelbase that was computed as of the road wheels' angle would contradict what is said here
+    reasons = [item for item in entry.reasons if "gives a wheelbase" not in item]
+    return replace(entry, divide_by=ratio, decided=False, reasons=(*reasons, why))
 
 
 def _either(entry: MapEntry) -> MapEntry:

@@ -365,7 +365,7 @@ def _beside_unfitted(
         )
     for output, ratio in ratios.items():
         if ratio > WORSE:
-            yield Reason(WITH_CARE, f"{what}{output}: {_times(ratio)} the RMSE of the unfitted model.")
+            yield Reason(WITH_CARE, f"{what}the RMSE of {output} is {_times(ratio)} that of the unfitted model.")
 
 
 def _surely_worse(scores: Scores, unfitted: Scores, judged: Sequence[str]) -> bool:
@@ -439,8 +439,8 @@ def _told(scores: Scores, judged: Sequence[str]) -> str:
     """How well outputs are predicted, over the shortest horizon that is judged."""
     name = judged[0]
     words = "one sample ahead" if name == "honest" else name.replace("_", " ")
-    each = [f"{output} {e.fit_percent:.0f} %" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
-    return f"fit {listed(each)} ({words})" if each else ""
+    each = [f"{e.fit_percent:.0f} % in {output}" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
+    return f"the fit is {listed(each)} ({words}; 100 % means no error)" if each else ""
 
 
 def _unexplained(error: Error) -> float:

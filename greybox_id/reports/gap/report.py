@@ -101,8 +101,7 @@ ERRORS_ALONE = (
 LIMITS = (
     "Detection limit: the smallest size of an effect that would be detected here. It is twice the standard deviation "
     "of the effect's estimate, computed to first order, with all parameters that have a tolerance refitted. Not "
-    "absorbed: the share of the information on the effect that remains when these parameters are refitted. Effects "
-    "with a threshold, such as backlash, are not listed: they are detected by refits only."
+    "absorbed: the share of the information on the effect that remains when these parameters are refitted."
 )
 CHANNELS = (
     "A ratio of error to noise of 1 means that only noise is left. The last two columns give the frequency at which "

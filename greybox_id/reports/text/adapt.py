@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from rich.console import RenderableType
 
-from ...base.numbers import number, pretty_unit, with_sd
+from ...base.numbers import listed, number, pretty_unit, with_sd
 from ...base.signals import unit_of
 from ...fitting.adaptation.verb import Adaptation
 from ...models.motion_model import MotionModel
@@ -20,8 +20,14 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
     """An adaptation, part by part."""
     for doubt in result.doubts:
         yield led("doubt", doubt)
+    several: dict[str, list[str]] = {}
     for output, words in result.choices.items():
-        yield led("chosen", f"{output}: {words}")
+        several.setdefault(words, []).append(output)
+    for words, outputs in several.items():
+        what = "the unchanged fit" if words == "zero-shot" else words
+        yield led("chosen", f"for {listed(outputs)}: {what}")
+    if any("strength" in words for words in several):
+        yield led("", "the smaller the strength, the further parameters may move from the fit")
     for run, delays in result.delays.items():
         stated = ", ".join(f"{output} {round(1e3 * delay) or 0:+d} ms" for output, delay in delays.items())
         yield led(
@@ -29,7 +35,7 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         )
     if result.moved:
         names = [f"{name} ({count})" if count > 1 else name for name, count in list(result.moved.items())[:MOST_MOVED]]
-        yield led("moved", f"by more than two of their standard deviations: {', '.join(names)}")
+        yield led("moved", f"by more than two standard deviations of the fit: {', '.join(names)}")
     yield ""
     if not result.zero_shot.rest:
         yield led("rest", f"no rows are left after the {result.seconds:g} s of the adaptation, so nothing is scored")
@@ -38,7 +44,9 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
             yield led("", f"{output}, on the seconds of the adaptation: RMSE {number(item['rmse'])} {unit}")
         return
     ahead = ", 0.5 s ahead" if isinstance(result.fit.model, MotionModel) else ""
-    table = plain_table(f"rest of the recording{ahead}", "unit", "before adaptation", "chosen", "expected, 95 %")
+    table = plain_table(
+        f"RMSE on the rest{ahead}", "unit", "before adaptation", "after adaptation", "95 % interval expected for it"
+    )
     for output, error in result.chosen.rest.items():
         before, (low, high) = result.zero_shot.rest[output], result.chosen.interval[output]
         table.add_row(

@@ -29,7 +29,7 @@ MOST_OPEN = 4
 """Sentences printed on what the recording leaves open."""
 PROTOCOL_WORDS = {
     "honest": "one sample ahead, all runs together; no window spans two runs",
-    "published": "as published: mean over batches of 100; windows may span two runs",
+    "published": "as in the papers: mean over batches of 100; windows may span two runs",
     "closed_loop": "free run on its own predictions, all runs together",
     "free run": "free run of whole manoeuvres, all together",
 }

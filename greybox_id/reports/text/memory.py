@@ -38,7 +38,7 @@ def _late(delay: float, sd: float) -> str:
 @chosen_lines.register(MemoryModel)
 def _strengths(model: MemoryModel, result: Fit) -> Iterator[str]:
     strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
-    yield f"priors   strengths {strengths or 'as stated'} ({result.mode})"
+    yield f"priors   of the weights, by strength: {strengths or 'as stated'} ({result.mode})"
 
 
 @error_parts.register(MemoryModel)

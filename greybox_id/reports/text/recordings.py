@@ -121,12 +121,13 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
         )
     for finding in proposal.findings:
         stated = finding.sentence.removeprefix(f"{finding.where.channel}: ")
-        screen.print(f"{finding.severity.value}: {finding.where.channel}: {stated}")
+        channel = "" if stated.startswith(finding.where.channel) else f"{finding.where.channel}: "
+        screen.print(f"{finding.severity.value}: {channel}{stated}")
     requested = {entry.signal for entry in proposal.open}
     if requested:
         screen.print(
-            f"{counted(len(requested), 'signal')} for you to decide (marked ?): {', '.join(sorted(requested))}; "
-            "their lines in the column map begin with #?"
+            f"Decide on {counted(len(requested), 'signal')}, marked ? above: {', '.join(sorted(requested))}. In the "
+            "column map, choose one of the lines that begin with #? and remove its #?."
         )
     if out:
         joined = f"join {proposal.file} --columns {out} --out drive.csv"

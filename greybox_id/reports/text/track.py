@@ -67,10 +67,7 @@ def beside_truth(digest: Digest) -> list[str]:
             sentence += "; an estimate of zero would have a smaller error"
         result.append(f"{sentence}.")
     if "sideslip" not in digest.truth:
-        result.append(
-            "No sideslip was measured, so its estimate cannot be checked. A better likelihood is not always a better "
-            "sideslip."
-        )
+        result.append("No sideslip was measured, so its estimate cannot be checked.")
     return result
 
 

@@ -47,7 +47,7 @@ def _how_sure(one: Digest) -> str:
     return (
         f"In recording {one.data.name} ({counted(one.rows, 'row')} in {counted(one.runs, 'run')}), the estimates of "
         f"{method(one)} with the model {one.model} have a median standard deviation of {listed(each)}"
-        f"{f'; the recording determines {listed(untold)} of the rows' if untold else ''}."
+        f"{f'. The recording determines {listed(untold)} of the rows' if untold else ''}."
     )
 
 
@@ -58,13 +58,13 @@ def _is_it_so(digest: Digest) -> str:
     means = listed([f"{number(item.nis, 2)} in {signal_words(name)}" for name, item in known.items()])
     inside = listed(
         [
-            f"{percent(item.inside)} of the cases in {signal_words(name)}"
+            f"{percent(item.inside)} of the windows for {signal_words(name)}"
             for name, item in known.items()
             if isfinite(item.inside)
         ]
     )
-    windows = f"; means over {WINDOW:g} s lie within their 95 % bounds in {inside}" if inside else ""
-    widened = f"; the bands of the estimates were widened by a factor of {number(digest.widened, 3)}"
+    windows = f". Its means over windows of {WINDOW:g} s lie within their 95 % bounds in {inside}" if inside else ""
+    widened = f". The bands of the estimates were widened by a factor of {number(digest.widened, 3)}"
     return (
         f"The mean squared innovation over its expected value (1 for a consistent filter) is {means}{windows}"
         f"{_memory(digest)}{widened if digest.widened > 1 else ''}."
@@ -79,9 +79,9 @@ def _memory(digest: Digest) -> str:
         if abs(item.correlation) > item.correlation_bound
     ]
     if not beyond:
-        return "; successive innovations do not correlate"
+        return ". Successive innovations do not correlate"
     return (
-        f"; successive innovations correlate by {listed(beyond)}, more than by chance: the model lacks an effect, "
+        f". Successive innovations correlate by {listed(beyond)}, more than by chance: the model lacks an effect, "
         "or the noise is correlated"
     )
 

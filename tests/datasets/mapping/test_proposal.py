@@ -169,7 +169,7 @@ def test_no_wheelbase_is_45_m_long(tmp_path):
     """Below the pace that tells a car from a model of one, the length alone still tells a hand wheel."""
     proposal = town(tmp_path)
     (steer,) = [entry for entry in proposal.open if entry.signal == "steer"]
-    assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
+    assert "ratio times the wheelbase is about 44.8 m" in steer.reasons[-1]
     assert not any("gives a wheelbase" in reason for entry in proposal.entries for reason in entry.reasons)
     assert steer.divide_by == pytest.approx(16, rel=0.02)  # 2.8 m is near the usual length of a car
 
@@ -179,7 +179,7 @@ def test_lateral_acceleration_tells_a_hand_wheel_where_no_yaw_rate_is_recorded(t
     frame = pd.read_csv(tmp_path / "town.csv").drop(columns="Gyro Yaw Velocity [deg/s]")
     frame.to_csv(tmp_path / "town.csv", index=False)
     (steer,) = [entry for entry in propose(tmp_path / "town.csv").open if entry.signal == "steer"]
-    assert "ratio times wheelbase is about 44.8 m" in steer.reasons[-1]
+    assert "ratio times the wheelbase is about 44.8 m" in steer.reasons[-1]
 
 
 def test_a_wrong_unit_that_the_file_states_is_a_finding_though_no_map_has_a_file_yet(tmp_path):

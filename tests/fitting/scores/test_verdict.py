@@ -43,7 +43,7 @@ def good():
 def test_a_good_fit_that_was_validated_is_usable_and_says_why(good):
     assert good.verdict.usability == USABLE
     assert good.verdict.reasons[0] == "The optimum is confirmed."
-    assert "On held-out data, fit v_y" in good.verdict.reasons[1]
+    assert "On held-out data, the fit is" in good.verdict.reasons[1]
     told = good.verdict.comparison["validate"]["1 s ahead"]["yaw_rate"]
     assert told["rmse"] < 0.5 * told["persistence"]
     assert told["rmse"] < 0.7 * told["unfitted"]
@@ -163,7 +163,7 @@ def test_one_output_that_was_made_worse_is_said(good):
     }
     said = judged(good, {"validate": own}, held={"validate": held}, unfitted={"validate": before})
     assert said.usability == WITH_CARE
-    assert "v_y: 2.5 times the RMSE of the unfitted model" in said.reasons[0]
+    assert "the RMSE of v_y is 2.5 times that of the unfitted model" in said.reasons[0]
 
 
 def test_a_fit_of_which_most_outputs_are_lost_one_way_or_another_is_not_usable(good):
