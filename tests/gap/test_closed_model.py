@@ -45,11 +45,29 @@ def test_tolerances_go_where_recordings_have_them_and_are_told(late, held, value
     assert gap.to_json()["moved"][0]["stated"] == 2274.0
 
 
+@pytest.fixture(scope="module")
+def found(late):
+    """What is examined of it."""
+    return examine(nominal(vehicle=LOOSE), late[0], vocabulary(), LOOSE, lambda line, **_: None)
+
+
+@pytest.mark.slow
+def test_fits_begin_again_at_the_stated_tolerances_where_the_found_ones_let_the_vehicle_spin(late, found, monkeypatch):
+    whole, known, _ = closed_model(found, found.best, True, late[1])
+    monkeypatch.setattr(
+        closing, "_moved_along", lambda examined, best, added: added.with_parameters(added["D_r"].with_value(0.2))
+    )
+    closed, verified, worse = closed_model(found, found.best, True, late[1])
+    assert not worse
+    assert [each.after for each in verified.errors] == pytest.approx([each.after for each in known.errors], rel=0.01)
+    assert closed["D_r"].array == whole["D_r"].array
+    assert float(closed["I_z"].array) == pytest.approx(float(whole["I_z"].array), rel=0.01)
+
+
 @pytest.mark.examination
 @pytest.mark.slow
-def test_what_errs_least_on_others_counts(late):
-    recordings, others = late
-    found = examine(nominal(vehicle=LOOSE), recordings, vocabulary(), LOOSE, lambda line, **_: None)
+def test_what_errs_least_on_others_counts(late, found):
+    _, others = late
     closed, verified, worse = closed_model(found, found.best, True, others)
     assert not worse
     free = [own for own in verified.errors if own.horizon is None]
