@@ -4,7 +4,10 @@ from __future__ import annotations
 
 GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Gap": {
-        "exam": ("greybox_lab.cli.exam", "Test the diagnosis of gaps on cases whose true causes are hidden from it.")
+        "exam": (
+            "greybox_lab.cli.exam",
+            "Test how well greybox gap finds the causes of deviations, on cases whose causes are hidden from it.",
+        )
     },
     "Deploy": {
         "import": (
@@ -21,7 +24,7 @@ GROUPS: dict[str, dict[str, tuple[str, str]]] = {
     "Race": {
         "loop": (
             "greybox_lab.cli.loop",
-            "Train a driving policy in simulation, and correct the simulation with what gap finds.",
+            "Train a driving policy in simulation, and correct the simulation with the effects that greybox gap finds.",
         ),
         "serve": (
             "greybox_lab.cli.loop",

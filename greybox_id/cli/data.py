@@ -142,7 +142,7 @@ def map_command(
     """Propose a column map for FILE: which column holds which signal, and in which unit.
 
     The proposal follows from names of columns and from relations between signals; uncertain entries are marked. Several
-    FILEs must be topics or sensors of one drive, each with its own clock; they get one map.
+    FILEs, such as topics or sensors with clocks of their own, get one map; they must be of one drive.
 
     \b
     greybox data map lap7.csv --out my_car.toml

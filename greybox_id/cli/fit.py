@@ -101,9 +101,9 @@ def fit(
 
     --model tyre fits a magic formula to data of a tyre rig (columns SA, FZ, FY) and writes a .tir file.
 
-    A number without a unit is in SI units. With --calibrate timing, the delay of each training run is estimated
-    and corrected before the fit. Ctrl-C keeps the best fit so far. Exit code 3: the fit is written, but is not usable;
-    the verdict says why.
+    A number without a unit is in SI units. With --calibrate timing, for networks, the delay of the outputs is estimated
+    in each training run and corrected before the fit. Ctrl-C keeps the best fit so far. Exit code 3: the fit is
+    written, but is not usable; the verdict says why.
     """  # fmt: skip
     from .. import FitOptions
     from ..api.fitting import fit as fit_model  # not for --help: these load every model and the solvers

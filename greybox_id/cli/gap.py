@@ -165,7 +165,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         out.print(led("Budget", budget(gap)))
     if changed.not_changed:
         still = [unchanged_words(item["effect"], item["within"]) for item in changed.not_changed]
-        out.print(led("Same", f"within two standard deviations: {listed(still)}"))
+        out.print(led("Same", f"no change beyond two standard deviations, given in brackets: {listed(still)}"))
     if changed.not_seen:
         out.print(
             led("Unknown", f"a change of usual size would be below the detection limit: {listed(changed.not_seen)}")

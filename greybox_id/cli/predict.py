@@ -35,8 +35,8 @@ def predict(
     file: str = argument("RECORDING", type=FILE),
     columns: str = COLUMNS,
     horizon: float | None = option(
-        "Only equations of motion: predict each row from the readings this much earlier; default: free run, a "
-        "simulation of each run from its first readings.",
+        "Predict each row from the readings this much earlier; not for networks. Default: free run, a simulation of "
+        "each run from its first readings.",
         "SECONDS",
         type=ABOVE_ZERO,
     ),

@@ -184,7 +184,7 @@ def _restless(track: Track) -> Iterator[Reason]:
             WITH_CARE,
             f"The tuned noise lets {name} change by {100 * most:.0f} % in a minute, more than tyres do: the "
             "model lacks an effect, or the vehicle is not the one stated, so sideslip may be far off. Check the "
-            "vehicle's wheelbase and steering ratio, or fit it first.",
+            "vehicle's wheelbase and steering ratio, or first fit a model (greybox fit) and track with the fit.",
         )
 
 
@@ -247,7 +247,7 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
             WITH_CARE,
             f"{name}: successive innovations correlate ({value.correlation:.2f}): the model lacks something and "
             f"bands are too narrow. greybox gap looks for the cause. If the error of {name} varies slowly, "
-            f"add {name} to the coloured readings.",
+            f"let the filter treat it as coloured noise (coloured: {name}).",
         )
 
 

@@ -25,7 +25,7 @@ from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.simulation import FreeRuns
 from .closed_model import with_effects
-from .closing import closed_by
+from .closing import closed_by, on_held_out
 from .estimation.axes import scalars
 from .estimation.calibration import CAL
 from .estimation.free_runs import (
@@ -129,7 +129,7 @@ def shared_out(
     if len(names) > CAL.few:
         return _of_many(examined, best, held_out, tell)
     if held_out:
-        tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        tell(f"computing the share of {listed(names)} in the gap, on {on_held_out(held_out)}")
 
         def left(subset: Set, there: Sequence[Mapping[str, float]], trust: float | None) -> tuple[Misfit, FreeRuns]:
             model = with_effects(examined, best, subset)
@@ -213,7 +213,7 @@ def _of_many(
     names = best.names
     search = examined.selection.search
     if held_out:
-        tell(f"attributing the gap to {listed(names)} on {listed([item.name for item in held_out])}, held out")
+        tell(f"computing the share of {listed(names)} in the gap, on {on_held_out(held_out)}")
         full = with_effects(examined, best)
         there = _where_found(examined, best)
         whole, search, result = freed_tolerances(full, held_out, examined.vehicle, examined.effects, examined.sd, there)

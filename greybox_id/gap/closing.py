@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from ..base.shorthands import Array
 from ..base.signals import unit_of
 from ..base.statistics import resampled
+from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..fitting.scores.horizons import Errors, by_horizon, diverges
@@ -92,6 +93,11 @@ def closed_by(
     E0, E1 = (float(np.sum(first)) + charges[0]) / count, (float(np.sum(then)) + charges[1]) / count
     closed = (E0 - E1) / max(E0 - floor, CAL.least_gap)
     return Closure(E0, E1, floor, closed, (float(low), float(high)), names, _errors(before, after, sd, good, bench))
+
+
+def on_held_out(recordings: Sequence[Recording]) -> str:
+    """Where a closure is verified, in words."""
+    return f"the held-out recording{'s' if len(recordings) > 1 else ''} {listed([item.name for item in recordings])}"
 
 
 def left_open(closure: Closure) -> Closure:

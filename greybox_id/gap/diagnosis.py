@@ -21,7 +21,7 @@ from ..models.vehicle import Vehicle
 from .advice import advice, limits, not_excited, unread
 from .budget import closes, shared_out, weak
 from .closed_model import closed_model, moved, place_of
-from .closing import left_open
+from .closing import left_open, on_held_out
 from .estimation.axes import ActingRows
 from .estimation.calibration import CAL
 from .estimation.hypothesis import Hypothesis
@@ -126,7 +126,7 @@ def answer(it: Examined, held_out: Sequence[Recording], tell: Callable[..., None
             reasons |= dict.fromkeys(best.names, why)
             best, shared = only(it, set()), None
         if held_out:
-            tell(f"verifying on {listed([item.name for item in held_out])}, held out")
+            tell(f"verifying on {on_held_out(held_out)}")
         closed, verified, worse = closed_model(it, best, detected, held_out, shared)
         if not worse:
             break

@@ -157,9 +157,8 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
                 break
             for name, each in weak.items():
                 reasons[name] = (
-                    f"it may be absent: its magnitude differs from no effect by {number(each, 2)} standard "
-                    f"deviations; among the {len(one.effects)} effects examined, chance alone makes one differ by "
-                    f"{number(surely, 2)}"
+                    f"it may be chance, since its magnitude is {number(each, 2)} standard deviations from no effect, "
+                    f"and the largest of {len(one.effects)} effects that are absent typically {number(surely, 2)}"
                 )
                 k = names.index(name)
                 rest = np.arange(len(names)) != k

@@ -159,7 +159,7 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
     ratios = {name: _ratio(error["rmse"], noise[name]) for name, error in scores[FREE_RUN].items() if name in noise}
-    return "In free run, the RMSE of the model is " + _times(ratios, "the standard deviation of the fit's residuals")
+    return "In free run, the RMSE there is " + _times(ratios, "the standard deviation of the fit's residuals")
 
 
 def _against_training(fit: Fit) -> str:

@@ -31,7 +31,7 @@ from greybox_id.cli.output import console, print_json
 )
 @json_option
 def app(files: tuple[str, ...], session: str | None, home: str, port: int, browser: bool, as_json: bool) -> None:
-    """Check recordings, fit a model and diagnose its gap, in the browser of this machine.
+    """Check recordings, fit a model and find out why it deviates from the vehicle, in the browser of this machine.
 
     \b
     greybox app lap7.csv lap8.csv

@@ -120,7 +120,7 @@ def msnn_command(
 def truck_command(
     data: Path = DATA,
     quick: bool = option("Train only the smallest networks, from one seed; takes a few CPU minutes, not hours."),
-    curves: bool = option("Compute only the learning curves and the pretrained networks."),
+    curves: bool = option("Compute only the errors over the amount of training data, with and without pretraining."),
     seeds: int = option("Number of trainings of each network.", type=click.IntRange(1, 100), default=5),
     out: str | None = option("File of finished trainings; the next run continues from them.", "FILE"),
     minutes: float | None = option(
@@ -155,7 +155,7 @@ def loop_command(
     out: Path = option("Folder of the results.", "FOLDER", required=True, type=PATH),
     quick: bool = option("Run one case, one cycle and five arms; takes about two CPU minutes, not hours."),
     cases: tuple[int, ...] = option(
-        "Number of a case of greybox loop demo, that is, of a car; default: all cases. Repeatable.",
+        "Simulated car of greybox loop demo, from 0 to 7; default: all of them. Repeatable.",
         name="--case",
         type=click.IntRange(0, 7),
         multiple=True,

@@ -40,7 +40,7 @@ TIERS = click.Choice(list(ASKED))
 
 @click.group(name="exam", cls=CommandGroup)
 def exam() -> None:
-    """Test the diagnosis of gaps on cases with hidden causes: make cases, diagnose them, then score once.
+    """Test how well greybox gap finds causes that are hidden from it: make cases, diagnose them, then score once.
 
     \b
     greybox exam make --tier clean --seed 7 --cases 300 --out exam_clean

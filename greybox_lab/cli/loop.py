@@ -39,7 +39,7 @@ def demo_command(
     out: Path = option("Folder for the results of the demo.", "FOLDER", required=True, type=PATH),
     quick: bool = option("Use fewer rows and fewer training steps; takes a few minutes."),
     case: int = option(
-        "Number of the case, that is, of a car with effects that its vehicle file does not state. In cases 6 and 7, "
+        "Simulated car, from 0 to 7; each has effects that its vehicle file does not state. In cases 6 and 7, "
         "greybox gap does not know these effects.",
         type=click.IntRange(0, 7),
         default=0,
@@ -82,9 +82,7 @@ def agent_command(
         type=PATH,
     ),
     session: str = option("Name of the session at the server: letters, digits and dashes.", default="car"),
-    case: int = option(
-        "Number of the case (of a simulated car), as in greybox loop demo.", type=click.IntRange(0, 7), default=0
-    ),
+    case: int = option("Simulated car, from 0 to 7, as in greybox loop demo.", type=click.IntRange(0, 7), default=0),
     arm: str = ARM,
     trainings: int = option("Number of trainings; each yields a policy.", type=click.IntRange(1, 20), default=2),
     steps: int = option("Number of steps of each training.", type=click.IntRange(1, 10_000_000), default=150_000),

@@ -106,11 +106,15 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
 @pytest.mark.parametrize(
     ("closed", "interval", "said"),
     [
-        (0.88, (0.81, 0.93), "with steering_delay the excess error falls by 88 % [81, 93] on lap8 (held out)"),
-        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on lap8 (held out); the gap may not close at all"),
+        (
+            0.88,
+            (0.81, 0.93),
+            "with steering_delay the excess error falls by 88 % [81, 93] on the recording lap8 (held out)",
+        ),
+        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on the recording lap8 (held out); the gap may not close at all"),
         (-0.12, (-0.3, 0.04), "adding steering_delay increases the excess error by 12 % [−4, 30]"),
-        (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on lap8 (held out)"),
-        (NAN, (NAN, NAN), "no error above the floor on lap8 (held out)"),
+        (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on the recording lap8 (held out)"),
+        (NAN, (NAN, NAN), "no error above the floor on the recording lap8 (held out)"),
         (-0.001, (-0.3, 0.3), "the excess error by 0 % [−30, 30]"),
     ],
 )
@@ -167,11 +171,14 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
 
 def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
-    assert how_far(gap, gap.gap, False) == "no effect applied: the excess error is unchanged on lap7"
+    assert (
+        how_far(gap, gap.gap, False)
+        == "no effect was applied, so the error beyond the noise stays as it is on the recording lap7"
+    )
     assert how_far(none(), none().gap, False) == "there is no excess error to close on lap7"
     assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
-        "no effect applied; parameters re-estimated; errors are those on lap7 (held out)"
+        "no effect applied; parameters re-estimated; errors are those on the recording lap7 (held out)"
     )
 
 

@@ -59,6 +59,12 @@ SURE, HARDEST = 4, 4
 """Chains that are made sure of beside the refined ones; draws that stand for all of them while a chain is refined."""
 SPARE = 0.97
 """Share of limits that nominal motion may use: draws use the rest."""
+BEYOND = {
+    "grip": "an axle needs more than the share of its friction that may be used (grip)",
+    "sideslip": "sideslip exceeds its limit (sideslip_max)",
+    "speed": "speed exceeds its limit (speed_max)",
+}
+"""Which limit is exceeded, in words."""
 BACKING = 0.5
 """Run-up to the first speed, at this share of the largest acceleration, counts as part of the path."""
 
@@ -120,7 +126,7 @@ class PlanSearch:
         """The best plan that keeps to all limits. Raises `BadInput` where none does."""
         drawn = self._random()
         inside = [item for item in drawn if item.broken <= 0]
-        say(f"{len(drawn)} manoeuvres tried, {len(inside)} within the limits")
+        say(f"{len(drawn)} manoeuvres tried, {len(inside)} within the limits at the estimated parameters")
         if not inside:
             gentlest = min(drawn, key=lambda item: item.broken)
             inside = self._refined([gentlest])
@@ -155,7 +161,7 @@ class PlanSearch:
         return BadInput(
             "The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for "
             f"{100 * NEEDED:.0f} % of the plausible parameter values, but the best manoeuvre that was found keeps to "
-            f"them for {100 * kept:.0f} %. For the other values, {worst} exceeds its limit. Raise that limit "
+            f"them for {100 * kept:.0f} %. For the other {100 * (1 - kept):.0f} %, {BEYOND[worst]}. Raise that limit "
             "(‹limits›), or drive a gentle manoeuvre first and fit again."
         )
 

@@ -48,7 +48,8 @@ def _rolling(model: MotionModel) -> MotionModel:
 
 
 mass_change = alteration(
-    GROUP, "mass_change", "1", 1.0, (0.3, 3.0), "factor on the mass: inertia, static and transferred loads",
+    GROUP, "mass_change", "1", 1.0, (0.3, 3.0),
+    "factor on the mass, and so on the wheel loads, but not on the yaw inertia",
     typical=1.15, m=lambda m, q: m * q.p.mass_change,
 )  # fmt: skip
 

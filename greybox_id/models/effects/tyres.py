@@ -123,7 +123,8 @@ tyre_relaxation = effect(
 )  # fmt: skip
 
 combined_slip = alteration(
-    GROUP, "combined_slip", "1", 0.0, (0.0, 1.5), "share of the friction ellipse that longitudinal forces use",
+    GROUP, "combined_slip", "1", 0.0, (0.0, 1.5),
+    "how much longitudinal forces reduce lateral ones: 0 not at all, 1 by the friction ellipse",
     typical=0.6, gradual=False, needs=("F_xf", "F_xr", "peak_f", "peak_r"),
     F_yf=lambda F_y, q: F_y * _ellipse(q.F_xf, q.peak_f, q, 1),
     F_yr=lambda F_y, q: F_y * _ellipse(q.F_xr, q.peak_r, q, -1),

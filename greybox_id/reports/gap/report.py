@@ -149,7 +149,7 @@ def _data(gap: Gap) -> tuple[Part, ...]:
     if gap.doubts:
         return titled("Doubts about the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
-        "The noise of the sensors is stated."
+        "The noise of the sensors is stated in the vehicle file, so an unmodelled effect can be detected."
         if gap.noise_stated
         else "No sensor noise is stated: the residual of the best explanation is taken as noise, so an unmodelled "
         "effect cannot be detected."
@@ -233,7 +233,7 @@ def _runner_up(gap: Gap) -> str:
     less = first.gain - second.gain
     how = f"{number(less)} less than" if less > 0 else "no less than"
     return (
-        f"{second.effect}, {magnitude_words(second)}, has probability {probability_words(second.probability)}. Alone, "
+        f"{second.effect} ({magnitude_words(second)}), probability {probability_words(second.probability)}. Alone, "
         f"it would raise the log-likelihood by {number(second.gain)}, {how} {first.effect}."
     )
 

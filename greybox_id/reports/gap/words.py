@@ -342,7 +342,8 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     """How far a gap shrinks on some recordings, with its interval; honest where it does not."""
     names = listed([*closure.recordings]) or listed([*gap.recordings])
     chose = ", from which " + ("it was" if len(gap.applied) == 1 else "they were") + " chosen" if gap.applied else ""
-    place = f"on {names}{' (held out)' if held_out else chose}"
+    several = "s" if len(closure.recordings or gap.recordings) > 1 else ""
+    place = f"on the recording{several} {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
         if not gap.gap_detected and not gap.moved:
             return f"there is no excess error to close {place}"
@@ -350,7 +351,7 @@ def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
             return f"no effect applied; parameters re-estimated within their tolerances; errors are those {place}"
         if gap.moved:
             return f"no effect applied; parameters re-estimated; errors are those {place}"
-        return f"no effect applied: the excess error is unchanged {place}"
+        return f"no effect was applied, so the error beyond the noise stays as it is {place}"
     share, (low, high) = closure.closed, closure.closed_interval
     if not isfinite(share):
         return f"with {listed([*gap.applied])} applied, there is no error above the floor {place}"

@@ -63,7 +63,11 @@ def _is_it_so(digest: Digest) -> str:
             if isfinite(item.inside)
         ]
     )
-    windows = f". Its means over windows of {WINDOW:g} s lie within their 95 % bounds in {inside}" if inside else ""
+    windows = (
+        f". Averaged over {WINDOW:g} s, it lies within its 95 % bounds in {inside}, where 95 % are expected"
+        if inside
+        else ""
+    )
     widened = f". The bands of the estimates were widened by a factor of {number(digest.widened, 3)}"
     return (
         f"The mean squared innovation over its expected value (1 for a consistent filter) is {means}{windows}"
@@ -341,8 +345,8 @@ READINGS = (
 )
 NOISE = (
     "The ratio of a random walk's size to the noise of the readings decides whether the filter follows its model or "
-    "the readings. Sizes are tuned so that the readings are most likely; sideslip has no influence on the "
-    "sizes unless it was measured."
+    "the readings. These sizes are tuned so that the readings that the filter uses are most likely; a measured "
+    "sideslip that the filter does not use has no influence on them."
 )
 BANDS = (
     "Bands extend two standard deviations to each side. They come from the filter and from parameters stated with a "

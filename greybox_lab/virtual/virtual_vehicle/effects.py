@@ -119,7 +119,7 @@ _VEHICLE = (
           special={"racer": (0.25, 0.6), "truck": (0.06, 0.25)}),
     Entry("longitudinal_load_transfer", "1", 0.0, "height of the centre of gravity (1: nominal height)", 0.3, 0.8),
     Entry("tyre_temperature", "1", 0.0, "share of the friction that warm tyres lose", 0.08, 0.3),
-    Entry("mass_change", "1", 1.0, "factor on the mass: inertia and loads", 0.03, 0.15, "one", "both"),
+    Entry("mass_change", "1", 1.0, "factor on the mass and on the wheel loads", 0.03, 0.15, "one", "both"),
     Entry("cog_shift", "m", 0.0, "forward shift of the centre of gravity", 0.015, 0.05, "length", "both",
           special={"racer": (0.03, 0.09)}),
     Entry("yaw_inertia", "1", 1.0, "factor on the yaw inertia", 0.15, 0.6, "one", "both"),
