@@ -265,7 +265,7 @@ def test_what_makes_things_worse_is_said():
 
 def test_without_held_out_recordings_that_is_said():
     words = " ".join(printed(CASES["aliased"](), 160).split())
-    assert "on lap7, from which it was chosen" in words
+    assert "on the recording lap7, from which it was chosen" in words
     assert "is unknown: name held-out recordings" in words
 
 

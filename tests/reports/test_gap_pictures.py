@@ -190,7 +190,7 @@ def test_the_runner_up_is_told():
     said = {
         part.lead: part.words for part in below(gap_report(clear(), MADE), "Which effect") if isinstance(part, Text)
     }
-    assert said["Runner-up:"].startswith("steering_lag, 18 ms")
+    assert said["Runner-up:"].startswith("steering_lag (18 ms")
     assert "24.0 less than steering_delay" in said["Runner-up:"]
     assert below(gap_report(none(), MADE), "Which effect") == []
 

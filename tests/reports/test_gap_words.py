@@ -127,7 +127,7 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     small = Closure(1.01, 1.02, 1.0, -0.57, (-1.14, -0.15), ("lap8",))
     gap = clear(gap=small, held_out=None)
     said = how_far(gap, small, False)
-    assert re.search(r"free runs exceed noise by 1\.?0? % on lap8", said)
+    assert re.search(r"free runs exceed noise by 1\.?0? % on the recording lap8", said)
     assert "the gap is too small" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
@@ -175,7 +175,7 @@ def test_nothing_applied_closes_nothing():
         how_far(gap, gap.gap, False)
         == "no effect was applied, so the error beyond the noise stays as it is on the recording lap7"
     )
-    assert how_far(none(), none().gap, False) == "there is no excess error to close on lap7"
+    assert how_far(none(), none().gap, False) == "there is no excess error to close on the recording lap7"
     assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
         "no effect applied; parameters re-estimated; errors are those on the recording lap7 (held out)"
