@@ -139,7 +139,8 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
     level : how often chance alone may bring any of the effects so far.
     """
     best, reasons = one.best, dict[str, str]()
-    surely = -float(ndtri(level / 2 / max(len(one.effects), 1)))
+    offered = len(one.prepared.effects)
+    surely = -float(ndtri(level / 2 / max(offered, 1)))
     mains = [at.start for _, at in best.parts]
     nulls = np.array([candidate.axes[0].null for candidate in best.candidates])
     sudden = np.array([not (item.gradual or item.axes[0].shift) for item in best.candidates])
@@ -158,7 +159,7 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
             for name, each in weak.items():
                 reasons[name] = (
                     f"it may be chance, since its magnitude is {number(each, 2)} standard deviations from no effect, "
-                    f"and the largest of {len(one.effects)} effects that are absent typically {number(surely, 2)}"
+                    f"and the largest of {offered} effects that are absent typically {number(surely, 2)}"
                 )
                 k = names.index(name)
                 rest = np.arange(len(names)) != k

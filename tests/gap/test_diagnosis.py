@@ -285,7 +285,8 @@ def test_a_size_must_surely_be_one_beside_all_others_and_without_those_that_leav
     def left(m, V, count=40, gain=0.0, level=CAL.by_chance):
         best = SimpleNamespace(parts=parts, m=np.array(m), names=tuple(names), candidates=[each for each, _ in parts])
         ways = [judging.Witness(by * np.array(V), np.full(3, 2.0), lambda _: gain) for by in (0.01, 1.0)]
-        return judging.unsure(SimpleNamespace(effects=dict.fromkeys(range(count)), best=best), ways, level)
+        prepared = SimpleNamespace(effects=dict.fromkeys(range(count)))
+        return judging.unsure(SimpleNamespace(prepared=prepared, best=best), ways, level)
 
     assert left([3.4, -3.3, 9.0], np.eye(3)) == {}
     assert list(left([3.4, -2.3, 9.0], np.eye(3))) == [names[1]]
