@@ -156,8 +156,8 @@ class PosteriorResult(Posterior):
                 raise BadInput(f"names: the posterior has no {name!r}; it has {', '.join(self.names)}.")
         columns = [self.names.index(name) for name in chosen]
         count = min(max(len(self), 1000), 5000)
-        own, alone = (self.chosen(count, noise_alone=noise)[:, columns] for noise in (False, True))
-        result = corner(own, alone, chosen, [self.coordinates[k].unit for k in columns])
+        widened, alone = (self.chosen(count, noise_alone=noise)[:, columns] for noise in (False, True))
+        result = corner(widened, alone, chosen, [self.coordinates[k].unit for k in columns])
         result.lay_out()
         return result
 

@@ -49,10 +49,11 @@ def closed_model(
     """
     added, nominal = with_effects(examined, best), with_effects(examined, best, set())
     simulator = Simulator(added) if isinstance(added, MotionModel) else None
-    ways = [(added, simulator)]
+    ways, fitted = [(added, simulator)], list[tuple[MotionModel, Simulator]]()
     if detected or _errs_as_stated(examined):
         moved = _moved_along(examined, best, added)
-        ways += [(moved, simulator), *(_fitted(examined, best, moved, _counted(examined, best)) if detected else [])]
+        fitted = _fitted(examined, best, moved, _counted(examined, best)) if detected else []
+        ways += [(moved, simulator), *fitted]
     judges = list(held_out) or excerpt(_as_they_end(examined, best))
     errors = list[tuple[Errors, ...]]()
     if held_out or len(ways) > 1:
@@ -63,7 +64,7 @@ def closed_model(
             return [between(added.outputs, before, each, examined.sd) for each in after]
 
         errors = err(ways)
-        if _least(errors) == 0 < len(ways) - 2:  # fits began where only unknown forces hold the car
+        if fitted and _least(errors) == 0:  # they began where only unknown forces hold the car
             again = _fitted(examined, best, added, _counted(examined, best))
             ways, errors = [*ways, *again], [*errors, *err(again)]
     least = _least(errors)

@@ -89,13 +89,13 @@ def _corner(fit: Fit, posterior: Posterior) -> Drawing:
         kept = sorted(shift, key=lambda name: -shift[name])[:MOST_DRAWN] or names[:MOST_DRAWN]
         names = [name for name in names if name in kept]
     columns = [posterior.names.index(name) for name in names]
-    own, alone = (
+    widened, alone = (
         posterior.chosen(min(len(posterior), DRAWS), noise_alone=noise)[:, columns] for noise in (False, True)
     )
     left = len(posterior.names) - len(names)
     more = f" The {left} parameters whose mean is nearest to the fit are not shown." if left else ""
     return Drawing(
-        "corner", corner(own, alone, names, [posterior.coordinates[k].unit for k in columns]),
+        "corner", corner(widened, alone, names, [posterior.coordinates[k].unit for k in columns]),
         "Draws of the posterior: each parameter on the diagonal, pairs below. They show curved or long shapes, which "
         f"standard deviations do not.{more}",
         "Histograms of the parameters, and scatter plots of their pairs.",

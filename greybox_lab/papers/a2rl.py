@@ -155,14 +155,14 @@ SHARED, CLOSED = 1000, 0.95
 at other shifts less than .5)."""
 
 
-def repeated_words(found: Mapping[str, float]) -> list[str]:
+def repeated_words(repeated: Mapping[str, float]) -> list[str]:
     """Whether what is left is noise."""
-    if not found:
+    if not repeated:
         return []
     return [
-        f"The error is not noise alone: at the same places of a lap of {found['lap_length']:.0f} m, "
-        f"errors of the next lap have correlation {found['correlation']:.2f} with those of the training lap, and "
-        f"without the latter {found['rmse_less_earlier']:.2f} of {found['rmse']:.2f} mrad are left."
+        f"The error is not noise alone: at the same places of a lap of {repeated['lap_length']:.0f} m, "
+        f"errors of the next lap have correlation {repeated['correlation']:.2f} with those of the training lap, and "
+        f"without the latter {repeated['rmse_less_earlier']:.2f} of {repeated['rmse']:.2f} mrad are left."
     ]
 
 

@@ -492,11 +492,9 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             lacking.append(f"{what} (needs {needs})")
         elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
-    whys = (
-        "because channels that it needs are missing, constant or have gaps",
-        "because the motion in this recording does not show it clearly",
-    )
-    return [
-        Finding("unchecked", Severity.NOTE, FoundAt("map"), f"not checked, {why}: {'; '.join(what)}.")
-        for why, what in zip(whys, (lacking, still), strict=True) if what
-    ]  # fmt: skip
+    unchecked = {
+        "because channels that it needs are missing, constant or have gaps": lacking,
+        "because the motion in this recording does not show it clearly": still,
+    }
+    sentences = [f"not checked, {why}: {'; '.join(what)}." for why, what in unchecked.items() if what]
+    return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]

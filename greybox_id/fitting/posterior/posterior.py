@@ -179,10 +179,10 @@ class Posterior:
         """By name: `mean`, `sd`, `low` and `high` (95 %), `unit`, `r_hat`, `ess`; of the noise alone `sd_noise_alone`,
         `low_noise_alone` and `high_noise_alone`.
         """
-        own, noise = self._described(self.values), self._described(self.noise_alone)
-        told = {"unit": [coordinate.unit for coordinate in self.coordinates], "r_hat": self.r_hat, "ess": self.ess}
+        widened, noise = self._described(self.values), self._described(self.noise_alone)
+        known = {"unit": [coordinate.unit for coordinate in self.coordinates], "r_hat": self.r_hat, "ess": self.ess}
         of_noise = {f"{name}_noise_alone": noise[name] for name in ("sd", "low", "high")}
-        return pd.DataFrame({**own, **told, **of_noise}, index=list(self.names))
+        return pd.DataFrame({**widened, **known, **of_noise}, index=list(self.names))
 
     def _described(self, values: Array) -> dict[str, Array]:
         """Mean, standard deviation and ends of intervals by parameter."""

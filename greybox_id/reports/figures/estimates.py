@@ -94,7 +94,9 @@ def corner(values: Array, noise_alone: Array, names: Sequence[str], units: Seque
     names, units : of the parameters.
     """
     size, differs = len(names), not np.allclose(values, noise_alone, rtol=ALIKE_DRAWS, atol=0.0)
-    own, alone = (look(BLUE, label=WITH_FORM), look(ORANGE, label=NOISE_ALONE)) if differs else (look(BLUE), look(BLUE))
+    widened, alone = (
+        (look(BLUE, label=WITH_FORM), look(ORANGE, label=NOISE_ALONE)) if differs else (look(BLUE), look(BLUE))
+    )
     sheet = Sheet((min(CORNER, 0.85 * WIDE / size),) * size, size)
     for (row, column), ax in np.ndenumerate(sheet.grid):
         if column > row:
@@ -103,7 +105,7 @@ def corner(values: Array, noise_alone: Array, names: Sequence[str], units: Seque
         ax.locator_params(nbins=3)
         if row == column:
             bins = np.histogram_bin_edges(values[:, row], BINS)
-            ax.hist(values[:, row], bins=bins, histtype="step", **own)
+            ax.hist(values[:, row], bins=bins, histtype="step", **widened)
             if differs:
                 ax.hist(noise_alone[:, row], bins=bins, histtype="step", **alone)
             ax.set_yticks([])

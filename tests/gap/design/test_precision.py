@@ -13,6 +13,7 @@ from greybox_id.gap.design.information import Information, criterion, draws, kno
 from greybox_id.gap.design.limits import DriveLimits
 from greybox_id.gap.design.precision import _exact, _hardly
 from greybox_id.gap.design.primitives import SHAPES, Phase, asked
+from greybox_id.gap.design.search import BEYOND
 from greybox_id.models.registry import build
 
 FIVE = ("I_z", "B_f", "D_f", "B_r", "D_r")
@@ -131,6 +132,11 @@ def test_a_curves_error_is_no_friction_and_a_force_along_is(fit, course):
     assert strain(beyond, full)["grip"][0] == pytest.approx(1.0)
     beyond[50, AT["F_xf"]] = 0.5 * beyond[50, AT["peak_f"]]
     assert strain(beyond, full)["grip"][0] == pytest.approx(np.hypot(1.0, 0.5))
+
+
+def test_of_every_limit_that_a_motion_strains_it_is_said_what_exceeds_it(fit, course):
+    plan = plan_of(course, fit, Phase("turn", 0.7, 0.0, 14.0, 1.0))
+    assert set(strain(plan.motion, LIMITS)) == set(BEYOND)
 
 
 def test_a_fit_that_takes_curves_for_exact_is_told_so(fit, design):
