@@ -328,36 +328,41 @@ class Chain:
         starts[lanes.first] = z0
         return starts
 
-    def matched(
-        self, starts: Array, lanes: Lanes, simulate: Callable[[Array, KnownSimulation | None], tuple[Array, Array]]
-    ) -> tuple[Array, Array] | None:
-        """Simulate all lanes at once, and close the gaps between them by Newton's method.
 
-        Parameters
-        ----------
-        starts : (L, nz) states to begin from.
-        lanes : in the order in which they continue one another.
-        simulate : starts, what a pass before gave -> states at `marks`, readings.
+def matched(
+    starts: Array,
+    ends: Array | None,
+    lanes: Lanes,
+    simulate: Callable[[Array, KnownSimulation | None], tuple[Array, Array]],
+) -> tuple[Array, Array] | None:
+    """Simulate all lanes at once, and close the gaps between them by Newton's method.
 
-        Returns
-        -------
-        States where lanes begin and readings; None where the gaps do not close.
-        """
-        scale, before, known = np.max(np.abs(starts), axis=0) + 1e-6, np.inf, None
-        for _ in range(MOST_PASSES):
-            z, y = simulate(starts, known)
-            gaps = np.where(lanes.first[:, None], 0.0, np.roll(z[:, -1], 1, axis=0) - starts)
-            size = np.max(np.abs(gaps / scale))
-            if size < CLOSED:
-                return starts, y
-            if not size < SHRINKS * before:
-                return None
-            before, known = size, KnownSimulation((z, y), SAME * scale)
-            carried = np.zeros(starts.shape[1])
-            for lane in np.flatnonzero(~lanes.first):
-                carried = gaps[lane] + (0.0 if lanes.first[lane - 1] else self.ends[lane - 1] @ carried)
-                starts[lane] += carried
-        return None
+    Parameters
+    ----------
+    starts : (L, nz) states to begin from; they are changed.
+    ends : (L, nz, nz) the derivative of states where lanes end by where they begin; None: as if they forgot it.
+    lanes : in the order in which they continue one another.
+    simulate : starts, what a pass before gave -> states at `marks`, readings.
+
+    Returns
+    -------
+    States where lanes begin and readings; None where the gaps do not close.
+    """
+    scale, before, known = np.max(np.abs(starts), axis=0) + 1e-6, np.inf, None
+    for _ in range(MOST_PASSES):
+        z, y = simulate(starts, known)
+        gaps = np.where(lanes.first[:, None], 0.0, np.roll(z[:, -1], 1, axis=0) - starts)
+        size = np.max(np.abs(gaps / scale))
+        if size < CLOSED:
+            return starts, y
+        if not size < SHRINKS * before:
+            return None
+        before, known = size, KnownSimulation((z, y), SAME * scale)
+        carried = np.zeros(starts.shape[1])
+        for lane in np.flatnonzero(~lanes.first):
+            carried = gaps[lane] + (0.0 if ends is None or lanes.first[lane - 1] else ends[lane - 1] @ carried)
+            starts[lane] += carried
+    return None
 
 
 def chained(

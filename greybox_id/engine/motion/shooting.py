@@ -24,7 +24,7 @@ from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
 from ..against import HOURS, Against
 from ..least_squares import NormalEquations
-from .lanes import Chain, Interval, Lanes, Targets, chained, even_cuts, lay, targets, where_valid
+from .lanes import Chain, Interval, Lanes, Targets, chained, even_cuts, lay, matched, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
 from .simulator import IntervalStarts, Simulator
 from .unknowns import Unknowns, lay_out_unknowns
@@ -204,14 +204,20 @@ class MotionProblem:
         return np.asarray(self.per_run(x)[self._run])
 
     def simulated_nodes(self, x: Array) -> SimulatedRuns:
-        """A simulation of every interval: of all lanes at once where the last linearisation foretells their states."""
+        """A simulation of every interval: of all lanes at once where the gaps between them close.
+
+        They begin where the last linearisation foretells; before the first, where their intervals do.
+        """
         lanes, cut = self.lanes(x)
         p, kernel = self.of_intervals(x), self.simulator.kernel
         z0, _ = self.starts(x)
         with np.errstate(all="ignore"):
-            if cut is not lanes and self._chain is not None and len(self._chain.starts) == len(cut.interval):
-                result = self._chain.matched(
-                    self._chain.foretold(x, z0, cut),
+            if cut is not lanes:
+                known = self._chain is not None and len(self._chain.starts) == len(cut.interval)
+                chain = self._chain if known else None
+                result = matched(
+                    z0[cut.interval] if chain is None else chain.foretold(x, z0, cut),
+                    None if chain is None else chain.ends,
                     cut,
                     lambda *at: kernel.simulate(at[0], cut.segments, p[cut.interval], cut.reads, cut.marks, at[1]),
                 )
@@ -360,7 +366,7 @@ class MotionProblem:
         shifts, plans, _, cut = self._plans
         if cut is None:
             cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
-            of_each = even_cuts(plans, self.intervals, cuts * len(self.intervals))
+            of_each = even_cuts(plans, self.intervals, cuts * len(self.intervals)) if cuts > 1 else ()
             cut = lay(plans, self.intervals, of_each) if cuts > 1 else lanes
             self._plans = (shifts, plans, lanes, cut)
         return lanes, cut
