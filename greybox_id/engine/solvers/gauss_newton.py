@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -105,6 +106,9 @@ PROBE, MOST_BEND = 0.1, 0.5
 """Share of a step after which its bend is looked at; largest share of a step that a correction may be."""
 ROUNDING = 1e-14
 """Relative distance at which a step to a bound has reached it."""
+FORETOLD = 0.01
+"""Share of the tolerance that is looked for where convergence is foretold and not looked at: of 27 solves whose next
+step had been foretold, it promised up to 12 times as much."""
 SAME_STEP = 0.99
 """Share of what a refused step promised from which on another is the same step: damping has not turned it yet."""
 PATIENCE = 4
@@ -223,6 +227,9 @@ def gauss_newton(
             if on_step is not None and not on_step(steps, point.objective, point.x):
                 status = Status.STOPPED
                 break
+            if memory.foretells(FORETOLD * tolerance * point.objective):
+                status, decrement = Status.CONVERGED, FORETOLD * tolerance
+                break
     except KeyboardInterrupt:
         status = Status.INTERRUPTED
     return Solution(point.x, point.nodes, status, steps, point.objective, float(decrement), tuple(history))
@@ -248,6 +255,26 @@ class _Search:
         self.share = 1.0
         self.damping = LEAST_DAMPING if kind == "line_search" else FIRST_DAMPING
         self.left_out = LeftOut()
+        self._kept, self._left, self._held_back = 0.0, np.inf, float
+
+    def learn(self, promised: float, fallen: float, held_back: Callable[[], float]) -> None:
+        """Learn from a step that was taken.
+
+        Near an optimum, the next one promises the same share of its promise as that was of the last one's, if that was
+        kept.
+
+        Parameters
+        ----------
+        promised, fallen : by how much the objective was to fall, and fell.
+        held_back : gives how much more it was to fall without damping.
+        """
+        self._left = promised**2 / self._kept if promised < self._kept else np.inf
+        self._kept = promised if abs(fallen - promised) < 0.25 * promised else 0.0
+        self._held_back = held_back
+
+    def foretells(self, least: float) -> bool:
+        """Whether no further step will promise more than that."""
+        return self._left <= least and self._left + self._held_back() <= least
 
     def first(self, problem: LeastSquares, x: Array, equations: NormalEquations) -> Array | None:
         """The step that a line search tries first, None for another search."""
@@ -312,6 +339,7 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
                 memory.damping *= 0.1
             elif fallen < 0.25 * promised:
                 memory.damping *= 4.0
+            memory.learn(promised, fallen, partial(_held_back, problem, point.x, model, promised))
             if whole is not None:
                 taken = _taken(problem, point.x, trial.x)
                 left_out.compare(fallen, _decrease(whole, taken), _decrease(curved, taken))
@@ -418,6 +446,11 @@ def _step(
 
 def _decrease(equations: NormalEquations, step: Array) -> float:
     return float(-(equations.g @ step + 0.5 * step @ equations.H @ step))
+
+
+def _held_back(problem: LeastSquares, x: Array, model: NormalEquations, promised: float) -> float:
+    """How much more a step in logarithms promises that is not damped."""
+    return _decrease(model, _step(problem, x, model, 0.0, logarithmic=True)) - promised
 
 
 def _least_decrease(problem: LeastSquares, x: Array, equations: NormalEquations, tried: Array | None) -> float:
