@@ -10,7 +10,7 @@ from math import inf
 import casadi as cs
 
 from ..model import Symbol
-from ..motion_model import MotionModel, Quantities
+from ..motion_model import Quantities
 from ..parameter import Parameter
 from ..smooth import within_limit
 from .elements import lag
@@ -18,10 +18,6 @@ from .memory import scale_motor
 from .stating import alteration, effect, speed
 
 GROUP = "drive"
-
-
-def _lag(model: MotionModel) -> MotionModel:
-    return model.actuated(lag("drive", "motor_lag_state", lambda p: p.motor_lag))
 
 
 def _saturated(force: Symbol, q: Quantities) -> Symbol:
@@ -35,7 +31,8 @@ def _saturated(force: Symbol, q: Quantities) -> Symbol:
 
 motor_lag = effect(
     GROUP, "motor_lag", "s", 0.0, (0.0, 1.0), "first-order time constant of drive and brake force",
-    touches=("drive",), apply=_lag, typical=0.1, gradual=False,
+    touches=("drive",), typical=0.1, gradual=False,
+    apply=lambda model: model.actuated(lag("drive", "motor_lag_state", lambda p: p.motor_lag)),
 )  # fmt: skip
 
 motor_gain = alteration(

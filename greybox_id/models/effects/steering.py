@@ -30,18 +30,6 @@ LEAST_LOAD = 1e-9
 """N, added where there is no load, nor a force, before the first pass."""
 
 
-def _delay(model: MotionModel) -> MotionModel:
-    return model.delayed("steer", lambda p: p.steering_delay)
-
-
-def _lag(model: MotionModel) -> MotionModel:
-    return model.actuated(lag("steer", "steering_lag_state", lambda p: p.steering_lag))
-
-
-def _rate_limit(model: MotionModel) -> MotionModel:
-    return model.actuated(rate_limit("steer", "steering_rate_limit_state", lambda p: p.steering_rate_limit))
-
-
 def _servo(model: MotionModel) -> MotionModel:
     both = servo("steer", "steering_bandwidth", lambda p: p.steering_bandwidth, lambda p: p.steering_damping)
     return model.actuated(both[0]).actuated(both[1])
@@ -69,28 +57,29 @@ def _given_way(steer: Symbol, q: Quantities) -> Symbol:
     return steer - q.p.steering_compliance * q.before.F_yf / (cs.fabs(q.before.F_zf) + LEAST_LOAD)
 
 
-def _backlash(model: MotionModel) -> MotionModel:
-    return model.actuated(play("steer", "steering_backlash_state", lambda p: p.steering_backlash))
-
-
 steering_delay = effect(
     GROUP, "steering_delay", "s", 0.0, (0.0, 0.5), "pure delay of the steering command",
-    touches=("steer",), apply=_delay, typical=0.03,
+    touches=("steer",), apply=lambda model: model.delayed("steer", lambda p: p.steering_delay), typical=0.03,
 )  # fmt: skip
 
 steering_lag = effect(
     GROUP, "steering_lag", "s", 0.0, (0.0, 0.5), "first-order time constant of the steering",
-    touches=("steer",), apply=_lag, typical=0.03, gradual=False,
+    touches=("steer",), typical=0.03, gradual=False,
+    apply=lambda model: model.actuated(lag("steer", "steering_lag_state", lambda p: p.steering_lag)),
 )  # fmt: skip
 
 steering_rate_limit = effect(
     GROUP, "steering_rate_limit", "rad/s", inf, (0.1, inf), "largest rate of the road-wheel angle",
-    touches=("steer",), apply=_rate_limit, apply_to_memory=limit_steering_rate, typical=0.5, gradual=False,
+    touches=("steer",), apply_to_memory=limit_steering_rate, typical=0.5, gradual=False,
+    apply=lambda model: model.actuated(
+        rate_limit("steer", "steering_rate_limit_state", lambda p: p.steering_rate_limit)
+    ),
 )  # fmt: skip
 
 steering_backlash = effect(
     GROUP, "steering_backlash", "rad", 0.0, (0.0, 0.1), "half width of the play, at the road wheels",
-    touches=("steer",), apply=_backlash, typical=0.01, gradual=False,
+    touches=("steer",), typical=0.01, gradual=False,
+    apply=lambda model: model.actuated(play("steer", "steering_backlash_state", lambda p: p.steering_backlash)),
 )  # fmt: skip
 
 steering_offset = alteration(

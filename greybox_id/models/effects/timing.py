@@ -12,19 +12,11 @@ LATEST = (0.0, 0.2)
 """Bounds of a latency, s."""
 
 
-def _late_yaw_rate(model: MotionModel) -> MotionModel:
-    return model.late(lambda p: p.sensor_latency_yaw, "yaw_rate")
-
-
 def _late_speed(model: MotionModel) -> MotionModel:
     """A speed that is an input was read late by the same sensor: the vehicle's own is ahead of it."""
     if "v_x" in model.inputs:
         return model.delayed("v_x", lambda p: -p.sensor_latency_vx)
     return model.late(lambda p: p.sensor_latency_vx, "v_x")
-
-
-def _late_imu(model: MotionModel) -> MotionModel:
-    return model.late(lambda p: p.sensor_latency_imu, "yaw_rate", "a_x", "a_y")
 
 
 def _only_the_recording(model: MotionModel) -> MotionModel:
@@ -34,7 +26,8 @@ def _only_the_recording(model: MotionModel) -> MotionModel:
 
 sensor_latency_yaw = effect(
     GROUP, "sensor_latency_yaw", "s", 0.0, LATEST, "latency of the yaw rate reading",
-    touches=("yaw_rate",), apply=_late_yaw_rate, typical=0.03, reads_only=True,
+    touches=("yaw_rate",), typical=0.03, reads_only=True,
+    apply=lambda model: model.late(lambda p: p.sensor_latency_yaw, "yaw_rate"),
 )  # fmt: skip
 
 sensor_latency_vx = effect(
@@ -44,7 +37,8 @@ sensor_latency_vx = effect(
 
 sensor_latency_imu = effect(
     GROUP, "sensor_latency_imu", "s", 0.0, LATEST, "latency of the readings of yaw rate and accelerations",
-    touches=("yaw_rate", "a_x", "a_y"), apply=_late_imu, typical=0.03, reads_only=True,
+    touches=("yaw_rate", "a_x", "a_y"), typical=0.03, reads_only=True,
+    apply=lambda model: model.late(lambda p: p.sensor_latency_imu, "yaw_rate", "a_x", "a_y"),
     apply_to_memory=delay_imu, memory_parameter=LATENCY_PER_RUN,
 )  # fmt: skip
 
