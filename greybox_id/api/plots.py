@@ -16,7 +16,7 @@ from ..base.numbers import number, pretty_unit
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
 from ..filters.track import Track
-from ..gap.gap import Budget, Gap
+from ..gap.gap import Gap
 from ..models.model import Model, must_be
 from ..models.motion_model import MotionModel
 from ..reports.figures.characteristics import (
@@ -266,7 +266,7 @@ def budget(gap: Gap, ax: Axes | None) -> Axes:
     ax = ax if ax is not None else plt.subplots(layout="constrained")[1]
     shares = gap.budget
     if shares is not None:
-        rows = _shares(shares)
+        rows = [(share.effect, share.share) for share in (*shares.shares, shares.unnamed)]
         below = 0.0
         for k, (name, share) in enumerate(rows):
             ax.barh(k, 100 * share, left=100 * below, color=PALE if name == "unexplained" else BLUE)
@@ -282,11 +282,6 @@ def budget(gap: Gap, ax: Axes | None) -> Axes:
     ax.invert_yaxis()
     ax.set_title(f"gap of {gap.model}")
     return ax
-
-
-def _shares(given: Budget) -> list[tuple[str, float]]:
-    """Cause and share of every row of a budget, what none of them closes last."""
-    return [(share.effect, share.share) for share in (*given.shares, given.unnamed)]
 
 
 def _rows(axes: Any, count: int, below: str) -> np.ndarray[Any, Any]:

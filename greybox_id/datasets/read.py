@@ -224,13 +224,11 @@ def _groups(result: Contents, mapping: ColumnMap) -> list[tuple[Group, list[Colu
         place = result.find(column.column)
         if place:
             group, name = place
-            used.setdefault(f"{group.name} {group.names[0]}", (group, []))[1].append(_in_group(column, name, group))
+            column = replace(
+                column, column=name, sign_column=group.full(column.sign_column, True) or column.sign_column
+            )
+            used.setdefault(f"{group.name} {group.names[0]}", (group, []))[1].append(column)
     return list(used.values())
-
-
-def _in_group(column: Column, name: str, group: Group) -> Column:
-    """A column, and that of its signs, under their full names."""
-    return replace(column, column=name, sign_column=group.full(column.sign_column, True) or column.sign_column)
 
 
 def _one_table(groups: Sequence[tuple[Group, list[Column]]], mapping: ColumnMap) -> tuple[Joined, list[str], int]:

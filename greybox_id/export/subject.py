@@ -99,7 +99,10 @@ class Subject:
                 }
                 for p in model.parameters
             },
-            "data": [] if fit is None else [_recorded(record) for record in fit.data],
+            "data": [
+                {"role": record.role, "name": record.name, "sha256": record.sha256, "samples": record.samples}
+                for record in (() if fit is None else fit.data)
+            ],
         }
 
 
@@ -118,10 +121,6 @@ _MOTION = "single_track, lateral, longitudinal and kinematic"
 def _interval(fit: Fit, name: str) -> list[Any] | None:
     low, high = fit.interval(name)
     return [low.tolist(), high.tolist()] if np.all(np.isfinite(low) & np.isfinite(high)) else None
-
-
-def _recorded(record: Any) -> dict[str, Any]:
-    return {"role": record.role, "name": record.name, "sha256": record.sha256, "samples": record.samples}
 
 
 @dataclass(frozen=True)

@@ -175,27 +175,25 @@ class Filtering:
     filter: Filter
     gate: float = GATE
 
+    def _begun(self, runs: Sequence[LaidRun], p: Array) -> Iterator[tuple[LaidRun, Array, Array]]:
+        """Each run with states and covariances at its start, which who takes them moves to its end."""
+        before = None
+        for run in runs:
+            before = self.begin(run, p, before)
+            yield run, *before
+
+    def _through(self, runs: Sequence[LaidRun], p: Array, kept: Kept) -> Iterator[tuple[Array, History | None]]:
+        """What the filter makes of each run."""
+        for run, x, P in self._begun(runs, p):
+            yield self.filter.run(x, P, run.segments, run.readings, p, self.gate, kept)
+
     def costs(self, runs: Sequence[LaidRun], p: Array) -> Array:
         """(L,) half of minus two log-likelihoods of parameters (L, parameters), constants left out."""
-        cost = np.zeros(len(p))
-        x, P = self.begin(runs[0], p)
-        for k, run in enumerate(runs):
-            if k:
-                x, P = self.begin(run, p, (x, P))
-            cost += self.filter.run(x, P, run.segments, run.readings, p, self.gate, "nothing")[0]
-        return cost
+        return np.asarray(sum(cost for cost, _ in self._through(runs, p, "nothing")))
 
     def histories(self, runs: Sequence[LaidRun], p: Array, kept: Kept = "filtered") -> list[History]:
         """What the filter went through with parameters (parameters,), run by run."""
-        result = []
-        x, P = self.begin(runs[0], p[None])
-        for k, run in enumerate(runs):
-            if k:
-                x, P = self.begin(run, p[None], (x, P))
-            _, history = self.filter.run(x, P, run.segments, run.readings, p[None], self.gate, kept)
-            assert history is not None
-            result.append(history)
-        return result
+        return [history for _, history in self._through(runs, p[None], kept) if history is not None]
 
     def in_parts(self, runs: Sequence[LaidRun], p: Array) -> Iterator[tuple[LaidRun, int, LaidRun, History]]:
         """As `histories`, some segments at a time: the run, where in it they begin, they as a run, and their history.
@@ -203,10 +201,7 @@ class Filtering:
         What a filter keeps of hours is large; of a part, only where it ends matters to the next one: as it predicts the
         first segment of that.
         """
-        x, P = self.begin(runs[0], p[None])
-        for k, run in enumerate(runs):
-            if k:
-                x, P = self.begin(run, p[None], (x, P))
+        for run, x, P in self._begun(runs, p[None]):
             for first in range(0, len(run.segments), PART):
                 stop = min(first + PART, len(run.segments))
                 on = slice(first, stop + (stop < len(run.segments)))
@@ -215,7 +210,7 @@ class Filtering:
                 _, history = self.filter.run(x, P, s, y, p[None], self.gate, kept)
                 assert history is not None
                 if on.stop > stop:
-                    x, P = history.predicted[-1:].copy(), history.predicted_P[-1:].copy()
+                    x[:], P[:] = history.predicted[-1:], history.predicted_P[-1:]
                 low, high = np.searchsorted(run.row_segment, (first, stop))
                 rows = slice(int(low), int(high))
                 part = LaidRun(run.run, s[: stop - first], y[: stop - first], run.row_segment[rows] - first,
@@ -225,15 +220,7 @@ class Filtering:
 
     def innovations(self, runs: Sequence[LaidRun], p: Array) -> list[tuple[Array, Array]]:
         """What filters of parameters (L, parameters) did not foresee, run by run: (L, S, m), and their variance."""
-        result = []
-        x, P = self.begin(runs[0], p)
-        for k, run in enumerate(runs):
-            if k:
-                x, P = self.begin(run, p, (x, P))
-            _, history = self.filter.run(x, P, run.segments, run.readings, p, self.gate, "innovations")
-            assert history is not None
-            result.append((history.off, history.spread))
-        return result
+        return [(one.off, one.spread) for _, one in self._through(runs, p, "innovations") if one is not None]
 
     def begin(self, laid_run: LaidRun, p: Array, before: tuple[Array, Array] | None = None) -> tuple[Array, Array]:
         """States and covariances at a run's start, (L, n) and (L, n, n).

@@ -200,7 +200,8 @@ class CompiledFilter:
                 raise ValueError("Filters work on contiguous arrays of doubles.")
         cost = np.zeros(lanes)
         history = blank_history(lanes, segments, n, m, kept) if kept != "nothing" else None
-        record = _Record(*(_place(getattr(history, field.name)) for field in fields(History))) if history else _Record()
+        kept_in = [getattr(history, field.name) for field in fields(History)] if history else []
+        record = _Record(*(array.ctypes.data if len(array) else None for array in kept_in))
         places = [array.ctypes.data for array in (self._weights, s, y, p, x, P, cost)]
         self._library.filter(lanes, segments, gate, *places, record)
         return cost, history
@@ -213,10 +214,6 @@ def blank_history(lanes: int, segments: int, n: int, m: int, kept: Kept) -> Hist
     back, after = ([(item, n), (item, n, n)] for item in (backwards, forwards))
     off = (segments, m) if forwards else (lanes, segments, m)
     return History(*[np.zeros(size) for size in (*back, *after, (backwards, n, n), off, off)])
-
-
-def _place(array: Array) -> int | None:
-    return array.ctypes.data if len(array) else None
 
 
 def _source(kind: Kind, functions: tuple[cs.Function, cs.Function], many: bool, throughout: bool) -> str:

@@ -96,10 +96,6 @@ Magnitudes = Mapping[str, float | Stated | None]
 """Effect name -> its magnitude, held; None leaves it free, starting at its typical value; what is stated of it."""
 
 
-def _only(settings: Mapping[str, Any]) -> Sequence[Mapping[str, Any]]:
-    return (settings,)
-
-
 def _as_they_are(settings: Any, recording: Recording) -> Any:
     del recording
     return settings
@@ -175,7 +171,7 @@ class ModelEntry:
     settings: type[Any]
     make: Callable[[Any], Model]
     covering: Callable[[Any, Recording], Any] = _as_they_are
-    alternatives: Callable[[Mapping[str, Any]], Sequence[Mapping[str, Any]]] = _only
+    alternatives: Callable[[Mapping[str, Any]], Sequence[Mapping[str, Any]]] = lambda settings: (settings,)
     own: Model | None = None
 
     def made(self, settings: Mapping[str, Any]) -> Model:

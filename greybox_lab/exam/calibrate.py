@@ -70,7 +70,7 @@ def thresholds(folders: Sequence[Path]) -> dict[str, Any]:
     `cost` follows from nulls' greatest gains, whose tail is taken for exponential: one in fifty gains as much.
     """
     read = [item for folder in folders for item in _read(folder)]
-    nulls = np.array([_most(item) for answer, item in read if answer.kind == "null"])
+    nulls = np.array([_gain(item) for answer, item in read if answer.kind == "null"])
     causes = [_gain(item, answer.alike(name)) for answer, item in read
               if answer.kind in ("single", "double") and answer.sizable for name in answer.effects]  # fmt: skip
     shares, named = [], []
@@ -203,12 +203,10 @@ def _read(folder: Path) -> Iterator[tuple[Answer, dict[str, Any]]]:
             yield read_answer(file), read_json(diagnosis)
 
 
-def _most(result: Mapping[str, Any]) -> float:
-    return max((float(item["gain"]) for item in result.get("ranking", ())), default=0.0)
-
-
-def _gain(result: Mapping[str, Any], names: frozenset[str]) -> float:
-    return max((float(item["gain"]) for item in result.get("ranking", ()) if item["effect"] in names), default=0.0)
+def _gain(result: Mapping[str, Any], names: frozenset[str] | None = None) -> float:
+    """The greatest gain of some effects; of all where none are named."""
+    ranking = (item for item in result.get("ranking", ()) if names is None or item["effect"] in names)
+    return max((float(item["gain"]) for item in ranking), default=0.0)
 
 
 def _halfway(x: Array, there: Array) -> dict[str, float]:

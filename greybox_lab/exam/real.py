@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 
 from greybox_id.base.files import write_atomically
 from greybox_id.datasets.recording import Recording
+from greybox_id.datasets.shipped import named_text
 from greybox_id.models.vehicle import ChosenModel, vehicle, write_vehicle
 
 from .answers import Answer, write_answer
@@ -39,9 +39,9 @@ class ChangedCase:
     def written(self, folder: Path) -> Answer:
         """Write it into an examination."""
         given, (first, *more) = folder / CASES / self.answer.case, self.after
-        value = vehicle(self.vehicle)
+        value, (canonical, _) = vehicle(self.vehicle), named_text("canonical", "columns", "column map")
         write_vehicle(replace(value, model=ChosenModel(self.model)) if self.model else value, given / "vehicle.toml")
-        write_atomically(given / COLUMNS, _columns("canonical").replace('hold = "zero"', f'hold = "{first.hold}"'))
+        write_atomically(given / COLUMNS, canonical.replace('hold = "zero"', f'hold = "{first.hold}"'))
         write_recording(first, given / "recording.csv")
         for one in more:
             write_recording(one, given / AFTER)
@@ -49,11 +49,6 @@ class ChangedCase:
             write_recording(one, given / BEFORE.replace("*", str(k)))
         write_answer(self.answer, folder / SEALED / self.answer.case / "answer.json")
         return self.answer
-
-
-def _columns(name: str) -> str:
-    """A shipped column map."""
-    return resources.files("greybox_id.datasets").joinpath("columns", f"{name}.toml").read_text("utf-8")
 
 
 def shuffled(count: int, seed: int) -> list[str]:

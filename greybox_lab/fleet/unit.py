@@ -18,7 +18,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.base.shorthands import Array
 from greybox_id.base.units import pairs
 from greybox_id.base.version import __version__
-from greybox_id.datasets.checks import Finding, check, distrusted
+from greybox_id.datasets.checks import check, distrusted
 from greybox_id.datasets.read import read
 from greybox_id.datasets.recording import Recording
 from greybox_id.fitting.fit import Fit
@@ -100,15 +100,12 @@ def requested_of(options: Mapping[str, Any], vehicle: Vehicle | None) -> tuple[R
 
 def _trusted(recording: Recording, options: Mapping[str, Any], tell: Tell) -> bool:
     findings = check(recording, options.get("wheelbase"))
-    body: dict[str, Any] = {"findings": [_finding(finding) for finding in findings]}
+    sentences = [f"{one.severity.value}: {one.where.channel}: {one.sentence}" for one in findings]
+    body: dict[str, Any] = {"findings": sentences}
     if distrusted(findings):
         body |= {"status": NOT_TRUSTED, "sentence": findings[0].sentence}
     tell(body)
     return not distrusted(findings)
-
-
-def _finding(finding: Finding) -> str:
-    return f"{finding.severity.value}: {finding.where.channel}: {finding.sentence}"
 
 
 def _fitted(recording: Recording, vehicle: Vehicle | None, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -192,10 +192,6 @@ def _part(network: Network, relation: NetworkRelation, x: Array) -> Array:
     return x[:, x.shape[1] + start : x.shape[1] + stop]
 
 
-def _select(network: Network, relation: NetworkRelation, x: Array) -> Array:
-    return x[:, :, [index_of(network, relation)]]
-
-
 def index_of(network: Network, relation: NetworkRelation) -> int:
     """Which output of a relation a Select takes."""
     index = relation.rest[1] if len(relation.rest) == 2 else None
@@ -247,5 +243,7 @@ def _is_number(value: object) -> bool:
 
 
 OPERATIONS: dict[str, Callable[[Network, NetworkRelation, Array], Array]] = {
-    "SamplePart": _part, "TimePart": _part, "Select": _select, "Fuzzify": _fuzzify, "Fir": _fir, "Linear": _linear,
+    "SamplePart": _part, "TimePart": _part,
+    "Select": lambda network, relation, x: x[:, :, [index_of(network, relation)]],
+    "Fuzzify": _fuzzify, "Fir": _fir, "Linear": _linear,
 }  # fmt: skip

@@ -123,15 +123,12 @@ def _model(network: Network, family: NetworkFamily) -> tuple[MemoryModel, tuple[
         if beyond
         else []
     )
-    absent = [name for name in model.inputs if name not in model.defaults and not _taken(family, name)]
+    taken = {signal for part in family.parts for signal in part.roles.values()}
+    absent = [name for name in model.inputs if name not in model.defaults and name not in taken]
     if absent:
         odd.append(f"the file does not take {', '.join(absent)}; the model needs it as an input but ignores it.")
     held = (replace(_opened(p, p in beyond).with_value(values[p.name]), fixed=True) for p in model.parameters)
     return model.with_parameters(*held), tuple(odd)
-
-
-def _taken(family: NetworkFamily, signal: str) -> bool:
-    return any(signal in part.roles.values() for part in family.parts)
 
 
 def _within(parameter: Parameter, value: Array) -> bool:

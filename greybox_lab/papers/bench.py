@@ -237,7 +237,8 @@ class KeptBench:
 
     def __init__(self, paper: str, out: str | Path | None = None, minutes: float | None = None) -> None:
         self.paper, self.left_out = paper, 0
-        self.file = None if out is None else _file_of(Path(out), paper)
+        place = None if out is None else Path(out)
+        self.file = place / f"{paper}.json" if place and place.suffix.lower() != ".json" else place
         self._body: dict[str, Any] = {}
         self._end = time.monotonic() + 60.0 * minutes if minutes is not None else float("inf")
         if self.file is not None:
@@ -279,10 +280,6 @@ class KeptBench:
         if not all(isinstance(training, dict) for training in trainings.values()):
             raise ValueError("its trainings are none")
         return {"trainings": trainings} if trainings else {}
-
-
-def _file_of(out: Path, paper: str) -> Path:
-    return out if out.suffix.lower() == ".json" else out / f"{paper}.json"
 
 
 def pages_of(report: str | Path | None, name: str) -> tuple[Path, ...]:

@@ -234,7 +234,7 @@ def drawings(bench: MsnnBench) -> tuple[Drawing, ...]:
             f"fig_12_{car}", adapted(rest, seen_on),
             f"As Fig. 12, {car}. Predictions one sample ahead, by the original network and by the one adapted to the "
             "first 20 s of motion. Shown are the 8 s of the rest in which each signal varies most. "
-            + " ".join(_choice(bench, car, kind) for kind in ("msnn_lat", "msnn_long")),
+            + " ".join(f"{kind}: {bench.adapted[car, kind].chosen.name}." for kind in ("msnn_lat", "msnn_long")),
             "Predictions before and after adaptation.",
         ))  # fmt: skip
     return tuple(made)
@@ -252,10 +252,6 @@ def _criterion_words(msnn_bench: MsnnBench) -> str:
     return "As Fig. 7. Akaike's criterion as published, on valid.csv, over the number of parameters. " + " ".join(
         stated
     )
-
-
-def _choice(msnn_bench: MsnnBench, car: str, kind: str) -> str:
-    return f"{kind}: {msnn_bench.adapted[car, kind].chosen.name}."
 
 
 def _predictions(msnn_bench: MsnnBench, recording: Recording, output: str) -> dict[str, Prediction]:

@@ -307,11 +307,6 @@ def _alike_unit(entry: MapEntry, rival: MapEntry, parts: Mapping[str, Part], map
     return ""
 
 
-def _recorded(draft: Proposal, mapping: ColumnMap) -> Recording:
-    """The file, or the files together, through a map."""
-    return read_together(draft.files, mapping) if draft.files else read(draft.file, mapping)
-
-
 def _joined(draft: Proposal, mapping: ColumnMap) -> Recording:
     """The file, or the files as they are joined: with their clocks compared."""
     return join_files(draft.files, mapping)[0] if draft.files else read(draft.file, mapping)
@@ -326,7 +321,8 @@ def _raw(draft: Proposal, chosen: Sequence[MapEntry]) -> Recording:
         )
         for signal, column in columns.items()
     }
-    return _recorded(draft, replace(draft.mapping(), signals=plain))
+    mapping = replace(draft.mapping(), signals=plain)
+    return read_together(draft.files, mapping) if draft.files else read(draft.file, mapping)
 
 
 def _in_si(raw: Recording, entries: Sequence[MapEntry]) -> Recording:

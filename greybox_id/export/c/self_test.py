@@ -187,12 +187,13 @@ def course(e: MemoryEquations) -> CheckedCourse:
     predict = cs.Function("predict", [U, e.trace.p], [value])
     at = predict(U, e.all_of_p)
     derived = cs.Function("derived", [U, e.p], [cs.jacobian(at, cs.vec(U)), cs.jacobian(at, e.p)])
+    whole = np.array(cs.Function("whole", [e.p], [e.all_of_p])(e.values)).ravel()
     outputs, derivatives = [], {}
     for k in range(PUSHED + POINTS):
         newest = np.array([predicted[name][0] for name in e.model.outputs])
         sees, moved = (np.array(item).ravel() for item in e.seen(newest, actuators, u[k], e.values))
         window = np.column_stack([*seen[1:], sees])
-        following = np.array(predict(window, _whole(e))).ravel()
+        following = np.array(predict(window, whole)).ravel()
         if k >= PUSHED and k % EVERY == 0:
             derivatives[k] = [following, *_derivatives(e, derived, window, newest, actuators, u[k])]
         actuators, seen = moved, [*seen[1:], sees]
@@ -259,10 +260,6 @@ int main(void)
 def _random(name: str, rng: np.random.Generator) -> Array:
     mean = SPEED if name == "v_x" else 0.0
     return mean + USUAL.get(name, 1.0) * rng.standard_normal(PUSHED + POINTS)
-
-
-def _whole(e: MemoryEquations) -> Array:
-    return np.array(cs.Function("whole", [e.p], [e.all_of_p])(e.values)).ravel()
 
 
 def _sensor(e: MemoryEquations, name: str) -> Array:

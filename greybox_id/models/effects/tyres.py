@@ -5,7 +5,7 @@ from __future__ import annotations
 import casadi as cs
 
 from ..model import Symbol
-from ..motion_model import MotionModel, Quantities, State
+from ..motion_model import Quantities, State
 from ..parameter import Parameter
 from ..single_track import G
 from ..smooth import forward_speed, remaining
@@ -19,11 +19,6 @@ FRONT_SHARE = 0.55
 
 NEXT_TO_NOTHING = 1e-4
 """Of the square of the friction that longitudinal forces use: below a hundredth of it a power of it is smooth."""
-
-
-def _relaxed(model: MotionModel) -> MotionModel:
-    """Slip angles follow over the distance rolled."""
-    return model.relaxed(lambda q: q.p.tyre_relaxation / forward_speed(speed(q)), "alpha_f", "alpha_r")
 
 
 def _kept_slope(q: Quantities) -> Symbol | float:
@@ -88,10 +83,6 @@ def _heated(grip: Symbol, q: Quantities) -> Symbol:
     return grip * (1 - q.p.tyre_temperature * warm)
 
 
-def _temperature(model: MotionModel) -> MotionModel:
-    return model.with_states(_heating, State("friction_work", "J", 1e3)).altered(grip_f=_heated, grip_r=_heated)
-
-
 grip_scale = alteration(
     GROUP, "grip_scale", "1", 1.0, (0.1, 3.0), "factor on the friction of both axles",
     typical=0.85,
@@ -119,7 +110,10 @@ rear_stiffness = alteration(
 
 tyre_relaxation = effect(
     GROUP, "tyre_relaxation", "m", 0.0, (0.0, 3.0), "relaxation length of the slip angle, both axles",
-    touches=("alpha_f", "alpha_r"), apply=_relaxed, typical=0.4, gradual=False,
+    touches=("alpha_f", "alpha_r"), typical=0.4, gradual=False,
+    apply=lambda model: model.relaxed(
+        lambda q: q.p.tyre_relaxation / forward_speed(speed(q)), "alpha_f", "alpha_r"
+    ),
 )  # fmt: skip
 
 combined_slip = alteration(
@@ -138,7 +132,10 @@ load_sensitivity = alteration(
 
 tyre_temperature = effect(
     GROUP, "tyre_temperature", "1", 0.0, (-0.5, 0.8), "share of the friction that warm tyres lose",
-    touches=("grip_f", "grip_r"), needs=("F_yf", "F_yr"), apply=_temperature, typical=0.2,
+    touches=("grip_f", "grip_r"), needs=("F_yf", "F_yr"), typical=0.2,
+    apply=lambda model: model.with_states(_heating, State("friction_work", "J", 1e3)).altered(
+        grip_f=_heated, grip_r=_heated
+    ),
     others=(Parameter(
         "tyre_temperature_E_0", "J", 2e4, (1.0, 1e9), fixed=True, about="friction work that warms the tyres",
     ),),

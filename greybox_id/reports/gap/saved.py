@@ -171,8 +171,4 @@ def load_gap(path: str | Path) -> tuple[Gap, Made]:
     ------
     BadInput : the file is no diagnosis, is damaged, or was written by another version.
     """
-    return KIND.load(path, _from_plain_data)
-
-
-def _from_plain_data(body: Mapping[str, Any]) -> tuple[Gap, Made]:
-    return from_plain_data(body), of_plain(Made, body, "diagnosis")
+    return KIND.load(path, lambda body: (from_plain_data(body), of_plain(Made, body, "diagnosis")))

@@ -10,7 +10,7 @@ import numpy as np
 from rich.console import RenderableType
 from rich.table import Table
 
-from ...base.numbers import counted, interval, number, percent, pretty_unit, with_sd
+from ...base.numbers import counted, interval, number, percent, pretty_unit, with_sd, with_unit
 from ...base.signals import unit_of
 from ...fitting.fit import Fit, Verdict
 from ...fitting.provenance import DataRecord, Stage
@@ -165,7 +165,7 @@ def _parameters(result: Fit) -> Iterator[RenderableType]:
     lines = Table(box=None, padding=(0, 1, 0, 0), pad_edge=False, show_header=False)
     lines.add_column(min_width=8)
     held = [p for p in parameters if p.fixed]
-    known = [f"{p.name} = {plain(float(p.array))} {_unit_word(p)}".strip() for p in held if float(p.array)]
+    known = [f"{p.name} = {with_unit(plain(float(p.array)), p.unit)}" for p in held if float(p.array)]
     nothing = [p.name for p in held if not float(p.array)]
     if known:
         lines.add_row("fixed", ", ".join(known))
@@ -213,10 +213,6 @@ def estimate(value: float, sd: float) -> str:
     shown = with_sd(value, sd)
     power = shown[shown.index(")") + 1 :] if shown.startswith("(") else ""
     return shown.partition(" ± ")[0].removeprefix("(") + power
-
-
-def _unit_word(parameter: Parameter) -> str:
-    return "" if parameter.unit == "1" else pretty_unit(parameter.unit)
 
 
 def _prior(parameter: Parameter, prior: Prior) -> str:

@@ -20,7 +20,7 @@ from ..document import Document, Drawing, Pairs, Part, Points, Table, Text, Verd
 from ..equations.motion import motion_equations
 from ..figures.characteristics import forces_over_slip
 from ..figures.sheet import BLUE, DOTTED, INK, MEASURED, PALE, ZERO, Sheet, band, look, symbol
-from .digest import Course, Digest, Measured
+from .digest import Course, Digest
 
 MOST_NAMED = 4
 """Estimates that the first sentence names."""
@@ -96,12 +96,11 @@ def _against_what(digest: Digest) -> str:
             "No estimate was also measured independently of the filter: this recording does not show the error of "
             "the estimates."
         )
-    each = [_error(name, item) for name, item in digest.truth.items()]
+    each = [
+        f"{quantity(item.rmse, item.unit)} in {signal_words(name)} ({percent(item.inside)} within two sd)"
+        for name, item in digest.truth.items()
+    ]
     return f"Against measurements that did not enter the filter, estimates have an RMSE of {listed(each)}."
-
-
-def _error(name: str, value: Measured) -> str:
-    return f"{quantity(value.rmse, value.unit)} in {signal_words(name)} ({percent(value.inside)} within two sd)"
 
 
 NOISES = {
@@ -116,20 +115,17 @@ NOISES = {
 def provenance(digest: Digest) -> tuple[Table, tuple[tuple[str, str], ...]]:
     """The recording, and what reproduces the track."""
     made = digest.made
+    walks = [n if n in digest.estimates else f"the input {n}, which was not recorded" for n in digest.parameters]
     pairs = (
         ("version", f"greybox-id {made.version}"),
         ("command", made.command or "not recorded (tracked from Python)"),
         ("vehicle", made.vehicle or "none named"),
         ("filter", f"{method(digest)} on {digest.model}"),
-        ("random walk", listed([_walks(digest, name) for name in digest.parameters]) or "nothing"),
+        ("random walk", listed(walks) or "nothing"),
         ("returns to zero", listed(digest.disturbances) or "nothing"),
         ("effects added", listed([*digest.effects]) or "none"),
     )
     return recorded_in([digest.data], {"track": "tracked"}), pairs
-
-
-def _walks(digest: Digest, name: str) -> str:
-    return name if name in digest.estimates else f"the input {name}, which was not recorded"
 
 
 def estimates(digest: Digest) -> Table:

@@ -129,16 +129,13 @@ def continued(recordings: Sequence[Recording]) -> list[Recording]:
         if (
             last is not None
             and abs(step - recording.sample_time) < 0.5 * recording.sample_time
-            and _like(last, recording)
+            and len(last.runs) == len(recording.runs) == 1
+            and set(last.signals) == set(recording.signals)
         ):
             result[-1].append(recording)
         else:
             result.append([recording])
     return [_one(parts) for parts in result]
-
-
-def _like(one: Recording, other: Recording) -> bool:
-    return len(one.runs) == len(other.runs) == 1 and set(one.signals) == set(other.signals)
 
 
 def _one(parts: Sequence[Recording]) -> Recording:
