@@ -50,11 +50,9 @@ def docstring(text: str) -> str:
     return one_line(text).replace("\\", "\\\\").replace('"', '\\"')
 
 
-def xml_attribute(text: str) -> str:
-    """A text as a value of an attribute of XML, with its quotation marks."""
-    plain = "".join(item for item in one_line(text) if item not in "\ufffe\uffff")
-    escaped = plain.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;").replace('"', "&quot;")
-    return f'"{escaped}"'
+def xml_text(text: str) -> str:
+    """A text without what no XML may hold; what writes it escapes the rest."""
+    return "".join(item for item in one_line(text) if item not in "\ufffe\uffff")
 
 
 def yaml_text(text: str) -> str:

@@ -7,9 +7,10 @@ How long inner steps of a unit may be: the slower a vehicle, the stiffer its equ
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
+from xml.etree.ElementTree import Element, indent, tostring
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from ...base.units import si_exponents
 from ...base.version import __version__
 from ...engine.motion.schedule import STABLE
 from ...models.smooth import SLOWEST
-from ..c.naming import xml_attribute as quoted
+from ..c.naming import xml_text
 from ..equations import Equations
 from ..subject import Subject
 
@@ -158,6 +159,8 @@ CAUSALITY = {
 }  # fmt: skip
 VARIABILITY = {"parameter": "tunable", "setting": "fixed"}
 INTERVAL = "greybox-id.interval"
+RESULTS = ("output", "rate")
+"""Kinds that are computed."""
 
 
 @dataclass(frozen=True)
@@ -183,147 +186,103 @@ class Description:
 
     def model(self, version: int) -> str:
         """`modelDescription.xml` of FMI 2 or 3."""
-        return self._fmi2() if version == 2 else self._fmi3()
+        older = version == 2
+        token = "guid" if older else "instantiationToken"
+        root = _element(
+            "fmiModelDescription", fmiVersion=f"{version}.0", modelName=self.name, **{token: self.token},
+            description=self.about, generationTool=f"greybox-id {__version__}", variableNamingConvention="structured",
+            numberOfEventIndicators="0" if older else None,
+        )  # fmt: skip
+        can = (
+            ("canGetAndSetFMUstate", "canSerializeFMUstate", "providesDirectionalDerivative")
+            if older
+            else ("canGetAndSetFMUState", "canSerializeFMUState", "providesDirectionalDerivatives")
+        )
+        files = [_element("File", name=file) for file in self.sources(2)]
+        for kind in ("ModelExchange", "CoSimulation") if self.continuous else ("CoSimulation",):
+            more = ("canHandleVariableCommunicationStepSize",) if kind == "CoSimulation" else ()
+            inside = [_element("SourceFiles", files)] if older else []
+            root.append(_element(kind, inside, modelIdentifier=self.name, **dict.fromkeys((*can, *more), "true")))
+        root.append(_element("UnitDefinitions", map(_unit, self._units())))
+        root.append(_element("LogCategories", [_element("Category", name="logStatusError")]))
+        root.append(_element("DefaultExperiment", startTime="0", stopTime="10", stepSize=repr(self.step)))
+        places = {one.name: k if older else one.reference for k, one in enumerate(self.variables, 1)}
+        root.append(_element("ModelVariables", [_variable(one, places, older) for one in self.variables]))
+        outputs, rates = ([places[one.name] for one in self.variables if one.kind == kind] for kind in RESULTS)
+        root.append(_element("ModelStructure", _structure2(outputs, rates) if older else _structure3(outputs, rates)))
+        return _written(root)
 
     def build(self, version: int) -> str:
         """`buildDescription.xml`: how the sources become a shared library, whose functions have plain names."""
-        files = "".join(f'      <SourceFile name="{file}"/>\n' for file in self.sources(version))
-        plain = f'      <PreprocessorDefinition name="FMI{version}_OVERRIDE_FUNCTION_PREFIX" value="1"/>\n'
-        return (
-            '<?xml version="1.0" encoding="UTF-8"?>\n'
-            '<fmiBuildDescription fmiVersion="3.0">\n'
-            f'  <BuildConfiguration modelIdentifier="{self.name}">\n'
-            f'    <SourceFileSet language="C99">\n{files}{plain}    </SourceFileSet>\n'
-            "  </BuildConfiguration>\n</fmiBuildDescription>\n"
-        )
+        files = [_element("SourceFile", name=file) for file in self.sources(version)]
+        plain = _element("PreprocessorDefinition", name=f"FMI{version}_OVERRIDE_FUNCTION_PREFIX", value="1")
+        sources = _element("SourceFileSet", [*files, plain], language="C99")
+        whole = _element("BuildConfiguration", [sources], modelIdentifier=self.name)
+        return _written(_element("fmiBuildDescription", [whole], fmiVersion="3.0"))
 
     def sources(self, version: int) -> list[str]:
         """Names of the C files that are compiled."""
         return [file.format(name=self.name, version=version) for file in SOURCES]
 
-    def _of(self, *kinds: str) -> list[Variable]:
-        return [variable for variable in self.variables if variable.kind in kinds]
+    def _units(self) -> list[str]:
+        return list(dict.fromkeys(variable.unit for variable in self.variables if variable.unit))
 
-    def _units(self) -> str:
-        lines = []
-        for unit in dict.fromkeys(variable.unit for variable in self.variables if variable.unit):
-            exponents = si_exponents(unit)
-            base = ""
-            if exponents is not None:
-                base = f"<BaseUnit{''.join(f' {key}={quoted(str(value))}' for key, value in exponents.items())}/>"
-            lines.append(f"    <Unit name={quoted(unit)}>{base}</Unit>\n")
-        return f"  <UnitDefinitions>\n{''.join(lines)}  </UnitDefinitions>\n"
 
-    def _experiment(self) -> str:
-        return f'  <DefaultExperiment startTime="0" stopTime="10" stepSize={quoted(repr(self.step))}/>\n'
+def _element(tag: str, inside: Iterable[Element] = (), /, **attributes: str | None) -> Element:
+    """An element of XML; attributes that are None are left out."""
+    result = Element(tag, {name: xml_text(text) for name, text in attributes.items() if text is not None})
+    result.extend(inside)
+    return result
 
-    def _head(self, version: str, token: str) -> str:
-        return (
-            f'<?xml version="1.0" encoding="UTF-8"?>\n<fmiModelDescription fmiVersion="{version}" '
-            f"modelName={quoted(self.name)} {token}={quoted(self.token)} description={quoted(self.about)} "
-            f'generationTool="greybox-id {__version__}" variableNamingConvention="structured"'
-        )
 
-    def _fmi2(self) -> str:
-        files = "".join(f"      <File name={quoted(file)}/>\n" for file in self.sources(2))
-        can = (
-            f'modelIdentifier={quoted(self.name)} canGetAndSetFMUstate="true" canSerializeFMUstate="true" '
-            'providesDirectionalDerivative="true"'
-        )
-        interfaces = ""
-        if self.continuous:
-            interfaces += f"  <ModelExchange {can}>\n    <SourceFiles>\n{files}    </SourceFiles>\n  </ModelExchange>\n"
-        interfaces += (
-            f'  <CoSimulation {can} canHandleVariableCommunicationStepSize="true">\n'
-            f"    <SourceFiles>\n{files}    </SourceFiles>\n  </CoSimulation>\n"
-        )
-        place = {variable.name: k for k, variable in enumerate(self.variables, 1)}
-        rows = "".join(self._variable2(variable, place) for variable in self.variables)
-        outputs = "".join(f'      <Unknown index="{place[item.name]}"/>\n' for item in self._of("output"))
-        rates = "".join(f'      <Unknown index="{place[item.name]}"/>\n' for item in self._of("rate"))
-        structure = f"    <Outputs>\n{outputs}    </Outputs>\n"
-        if rates:
-            structure += f"    <Derivatives>\n{rates}    </Derivatives>\n"
-        structure += f"    <InitialUnknowns>\n{outputs}{rates}    </InitialUnknowns>\n"
-        return (
-            f'{self._head("2.0", "guid")} numberOfEventIndicators="0">\n{interfaces}{self._units()}'
-            '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>\n'
-            f"{self._experiment()}  <ModelVariables>\n{rows}  </ModelVariables>\n"
-            f"  <ModelStructure>\n{structure}  </ModelStructure>\n</fmiModelDescription>\n"
-        )
+def _written(root: Element) -> str:
+    indent(root)
+    return f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(root, "unicode")}\n'
 
-    def _variable2(self, value: Variable, place: dict[str, int]) -> str:
-        unit = f" unit={quoted(value.unit)}" if value.unit else ""
-        derivative = f' derivative="{place[value.name[4:-1]]}"' if value.kind == "rate" else ""
-        note = ""
-        if value.interval is not None:
-            low, high = map(repr, value.interval)
-            note = (
-                f'\n      <Annotations><Tool name="greybox-id"><Interval level="0.95" low="{low}" high="{high}"/>'
-                "</Tool></Annotations>\n    "
-            )
-        return (
-            f'    <ScalarVariable name={quoted(value.name)} valueReference="{value.reference}"{_described(value)} '
-            f"{_kind(value)}><Real{unit}{_bounds(value)}{derivative}{_start(value)}/>{note}</ScalarVariable>\n"
-        )
 
-    def _fmi3(self) -> str:
-        can = (
-            f'modelIdentifier={quoted(self.name)} canGetAndSetFMUState="true" canSerializeFMUState="true" '
-            'providesDirectionalDerivatives="true"'
-        )
-        interfaces = f"  <ModelExchange {can}/>\n" if self.continuous else ""
-        interfaces += f'  <CoSimulation {can} canHandleVariableCommunicationStepSize="true"/>\n'
-        reference = {variable.name: variable.reference for variable in self.variables}
-        rows = "".join(self._variable3(variable, reference) for variable in self.variables)
-        outputs = "".join(f'    <Output valueReference="{item.reference}"/>\n' for item in self._of("output"))
-        rates = [item.reference for item in self._of("rate")]
-        structure = outputs
-        structure += "".join(f'    <ContinuousStateDerivative valueReference="{rate}"/>\n' for rate in rates)
-        unknown = [*(item.reference for item in self._of("output")), *rates]
-        structure += "".join(f'    <InitialUnknown valueReference="{item}"/>\n' for item in unknown)
-        return (
-            f"{self._head('3.0', 'instantiationToken')}>\n{interfaces}{self._units()}"
-            '  <LogCategories>\n    <Category name="logStatusError"/>\n  </LogCategories>\n'
-            f"{self._experiment()}  <ModelVariables>\n{rows}  </ModelVariables>\n"
-            f"  <ModelStructure>\n{structure}  </ModelStructure>\n</fmiModelDescription>\n"
-        )
+def _unit(unit: str) -> Element:
+    exponents = si_exponents(unit)
+    base = {} if exponents is None else {name: str(value) for name, value in exponents.items()}
+    return _element("Unit", [] if exponents is None else [_element("BaseUnit", **base)], name=unit)
 
-    def _variable3(self, one: Variable, reference: dict[str, int]) -> str:
-        unit = f" unit={quoted(one.unit)}" if one.unit else ""
-        derivative = f' derivative="{reference[one.name[4:-1]]}"' if one.kind == "rate" else ""
-        head = (
-            f'    <Float64 name={quoted(one.name)} valueReference="{one.reference}"{_described(one)} {_kind(one)}'
-            f"{unit}{_bounds(one)}{derivative}{_start(one)}"
-        )
-        if one.interval is None:
-            return f"{head}/>\n"
+
+def _variable(one: Variable, places: Mapping[str, int], older: bool) -> Element:
+    """A variable, of FMI 2 if `older`; places are what that version calls other variables by."""
+    computed = one.kind in RESULTS
+    head: dict[str, str | None] = {
+        "name": one.name, "valueReference": str(one.reference), "description": one.about or None,
+        "causality": CAUSALITY[one.kind], "variability": VARIABILITY.get(one.kind, "continuous"),
+        "initial": None if one.kind in ("time", "input") else "calculated" if computed else "exact",
+    }  # fmt: skip
+    number = {
+        "unit": one.unit or None, "min": _limit(one.low), "max": _limit(one.high),
+        "derivative": str(places[one.name[4:-1]]) if one.kind == "rate" else None, "start": _limit(one.start),
+    }  # fmt: skip
+    notes = []
+    if one.interval is not None:
         low, high = map(repr, one.interval)
-        return (
-            f'{head}>\n      <Annotations><Annotation type="{INTERVAL}"><Interval level="0.95" low="{low}" '
-            f'high="{high}"/></Annotation></Annotations>\n    </Float64>\n'
-        )
+        said = [_element("Interval", level="0.95", low=low, high=high)]
+        note = _element("Tool", said, name="greybox-id") if older else _element("Annotation", said, type=INTERVAL)
+        notes = [_element("Annotations", [note])]
+    if older:
+        return _element("ScalarVariable", [_element("Real", **number), *notes], **head)
+    return _element("Float64", notes, **head, **number)
 
 
-def _described(variable: Variable) -> str:
-    return f" description={quoted(variable.about)}" if variable.about else ""
+def _limit(value: float | None) -> str | None:
+    """A number as XML Schema has it: INF is no limit."""
+    return None if value is None else {float("inf"): "INF", float("-inf"): "-INF"}.get(value, repr(value))
 
 
-def _kind(value: Variable) -> str:
-    computed = ' initial="calculated"'
-    initial = {"time": "", "input": "", "output": computed, "rate": computed}.get(value.kind, ' initial="exact"')
-    return f'causality="{CAUSALITY[value.kind]}" variability="{VARIABILITY.get(value.kind, "continuous")}"{initial}'
+def _structure2(outputs: Sequence[int], rates: Sequence[int]) -> list[Element]:
+    unknown = {"Outputs": outputs, "Derivatives": rates, "InitialUnknowns": [*outputs, *rates]}
+    return [
+        _element(name, [_element("Unknown", index=str(place)) for place in places])
+        for name, places in unknown.items()
+        if places or name != "Derivatives"
+    ]
 
 
-def _bounds(variable: Variable) -> str:
-    low = "" if variable.low is None else f' min="{variable.low!r}"'
-    return low + ("" if variable.high is None else f' max="{variable.high!r}"')
-
-
-def _start(variable: Variable) -> str:
-    return "" if variable.start is None else f' start="{_xml_number(variable.start)}"'
-
-
-def _xml_number(value: float) -> str:
-    """As XML Schema has it: INF is no limit."""
-    return {float("inf"): "INF", float("-inf"): "-INF"}.get(value, repr(value))
+def _structure3(outputs: Sequence[int], rates: Sequence[int]) -> list[Element]:
+    unknown = {"Output": outputs, "ContinuousStateDerivative": rates, "InitialUnknown": [*outputs, *rates]}
+    return [_element(name, valueReference=str(place)) for name, places in unknown.items() for place in places]
