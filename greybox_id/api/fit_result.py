@@ -14,6 +14,7 @@ from rich.console import RenderableType
 
 from ..base.declared import understood
 from ..base.errors import BadInput
+from ..base.json_data import attributes
 from ..base.numbers import between, pretty_unit
 from ..datasets.recording import Recording
 from ..fitting.fit import FREE_RUN, Fit
@@ -150,7 +151,7 @@ class FitResult(NamedEstimates):
         rows = [
             {
                 "model": " + ".join((fit.model.name, *fit.model.effects)),
-                **{name: getattr(fit, name) for name in ("df_model", "aic", "bic")},
+                **attributes(fit, "df_model", "aic", "bic"),
                 **{f"train {name}": error["rmse"] for name, error in fit._trained.items()},
                 **{f"validate {name}": error["rmse"] for name, error in fit._free_run("validate").items()},
             }

@@ -50,6 +50,11 @@ def plain(value: Any) -> Any:
     return value
 
 
+def attributes(of: object, *names: str) -> dict[str, Any]:
+    """Some attributes of an object, by name."""
+    return {name: getattr(of, name) for name in names}
+
+
 def finite(value: Any) -> Any:
     """Plain data as readers expect it who know nothing of NaN and infinities: they become null."""
     if isinstance(value, float):

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from ..base.json_data import attributes
 from ..datasets.public import PUBLIC, PublicDataset, fetch, folder_of, made, make, public
 from ..reports.text.screen import plain_table
 from .commands import CommandGroup
@@ -108,12 +109,7 @@ def _state(dataset: PublicDataset) -> str:
 
 def _as_dict(dataset: PublicDataset) -> dict[str, Any]:
     return {
-        "name": dataset.name,
-        "about": dataset.about,
-        "source": dataset.source,
-        "licence": dataset.licence,
-        "reference": dataset.reference,
-        "columns": dataset.columns,
+        **attributes(dataset, "name", "about", "source", "licence", "reference", "columns"),
         "cached": _state(dataset) == "in the cache",
         "files": [{"name": f.name, "address": f.address, "sha256": f.sha256 or None} for f in dataset.files],
     }

@@ -7,6 +7,7 @@ from dataclasses import asdict, replace
 from functools import partial
 from typing import Any, get_args
 
+from greybox_id.base.json_data import attributes
 from greybox_id.base.shorthands import Array
 from greybox_id.datasets.recording import Recording
 
@@ -123,5 +124,5 @@ class _VirtualCase(Draw):
 
 
 def _plain(car: VirtualCar) -> dict[str, Any]:
-    body = {name: getattr(car, name) for name in ("kind", "drive_channel", "steer_max", "top_speed")}
+    body = attributes(car, "kind", "drive_channel", "steer_max", "top_speed")
     return body | {name: dict(getattr(car, name)) for name in ("parameters", "noise", "small")}

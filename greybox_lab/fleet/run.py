@@ -19,6 +19,7 @@ from greybox_id.base.declared import understood
 from greybox_id.base.errors import BadInput, must_be_one_of, must_be_whole
 from greybox_id.base.files import write_atomically
 from greybox_id.base.guard import protect
+from greybox_id.base.json_data import attributes
 from greybox_id.base.numbers import counted
 from greybox_id.base.processes import duration
 
@@ -28,7 +29,7 @@ from .plan import FleetPlan, content_of, plan_of
 from .prior import second_pass
 from .status import FleetProgress, Watch
 from .statuses import BROKEN, FAILED, FIT, NOT_TRUSTED
-from .store import OF_RESULTS, Journal, Store
+from .store import COLUMNS, OF_RESULTS, Journal, Store
 from .unit import MADE_BY
 
 NOT_GIVEN = "not given"
@@ -218,7 +219,7 @@ def run(
         fleet = entries(requested, _known(store) if only == "changed" else None)
         earlier, origin = _earlier(store), _origin(requested)
         why = differences(origin_of(store.folder / ORIGIN), origin)
-        store.replace("manifest", [_listed(entry) for entry in fleet])
+        store.replace("manifest", [attributes(entry, *COLUMNS["manifest"]) for entry in fleet])
         write_atomically(store.folder / ORIGIN, json.dumps(origin, indent=1) + "\n", continued=True)
         done = store.done()
         target = {entry.key for entry in fleet}
@@ -341,11 +342,6 @@ def rows_of(
     for name in OF_RESULTS[1:]:
         rows[name] = [{**row, **outcome} for row in result.get(name, ())]
     return rows
-
-
-def _listed(entry: FleetEntry) -> dict[str, Any]:
-    return {name: getattr(entry, name) for name in ("key", "path", "vehicle", "time", "odometer", "tags", "sha256",
-                                                    "size", "changed")}  # fmt: skip
 
 
 def _known(store: Store) -> dict[str, tuple[int, int, str]]:

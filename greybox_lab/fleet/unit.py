@@ -15,6 +15,7 @@ import numpy as np
 from greybox_id.api import given
 from greybox_id.api.fitting import fit as fit_model
 from greybox_id.base.errors import BadInput
+from greybox_id.base.json_data import attributes
 from greybox_id.base.shorthands import Array
 from greybox_id.base.units import pairs
 from greybox_id.base.version import __version__
@@ -135,14 +136,7 @@ def parameters_of(fit: Fit) -> list[dict[str, Any]]:
     for item in fit.combined():
         if item.name in fit.model or item.sd == 0:  # what is estimated itself, or follows from what is held
             continue
-        row = {
-            "name": item.name,
-            "unit": item.unit,
-            "value": item.value,
-            "sd": item.sd,
-            "low": item.low,
-            "high": item.high,
-        }
+        row = attributes(item, "name", "unit", "value", "sd", "low", "high")
         rows.append(row | {"dof": None, "told": fit.confirmed and bool(np.isfinite(item.sd))})
     return rows
 

@@ -34,6 +34,7 @@ from greybox_id.reports.figures.sheet import (
     Look,
     Sheet,
     band,
+    boxes,
     density,
     label,
     look,
@@ -62,8 +63,6 @@ SMOOTH = 5
 """Samples over which rates of change are taken."""
 SECONDS = 8.0
 """Length of the stretches that are drawn."""
-QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Ends of whiskers and boxes, and the bar between."""
 CARS = {
     "nominal": look(INK, 1.3, "nominal"), "tire_set_1": look(RUST, 1.3, "tyres 1", dashes=DASHED),
     "tire_set_2": look(PURPLE, 1.3, "tyres 2", dashes=CHAIN),
@@ -131,19 +130,15 @@ def predicted(seen: Mapping[str, Mapping[str, Prediction]], recordings: Mapping[
     """
     sheet = Sheet((90.0, *(95.0,) * len(recordings)))
     top, *below = sheet.grid[:, 0]
-    boxes, at, names = [], [], []
+    samples, at, names = [], [], []
     for n, (name, models) in enumerate(seen.items()):
         for k, (model, item) in enumerate(models.items()):
-            ends = np.quantile(item.predicted[:, 0] - item.measured[:, 0], QUANTILES)
-            boxes.append(dict(zip(("whislo", "q1", "med", "q3", "whishi"), ends, strict=True)))
+            samples.append(item.predicted[:, 0] - item.measured[:, 0])
             at.append(n * (len(models) + 1) + k)
             names.append(f"{model}\n{name}")
-    line = {"color": BLUE, "linewidth": 0.9}
     top.axhline(0.0, **ZERO)
     top.grid(visible=False, axis="x")
-    top.bxp(boxes, at, widths=0.55, showfliers=False, patch_artist=True, manage_ticks=False, whiskerprops=line,
-            capprops=line, medianprops={"color": INK, "linewidth": 1.2},
-            boxprops={"facecolor": f"{BLUE}4d", "edgecolor": BLUE, "linewidth": 0.9})  # fmt: skip
+    boxes(top, at, samples, BLUE, 0.55)
     top.set_xticks(at, names)
     top.set_ylabel("error of " + signal_label(next(iter(recordings.values())), output))
     for ax, (name, models) in zip(below, seen.items(), strict=True):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any, cast
 
 
 @dataclass(frozen=True)
@@ -119,6 +120,13 @@ class Equation:
     right: Expression
 
 
+_PARTS: Mapping[type[Any], tuple[str, ...]] = {
+    Quotient: ("above", "below"), Power: ("base", "exponent"), Comparison: ("left", "right"),
+    Cases: ("where", "value", "otherwise"), Window: ("signal",),
+}  # fmt: skip
+"""What expressions of a fixed number of parts call them."""
+
+
 def children(of: Expression) -> tuple[Expression, ...]:
     """What an expression is made of."""
     match of:
@@ -126,19 +134,9 @@ def children(of: Expression) -> tuple[Expression, ...]:
             return tuple(term for _, term in terms)
         case Product(factors):
             return factors
-        case Quotient(above, below):
-            return (above, below)
-        case Power(base, exponent):
-            return (base, exponent)
         case Call(_, arguments):
             return arguments
-        case Comparison(_, left, right):
-            return (left, right)
-        case Cases(where, value, otherwise):
-            return (where, value, otherwise)
-        case Window(_, signal, _):
-            return (signal,)
-    return ()
+    return tuple(getattr(of, name) for name in _PARTS.get(type(of), ()))
 
 
 def with_children(of: Expression, new: tuple[Expression, ...]) -> Expression:
@@ -148,19 +146,10 @@ def with_children(of: Expression, new: tuple[Expression, ...]) -> Expression:
             return replace(of, terms=tuple((minus, item) for (minus, _), item in zip(terms, new, strict=True)))
         case Product():
             return Product(new)
-        case Quotient():
-            return Quotient(*new)
-        case Power():
-            return Power(*new)
         case Call():
             return replace(of, arguments=new)
-        case Comparison():
-            return replace(of, left=new[0], right=new[1])
-        case Cases():
-            return Cases(*new)
-        case Window():
-            return replace(of, signal=new[0])
-    return of
+    parts = dict(zip(_PARTS.get(type(of), ()), new, strict=True))
+    return replace(cast(Any, of), **parts) if parts else of
 
 
 def symbols(of: Expression) -> Iterator[Symbol]:

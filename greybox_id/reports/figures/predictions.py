@@ -30,6 +30,7 @@ from .sheet import (
     Look,
     Sheet,
     band,
+    boxes,
     label,
     look,
     sheet_of,
@@ -119,8 +120,6 @@ def _with_gaps(rows: Index, at: Array, values: Array) -> tuple[Array, Array]:
 
 MOST_RUNS = 6
 """A recording of more runs is shown as a whole only."""
-QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
-"""Ends of whiskers and boxes, and the bar between."""
 WIDE, APART = 0.19, 0.24
 """Of a box, and between boxes of one group."""
 
@@ -149,18 +148,14 @@ def _boxes(ax: Axes, recordings: Sequence[Seen], groups: Groups, output: int) ->
         if groups[n][1] is not groups[n - 1][1]:
             ax.axvline(n - 0.5, **look(PALE, 0.6, dashes=DOTTED))
     for protocol in (p for p in PROTOCOL_LINES if p in recordings[0].predicted):
-        at, boxes = [], []
+        at, samples = [], []
         for n, (_, one, run) in enumerate(groups):
             shown = [p for p in PROTOCOL_LINES if p in one.predicted and (run is None or p != "published")]
             if protocol in shown:
                 at.append(n + (shown.index(protocol) - (len(shown) - 1) / 2) * APART)
-                ends = np.nanquantile(_residuals(one, protocol, run, output), QUANTILES)
-                boxes.append(dict(zip(("whislo", "q1", "med", "q3", "whishi"), ends, strict=True)))
+                samples.append(_residuals(one, protocol, run, output))
         colour, words = (PROTOCOL_LINES[protocol][name] for name in ("color", "label"))
-        line = {"color": colour, "linewidth": 0.9}
-        ax.bxp(boxes, at, widths=WIDE, showfliers=False, patch_artist=True, manage_ticks=False, whiskerprops=line,
-               capprops=line, medianprops={"color": INK, "linewidth": 1.2}, label=words,
-               boxprops={"facecolor": f"{colour}4d", "edgecolor": colour, "linewidth": 0.9})  # fmt: skip
+        boxes(ax, at, samples, colour, WIDE, words)
 
 
 def _groups(recordings: Sequence[Seen]) -> Groups:

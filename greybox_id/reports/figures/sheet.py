@@ -318,6 +318,20 @@ def band(ax: Axes, x: Array, low: Array, high: Array, colour: str = BLUE, label:
     ax.fill_between(x, low, high, color=colour, alpha=opacity, linewidth=0.0, label=label)
 
 
+QUANTILES = (0.025, 0.25, 0.5, 0.75, 0.975)
+"""Ends of whiskers and boxes, and the bar between."""
+
+
+def boxes(ax: Axes, at: Sequence[float], samples: Sequence[Array], colour: str, wide: float, label: str = "") -> None:
+    """Draw a box for each of several samples: it holds half of them, its whiskers 95 %; NaN are left out."""
+    ends = (np.nanquantile(values, QUANTILES) for values in samples)
+    stats = [dict(zip(("whislo", "q1", "med", "q3", "whishi"), item, strict=True)) for item in ends]
+    line = {"color": colour, "linewidth": 0.9}
+    ax.bxp(stats, at, widths=wide, showfliers=False, patch_artist=True, manage_ticks=False, whiskerprops=line,
+           capprops=line, medianprops={"color": INK, "linewidth": 1.2}, label=label or None,
+           boxprops={"facecolor": f"{colour}4d", "edgecolor": colour, "linewidth": 0.9})  # fmt: skip
+
+
 def cells(
     ax: Axes, x: Array, y: Array, share: Array, colour: str = INK, below: str = BLUE, *,
     opacity: tuple[float, float] = (0.06, 0.6), gap: float = 0.0, label: str | None = None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import Console
 from rich.text import Text
 
+from ...base.json_data import attributes
 from ...base.numbers import counted
 from ...datasets.checks import Finding, Severity, distrusted
 from ...datasets.checks.finding import condition_without
@@ -77,10 +78,7 @@ def as_dict(recording: Recording, findings: Sequence[Finding]) -> dict[str, Any]
                 "run": finding.where.run,
                 "rows": list(finding.where.rows[:MOST_ROWS]),
                 "row_count": len(finding.where.rows),
-                "sentence": finding.sentence,
-                "value": finding.value,
-                "uncertainty": finding.uncertainty,
-                "unit": finding.unit,
+                **attributes(finding, "sentence", "value", "uncertainty", "unit"),
                 "repair": {name: list(source) for name, source in finding.repair.items()},
             }
             for finding in findings
@@ -164,15 +162,10 @@ def _row(entry: MapEntry) -> tuple[str, str, str, str]:
 
 def _as_dict(entry: MapEntry) -> dict[str, Any]:
     return {
-        "signal": entry.signal,
-        "column": entry.column,
+        **attributes(entry, "signal", "column"),
         "unit": entry.unit or None,
-        "units": list(entry.units),
-        "sign": entry.sign,
-        "divide_by": entry.divide_by,
+        **attributes(entry, "units", "sign", "divide_by"),
         "sign_column": entry.sign_column or None,
         "negative": entry.negative if entry.sign_column else None,
-        "missing": list(entry.missing),
-        "decided": entry.decided,
-        "reasons": list(entry.reasons),
+        **attributes(entry, "missing", "decided", "reasons"),
     }

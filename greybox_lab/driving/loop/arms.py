@@ -10,6 +10,7 @@ from greybox_id.api.closed_vehicle import closed_vehicle, fitted_vehicle
 from greybox_id.api.diagnosing import diagnose
 from greybox_id.api.fitting import fit
 from greybox_id.base.errors import BadInput, near_or_all
+from greybox_id.base.json_data import attributes
 from greybox_id.datasets.recording import Recording
 from greybox_id.gap.gap import Gap
 from greybox_id.models.effects import EFFECTS
@@ -128,13 +129,7 @@ def named(vehicle: Vehicle, recordings: Sequence[Recording]) -> Twin:
 def causes(gap: Gap) -> tuple[Mapping[str, Any], ...]:
     """What is held for the cause: applied effects, and others that are more likely there than not."""
     return tuple(
-        {
-            "effect": item.effect,
-            "magnitude": item.magnitude,
-            "unit": item.unit,
-            "interval": list(item.interval),
-            "probability": item.probability,
-        }
+        attributes(item, "effect", "magnitude", "unit", "interval", "probability")
         for item in gap.ranking
         if item.effect in gap.applied or item.probability > 0.5
     )

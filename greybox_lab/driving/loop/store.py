@@ -26,7 +26,7 @@ from typing import Any
 from greybox_id.base.declared import of_plain
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import ensure_writable, replacing, scratch_name, writable, write_atomically
-from greybox_id.base.json_data import finite, read_json
+from greybox_id.base.json_data import attributes, finite, read_json
 
 from .protocol import ARMS, PROTOCOL, digest_of
 
@@ -87,7 +87,7 @@ class Job:
 
     def shown(self) -> dict[str, Any]:
         """What the page shows of it."""
-        return {name: getattr(self, name) for name in ("id", "session", "arm", "status", "sentence", "result")}
+        return attributes(self, "id", "session", "arm", "status", "sentence", "result")
 
 
 class ServerStore:

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from greybox_id.base.errors import BadInput
+from greybox_id.base.json_data import attributes
 from greybox_id.base.shorthands import Array
 
 from .world import Observations, World
@@ -56,16 +57,11 @@ class Laps:
 
     def plain(self) -> dict[str, float | int]:
         """As plain data; the lap time is the mean."""
+        driven = ("path_error_rms", "path_error_p95", "steering_rate_rms", "speed")
         return {
             "tried": self.tried,
             "driven": len(self.lap_times),
-            "crashes": self.crashes,
-            "given_up": self.given_up,
-            "lap_time": self.lap_time,
-            "path_error_rms": self.path_error_rms,
-            "path_error_p95": self.path_error_p95,
-            "steering_rate_rms": self.steering_rate_rms,
-            "speed": self.speed,
+            **attributes(self, "crashes", "given_up", "lap_time", *driven),
         }
 
 
