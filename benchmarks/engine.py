@@ -79,15 +79,14 @@ def simulator(model: MotionModel) -> Simulator:
 
 def condensed(model: MotionModel, recording: Recording) -> Solved:
     """Growing horizons, then the whole run, as the verb fit goes about it; noise as known."""
-    clock, solving, steps = time.process_time(), 0.0, 0
-    whole = MotionProblem(simulator(model), [recording], noise=NOISE)
-    p = model.values
-    stated = time.process_time() - clock
+    solving, stated, steps, p = 0.0, 0.0, 0, model.values
+    short: MotionProblem | None = None
     for rows in SHORT_HORIZONS:
         clock = time.process_time()
         short = MotionProblem(
-            simulator(model), [recording], noise=NOISE, horizon=rows * DT, most_rows=SHORT_ROWS, starts="measured"
-        )
+            simulator(model), [recording], noise=NOISE, horizon=rows * DT, most_rows=SHORT_ROWS, starts="measured",
+            like=short,
+        )  # fmt: skip
         stated += time.process_time() - clock
         clock = time.process_time()
         solution = gauss_newton(
@@ -95,6 +94,9 @@ def condensed(model: MotionModel, recording: Recording) -> Solved:
         )
         solving += time.process_time() - clock
         p, steps = short.shared(solution.x), steps + solution.steps
+    clock = time.process_time()
+    whole = MotionProblem(simulator(model), [recording], noise=NOISE, like=short)
+    stated += time.process_time() - clock
     clock = time.process_time()
     solution = gauss_newton(whole, whole.unknowns(p), tolerance=1e-12, negligible=0.0, search="levenberg_marquardt")
     solving += time.process_time() - clock

@@ -189,7 +189,6 @@ def _on_the_way(
         yield Attempt(ahead, p, solution)
         say(f"{name}: {rows} rows ahead, {solution.steps} steps; {_place(ahead, solution.x)}", passing=True)
         p, noise = off_bounds(simulator.trace.model, ahead.shared(solution.x)), residual_noise(ahead, solution)
-        ahead.forget()
     problem = _problem(simulator, recordings, noise, how, p, ahead)
     del ahead
     x, known = problem.unknowns(p), how.noise.keys() >= {*outputs}

@@ -132,9 +132,10 @@ class MotionProblem:
         if horizon is not None:
             shifts = np.tile(simulator.shifts(about), (len(self.runs), 1))
             self._interval_starts.carry(about, lambda: self._scheduled(shifts))
-        alike = like is not None and same and self._steps() == like._steps()
-        self._plans: tuple[Array, list[Schedule], Lanes, Lanes | None] | None = like._plans if like and alike else None
-        self._chain: Chain | None = like._chain if like and alike and len(like.free) == len(self.free) else None
+        alike = like is not None and self._steps() == like._steps()
+        self._plans: tuple[Array, list[Schedule]] | None = like._plans if like and alike else None
+        self._lanes: list[Lanes] = [*like._lanes] if like and alike and same else []
+        self._chain: Chain | None = like._chain if self._lanes and like and len(like.free) == len(self.free) else None
         self._tiled: tuple[Lanes, Array] | None = None
         self._laid: list[tuple[Lanes, Targets, Against]] = []
 
@@ -149,13 +150,13 @@ class MotionProblem:
         other = copy(self)
         other.runs = [replace(run, inputs=item) for run, item in zip(self.runs, inputs, strict=True)]
         other._plans = other._chain = other._tiled = None
-        other._laid = []
+        other._lanes, other._laid = [], []
         return other
 
     def forget(self) -> None:
         """Let go of layouts of all rows; they are made again where they are needed."""
         self._plans = self._chain = self._tiled = None
-        self._laid = []
+        self._lanes, self._laid = [], []
         self._interval_starts.forget()
 
     def forget_targets(self) -> None:
@@ -213,13 +214,11 @@ class MotionProblem:
         z0, _ = self.starts(x)
         with np.errstate(all="ignore"):
             if cut is not lanes:
-                known = self._chain is not None and len(self._chain.starts) == len(cut.interval)
-                chain = self._chain if known else None
+                chain = self._chain if self._chain and len(self._chain.starts) == len(cut.interval) else None
+                begin, ends = (z0[cut.interval], None) if chain is None else (chain.foretold(x, z0, cut), chain.ends)
+                segments, of_lanes, reads, marks = cut.segments, p[cut.interval], cut.reads, cut.marks
                 result = matched(
-                    z0[cut.interval] if chain is None else chain.foretold(x, z0, cut),
-                    None if chain is None else chain.ends,
-                    cut,
-                    lambda *at: kernel.simulate(at[0], cut.segments, p[cut.interval], cut.reads, cut.marks, at[1]),
+                    begin, ends, cut, lambda z, known: kernel.simulate(z, segments, of_lanes, reads, marks, known)
                 )
                 if result is not None:
                     return SimulatedRuns(lanes, cut, result[0], cut, result[1])
@@ -240,7 +239,7 @@ class MotionProblem:
             alike = bool(np.all(shifts == shifts[:1]))
         if not (alike and self._interval_starts.plain_starts):
             return np.array([self.simulated_nodes(item).y for item in x])
-        lanes = self._whole(x[0])
+        _, lanes = self._whole(x[0])
         count, segments = len(self.intervals), lanes.segments.shape[1]
         at_once = max(1, MOST_SEGMENTS // max(count * segments, 1))
         result = np.empty((len(x) if len(x) > at_once else 0, *self.target.shape))
@@ -361,30 +360,26 @@ class MotionProblem:
 
     def lanes(self, x: Array) -> tuple[Lanes, Lanes]:
         """Intervals as lanes, whole and cut; laid out anew when a delay moved."""
-        lanes = self._whole(x)
-        assert self._plans is not None
-        shifts, plans, _, cut = self._plans
-        if cut is None:
+        plans, lanes = self._whole(x)
+        if len(self._lanes) == 1:
             cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
             of_each = even_cuts(plans, self.intervals, cuts * len(self.intervals)) if cuts > 1 else ()
-            cut = lay(plans, self.intervals, of_each) if cuts > 1 else lanes
-            self._plans = (shifts, plans, lanes, cut)
-        return lanes, cut
+            self._lanes = [lanes, lay(plans, self.intervals, of_each) if cuts > 1 else lanes]
+        return lanes, self._lanes[1]
 
-    def _whole(self, x: Array) -> Lanes:
-        """Intervals as lanes that are not cut."""
+    def _whole(self, x: Array) -> tuple[list[Schedule], Lanes]:
+        """Segments of runs, and intervals as lanes that are not cut."""
         if self._plans is None or self.trace.shift_count:
             shifts = np.array([self.simulator.shifts(p) for p in self.per_run(x)])
             if self._plans is None or not np.array_equal(self._plans[0], shifts):
-                plans = self._scheduled(shifts)
-                self._plans = (shifts, plans, lay(plans, self.intervals), None)
-        return self._plans[2]
+                self._plans, self._lanes = (shifts, self._scheduled(shifts)), []
+        if not self._lanes:
+            self._lanes = [lay(self._plans[1], self.intervals)]
+        return self._plans[1], self._lanes[0]
 
     def starts(self, x: Array) -> tuple[Array, Array]:
         """States at the intervals' starts, (intervals, nz), and their derivative by the parameters."""
-        self.lanes(x)
-        assert self._plans is not None
-        z, by_p = self._interval_starts(self.per_run(x), self._plans[1])
+        z, by_p = self._interval_starts(self.per_run(x), self._whole(x)[0])
         if len(self.loose):
             z[:, self.loose] += x[self.parameters.size :].reshape(len(self.intervals), -1)
         return z, by_p
