@@ -19,42 +19,45 @@ from greybox_id.models.parameter import Parameter, Prior
 G = 9.81
 
 
-AHEAD = 10
-"""Samples ahead that the published inverse model reads."""
+AHEAD, BEHIND = 10, 5
+"""Samples from the present on, as many as the published inverse model reads, and samples before them."""
 
 
 def inverse_steering() -> MemoryModel:
-    """Steering that makes the path that follows, of curvature, speed and accelerations over the next half second.
+    """Steering that makes the path that follows, of curvature, speed and accelerations around the present.
 
-    It runs on a recording turned round in time, so that what is to come is its past. The path's curvature is read
-    twice, as it was recorded and as a_y / v_x²: their noise differs, and so do they where the car slides. Beside
-    geometry there is the rate of turning in, understeer that braking brings, oversteer under power and more where the
-    car slides, slip of the tyres, a self-steer that saturates on straights, and a pull that a_x makes now and half a
-    second later. The car answers late and smoothly: paths are weighed by a bell over the samples to come, forces by an
-    exponential; which side the self-steer takes is read off the mean curvature of all samples. Scales: 10 m/s² for
-    accelerations, 40 m/s, 1/40 m for curvature.
+    It runs on a recording turned round in time, so that what is to come is its past; it reads half a second ahead and
+    a quarter behind. The path's curvature is read twice, as it was recorded and as a_y / v_x²: their noise differs, and
+    so do they where the car slides. Beside geometry there is the rate of turning in, understeer that braking brings and
+    that outlasts it, oversteer under power and more where the car slides, vertical acceleration that loads the tyres,
+    the more the slower the car (less downforce), a self-steer that saturates on straights, and a pull as a_x changes.
+    The car answers late and smoothly: paths are weighed by a bell, forces by an exponential over the samples to come;
+    which side the self-steer takes is read off the mean curvature of all samples. Scales: 10 m/s² for accelerations,
+    40 m/s, 1/40 m for curvature.
     """
 
     def equations(u: Namespace, p: Namespace, past: Past) -> dict[str, Symbol]:
-        age = np.arange(AHEAD)[::-1]
+        age = np.arange(-BEHIND, AHEAD)[::-1]
         bell = [cs.exp(-0.5 * ((float(k) - p.lead) / p.width) ** 2) for k in age]
-        fade = [cs.exp(-float(k) / p.force_lag) for k in age]
+        fade = [cs.exp(-float(k) / p.force_lag) if k >= 0 else 0.0 for k in age]
         total, sum_fade = sum(bell), sum(fade)
         bell, fade = [w / total for w in bell], [w / sum_fade for w in fade]
         middle = sum(float(k) * w for k, w in zip(age, bell, strict=True))
-        turning = 40.0 * u.a_y / u.v_x**2
-        path, turn, bend = 40.0 * past(u.curvature, bell), past(turning, bell), 40.0 * past(u.curvature, fade)
+        bend, turning = 40.0 * u.curvature, 40.0 * u.a_y / u.v_x**2
+        path, turn = past(bend, bell), past(turning, bell)
         rate = past(turning, [w * (float(k) - middle) for k, w in zip(age, bell, strict=True)])
-        v, a_x, a_y = (past(own, fade) / unit for own, unit in ((u.v_x, 40.0), (u.a_x, 10.0), (u.a_y, 10.0)))
+        v, a_x, a_y, a_z = (past(own, fade) / unit for own, unit in
+                            ((u.v_x, 40.0), (u.a_x, 10.0), (u.a_y, 10.0), (u.a_z, 10.0)))  # fmt: skip
         beyond = past(u.a_y - u.v_x**2 * u.curvature, fade) / 10.0
-        straight = past(u.curvature, [1.0 / AHEAD] * AHEAD)
-        later = past(u.a_x, [1.0] + [0.0] * (AHEAD - 1)) / 10.0
-        brake, drive, load = cs.fmin(a_x, 0.0), cs.fmax(a_x, 0.0), cs.sqrt(a_y**2 + 1e-4)
+        straight = past(u.curvature, [1.0 / len(age)] * len(age))
+        change = past(u.a_x, [float(k == 0) - float(k == AHEAD - 1) for k in age]) / 10.0
+        trail = past(bend * cs.fmin(u.a_x, 0.0), [float(k < 0) / BEHIND for k in age]) / 10.0
+        brake, drive = cs.fmin(a_x, 0.0), cs.fmax(a_x, 0.0)
         return {
             "steering": p.geometry * path + p.balance * turn + p.turn_in * rate
-            + p.straight * cs.tanh(straight / p.bend) * v + p.pull * a_x + p.pull_later * later
-            + p.brake_path * bend * brake + p.brake_turn * turn * brake
-            + p.power * a_y * drive * v + p.sliding * beyond * drive + p.slip * turn * load
+            + p.straight * cs.tanh(straight / p.bend) * v + p.pull * change + p.load * path * a_z / v
+            + p.brake_path * past(bend, fade) * brake + p.brake_turn * turn * brake + p.trail * trail
+            + p.power * a_y * drive * v + p.sliding * beyond * drive
         }  # fmt: skip
 
     def weight(name: str, value: float, about: str) -> Parameter:
@@ -62,7 +65,7 @@ def inverse_steering() -> MemoryModel:
 
     return MemoryModel(
         name="inverse_steering", about="steering angle that produces the path ahead",
-        inputs=("curvature", "v_x", "a_x", "a_y"), outputs=("steering",), sample_time=0.05, equations=equations,
+        inputs=("curvature", "v_x", "a_x", "a_y", "a_z"), outputs=("steering",), sample_time=0.05, equations=equations,
         parameters=(
             Parameter("lead", "1", 2.0, (-5.0, 12.0), about="samples by which the path lags the steering"),
             Parameter("width", "1", 1.3, (0.3, 8.0), about="standard deviation of the weighting of the "
@@ -74,12 +77,12 @@ def inverse_steering() -> MemoryModel:
             weight("turn_in", 0.0, "steering per change of a_y / v_x² in a sample"),
             weight("sliding", 0.0, "steering per a_y beyond v_x² times curvature, under power"),
             weight("straight", 0.0, "steering that holds the car straight, at 40 m/s"),
-            weight("pull", 0.0, "steering per a_x"), weight("pull_later", 0.0, "steering per a_x half a second later"),
+            weight("pull", 0.0, "steering per loss of a_x over the next half second"),
             weight("brake_path", 0.0, "steering per curvature, under braking"),
             weight("brake_turn", 0.0, "steering per a_y / v_x², under braking"),
+            weight("trail", 0.0, "steering per curvature, after braking in the last quarter of a second"),
             weight("power", 0.0, "steering per a_y, under power at 40 m/s"),
-            weight("slip", 0.0, "additional steering angle that compensates for tyre slip, in proportion to the "
-                                "product of a_y / v_x² and a_y"),
+            weight("load", 0.0, "steering per curvature, under vertical acceleration at 40 m/s"),
         ),
     )  # fmt: skip
 

@@ -14,7 +14,7 @@ from greybox_id.base.errors import BadInput
 from greybox_id.fitting.how import quiet
 from greybox_lab.papers import a2rl, brakes, emps, ferrari, peers
 from greybox_lab.papers.bench import PublishedBench, Row, frame, markdown, on_screen
-from greybox_lab.papers.equations import AHEAD, driven_rear, servo_axis
+from greybox_lab.papers.equations import AHEAD, BEHIND, driven_rear, servo_axis
 
 
 def test_a_page_has_every_figure_and_marks_what_is_published():
@@ -39,12 +39,13 @@ def laps(rows=600, seed=0):
     measured = np.interp(t - 0.035, t, steer)
     v = 35.0 + 5.0 * np.sin(0.1 * t)
     curvature = np.interp(t - 0.1, t, steer) / 3.2
-    columns = {"ay": curvature * v**2, "ax": 0.5 * np.cos(0.1 * t), "vx": v, "curv": curvature, "steer_target": steer,
+    columns = {"ay": curvature * v**2, "ax": 0.5 * np.cos(0.1 * t),
+               "az": 0.3 * np.sin(0.3 * t), "vx": v, "curv": curvature, "steer_target": steer,
                "steer_meas": measured + 1e-5 * random.standard_normal(len(t))}  # fmt: skip
     return pd.DataFrame(columns).iloc[20 : rows + 20].reset_index(drop=True)
 
 
-def test_the_inverse_of_a_late_car_is_found_and_reads_nothing_but_what_is_ahead():
+def test_the_inverse_of_a_late_car_is_found_and_reads_no_row_far_behind():
     train, valid = laps(), laps(seed=1)
     fit = gb.fit(
         a2rl.inverse_steering(), [a2rl.turned(train, "steer_target")], options=gb.FitOptions(solver="gauss-newton")
@@ -52,13 +53,21 @@ def test_the_inverse_of_a_late_car_is_found_and_reads_nothing_but_what_is_ahead(
     off = a2rl.errors(fit, valid, "steer_target")
     assert len(off) == len(valid) - AHEAD + 1
     assert np.sqrt(np.nanmean(off**2)) < 0.03 * valid["steer_target"].std()
-    p, age = fit.params, np.arange(AHEAD)
+    p, age = fit.params, np.arange(-BEHIND, AHEAD)
     bell = np.exp(-0.5 * ((age - float(p["lead"])) / float(p["width"])) ** 2)
     middle, spread = np.average(age, weights=bell), np.cov(age, aweights=bell, ddof=0)
     late = middle + float(p["turn_in"]) * spread / (float(p["geometry"]) + float(p["balance"]))  # both move the path
     assert late == pytest.approx(2.0, abs=0.3)
     cut = a2rl.errors(fit, valid.iloc[100:].reset_index(drop=True), "steer_target")
-    np.testing.assert_allclose(cut, off[100:], atol=1e-12)
+    np.testing.assert_allclose(cut[BEHIND:], off[100 + BEHIND :], atol=1e-12)
+    assert not np.allclose(cut[:BEHIND], off[100 : 100 + BEHIND], atol=1e-12)  # the first row stood for those before
+
+
+def test_gravity_is_taken_off_the_lap_that_contains_it():
+    lap = laps()
+    level = a2rl.without_gravity(lap)
+    np.testing.assert_allclose(level, lap)
+    np.testing.assert_allclose(a2rl.without_gravity(lap.assign(az=lap["az"] + 9.81)), level)
 
 
 @pytest.mark.slow
