@@ -1,6 +1,6 @@
 """How often 95 % intervals of whole fits hold the truth, on recordings of an independent simulator.
 
-    python benchmarks/coverage.py [--json] [--recordings 300] [--seconds 20]
+    python benchmarks/held_truth.py [--json] [--recordings 300] [--seconds 20]
 
 A full-size car is driven through mixed manoeuvres by the simulator of the tests (numba, 0.5 ms steps, no code in common
 with the package), read at 50 Hz with AR(1) noise of rho 0 and 0.8, and fitted as a user would: `fit`, whole runs, five
