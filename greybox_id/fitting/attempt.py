@@ -19,7 +19,7 @@ from ..datasets.recording import Recording
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.shooting import Problem
-from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton, promised
 from ..engine.solvers.ipopt import CONFIRMED_WITHIN, SAME, ipopt
 from ..engine.solvers.quasi_newton import refine, settle
 from ..models.motion_model import MotionModel
@@ -159,6 +159,19 @@ def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, ho
     if attempt is not None and attempt.solution.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
     return None if attempt is None else attempt.problem.shared(attempt.solution.x)
+
+
+def promised_share(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> float:
+    """The share of the squared errors at parameters that a fit from there would take away, were predictions straight
+    in them.
+
+    Every output counts by what its errors are.
+    """
+    problem = _problem(simulator, recordings, np.ones(len(simulator.trace.model.outputs)), how, p)
+    x = problem.unknowns(p)
+    nodes = problem.simulated_nodes(x)
+    problem = _problem(simulator, recordings, _spread_of(problem, problem.errors(nodes)), how, p, problem)
+    return promised(problem, x, problem.normal_equations(x, nodes)) / max(problem.misfit(x, nodes), LEAST_NOISE)
 
 
 def _on_the_way(

@@ -5,15 +5,25 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from driven import driven
 from motion import SHAPE, car, recorded
 
 from greybox_id.engine.motion.simulator import Simulator
 from greybox_id.fitting import attempt
-from greybox_id.fitting.attempt import _walled, off_bounds, starting_points, with_starts
+from greybox_id.fitting.attempt import (
+    _walled,
+    errors_at,
+    off_bounds,
+    promised_share,
+    refitted,
+    starting_points,
+    with_starts,
+)
 from greybox_id.fitting.how import FitOptions, quiet
 from greybox_id.models.effects import EFFECTS
 from greybox_id.models.parameter import Prior
 from greybox_id.models.registry import build
+from greybox_id.models.vehicle import vehicle
 
 
 def test_what_is_believed_near_its_bound_begins_inside():
@@ -74,3 +84,17 @@ def test_where_an_optimum_is_known_its_starts_follow(start_from):
     x = with_starts(problem, problem.unknowns(problem.shared(optimum.x)))
     assert np.array_equal(x[: problem.parameters.size], optimum.x[: problem.parameters.size])
     assert problem.objective(x, problem.simulated_nodes(x)) == pytest.approx(optimum.objective, rel=1e-9)
+
+
+def test_what_a_fit_promises_is_what_it_takes_away():
+    recording, car = driven(runs=1, seconds=8.0, noise=0.1), build("lateral", None, {}, vehicle("full_size_car"))
+    free = (replace(p, fixed=p.name not in ("B_f", "I_z"), prior=None) for p in car.parameters)
+    simulator = Simulator(car.with_parameters(*free))
+    ones, how = np.ones(len(car.outputs)), FitOptions(horizon=1.0, start_from="measured")
+    noise = np.nanstd(errors_at(simulator, [recording], ones, how, car.values), axis=0)
+    how = replace(how, noise=dict(zip(car.outputs, noise.tolist(), strict=True)))
+    best = refitted(simulator, [recording], car.values, how)
+    errors = (errors_at(simulator, [recording], noise, how, p) / noise for p in (best, car.values))
+    after, before = (np.nansum(error**2) for error in errors)
+    assert promised_share(simulator, [recording], best, how) < 1e-6
+    assert promised_share(simulator, [recording], car.values, how) == pytest.approx(1.0 - after / before, rel=0.1)

@@ -208,7 +208,7 @@ def gauss_newton(
             tried, size = memory.first(problem, point.x, equations), max(point.objective, 1e-300)
             decrement = _least_decrease(problem, point.x, equations, tried) / size
             if decrement <= tolerance:
-                decrement = max(decrement, _decrease(equations, _step(problem, point.x, equations, 0.0)) / size)
+                decrement = max(decrement, promised(problem, point.x, equations) / size)
             if decrement <= tolerance:
                 status = Status.CONVERGED
                 break
@@ -219,7 +219,7 @@ def gauss_newton(
                 break
             better = _descent(problem, point, equations, memory, tried)
             if better is None:
-                decrement = max(decrement, _decrease(equations, _step(problem, point.x, equations, 0.0)) / size)
+                decrement = max(decrement, promised(problem, point.x, equations) / size)
                 status = Status.CONVERGED if decrement <= max(tolerance, 1e-6) else Status.STALLED
                 break
             point, steps = better, steps + 1
@@ -442,6 +442,11 @@ def _step(
         low[positive] = np.log(problem.bounds[0][positive] / x[positive])
         high[positive] = np.log(problem.bounds[1][positive] / x[positive])
     return least_within(equations.H, equations.g, low, high, problem.free, damping)
+
+
+def promised(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
+    """By how much the objective would fall within bounds if it were as the normal equations say."""
+    return _decrease(equations, _step(problem, x, equations, 0.0))
 
 
 def _decrease(equations: NormalEquations, step: Array) -> float:
