@@ -12,6 +12,8 @@ from scipy.interpolate import CubicSpline
 from greybox_id.base.errors import BadInput
 from greybox_id.base.files import small_file
 
+from ...virtual.speed_profile import speed_profile
+
 Row = NDArray[np.float64]
 Line = NDArray[np.complex128]
 
@@ -174,16 +176,5 @@ def _along(line: Line, curvature: Row, half_width: float, limits: Usage) -> Race
     line = (line - line[0]) * np.abs(ahead[0]) / ahead[0]
     s: Row = np.arange(POINTS, dtype=float) * float(np.mean(np.abs(np.diff(line))))
     yaw: Row = np.unwrap(np.angle(ahead / ahead[0])).astype(float)
-    return RaceTrack(s, line.real, line.imag, yaw, curvature, speeds(curvature, s[1], limits), half_width)
-
-
-def speeds(curvature: Row, spacing: float, limits: Usage) -> Row:
-    """Largest speeds, m/s, on a closed line: forwards as the drive allows, backwards as the brakes do."""
-    v = np.minimum(limits.top_speed, np.sqrt(limits.grip / np.maximum(np.abs(curvature), 1e-9)))
-    n = len(v)
-    for direction, a_x in ((1, limits.drive), (-1, limits.brake)):
-        for k in range(2 * n):  # twice around, so that it holds across the start
-            here, there = direction * k % n, direction * (k + 1) % n
-            left = max(0.0, 1.0 - (v[here] ** 2 * curvature[here] / limits.grip) ** 2) ** 0.5
-            v[there] = min(v[there], (v[here] ** 2 + 2.0 * spacing * a_x * left) ** 0.5)
-    return v
+    speed = speed_profile(curvature, float(s[1]), **vars(limits))
+    return RaceTrack(s, line.real, line.imag, yaw, curvature, speed, half_width)

@@ -16,7 +16,7 @@ from greybox_id.base.files import write_atomically
 from greybox_id.base.shorthands import Array
 
 from .car import GRAVITY, STEP, Car, CarMotion, advance
-from .driver import PERIOD, Circuit, Driver, Pid, PurePursuit, Stanley, Steering, raceline, speed_profile
+from .driver import PERIOD, Circuit, Driver, Pid, PurePursuit, Stanley, Steering, raceline, smooth_speeds
 
 SAMPLE_TIME = 0.05
 """Of the file, s."""
@@ -272,7 +272,7 @@ def drive(run: DrivenRun, rng: np.random.Generator, car: Car = _CAR) -> dict[str
     """
     car = replace(car, steer_delay=run.steer_delay)
     track = raceline(rng, run.clockwise)
-    speeds = speed_profile(track, run.v_max, run.a_y_max, run.a_x_max)
+    speeds = smooth_speeds(track, run.v_max, run.a_y_max, run.a_x_max)
     driver = Driver(
         track=track,
         speeds=speeds,

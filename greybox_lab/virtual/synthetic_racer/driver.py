@@ -11,6 +11,7 @@ from scipy.interpolate import CubicSpline
 
 from greybox_id.base.shorthands import Array
 
+from ..speed_profile import speed_profile
 from .car import CarMotion
 
 SPACING = 0.02
@@ -100,31 +101,17 @@ def raceline(rng: np.random.Generator, clockwise: bool = False) -> Circuit:
     return closed_track(points)
 
 
-def speed_profile(track: Circuit, v_max: float, a_y_max: float, a_x_max: float) -> Array:
-    """Highest speeds along a path within acceleration limits, m/s.
-
-    The lateral limit bounds the speed at each point; then the speed may rise forwards and fall backwards no faster than
-    what the ellipse of both limits leaves.
+def smooth_speeds(track: Circuit, v_max: float, a_y_max: float, a_x_max: float) -> Array:
+    """Speeds along a path within acceleration limits, m/s, (n,), as a driver takes them: without corners.
 
     Parameters
     ----------
     track : the path.
     v_max : m/s.
     a_y_max, a_x_max : m/s^2.
-
-    Returns
-    -------
-    (n,) m/s.
     """
-    bend = np.abs(track.curvature)
-    v = np.minimum(v_max, np.sqrt(a_y_max / np.maximum(bend, 1e-6)))
-    step, n = track.length / len(v), len(v)
-    for direction in (1, -1):
-        # Two laps, so that the limit also holds across the start.
-        for k in range(2 * n):
-            here, there = direction * k % n, direction * (k + 1) % n
-            left = max(0.0, 1.0 - (v[here] ** 2 * bend[here] / a_y_max) ** 2)
-            v[there] = min(v[there], np.sqrt(v[here] ** 2 + 2.0 * step * a_x_max * np.sqrt(left)))
+    limits = {"grip": a_y_max, "drive": a_x_max, "brake": a_x_max, "top_speed": v_max}
+    v = speed_profile(track.curvature, track.length / len(track.s), **limits)
     return np.asarray(_smooth(v[:, None], 0.1 / SPACING)[:, 0], dtype=float)
 
 

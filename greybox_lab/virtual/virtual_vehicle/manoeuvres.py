@@ -13,6 +13,7 @@ import numpy as np
 
 from greybox_id.base.errors import BadInput
 
+from ..speed_profile import speed_profile
 from .layout import FOLLOW, OPEN_DRIVE, PLAN, ROAD, SPEED, TURN, Grid, Row
 from .scale import Scale
 
@@ -237,7 +238,8 @@ def closed_road(size: Scale, usage: float, rng: np.random.Generator) -> tuple[Gr
     if rng.random() < 0.5:
         y, yaw, curvature = -y, -yaw, -curvature
     road = np.zeros((len(x), ROAD))
-    speeds = top_speeds(curvature, step, size, usage)
+    most = {"grip": usage * size.grip, "drive": usage * size.drive, "brake": usage * size.brake}
+    speeds = speed_profile(curvature, step, top_speed=size.top_speed, **most)
     for k, column in enumerate((x, y, yaw, curvature, speeds)):
         road[:, k] = column
     return road, step
@@ -264,17 +266,3 @@ def _drawn(swing: Row, phase: Row, length: float) -> tuple[Row, Row, Row, Row, f
     curvature = (np.conj(ahead) * bend).imag / np.abs(ahead) ** 3
     line = (line - line[0]) * np.exp(-1j * yaw[0])
     return line.real, line.imag, yaw - yaw[0], curvature, float(np.mean(np.abs(np.roll(line, -1) - line)))
-
-
-def top_speeds(curvature: Row, step: float, size: Scale, usage: float) -> Row:
-    """Largest speeds, m/s, along a closed road within a share of the grip, of the drive and of the brakes, (n,)."""
-    bend = np.abs(curvature)
-    most = usage * size.grip
-    v = np.minimum(size.top_speed, np.sqrt(most / np.maximum(bend, 1e-9)))
-    n = len(v)
-    for direction, a_x in ((1, usage * size.drive), (-1, usage * size.brake)):
-        for k in range(2 * n):  # two laps, that it holds across the start
-            here, there = direction * k % n, direction * (k + 1) % n
-            room = max(0.0, 1.0 - (v[here] ** 2 * bend[here] / most) ** 2) ** 0.5
-            v[there] = min(v[there], (v[here] ** 2 + 2.0 * step * a_x * room) ** 0.5)
-    return np.asarray(v, float)

@@ -18,7 +18,7 @@ from greybox_lab.virtual.synthetic_racer.driver import (
     PurePursuit,
     Stanley,
     raceline,
-    speed_profile,
+    smooth_speeds,
 )
 
 STRAIGHT_CAR = replace(Car(), steer_trim=0.0)
@@ -62,7 +62,7 @@ def at_start(track):
 
 
 def self_driven(track, steering):
-    speeds = speed_profile(track, 2.4, 2.5, 2.0)
+    speeds = smooth_speeds(track, 2.4, 2.5, 2.0)
     car = STRAIGHT_CAR
     return Driver(track, speeds, steering(), (), car.wheelbase, car.l_r, np.zeros(len(track.s)))
 
