@@ -137,15 +137,11 @@ def covering_hybrid(settings: HybridSettings, recording: Recording) -> HybridSet
 
 def hybrid_stiffness(settings: HybridSettings | None = None) -> HybridModel:
     """The network says the axles' cornering stiffnesses (Eq. 6-8)."""
-
-    def force(z: Symbol, nominal: Symbol, load: Symbol) -> Symbol:
-        return _positive(z) * nominal
-
     return _hybrid(
         "hybrid_stiffness",
         "linear single track whose cornering stiffnesses are predicted by a recurrent network",
         ("a_y", "yaw_rate", "sideslip"),
-        force,
+        lambda z, nominal, load: _positive(z) * nominal,
         settings or HybridSettings(),
         skip=False,
     )
@@ -157,15 +153,11 @@ def hybrid_force(settings: HybridSettings | None = None) -> HybridModel:
     What it says adds to a plain tyre, without which the vehicle would not turn, nor training begin; features also go
     straight to its output, so that this tyre's slope need not be right.
     """
-
-    def force(z: Symbol, nominal: Symbol, load: Symbol) -> Symbol:
-        return nominal + load * z
-
     return _hybrid(
         "hybrid_force",
         "rigid single track whose lateral tyre forces are predicted by a recurrent network",
         ("a_y", "yaw_rate", "v_y", "yaw_acceleration"),
-        force,
+        lambda z, nominal, load: nominal + load * z,
         settings or HybridSettings(),
         skip=True,
     )

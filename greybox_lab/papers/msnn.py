@@ -36,7 +36,7 @@ from greybox_id.fitting.adaptation.verb import Adaptation, adapt
 from greybox_id.fitting.fit import Fit
 from greybox_id.fitting.grid import Grid, fit_grid
 from greybox_id.fitting.how import FitOptions, Say, quiet
-from greybox_id.fitting.scores.memory import BATCH, errors, predictions
+from greybox_id.fitting.scores.memory import BATCH, Protocol, errors, predictions
 from greybox_id.fitting.scores.metrics import Error
 from greybox_id.fitting.scores.timing import CALIBRATED, calibrated_errors, calibrated_timing, calibration_words
 from greybox_id.fitting.steps import MOST_STEPS, fit_briefly
@@ -280,13 +280,26 @@ def _published(entry: PaperModel, share: int, train: Recording, valid: Recording
     else:
         model = as_the_authors(_memory(entry, train), train, valid)
     spent = time.process_time() - clock
+    return _scored(entry, share, "published", model, spent, {"train": train, "valid": valid})
+
+
+def _scored(
+    entry: PaperModel,
+    share: int,
+    protocol: Protocol,
+    model: MemoryModel,
+    spent: float,
+    recordings: Mapping[str, Recording],
+) -> list[Row]:
+    """A row for each recording and output, by a protocol."""
     rows = []
-    for split, recording in (("train", train), ("valid", valid)):
-        result = errors(model, predictions(model, recording, "published"), "published")
+    for split, recording in recordings.items():
+        result = errors(model, predictions(model, recording, protocol), protocol)
         for output, table in entry.tables.items():
             value = result[output]
+            fvu = value.fvu_published if protocol == "published" else value.fvu
             rows.append(
-                _row(table, entry.name, share, split, "published", output, value, fvu=value.fvu_published,
+                _row(table, entry.name, share, split, protocol, output, value, fvu=fvu,
                      parameters=model.size, cpu=spent, paper=PAPER.get((entry.name, output, share, split)))
             )  # fmt: skip
     return rows
@@ -352,15 +365,7 @@ def _honest(
     result = fit(_memory(entry, train), [train], how=how)
     spent = time.process_time() - clock
     model = must_be(MemoryModel, result.model)
-    rows = []
-    for split, recording in (("train", train), ("valid", valid)):
-        known = errors(model, predictions(model, recording), "honest")
-        for output, table in entry.tables.items():
-            rows.append(
-                _row(table, entry.name, share, split, "honest", output, known[output], fvu=known[output].fvu,
-                     parameters=model.size, cpu=spent, paper=PAPER.get((entry.name, output, share, split)))
-            )  # fmt: skip
-    return rows, result
+    return _scored(entry, share, "honest", model, spent, {"train": train, "valid": valid}), result
 
 
 def _closed(train: Recording, valid: Recording, quick: bool, how: FitOptions, say: Say) -> list[Row]:

@@ -15,10 +15,12 @@ from functools import cached_property
 
 import casadi as cs
 
+from ...base.shorthands import Array
 from ...engine.graph import FUNCTIONS, LOGIC, OPERATORS, SELECT, SLOW, TESTS, Graph, Leaf, Operation, traced
+from ..equations import Named
+from .mathematics import EXACT, definitions
 from .mathematics import FUNCTIONS as OWN
-from .mathematics import definitions
-from .naming import c_comment
+from .naming import c_comment, names, numbers
 
 OWN_OF = {name: f"own_{name}" for name in FUNCTIONS.values() if f"own_{name}" in OWN}
 """Functions that this project has its own C for."""
@@ -303,3 +305,25 @@ def mathematics_of(functions: Sequence[CFunction]) -> str:
     """C of the elementary functions that these call."""
     called = frozenset().union(*[function.body.functions for function in functions])
     return f"{INLINE}\n{definitions(called)}"
+
+
+def beginning(
+    title: str, name: str, functions: Sequence[CFunction], values: Array, lists: Mapping[str, Sequence[Named]]
+) -> list[str]:
+    """How a source begins: what it includes, elementary functions, default parameters, and the names of entries.
+
+    Parameters
+    ----------
+    title, name : of the export.
+    functions : that the source defines.
+    values : of the parameters.
+    lists : "input", "parameter" ... -> the entries that have names.
+    """
+    return [
+        f"/* {title} */\n",
+        EXACT,
+        f'#include "{name}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
+        mathematics_of(functions),
+        f"const double {name}_default_parameters[] = {{\n{numbers(values if len(values) else [0.0])}\n}};\n",
+        *(names(f"{name}_{which}_names", entries) for which, entries in lists.items()),
+    ]

@@ -12,9 +12,8 @@ from ...models.model import Symbol
 from ..equations import Named
 from ..memory_equations import MemoryEquations
 from ..template import filled
-from .functions import Argument, CFunction, mathematics_of
-from .mathematics import EXACT
-from .naming import constant, names, numbers, vector
+from .functions import Argument, CFunction, beginning
+from .naming import constant, vector
 
 ABOUT = """\
    A model with memory: the outputs one sample later follow from a window of past inputs. You allocate the
@@ -95,22 +94,10 @@ class MemoryC:
     def source(self) -> str:
         """The source."""
         one, e = self.name, self.equations
+        lists = {"input": e.inputs, "parameter": e.parameters, "output": e.outputs}
+        first = beginning(self.title, one, self.functions, e.values, lists)
         static = [f"static {function.definition}" for function in self.functions]
-        return "\n".join(
-            [
-                f"/* {self.title} */\n",
-                EXACT,
-                f'#include "{one}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
-                mathematics_of(self.functions),
-                f"const double {one}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
-                names(f"{one}_input_names", e.inputs),
-                names(f"{one}_parameter_names", e.parameters),
-                names(f"{one}_output_names", e.outputs),
-                *static,
-                self._tables,
-                filled("c_window.c", one),
-            ]
-        )
+        return "\n".join([*first, *static, self._tables, filled("c_window.c", one)])
 
     @property
     def _sizes(self) -> dict[str, int]:

@@ -8,9 +8,8 @@ import casadi as cs
 
 from ..equations import Equations
 from ..template import filled
-from .functions import Argument, CFunction, mathematics_of
-from .mathematics import EXACT
-from .naming import constant, names, numbers, vector
+from .functions import Argument, CFunction, beginning
+from .naming import constant, vector
 
 CAPACITY = 256
 """Commands that are remembered."""
@@ -96,18 +95,10 @@ class MotionC:
     def source(self) -> str:
         """The source."""
         one, e = self.name, self.equations
+        lists = {"state": e.states, "input": e.inputs, "parameter": e.parameters, "output": e.outputs}
         return "\n".join(
             [
-                f"/* {self.title} */",
-                "",
-                EXACT,
-                f'#include "{one}.h"\n\n#include <math.h>\n#include <stdint.h>\n#include <string.h>\n',
-                mathematics_of(self.functions),
-                f"const double {one}_default_parameters[] = {{\n{numbers(e.values if len(e.values) else [0.0])}\n}};\n",
-                names(f"{one}_state_names", e.states),
-                names(f"{one}_input_names", e.inputs),
-                names(f"{one}_parameter_names", e.parameters),
-                names(f"{one}_output_names", e.outputs),
+                *beginning(self.title, one, self.functions, e.values, lists),
                 *(function.definition for function in self.functions),
                 *([filled("c_sensitivities.c", one)] if "ode_jacobian" not in self._left_out else []),
                 *([self._late("c_late.c")] if e.delayed else []),
