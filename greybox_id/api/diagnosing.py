@@ -174,8 +174,7 @@ def must_differ(recordings: Sequence[Recording], others: Sequence[Recording]) ->
             there = recording.source.path or recording.name
             beside = same.source.path if same is not None else recording.name
             raise BadInput(
-                f"‹held_out›: {there} is held out, but it is the same data as {beside}, which is diagnosed; hold "
-                "another one out."
+                f"‹held_out›: {there} holds the same data as {beside}, which is diagnosed. Hold out another recording."
             )
 
 
@@ -187,8 +186,9 @@ def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Se
     if gap.applied or not gap.absorbed or not of_a_fit:
         return gap
     since = (
-        f"Uncertain parameters of the fit would absorb {listed([*gap.absorbed])}, so these cannot be detected here. To "
-        "see what changed, diagnose with recordings from before the change."
+        f"{listed([*gap.absorbed])} cannot be detected here: uncertain parameters of the fit would change instead. To "
+        "see "
+        "what has changed, diagnose with recordings from before the change."
     )
     return replace(gap, advice=(*gap.advice, since))
 

@@ -149,11 +149,11 @@ def grid_parts(grid: Grid) -> Iterator[RenderableType]:
     for word, row in (("chosen", grid.chosen), ("AIC", grid.aic_best)):
         cell = ", ".join(f"{name}={row[name]}" for name in grid.names)
         what = (
-            "the fewest parameters within one standard error of the smallest cross-validated error"
+            "the smallest network whose cross-validated error is within one standard error of the smallest error"
             if word == "chosen"
-            else "the smallest AIC, by which the paper on these networks chooses"
+            else "the smallest AIC; the paper on these networks chooses by AIC"
         )
-        yield led(word, f"{cell} ({row['parameters']} parameters) has {what}")
+        yield led(word, f"{cell} ({row['parameters']} parameters): {what}")
     yield led("took", f"{number(float(grid.table['cpu_seconds'].sum()))} CPU s for {len(grid.table)} fits")
     yield ""
     titles = ("parameters", "cross-validated error, % of sd", "AIC", "AIC effective")

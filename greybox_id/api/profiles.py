@@ -27,6 +27,7 @@ from ..fitting.holding import place, profiled, restated
 from ..fitting.how import Say, quiet
 from ..fitting.uncertainty import uncertainty
 from ..fitting.uncertainty.beyond_noise import wider
+from ..fitting.uncertainty.form import NOISE_ALONE
 from ..fitting.uncertainty.profile import End, Profile
 from ..fitting.uncertainty.profile import profile as profile_one
 from ..fitting.uncertainty.sandwich import Uncertainty
@@ -96,6 +97,7 @@ class Profiles:
                 f"{number(abs(self.moved[most]), 2)} sd. Fit again.\n"
             )
         yield _table(self.fit, self.found, self.confidence)
+        yield f"\n{NOISE_ALONE}"
         for name, one in self.found.items():
             if one.profile.at_a_better_optimum or not one.profile.settled:
                 yield one.profile.about(name, self.fit.model[name].unit)

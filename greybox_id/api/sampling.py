@@ -26,6 +26,7 @@ from ..fitting.posterior.predictive import banded_table, predictive_band
 from ..fitting.posterior.verb import SampleOptions, must_suit_sampling
 from ..fitting.posterior.verb import sample as sample_fit
 from ..fitting.requested_model import must_be_recorded
+from ..fitting.uncertainty.form import NOISE_ALONE
 from ..reports.figures.estimates import corner
 from ..reports.recordings import matched
 from ..reports.text.screen import as_text, plain_table
@@ -82,7 +83,7 @@ class PosteriorResult(Posterior):
         met = f", R-hat at most {worst:.3f}" if np.isfinite(worst) else ""
         yield (
             f"sampled  {len(self)} draws of {self.fit.get('model')} by {self.method}, {100 * self.acceptance:.3g} % "
-            f"accepted{met}, at least {least:.0f} effective draws; {self.cpu_seconds:.1f} CPU s\n"
+            f"accepted{met}, effective number of draws (ESS) at least {least:.0f}; {self.cpu_seconds:.1f} CPU s\n"
         )
         head = ("parameter", "mean", "sd", "95 % interval", "95 %, noise alone", "unit", "R-hat", "ESS")
         table = plain_table(*head)
@@ -94,6 +95,7 @@ class PosteriorResult(Posterior):
                 f"{row['ess']:.0f}",
             )  # fmt: skip
         yield table
+        yield f"\n{NOISE_ALONE}"
         for sentence in self.cautions():
             yield f"\n{sentence}"
 

@@ -21,8 +21,8 @@ def adapt(
         default=20.0,
     ),
     free: str = option(
-        "Parameters that may change: auto (chosen by cross-validation), all, or names such as D_f,D_r. Fits of "
-        "msnn_... and gnn also have few (steering ratio and offset, motor gain), F (impulse responses), physical "
+        "Parameters that may change: auto (chosen by cross-validation), all, or names such as D_f,D_r. For fits "
+        "of msnn_... and gnn also few (steering ratio and offset, motor gain), F (impulse responses), physical "
         "(single numbers) and paper (those of the paper on these networks).",
         "WORDS",
         default="auto",

@@ -171,7 +171,7 @@ def convert_command(
 ) -> None:
     """Convert the recording FILE to SI units, ISO 8855 signs and the signal names of greybox-id.
 
-    The ending of the file of --out gives the format.
+    The ending of the file name in --out determines the format.
 
     \b
     greybox data convert lap7.mcap --columns my_car.toml --out lap7.csv

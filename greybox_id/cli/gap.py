@@ -170,7 +170,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         out.print(
             led("Unknown", f"a change of usual size would be below the detection limit: {listed(changed.not_seen)}")
         )
-    out.print(led("Left", gap.unknown or "nothing of the gap is unexplained"))
+    out.print(led("Remains", gap.unknown or "no unexplained error"))
 
 
 def what_would_show(
@@ -232,7 +232,7 @@ def gap(
         "Vehicle that is simulated: a shipped name or a vehicle file.", "VEHICLE", shell_complete=VEHICLES
     ),
     fit_file: str | None = option(
-        "Fit that is simulated, in place of a vehicle; a --vehicle beside it gives only noise and tolerances.",
+        "Fit that is simulated, in place of a vehicle. A --vehicle beside --fit gives only noise and tolerances.",
         "FIT",
         name="--fit",
         type=FILE,
@@ -246,7 +246,7 @@ def gap(
     ),
     columns: str = COLUMNS,
     held_out: Sequence[str] = option(
-        "Held-out recording, on which it is measured how much of the gap closes; repeatable.", "RECORDING", type=FILE
+        "Held-out recording, to measure how much of the gap closes; repeatable.", "RECORDING", type=FILE
     ),
     since: Sequence[str] = option(
         "Recordings from before a change of the vehicle. Reports only what has changed since, beyond the scatter "
@@ -285,8 +285,8 @@ def gap(
     greybox gap lap7.csv --vehicle car.toml --apply car_closed.toml
     greybox simulate lap9.csv --vehicle car_closed.toml
 
-    Name a recording with --held-out: only on recordings that were not used for the diagnosis is it known how much of
-    the gap closes.
+    Name a recording with --held-out: only recordings that were not used for the diagnosis show how much of the gap
+    closes.
     """  # fmt: skip
     if sensitivity:
         what_would_show(recordings, vehicle, fit_file, since, columns, model, as_json)

@@ -35,9 +35,9 @@ def grid(
 ) -> None:
     """Fit a network MODEL (msnn_... or gnn) with every combination of settings, and choose one combination.
 
-    The choice: of the structures whose cross-validated error is within one standard error of the smallest error, the
-    one with the fewest parameters. The structure with the smallest AIC, by which the paper on these networks chooses,
-    is printed as well. After an interruption the same command continues.
+    It chooses the smallest network whose cross-validated error is within one standard error of the smallest error. The
+    network with the smallest AIC is printed as well, because the paper on these networks chooses by AIC. After an
+    interruption the same command continues.
 
     \b
     greybox grid msnn_lat train.csv --columns roboracer --set n_delta=5,6,7 --set n_x=1:4 --validate valid.csv

@@ -322,7 +322,7 @@ JSON_AND_OWN: Any = replace(
     before=(
         click.option(
             "--own", multiple=True, metavar="FILE.py:NAME", expose_value=False, callback=_known, is_eager=True,
-            help="Load your own model or effect NAME from FILE.py: if the fit was made with it, or to try it. The file "
+            help="Load your own model or effect NAME from FILE.py, such as one with which the fit was made. The file "
             "is executed.",
         ),
     ),
@@ -427,7 +427,7 @@ def fit_of(file: str | Path) -> FitResult:
     one = load(file)
     if one.verdict is not None and one.verdict.usability == NOT_USABLE:
         tell(
-            f"warning: {file} is {NOT_USABLE}: {' '.join(one.verdict.reasons[:1])} Results based on this "
-            "fit are not usable either."
+            f'warning: the verdict on {file} is "{NOT_USABLE}", so results of this fit are not usable either. '
+            f"Reason: {' '.join(one.verdict.reasons[:1])}"
         )
     return one

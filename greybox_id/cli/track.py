@@ -53,7 +53,7 @@ def track(
     ),
     readings: str = option("Measured signals that the filter uses.", "NAMES", default="v_x,yaw_rate,a_y"),
     coloured: str = option(
-        "Those of the measured signals whose error varies slowly, such as a_y.", "NAMES", default=""
+        "Measured signals whose error varies slowly (coloured noise), such as a_y.", "NAMES", default=""
     ),
     kind: Literal["ekf", "ukf"] = option("Extended or unscented Kalman filter.", name="--filter", default="ekf"),
     smooth: bool = option("Smooth the estimates: use later readings, too."),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from ..base.errors import BadInput
-from ..base.numbers import number, short_with_sd, with_sd
+from ..base.numbers import listed, number, short_with_sd, with_sd
 from ..base.signals import ANGLES_AROUND, COMMANDS
 from .alignment import ClockAlignment, aligned
 from .column_map import Column, ColumnMap, column_map
@@ -65,25 +65,20 @@ class Offset:
         if self.alignment is None:
             why = f"it has no signal in common with {self.against}"
             if self.shared:
-                why = (
-                    f"the values of {' and '.join(self.shared)} are not similar enough to those in "
-                    f"{self.against} to estimate a time offset"
-                )
-            return f"{self.file}: its time stamps are kept; {why}."
+                why = f"{listed(self.shared)} differ too much from those in {self.against} to estimate a time offset"
+            return f"{self.file}: time stamps are kept, since {why}."
         clock = self.alignment
         late = f"{with_sd(1e3 * clock.seconds, 1e3 * clock.sd)} ms"
         if abs(clock.seconds) > LONGEST:  # of clocks that were never set, by years
             late = f"{clock.seconds:.4f} ± {number(clock.sd, 2)} s"
-        result = f"its stamps are {late} late against {self.against} (estimated from {self.signal})"
+        result = f"time stamps are {late} late against {self.against} (estimated from {self.signal})"
         if clock.rate:
             way = "fast" if clock.rate > 0 else "slow"
             rate = short_with_sd(100 * abs(clock.rate), 100 * clock.rate_sd)
             result += f" at its beginning, and its clock runs {rate} % {way}"
         if not self.taken_off:
-            return f"{self.file}: {result}; that may be chance, so its stamps are kept."
-        return (
-            f"{self.file}: {result}; this offset was removed; what remains is at most {number(1e3 * clock.left, 2)} ms."
-        )
+            return f"{self.file}: {result}. This may be chance, so the stamps are kept."
+        return f"{self.file}: {result}. This offset was removed; at most {number(1e3 * clock.left, 2)} ms of it remain."
 
 
 def join_files(

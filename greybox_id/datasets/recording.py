@@ -151,7 +151,7 @@ class Recording:
     def __getitem__(self, name: str) -> Array:
         if name not in self.signals:
             raise BadInput(
-                f"{self.name} has no signal {name!r}; it has {', '.join(self.signals) or 'none'}. "
+                f"{self.name} has no signal {name!r}. Its signals are {', '.join(self.signals) or 'none'}. "
                 f"Map a column of the file to {name} in the column map."
             )
         return self.signals[name]
@@ -278,7 +278,8 @@ class Recording:
         lacking = [name for name in names if name not in self.signals]
         if lacking:
             raise BadInput(
-                f"{self.name} lacks {', '.join(lacking)}, which {purpose} needs; it has {', '.join(self.signals)}. "
+                f"{self.name} lacks {', '.join(lacking)}, which {purpose} needs. Its signals are "
+                f"{', '.join(self.signals)}. "
                 "Map the columns that hold them in the column map (‹columns›)."
             )
 
@@ -287,8 +288,8 @@ class Recording:
         if not self.sample_time > 0:
             rows = "a single row" if len(self) == 1 else f"{len(self)} rows, and in none of them does time advance"
             raise BadInput(
-                f"{self.name} has {rows}: is its time reversed, or the same throughout? Check it with greybox data "
-                "check, and name the column of its clock in the column map (‹columns›)."
+                f"{self.name} has {rows}. Its time may be reversed or constant: check it with greybox data check, and "
+                "name the column of time in the column map (‹columns›)."
             )
 
     def each_run(self) -> Iterator[Recording]:

@@ -184,7 +184,7 @@ def shifts_left_out(subject: Subject) -> list[str]:
         return []
     result = ", ".join(f"{name} {1e3 * seconds:.4g} ms" for name, seconds in equations.shifts().items())
     return (
-        [f"The functions do not include: {result}. Pass the command that acts at the time of the step."]
+        [f"Not included in the functions: {result}. Pass them the command that acts at the time of the step."]
         if result
         else []
     )

@@ -69,9 +69,12 @@ def cautions(subject: Subject) -> list[str]:
         )
     if numbers.mu is not None and numbers.front.pacejka is None:
         result.append(
-            "The ForzaETH race stack knows linear tyres and Pacejka's: its file holds these tyres' slope only."
+            "The ForzaETH race stack has only linear and Pacejka tyres: its file holds the slope of these tyres at "
+            "zero slip."
         )
-    result.append("f1tenth_gym's tyres are linear: its file holds their slope at small slips, and mu only scales it.")
+    result.append(
+        "The tyres of f1tenth_gym are linear: its file holds their stiffness at small slip, which mu multiplies."
+    )
     unknown = [line.key for line in _gym(subject, numbers) if line.value is None]
     if unknown:
         result.append(f"Not known for this vehicle, to be filled in for f1tenth_gym: {', '.join(unknown)}.")

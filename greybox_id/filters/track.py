@@ -182,8 +182,8 @@ def _restless(track: Track) -> Iterator[Reason]:
         name = STIFFNESSES[max(sizes, key=lambda walking: sizes[walking])]
         yield Reason(
             WITH_CARE,
-            f"The tuned noise lets {name} change by {100 * most:.0f} % in a minute, more than tyres do: the "
-            "model lacks an effect, or the vehicle is not the one stated, so sideslip may be far off. Check the "
+            f"The tuned noise lets {name} change by {100 * most:.0f} % in a minute, which is more than tyres change. "
+            "The model lacks an effect, or the vehicle is not the one stated, so sideslip may be far off. Check the "
             "vehicle's wheelbase and steering ratio, or first fit a model (greybox fit) and track with the fit.",
         )
 
@@ -209,7 +209,7 @@ def of_innovations(
     reasons += [reason for name, item in channels.items() for reason in _channel(name, item, lost[name], widened)]
     if not any(item.count for item in channels.values()):
         reasons.append(Reason(NOT_USABLE, "The filter used no reading: nothing was tracked."))
-    words = "The innovations are what the filter expects: NIS {} (1 is expected)."
+    words = "The innovations are as large as the filter expects: NIS {} (expected: 1)."
     listed = ", ".join(f"{number(one.nis, 2)} of {name}" for name, one in channels.items() if np.isfinite(one.nis))
     return weighed([*reasons, Reason(USABLE, words.format(listed))], {})
 
@@ -225,29 +225,31 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
     elif value.nis > NARROW:
         yield Reason(
             WITH_CARE,
-            f"{name}: the scatter of the innovations is {number(np.sqrt(value.nis), 2)} times the expected one "
-            f"(NIS {number(value.nis, 2)}): "
-            f"{bands}. State its noise, or fit the vehicle first.",
+            f"The innovations of {name} scatter {number(np.sqrt(value.nis), 2)} times as much as the filter expects "
+            f"(NIS {number(value.nis, 2)}), so {bands}. State noise_{name}, or fit the vehicle first.",
         )
     elif value.nis < WIDE:
         yield Reason(
             WITH_CARE,
-            f"{name}: the scatter of the innovations is {number(np.sqrt(value.nis), 2)} times the expected one "
-            f"(NIS {number(value.nis, 2)}): "
-            f"its noise is overstated and bands are too wide. State a smaller noise_{name}, or state none: it is then "
-            "tuned.",
+            f"The innovations of {name} scatter only {number(np.sqrt(value.nis), 2)} times as much as the filter "
+            f"expects (NIS {number(value.nis, 2)}): the noise of {name} is overstated, and bands are too wide. State a "
+            f"smaller noise_{name}, or omit it, so that it is tuned.",
         )
     elif value.inside < INSIDE:
         yield Reason(
             WITH_CARE,
-            f"{name}: only {100 * value.inside:.0f} % of the windows lie within their 95 % bounds: its noise varies.",
+            f"Only {100 * value.inside:.0f} % of the windows of {name} lie within their 95 % bounds: the noise of "
+            f"{name} "
+            "varies.",
         )
     if value.correlation > max(TOGETHER, value.correlation_bound):
         yield Reason(
             WITH_CARE,
-            f"{name}: successive innovations correlate ({value.correlation:.2f}): the model lacks something and "
-            f"bands are too narrow. greybox gap looks for the cause. If the error of {name} varies slowly, "
-            f"let the filter treat it as coloured noise (coloured: {name}).",
+            f"Successive innovations of {name} correlate ({value.correlation:.2f}): the model lacks an effect, and "
+            "bands "
+            f"are too narrow. greybox gap looks for the cause. If the error of the reading {name} varies slowly, let "
+            "the "
+            f"filter treat it as coloured noise (coloured: {name}).",
         )
 
 

@@ -72,7 +72,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
         Reason(
             WITH_CARE,
             f"{what}, errors are {number(best, 2)} times those of the same model fitted to that recording: the "
-            "parameters do not carry over.",
+            "parameters do not carry over to it.",
         )
     ]
 
@@ -175,8 +175,8 @@ def _parts_differ(times: float, stays: bool, count: int) -> str:
     half = "half" if count == HALF else "part"
     one = "half of the data" if count == HALF else f"of the first {EIGHTHS[count]} of the data and the rest"
     result = (
-        f"A fit to one {one} has, on the other {half}, {number(times, 2)} times the errors of a fit to that {half}; "
-        f"by chance, {'halves' if count == HALF else 'parts'} of one vehicle's drive differ less: "
+        f"A fit to one {one} has, on the other {half}, {number(times, 2)} times the errors of a fit to that other "
+        f"{half}. This is more than chance: "
     )
     if stays:
         return result + (

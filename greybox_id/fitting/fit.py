@@ -226,7 +226,7 @@ class Fit:
     def _scaled(self, name: str) -> list[str]:
         """That a number scales with a stated one, if it does."""
         return [
-            f"proportional to {stated}; holds for the stated {stated}"
+            f"proportional to {stated}: valid only for the stated {stated}"
             for stated, of in self.how.get("scaling", {}).items()
             if name in of
         ]

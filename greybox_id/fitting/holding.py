@@ -285,13 +285,13 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
         return Reason(
             WITH_CARE,
             f'The column map says hold = "{held.taken}": commands are {WORDS[held.taken]}. With '
-            f'hold = "{other_than(held.taken)}" ({WORDS[other_than(held.taken)]}) the fit is better '
-            f"(log-likelihood +{-held.gain:.0f}) and {most} changes by {moved}. Was {what} measured or commanded? "
+            f'hold = "{other_than(held.taken)}" (commands {WORDS[other_than(held.taken)]}), the log-likelihood is '
+            f"{-held.gain:.0f} higher and {most} changes by {moved}. Was {what} measured or commanded? "
             "Correct hold if it is wrong.",
         )
     return Reason(
         WITH_CARE,
-        f"Was {what} measured or commanded? The column map does not say, and the recording does not show it. The fit "
-        f'uses hold = "{held.taken}"; "{other_than(held.taken)}" would change {most} by {moved}. State hold in '
-        "the column map.",
+        f"Was {what} measured or commanded? Neither the column map nor the recording shows it. The fit takes commands "
+        f'as {WORDS[held.taken]} (hold = "{held.taken}"). With commands {WORDS[other_than(held.taken)]} '
+        f'(hold = "{other_than(held.taken)}"), {most} changes by {moved}. State hold in the column map.',
     )

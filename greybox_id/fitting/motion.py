@@ -289,7 +289,7 @@ def _fallbacks(
         straight = partial(attempted, simulator, recordings, points[0], how, quiet, model.name, ())
         ways.append(("the original starting point, without first fitting short predictions", straight))
     if how.horizon is None or how.horizon > SHORTER:
-        ways.append((f"the optimum of a fit with a horizon of {SHORTER:g} s as start", ahead_first))
+        ways.append((f"a start at the optimum of a fit with a horizon of {SHORTER:g} s", ahead_first))
     for k, p in enumerate(more, 1):
         another = partial(attempted, simulator, recordings, p, how, quiet, model.name)
         ways.append((f"other starting point {k}", another))

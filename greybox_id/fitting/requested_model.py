@@ -325,8 +325,10 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
             known = _wheelbase(recording)
             if known is not None and not GIVEN_WHEELBASE[0] < known / wheelbase < GIVEN_WHEELBASE[1]:
                 result.append(
-                    f"{recording.name} turns like a vehicle with a wheelbase of {known:.2g} m, but the model has "
-                    f"l_f + l_r = {wheelbase:.3g} m: the wrong vehicle, or a wrong unit in the column map?{suggested}"
+                    f"According to recording {recording.name}, the vehicle has a wheelbase of {known:.2g} m; the "
+                    "model has "
+                    f"{wheelbase:.3g} m (l_f + l_r). Is it the wrong vehicle, or is a unit in the column map wrong?"
+                    f"{suggested}"
                 )
                 break
     return result + doubts_of_drive(model, recordings)

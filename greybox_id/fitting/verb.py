@@ -26,7 +26,7 @@ from ..models.model import Model, by_kind
 from ..models.motion_model import MotionModel
 from .attempt import refitted
 from .fit import NOT_USABLE, USABLE, Fit, Reason, Verdict, with_reason
-from .holding import IN_MOTION, Holding, as_fitted, in_doubt, other_than, reason, weighed, with_hold
+from .holding import IN_MOTION, WORDS, Holding, as_fitted, in_doubt, other_than, reason, weighed, with_hold
 from .how import FitOptions, Say, Solver, quiet
 from .pretraining import Pretraining
 from .provenance import DataRecord, data_record
@@ -240,8 +240,8 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
     step = min(recording.sample_time for recording in task.recordings)
     if not held.stated and held.gain < 0:
         task.say(
-            f"{fit.model.name}: fitting twice, with commands linear between rows and with commands held from row to "
-            f"row; the fit with the higher likelihood is used"
+            f"{fit.model.name}: the column map does not state hold; fitting again with commands "
+            f"{WORDS[other_than(held.taken)]}, to keep the fit with the higher likelihood"
         )
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]

@@ -76,11 +76,11 @@ def advice(
         first, *others = item
         if same_readings(item):
             one.append(
-                f"{first} and {' and '.join(others)} produce the same readings in every manoeuvre: to distinguish "
+                f"{first} and {' and '.join(others)} produce the same readings in every manoeuvre. To distinguish "
                 "them, measure the mounting angle of the sensor."
             )
         else:
-            drive = f"drive {to_drive(item, effects)}; {COMMAND} designs the manoeuvre for your arena."
+            drive = f"drive {to_drive(item, effects)}. {COMMAND} designs such a manoeuvre for your free area."
             one.append(f"{to_distinguish(item)}: {drive}")
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]

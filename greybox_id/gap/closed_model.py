@@ -25,7 +25,7 @@ from .estimation.preparing import excerpt, thinned, with_beliefs
 from .examining import Examined
 from .gap import Budget, Closure, Moved
 
-WORSE = "it makes held-out errors larger unless the other parameters change: fit them together with the effect"
+WORSE = "it makes held-out errors larger unless all parameters are fitted together with it"
 HARMS = "it makes held-out errors larger, whether or not the other parameters are fitted"
 
 

@@ -207,8 +207,7 @@ def _held(examined: Examined) -> str:
         return ""
     return (
         "Free runs of this model spin, with and without effects. An observer therefore pulls yaw_rate to its reading "
-        "within "
-        f"{number(1 / rate, 2)} s; errors are those of predictions about that far ahead"
+        f"within {number(1 / rate, 2)} s, so errors are those of predictions about {number(1 / rate, 2)} s ahead"
     )
 
 

@@ -82,8 +82,9 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
             )
         elif _beside_unknown(one, best, name) > CAL.present:
             reasons[name] = (
-                f"it may only imitate another cause: it gains {number(gain_of(one, best, name), 2)} nats, while "
-                f"{number(one.beside_it[name], 2)} nats are left unexplained in the channels on which it acts"
+                "it may only imitate another cause: it raises the log-likelihood by "
+                f"{number(gain_of(one, best, name), 2)}, but the error left in the channels on which it acts still "
+                f"varies with the drive (log-likelihood {number(one.beside_it[name], 2)})"
             )
         elif one.unnamed is not None and _strains(one, best, name) > CAL.present:
             reasons[name] = (
@@ -100,8 +101,8 @@ def refused(one: Examined, names: Collection[str], shared: Budget | None) -> dic
         elif shared is not None and share is not None:
             judged = "on the held-out recordings" if shared.held_out else "in free run"
             reasons[name] = (
-                f"small: {judged} it closes {whole_percent(share.share)} % of the excess error "
-                f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
+                f"small: {judged} it removes {whole_percent(share.share)} % "
+                f"[{whole_percent(share.low)}, {whole_percent(share.high)}] of the excess error"
             )
         else:  # several doubts, each of them below one half
             entry = (1.0 - CAL.nothing_unknown) * sure * itself(one, best, name, spread) * closes(shared, name)
@@ -121,7 +122,7 @@ def next_to_nothing(shared: Budget, exact: bool) -> str:
     if not (shared.shows and closed < least):
         return ""
     judged = "on the held-out recordings" if shared.held_out else "in free run"
-    return f"small: {judged} all named effects together close {whole_percent(closed)} % of the excess error"
+    return f"small: {judged} all named effects together remove {whole_percent(closed)} % of the excess error"
 
 
 def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, str]:
@@ -158,8 +159,8 @@ def unsure(one: Examined, ways: Sequence[Witness], level: float) -> dict[str, st
                 break
             for name, each in weak.items():
                 reasons[name] = (
-                    f"it may be chance, since its magnitude is {number(each, 2)} standard deviations from no effect, "
-                    f"and the largest of {offered} effects that are absent typically {number(surely, 2)}"
+                    f"it may be chance: its magnitude is {number(each, 2)} standard deviations from no effect, and by "
+                    f"chance the largest of {offered} absent effects reaches about {number(surely, 2)}"
                 )
                 k = names.index(name)
                 rest = np.arange(len(names)) != k

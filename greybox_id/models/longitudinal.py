@@ -102,7 +102,7 @@ def longitudinal(drive: str = "linear", brake: str = "drive") -> MotionModel:
         settings=not_usual(drive, brake),
         actuators=(lag("drive", "drive_lag_state", lambda p: p.drive_lag),),
         combinations=(
-            Combination("m_eff", "kg", effective_mass, "mass and what the wheels' inertia adds to it"),
+            Combination("m_eff", "kg", effective_mass, "vehicle mass plus the equivalent mass of the wheels' inertia"),
             Combination("c_0 / m_eff", "m/s^2", lambda p: p.c_0 / effective_mass(p), "rolling resistance per mass"),
             Combination("c_2 / m_eff", "1/m", lambda p: p.c_2 / effective_mass(p), "aerodynamic drag per mass"),
             Combination(

@@ -137,8 +137,8 @@ def msnn_lat(settings: LateralSettings | None = None) -> MemoryModel:
         sample_time=s.sample_time,
         settings=asdict(s),
         together=(
-            f"the scale of F and the scale of kappa_1 ... kappa_{4 if s.steady_over_a_x else 3}: only their product "
-            "has an effect",
+            f"the scale of F and the scale of kappa_1 ... kappa_{4 if s.steady_over_a_x else 3} cannot be "
+            "distinguished: only their product has an effect",
         ),
     )
 

@@ -55,7 +55,7 @@ def circumstances(fit: Fit, recordings: Sequence[Seen], role: str, *, chose: str
     if role == "train":
         return f"On the training {kind} (no recording was held out)"
     if chose:
-        return f"On the {kind}, not fitted but used to choose {chose}"
+        return f"On the {kind}, which was not fitted but determined {chose}"
     return f"On the held-out {kind}"
 
 
@@ -293,8 +293,8 @@ def trace_drawings(recordings: Sequence[Seen], more: str = "") -> Iterator[Drawi
         yield Drawing(
             name,
             traces(one, height),
-            f"Measured and predicted {outputs} in {where}, and prediction minus measurement below each. The stretch "
-            f"shown lasts {seconds}; its error is nearest to that of the whole recording{more}.",
+            f"Measured and predicted {outputs} in {where}; prediction minus measurement below each. The stretch shown "
+            f"lasts {seconds}. It was chosen because its error is nearest to that of the whole recording{more}.",
             f"Time traces of measured and predicted {outputs} with residuals.",
         )
 
@@ -305,11 +305,11 @@ def residual_drawing(recordings: Sequence[Seen], inputs: Sequence[str]) -> Drawi
     return Drawing(
         "residuals",
         residual_correlations(one, inputs),
-        f"Auto-correlations of the residuals over {_where_from(one)}, and, for the longest horizon, their "
-        "cross-correlations with the inputs. At positive lags, the residual follows the input. Correlations outside "
+        f"Auto-correlations of the residuals over {_where_from(one)}. For the longest horizon, also their "
+        "cross-correlations with the inputs; at positive lags, the residual follows the input. Correlations outside "
         "the "
-        "band mean that the model lacks something, or has a wrong delay. Errors of predictions over a horizon "
-        "correlate over lags up to that horizon, even if the model is right.",
+        "band mean that the model lacks an effect or has a wrong delay. Errors of predictions over a horizon correlate "
+        "over lags up to that horizon, even if the model is right.",
         "Auto-correlations of the residuals and cross-correlations with inputs, with bands of 95 %.",
     )
 

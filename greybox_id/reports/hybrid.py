@@ -139,10 +139,10 @@ def _against(fit: Fit) -> str:
         for name, e in value.items()
         if name in trained and trained[name]["rmse"] > 0
     ]
-    against = f"The ratio of its error to the noise of the readings is {listed(beside) or 'not known'}"
+    against = f"This RMSE divided by the noise of the readings is {listed(beside) or 'not known'}."
     if role == "validate":
-        against += f"; the ratio of its error to that on the training data is {listed(grown) or 'not known'}"
-    return f"{against}."
+        against += f" Divided by the RMSE on the training data, it is {listed(grown) or 'not known'}."
+    return against
 
 
 def _trained(fit: Fit) -> str:

@@ -88,27 +88,26 @@ def _weights(weights: Sequence[Casadi], known: dict[str, Expression]) -> Symbol:
 LEADS = ("How good", "Compared", "How chosen")
 EARLY = "early stopping"
 INTERVALS = (
-    "Standard deviations and intervals allow for the residuals' correlation in time and include the priors; intervals "
-    "end at a parameter's bounds. Notes mark parameters on which the recording has little information."
+    "Standard deviations and intervals allow for the residuals' correlation in time and include the priors. Intervals "
+    "end at the bounds of the parameter. Notes mark parameters on which the recording has little information."
 )
 ERRORS = (
-    "RMSE is given with its standard error, from blocks of one second; FVU is the variance of the error divided by "
-    "that of the measured signal."
+    "RMSE is given with its standard error, from blocks of one second. FVU (fraction of variance unexplained) is the "
+    "variance of the error divided by that of the measured signal."
 )
 EQUATIONS = (
-    "Derived from the model: “next” marks a value one sample, T, after the newest input; w stands for a repeated "
-    "term. A bracket is evaluated at the time written below it, so a sum over n is over a window of past samples. "
-    "Long sums show "
-    "their first terms and the last."
+    "“next” marks a value one sample, T, after the newest input. w stands for a repeated term. A bracket is evaluated "
+    "at the time written below it, so a sum over n runs over a window of past samples. Of long sums, the first terms "
+    "and the last are shown."
 )
 PROTOCOL_WORDS = {"honest": "one sample ahead", "published": "as published", "closed_loop": "closed loop"}
 PROTOCOL_MEANING = {
-    "honest": "every input is measured, no window crosses a join between runs, and all samples are pooled.",
-    "published": "as in the papers on model-structured networks: windows are laid across joins as if the recording "
-    "were one run, and the value is the mean of the RMSE of batches of 100 windows. It is given only for comparison "
-    "with published tables.",
-    "closed_loop": "the model runs on its own predictions from the first window of each run to the run's end; no "
-    "window crosses a join, and all samples are pooled.",
+    "honest": "all inputs are measured ones. No window extends over two runs, and all samples count equally.",
+    "published": "as in the papers on model-structured networks. Windows may extend over two runs, and the value is "
+    "the mean of the RMSE of batches of 100 windows. It is given only for comparison with published tables.",
+    "closed_loop": "the model runs on its own predictions from the first window of each run to the run's end. No "
+    "window "
+    "extends over two runs, and all samples count equally.",
 }
 
 
@@ -210,17 +209,18 @@ def _against_what(fit: Fit, role: str, measures: Mapping[str, Yardstick], main: 
         for name, measure in measures.items()
     ]
     text = (
-        "One sample ahead on measured inputs, the ratio of the model's error to that of persistence is "
-        f"{listed(held)} (below 1 the model is better)"
+        "One sample ahead on measured inputs, the RMSE of the model divided by that of persistence, which keeps the "
+        "last "
+        f"reading, is {listed(held)}"
     )
     if role == "train":
-        return f"{text}; the error on held-out recordings is not known."
+        return f"{text}. The error on held-out recordings is not known."
     value = "on its own predictions" if main == "closed_loop" else "one sample ahead"
     grown = [
         f"{_factor(error['rmse'], fit.metrics['train'][main][name]['rmse'])} in {signal_words(name)}"
         for name, error in fit.metrics[role][main].items()
     ]
-    return f"{text}; {value}, the ratio of the model's error to its error on the training data is {listed(grown)}."
+    return f"{text}. {capital(value)}, the RMSE divided by that on the training data is {listed(grown)}."
 
 
 def _factor(value: float, reference: float) -> str:
@@ -231,7 +231,7 @@ def _how_chosen(fit: Fit) -> str:
     last = fit.stages[-1]
     strength = {
         "cross-validation": "chosen by blocked cross-validation on the training data",
-        EARLY: "kept low, and fitting stopped where the error on the validation recording was least",
+        EARLY: "kept low, and fitting stopped where the error on the validation recording was smallest",
         "given": "given, not chosen by the data",
     }.get(fit.mode, fit.mode)
     return f"The strength of regularisation was {strength}; {ended(last)}, and {ipopt_words(last)}."

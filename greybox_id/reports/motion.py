@@ -60,17 +60,17 @@ DRAWN = (HORIZONS[0], DRAWN_HORIZON)
 MOST_PAIRS = 3
 """Pairs of parameters identifiable only in combination that are named."""
 INTERVALS = (
-    "Standard deviations and intervals allow for the residuals' correlation in time and include the priors; "
-    "intervals follow Student's t distribution with the degrees of freedom that the recordings leave, and end at a "
-    "parameter's bounds."
+    "Standard deviations and intervals allow for the residuals' correlation in time and include the priors. "
+    "Intervals follow Student's t distribution, with the degrees of freedom that the recordings leave. They end at "
+    "the bounds of the parameter."
 )
 ERRORS = (
     "The table gives the RMSE with its standard error, from blocks of one second, and the RMSE of persistence. "
-    "Residual sd is the standard deviation of the fit's residuals over its horizon: sensor noise and all that the "
-    "model lacks."
+    "Residual sd is the standard deviation of the residuals that the fit minimised. It includes sensor noise and all "
+    "that the model lacks."
 )
 EQUATIONS = (
-    "Derived from the model, with the added effects. A dot is a time derivative; w1, w2 and so on stand for repeated "
+    "The equations include the added effects. A dot is a time derivative; w1, w2 and so on stand for repeated "
     "terms. A prime marks a quantity that an effect alters; “late” marks a delayed quantity, and “read” the reading "
     "of a sensor that differs from the quantity itself. Constants and quantities that do not influence an output are "
     "left out."
@@ -138,9 +138,9 @@ def _how_good(model: Model, scores: Mapping[str, Any], near: str | None) -> str:
     for name, error in scores[FREE_RUN].items():
         soon = scores[near].get(name) if near else None
         unit = pretty_unit(model.unit(name))
-        beside = f" ({near}: {_rmse(soon)} {unit})" if soon else ""
-        each.append(f"{_rmse(error)} {unit} in {signal_words(name)}{beside}")
-    return f"in free run is {listed(each)}"
+        beside = f" ({_rmse(soon)})" if soon else ""
+        each.append(f"{_rmse(error)}{beside} {unit} in {signal_words(name)}")
+    return f"in free run{f' (and {near}, in brackets)' if near else ''} is {listed(each)}"
 
 
 def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> str:
@@ -150,22 +150,22 @@ def _against_hold(scores: Mapping[str, Any], held: Errors, near: str | None) -> 
         for name, error in scores[protocol].items()
         if name in held.get(protocol, {})
     }
-    what = f"over {protocol.removesuffix(' ahead')}" if near else "from a run's first row"
+    what = f"Over {protocol.removesuffix(' ahead')}" if near else "From a run's first row"
     return (
-        f"The RMSE of persistence {what} is {_times(ratios, 'that of the model')} (persistence holds the first reading "
-        "constant)"
+        f"{what}, the RMSE of persistence (which holds the first reading constant) is "
+        f"{_times(ratios, 'that of the model')}"
     )
 
 
 def _against_noise(scores: Mapping[str, Any], noise: Mapping[str, float]) -> str:
     ratios = {name: _ratio(error["rmse"], noise[name]) for name, error in scores[FREE_RUN].items() if name in noise}
-    return "In free run, the RMSE there is " + _times(ratios, "the standard deviation of the fit's residuals")
+    return "The RMSE of the model in free run is " + _times(ratios, "the standard deviation of the fit's residuals")
 
 
 def _against_training(fit: Fit) -> str:
     value, train = fit.metrics["validate"][FREE_RUN], fit.metrics["train"][FREE_RUN]
     ratios = {name: _ratio(value[name]["rmse"], train[name]["rmse"]) for name in value if name in train}
-    return f" It is {_times(ratios, 'its RMSE on the training data')}." if ratios else ""
+    return f" It is {_times(ratios, 'the RMSE in free run on the training data')}." if ratios else ""
 
 
 def _times(ratios: Mapping[str, str], of: str) -> str:
@@ -194,18 +194,15 @@ def _not_determined(fit: Fit) -> str:
     weak = [name for name in result.undetermined if name not in bound]
     pairs = [f"{pair.first} with {pair.second}" for pair in result.pairs[:MOST_PAIRS]]
     far = [p.name for p in free if _far(p)]
+    although = ", and model errors widen its interval" if len(far) == 1 and far[0] in weak else ""
     count = counted(len(free), "free parameter")
     sentences = [
-        f"Of {count}, {len(weak)} {'is' if len(weak) == 1 else 'are'} weakly identifiable: {listed(weak)}"
+        f"{len(weak)} of {count} {'is' if len(weak) == 1 else 'are'} weakly identifiable: {listed(weak)}"
         if weak
         else "",
         f"Identifiable only in combination: {listed(pairs)}" if pairs else "",
-        f"At a bound {'lies' if len(bound) == 1 else 'lie'} {listed(bound)}" if bound else "",
-        f"The estimate of {far[0]} lies far from its prior"
-        if len(far) == 1
-        else f"The estimates of {listed(far)} lie far from their priors"
-        if far
-        else "",
+        f"{listed(bound)} {'is at a bound' if len(bound) == 1 else 'are at bounds'}" if bound else "",
+        f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from the prior{although}" if far else "",
     ]
     stated = [sentence for sentence in sentences if sentence]
     if not stated:

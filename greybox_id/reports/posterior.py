@@ -11,6 +11,7 @@ from ..datasets.recording import Recording
 from ..fitting.fit import Fit
 from ..fitting.posterior.posterior import Posterior
 from ..fitting.posterior.predictive import PredictiveBand, predictive_band
+from ..fitting.uncertainty.form import NOISE_ALONE
 from .content import stretch_words
 from .document import Drawing, Part, Points, Table, Text, titled
 from .figures.estimates import corner
@@ -47,7 +48,8 @@ def posterior_parts(fit: Fit, posterior: Posterior, drives: Sequence[Driven]) ->
     worst, least = posterior.worst
     met = f" R-hat is at most {worst:.3f}." if np.isfinite(worst) else ""
     words = (
-        f"{len(posterior)} draws {HOW[posterior.method]}.{met} Their effective number (ESS) is at least {least:.0f}."
+        f"{len(posterior)} draws {HOW[posterior.method]}.{met} Their effective number (ESS) is at least {least:.0f}. "
+        f"{NOISE_ALONE}"
     )
     cautions = posterior.cautions()
     return titled(

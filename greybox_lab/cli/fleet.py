@@ -55,7 +55,7 @@ def run_command(
     retry_failed: bool = option("Also process recordings that failed or reached a limit before."),
     compact: bool = option("Rewrite each table of results as one file, and drop outdated rows."),
     refit: bool = option(
-        "Afterwards, fit recordings with little excitation again; their prior is the distribution over the fleet.",
+        "Fit recordings with little excitation a second time, with the distribution over the fleet as prior.",
         name="--second-pass",
     ),
     as_json: bool = JSON,

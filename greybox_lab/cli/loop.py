@@ -28,7 +28,7 @@ def loop() -> None:
 
 SEED: Any = option("Seed of all random numbers.", type=click.IntRange(0, 10**6), default=0)
 ARM: Any = option(
-    "How the model in which the policy is trained follows from the recording; docs/loop.md explains each way.",
+    "Way in which the training model is derived from the recording; docs/loop.md explains each.",
     type=click.Choice(ARMS),
     default="named",
 )

@@ -39,6 +39,6 @@ MADE: dict[str, tuple[str, Callable[[Path, int | None], tuple[Path, ...]]]] = {
         "synthetic SimRod (a small electric car): step and sine steers; a second folder has the true tyre forces",
         _simrod,
     ),
-    "virtual_lap": ("a lap of a vehicle drawn by the seed, double-track, in canonical columns", _virtual_lap),
+    "virtual_lap": ("a lap of a double-track vehicle with random parameters, in canonical columns", _virtual_lap),
 }
 """Name -> what it is, and what writes it to a folder."""

@@ -56,7 +56,7 @@ WRONG = [
      lambda lap: gb.diagnose("kinematic", lap, effects="steering_lag")),
     ("effects: there is no effect 'steering_lg'. Did you mean steering_lag?",
      lambda lap: gb.diagnose("kinematic", lap, effects=["steering_lg"])),
-    ("which is diagnosed; hold another one out", lambda lap: gb.diagnose("kinematic", lap, held_out=lap)),
+    ("which is diagnosed. Hold out another recording", lambda lap: gb.diagnose("kinematic", lap, held_out=lap)),
     ("results: a Fit, a Gap, a Track", lambda lap: gb.report(lap, "x.pdf")),
     ("There is no target 'cc'.", lambda lap: gb.export(gb.models.lateral(), "car", target="cc")),
     ("wheelbase: metres are needed", lambda lap: gb.check(lap, wheelbase=-1)),

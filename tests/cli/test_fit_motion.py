@@ -84,7 +84,7 @@ def test_a_person_sees_data_fit_parameters_and_errors(laps, tmp_path):
     words = " ".join(called.out.split())
     assert "data lap0: 2 runs, 15.9 s at 25 Hz, 400 samples" in words
     assert "vehicle full-size car" in words
-    assert "fit lateral, 7 free parameters, whole runs" in words
+    assert "fit lateral, 7 free parameters, fitted to whole runs" in words
     assert "fixed m = 1457.2 kg, l_f = 1.296 m" in words
     assert "by run yaw_rate_bias:" in words
     assert "identifiable combination" in words

@@ -243,14 +243,14 @@ def test_a_person_reads_whether_where_which_and_how_far():
     words = " ".join(printed(clear(), 160).split())
     assert "in free run, with tolerances refitted, the error of yaw_rate is 3.1 times its noise (p < 0.001)" in words
     assert (
-        "Where steering (78 % of the gap) and M_z (15 % of the gap); 78 % of the gap lies in 22 % of the time, "
-        "namely while the steering moves" in words
+        "Where By equation: 78 % of the gap in steering and 15 % of the gap in M_z By driving: 78 % of the gap while "
+        "the steering moves, in 22 % of the time" in words
     )
     assert "1 steering_delay 31 ± 3 ms 0.94 applied" in words
     assert "18 ms [5, 60] 0.04 cannot be distinguished from number 1 on this recording" in words
-    assert "with steering_delay the excess error falls by 84 % [76, 90] on the recording lap8 (held out)" in words
+    assert "with steering_delay, the excess error falls by 84 % [76, 90] on the recording lap8 (held out)" in words
     assert "yaw_rate [rad/s] 0.018 → 0.013 (0.012)" in words
-    assert "below the detection limit here: mass_change up to 0.12" in words
+    assert "below the detection limit here, so possibly present: mass_change up to 0.12" in words
 
 
 def test_doubts_on_the_data_come_first():
@@ -265,7 +265,7 @@ def test_what_makes_things_worse_is_said():
 
 def test_without_held_out_recordings_that_is_said():
     words = " ".join(printed(CASES["aliased"](), 160).split())
-    assert "on the recording lap7, from which it was chosen" in words
+    assert "on the recording lap7, from which the effect was chosen" in words
     assert "is unknown: name held-out recordings" in words
 
 

@@ -103,4 +103,4 @@ def test_a_network_has_no_posterior(fitted, tmp_path):
         "fit", "--model", "mlp_lateral", lap, "--set", "hidden=[4]", "--set", "integrator=euler", "--out", tmp_path
     )
     assert called.code in (0, 3), called.err
-    assert "a network's weights" in refused("sample", tmp_path / "fit.json", "--out", tmp_path / "p.parquet")
+    assert "the weights of a network" in refused("sample", tmp_path / "fit.json", "--out", tmp_path / "p.parquet")

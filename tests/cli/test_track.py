@@ -100,8 +100,8 @@ def test_people_read_tables_and_what_to_mind(files):
     assert "EKF: 500 rows in 1 run" in said
     assert "NIS" in said
     assert "No sideslip was measured" not in said, "the lap holds v_y"
-    assert "checked sideslip: RMSE" in " ".join(said.split())
-    assert "of these measurements are within two sd, where 95 % are expected" in " ".join(said.split())
+    assert "checked sideslip has an RMSE" in " ".join(said.split())
+    assert "of them are within two sd of the estimate; 95 % are expected" in " ".join(said.split())
     lap = pd.read_csv(files / "lap.csv").drop(columns="v_y")
     lap.to_csv(files / "without.csv", index=False)
     without = greybox("track", "--vehicle", files / "car.toml", files / "without.csv", "--out", files / "e.csv",
@@ -127,10 +127,10 @@ def test_what_is_left_beside_the_table_has_a_report(files):
     called = greybox("report", files / "lap8.json", "--out", files / "lap8.html", "--json")
     assert called.code == 0, called.err
     assert (
-        "In recording lap (500 rows in 1 run), the estimates of an EKF with the model lateral"
-        in called.told["verdict"][0]
+        "Recording lap has 500 rows in 1 run. The median standard deviation of the estimates of an EKF with the model "
+        "lateral" in called.told["verdict"][0]
     )
-    assert "No estimate was also measured" not in called.told["verdict"][2]
+    assert "holds no measurement of an estimated quantity" not in called.told["verdict"][2]
     assert "track --vehicle" in (files / "lap8.html").read_text("utf-8")
     track(files, out="lap8.csv")
 

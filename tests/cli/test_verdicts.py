@@ -65,7 +65,7 @@ def test_what_is_not_usable_is_written_and_ends_with_3(nonsense, tmp_path):
     assert greybox("validate", tmp_path / "fit.json", nonsense).code == 3
     exported = greybox("export", tmp_path / "fit.json", "--target", "casadi", "--out", tmp_path / "car")
     assert exported.code == 3
-    warned = f"warning: {tmp_path / 'fit.json'} is not usable: Data check: yaw_rate is 0.3 rad/s in every row"
+    warned = "are not usable either. Reason: Data check: yaw_rate is 0.3 rad/s in every row"
     assert warned in exported.err
     assert (tmp_path / "car" / "manifest.json").exists()
     for call in (
@@ -86,7 +86,7 @@ def test_a_recording_in_which_time_does_not_run_is_a_sentence(laps, tmp_path):
     import pandas as pd
 
     pd.read_csv(laps[0])[:1].to_csv(tmp_path / "broken.csv", index=False)
-    assert "is its time reversed" in refused("fit", tmp_path / "broken.csv", *FIT, "--out", tmp_path / "out")
+    assert "Its time may be reversed" in refused("fit", tmp_path / "broken.csv", *FIT, "--out", tmp_path / "out")
 
 
 def test_rows_whose_newest_comes_first_give_the_same_fit(laps, tmp_path):

@@ -90,7 +90,7 @@ def test_precision_opset_and_names_are_identifiable_in_graph_and_manifest(tmp_pa
     manifest = json.loads((folder / "manifest.json").read_text())
     assert (manifest["precision"], manifest["opset"]) == ("float64", 17)
     assert manifest["lacking"] == [
-        "The functions do not include: delay of steer 30 ms. Pass the command that acts at the time of the step."
+        "Not included in the functions: delay of steer 30 ms. Pass them the command that acts at the time of the step."
     ]
 
 

@@ -47,14 +47,14 @@ def test_innovations_that_are_what_the_filter_expects_are_usable():
     [
         (white(0.2), "bands are too wide"),
         (white(1.8), "bands were widened"),
-        (hanging(), "successive innovations correlate"),
+        (hanging(), "Successive innovations of"),
     ],
     ids=["NIS .04", "NIS 3", "coloured"],
 )
 def test_innovations_outside_their_band_are_to_be_used_with_care(off, words):
     found = verdict(tracked(yaw_rate=white(1.0), a_y=off))
     assert found.usability == WITH_CARE
-    assert any(words in reason and reason.startswith("a_y") for reason in found.reasons)
+    assert any(words in reason and "a_y" in reason for reason in found.reasons)
 
 
 def test_a_filter_that_has_lost_the_vehicle_is_not_usable():

@@ -47,7 +47,7 @@ def test_a_network_learns_the_motion_to_near_the_noise(laps):
     assert errors["v_y"]["rmse"] < 0.03
     assert errors["yaw_rate"]["rmse"] < 0.01
     assert found.how["stopped_by"]
-    assert found.verdict.reasons[0] == "Training was stopped where the held-out error was least."
+    assert found.verdict.reasons[0] == "Training stopped where the held-out error was smallest."
     assert set(found.stages[-1].noise) == {"v_y", "yaw_rate"}
 
 

@@ -60,7 +60,7 @@ def test_the_closed_vehicle_is_the_one_at_the_end_and_that_is_said(rain):
     assert float(rain.closed["grip_scale"].array) == pytest.approx(0.8, abs=0.03)
     assert closed_vehicle(CAR, rain).model.effects["grip_scale"].value == pytest.approx(0.8, abs=0.03)
     (sentence,) = carried_over(rain)
-    assert "from then on, with the effect" in sentence
+    assert "includes it, and describes the vehicle only from then on" in sentence
     assert any(sentence in words for _, words in verdict(rain))
 
 
@@ -107,7 +107,7 @@ def test_what_ended_is_not_carried_over():
     ended = replace(gap.ranking[0], until=12.0, within="lap7")
     gap = replace(gap, ranking=(ended, *gap.ranking[1:]), applied=(ended.effect,), closed=None)
     (sentence,) = carried_over(gap)
-    assert "from then on, without the effect" in sentence
+    assert "omits it, and describes the vehicle only from then on" in sentence
     assert not ended.lasts
     assert ended.effect not in closed_vehicle(CAR, gap).model.effects
     assert not ActingRows(slice(0, 5), "lap7", until=12.0).lasts

@@ -52,7 +52,7 @@ def test_a_recording_that_chose_when_to_stop_is_not_called_unseen(small_fit, sen
     assert "held-out" in sentences(small_fit)[0]
     stopped = sentences(replace(small_fit, mode="early stopping"))
     assert "held-out" not in stopped[0]
-    assert "choose when to stop" in stopped[0]
+    assert "determined when to stop" in stopped[0]
 
 
 def test_a_fit_without_validation_says_so(small_fit, found, train):

@@ -36,8 +36,8 @@ def test_sizes_that_would_show_have_units_and_stand_beside_the_usual_ones():
 def test_effects_that_would_not_show_and_regimes_hardly_driven_are_said():
     first, second = unseen(none_driven())
     assert first == (
-        "Of 6 effects, 3 could be present at their usual size without being detected here: brake_bias, "
-        "front_stiffness and steering_rate_limit."
+        "3 of 6 effects would not be detected here at their usual size: brake_bias, front_stiffness and "
+        "steering_rate_limit."
     )
     assert second.startswith("These regimes were hardly driven: while braking (1.0 % of the time).")
     visible = replace(none(), limits={name: clear().limits[name] for name in ("mass_change", "aero_drag")})
@@ -110,6 +110,6 @@ def test_the_simulation_that_was_compared_is_written_down(case):
 def test_without_a_gap_nothing_is_shared_out():
     said = page(gap_report(none_driven(), MADE))
     assert "share of the gap" not in said
-    assert "How large the gap is" in said
+    assert "How large the errors are" in said
     assert "of the gap" not in said.partition("Where the vehicle was driven")[2]
     assert "→" not in said.partition("Held out: lap8")[2].partition("Errors compared with the noise")[0]

@@ -63,12 +63,12 @@ def test_what_was_before_has_the_unit_of_what_is_now():
 
 def test_whether_there_is_a_gap():
     quiet = replace(clear(), where=replace(clear().where, channels={"yaw_rate": 1.02, "v_x": 1.0}))
-    assert "though hardly in free run" in whether(quiet)
+    assert "in free run it hardly does" in whether(quiet)
     of_the_error = "the error of yaw_rate is 3.1 times its noise (p\u00a0<\u00a00.001)."
     assert whether(clear()).endswith(f"in free run, with tolerances refitted, {of_the_error}")
     assert whether(replace(clear(), moved=())).endswith(f"in free run {of_the_error}")
     assert whether(none()).startswith("No gap: ")
-    assert "is unknown: no sensor noise is stated" in whether(replace(none(), noise_stated=False))
+    assert "states no sensor noise" in whether(replace(none(), noise_stated=False))
     assert "(p\u00a0=\u00a00.43); the largest error in free run, that of yaw_rate, is 1.0 times" in whether(none())
     assert "agree within noise and stated tolerances (p" in whether(none())
     far = replace(none(), where=replace(none().where, channels={"yaw_rate": 1.8}))
@@ -83,17 +83,20 @@ def test_whether_there_is_a_gap():
 
 
 def test_where_is_silent_without_a_gap_and_names_shares_with_one():
-    assert where(none()) == ""
-    said = where(clear())
+    assert where(none()) == []
+    said = "; ".join(where(clear()))
     assert said.startswith(
-        "steering (78 % of the gap) and M_z (15 % of the gap); 78 % of the gap lies in 22 % of the time, "
-        "namely while the steering moves"
+        "By equation: 78 % of the gap in steering and 15 % of the gap in M_z; By driving: 78 % of the gap while the "
+        "steering moves, in 22 % of the time"
     )
-    assert said.endswith("half of the gap lies between 31.5 and 40.0 s (14 % of the time)")
+    assert said.endswith("By time: half of the gap between 31.5 and 40.0 s, in 14 % of the time")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
-    assert where(everywhere) == "steering (78 % of the gap) and M_z (15 % of the gap); evenly spread over the drive"
+    assert where(everywhere)[1:] == ["By driving: evenly spread over the drive"]
     thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))
-    assert where(thin) == "yaw_rate; at high speed"  # 25 % of the gap in 30 % of the time is no share to name
+    assert where(thin) == [
+        "By equation: mostly in yaw_rate",
+        "By driving: mostly at high speed",
+    ]  # 25 % of the gap in 30 % of the time is no share to name
 
 
 def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
@@ -109,12 +112,16 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
         (
             0.88,
             (0.81, 0.93),
-            "with steering_delay the excess error falls by 88 % [81, 93] on the recording lap8 (held out)",
+            "with steering_delay, the excess error falls by 88 % [81, 93] on the recording lap8 (held out)",
         ),
-        (0.1, (-0.02, 0.2), "by 10 % [−2, 20] on the recording lap8 (held out); the gap may not close at all"),
+        (
+            0.1,
+            (-0.02, 0.2),
+            "by 10 % [−2, 20] on the recording lap8 (held out); the interval includes zero, so the gap may not close",
+        ),
         (-0.12, (-0.3, 0.04), "adding steering_delay increases the excess error by 12 % [−4, 30]"),
         (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on the recording lap8 (held out)"),
-        (NAN, (NAN, NAN), "no error above the floor on the recording lap8 (held out)"),
+        (NAN, (NAN, NAN), "no error beyond noise on the recording lap8 (held out)"),
         (-0.001, (-0.3, 0.3), "the excess error by 0 % [−30, 30]"),
     ],
 )
@@ -127,7 +134,7 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     small = Closure(1.01, 1.02, 1.0, -0.57, (-1.14, -0.15), ("lap8",))
     gap = clear(gap=small, held_out=None)
     said = how_far(gap, small, False)
-    assert re.search(r"free runs exceed noise by 1\.?0? % on the recording lap8", said)
+    assert re.search(r"exceeds that of the noise by 1\.?0? % on the recording lap8", said)
     assert "the gap is too small" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
@@ -157,28 +164,25 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
     assert as_it_stands(gap, gap.held_out) == ""
     free = next(error for error in gap.held_out.errors if error.horizon is None)
     worse = replace(gap.held_out, errors=(replace(free, before=2 * free.floor, after=3 * free.floor),))
-    assert "than the model had before: mean square error 4.00 → 9.00 times that of" in as_it_stands(gap, worse)
+    assert "9.00 instead of 4.00 times that of noise" in as_it_stands(gap, worse)
     assert as_it_stands(gap, replace(worse, closed=-0.2)) == ""  # how far it closes has said it
     better = replace(worse, errors=(replace(free, before=9 * free.floor, after=2 * free.floor),))
     assert as_it_stands(gap, better) == ""
     moved = replace(gap, moved=(Moved("steering_lag", "s", 0.0, 0.03, 0.06),))
     told = as_it_stands(moved, better)
     assert told.startswith("with re-estimated parameters and steering_delay")
-    assert "81.0 → 4.00 times that of the noise in free run" in told
+    assert "in free run falls from 81.0 to 4.00 times that of noise" in told
     said = dict(verdict(replace(gap, held_out=worse)))
-    assert as_it_stands(gap, worse) in said["How far"]
+    assert as_it_stands(gap, worse)[1:] in said["Errors"]
 
 
 def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
-    assert (
-        how_far(gap, gap.gap, False)
-        == "no effect was applied, so the error beyond the noise stays as it is on the recording lap7"
-    )
-    assert how_far(none(), none().gap, False) == "there is no excess error to close on the recording lap7"
+    assert how_far(gap, gap.gap, False) == "no effect was applied, so the error stays as it is on the recording lap7"
+    assert how_far(none(), none().gap, False) == "there is no error beyond noise on the recording lap7"
     assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
-        "no effect applied; parameters re-estimated; errors are those on the recording lap7 (held out)"
+        "no effect was applied, but parameters were re-estimated; errors are those on the recording lap7 (held out)"
     )
 
 
@@ -190,7 +194,7 @@ def test_what_is_left_never_exceeds_everything_and_is_never_certain():
 
 
 def test_doubts_come_first_and_many_are_counted():
-    leads = ["Doubt", "Doubt", "Gap", "Where", "Which", "Budget", "How far", "Left"]
+    leads = ["Doubt", "Doubt", "Gap", "Where", "Cause", "Budget", "Errors", "Remains"]
     assert [lead for lead, _ in verdict(aliased())] == leads
     many = verdict(clear(doubts=tuple(f"doubt {k}" for k in range(5))))
     assert many[3] == ("", "and 2 more doubts")
@@ -212,5 +216,5 @@ def test_a_report_holds_words_only(case):
 def test_the_runner_up_is_always_discussed():
     (first, _), (second, words) = evidence(clear())
     assert (first, second) == ("steering_delay", "steering_lag")
-    assert "by 190, which is 24.0 less than the effect with the largest gain. It cannot be distinguished" in words
+    assert "by 190, 24.0 less than the effect with the largest gain does. It cannot be distinguished" in words
     assert "distinguished from steering_delay" in words

@@ -58,10 +58,10 @@ def test_only_what_was_recorded_is_reported(motion_report, motion_found):
 
 def test_the_verdict_names_free_run_and_half_a_second_with_units(motion_report, motion_fit):
     good, against, sure = three(motion_report)
-    assert good.startswith("On the held-out recording lap 3 (15.9 s), the RMSE of lateral in free run is")
-    assert re.search(r"rad/s in yaw rate \(0.5 s ahead: \S+ ± \S+ rad/s\)", good)
+    assert good.startswith("On the held-out recording lap 3 (15.9 s), the RMSE of lateral in free run (and 0.5 s")
+    assert re.search(r"\S+ ± \S+ \(\S+ ± \S+\) rad/s in yaw rate", good)
     assert f"{motion_fit.metrics['validate'][FREE_RUN]['yaw_rate']['rmse']:.5f}" in good
-    assert against.startswith("The RMSE of persistence over 0.5 s is")
+    assert against.startswith("Over 0.5 s, the RMSE of persistence")
     assert "times the standard deviation of the fit's residuals in v_y" in against
     assert "converged" in sure
     assert "Ipopt confirmed" in sure

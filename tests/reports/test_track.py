@@ -123,7 +123,7 @@ def test_what_was_measured_and_read_is_no_truth(told, found, lap):
     assert told.truth["v_y"].inside == np.mean(np.abs(off) <= 2 * found.sds["v_y"])
     blind = digest(found, without(lap, "v_y"), MADE)
     assert not blind.truth
-    assert "does not show the error of the estimates" in verdict(blind)[2]
+    assert "so the error of the estimates is not known" in verdict(blind)[2]
 
 
 def test_noise_has_a_unit_and_says_where_it_is_from(told):

@@ -69,18 +69,19 @@ def _shifted(r: Recording, rows: slice) -> list[Explanation]:
         name, (seconds, error, _) = "yaw_rate", aside
         seconds = -seconds
         order = "before" if seconds > 0 else "after"
-        sentence = (
-            f"a_y comes {number(1000 * abs(seconds), 3)} ms {order} v_x · yaw_rate, with which it should coincide"
-        )
+        sentence = f"a_y comes {number(1000 * abs(seconds), 3)} ms {order} v_x · yaw_rate, but should coincide with it"
     elif apart:
         name, seconds = "steer", -seconds
         sentence = (
-            f"yaw_rate lags v_x · steer by {number(-1000 * seconds, 3)} ms; the response of a vehicle takes up to "
+            f"yaw_rate lags v_x · steer by {number(-1000 * seconds, 3)} ms, but a vehicle responds within "
             f"{number(1000 * most, 2)} ms"
         )
     elif beside and aside is not None:
         name, (seconds, error, _) = "a_y", aside
-        sentence = f"it comes {number(1000 * abs(seconds), 3)} ms {'after' if seconds > 0 else 'before'} v_x · yaw_rate"
+        sentence = (
+            f"it comes {number(1000 * abs(seconds), 3)} ms {'after' if seconds > 0 else 'before'} v_x · yaw_rate, but "
+            "should coincide with it"
+        )
     else:
         return []
     word = "late" if seconds > 0 else "early"

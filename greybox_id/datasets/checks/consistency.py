@@ -68,21 +68,21 @@ def _signs(certain: list[tuple[Pair, Agreement]]) -> list[Finding]:
     findings = []
     for pair, agreed in against:
         sentence = (
-            f"{pair.left} and {pair.right} contradict each other in sign (correlation "
-            f"{number(agreed.correlation, 2)}): one of them is not ISO 8855. "
+            f"{pair.left} and {pair.right} have opposite signs (correlation {number(agreed.correlation, 2)}), so one "
+            "of "
+            "them does not follow ISO 8855 (positive to the left). "
         )
         left, right = (sides.get(node, [node]) for node in pair.nodes)
         ground = [side for side in (left, right) if any(node.startswith("course") for node in side)]
         if len(ground) == 1:
             wrong = right if ground[0] is left else left
             sentence += (
-                f"The course does not depend on a sign convention, so {listed(wrong)} must be "
-                f"clockwise-positive: negate {'it' if len(wrong) == 1 else 'them'} in the column map"
+                f"The course does not depend on a sign convention, so {listed(wrong)} must be positive to the right: "
+                f"in the column map, negate {'it' if len(wrong) == 1 else 'them'} (set sign = -1, or remove it)."
             )
-            sentence += " (set sign = -1, or remove it)."
         else:
             sentence += (
-                f"Negate either {listed(left)} or {listed(right)} in the column map (set sign = -1, or remove it)."
+                f"In the column map, negate either {listed(left)} or {listed(right)} (set sign = -1, or remove it)."
             )
         findings.append(
             Finding("sign", Severity.DISTRUST, FoundAt(pair.nodes[0]), sentence, agreed.correlation,
@@ -115,9 +115,9 @@ def _lateral_velocity(recording: Recording) -> list[Finding]:
     if not agreed.certain or agreed.correlation > 0:
         return []
     sentence = (
-        "v_y and yaw_rate contradict each other in sign in slow, gentle turns (correlation "
-        f"{number(agreed.correlation, 2)}). In such turns, a point ahead of the rear axle moves towards the inside "
-        "of the turn. One of the two signals is not ISO 8855, or v_y was measured behind the rear axle."
+        f"v_y and yaw_rate have opposite signs in slow, gentle turns (correlation {number(agreed.correlation, 2)}), "
+        "although a point ahead of the rear axle moves towards the inside of such a turn. One of the two signals does "
+        "not follow ISO 8855 (positive to the left), or v_y was measured behind the rear axle."
     )
     error = 1 / np.sqrt(agreed.independent - 3)
     return [Finding("sign", Severity.WARNING, FoundAt("v_y"), sentence, agreed.correlation, error)]
@@ -144,8 +144,8 @@ def _turned_runs(recording: Recording, pairs: list[Pair]) -> list[Finding]:
         if turned:
             where = FoundAt(pair.nodes[0], turned[0] if len(turned) == 1 else None)
             sentence = (
-                f"{pair.left} and {pair.right} contradict each other in sign in {runs_words(turned)}, "
-                "though they agree elsewhere: a sensor was mounted or wired the other way round."
+                f"{pair.left} and {pair.right} have opposite signs in {runs_words(turned)}, but the same sign in the "
+                "other runs: a sensor was mounted or wired the other way round."
             )
             findings.append(Finding("sign", Severity.DISTRUST, where, sentence, float(len(turned))))
     return findings
@@ -163,11 +163,12 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None, step:
                 blame = _blame(pair, gain, sound=sound)
                 if blame == UNKNOWN and pair.right.endswith("/dt"):
                     blame = (
-                        f"the sampling rate or the unit of time is wrong ({number(gain / step)} rows per second "
-                        f"would agree), or "
+                        f"the sampling rate or the unit of time is wrong (both would agree at {number(gain / step)} "
+                        "rows "
+                        "per second), or "
                     )
                     blame += UNKNOWN
-                sentence = f"{pair.left} is {number(gain)} times {pair.right}, where 1 is expected: {blame}"
+                sentence = f"{pair.left} is {number(gain)} times {pair.right}, but should be equal to it: {blame}"
                 place = FoundAt(pair.nodes[0])
                 findings.append(Finding("unit", Severity.DISTRUST, place, sentence, gain, error))
         elif pair.nodes == ("yaw_rate", "steer"):
@@ -178,8 +179,8 @@ def _units(certain: list[tuple[Pair, Agreement]], wheelbase: float | None, step:
             if not shortest < length < longest:
                 likely = wheelbase or np.sqrt(shortest * longest)
                 sentence = (
-                    f"yaw_rate and v_x · steer give a wheelbase of {number(length)} m, where {exact(shortest, 2)} to "
-                    f"{exact(longest)} m is plausible: {_blame(pair, gain * likely, wheelbase is None)}"
+                    f"yaw_rate and v_x · steer give a wheelbase of {number(length)} m; {exact(shortest, 2)} to "
+                    f"{exact(longest)} m would be plausible: {_blame(pair, gain * likely, wheelbase is None)}"
                 )
                 error = length / np.sqrt(agreed.independent)
                 findings.append(Finding("unit", Severity.DISTRUST, FoundAt("steer"), sentence, length, error, "m"))
@@ -202,17 +203,16 @@ def _blame(pair: Pair, gain: float, loosely: bool = False, sound: Collection[str
             large = _slipped(first, foreign, ours) if gain >= 1 else _slipped(first, ours, foreign)
             small = _slipped(rest, ours, foreign) if gain >= 1 else _slipped(rest, foreign, ours)
             return (
-                f"{'; or '.join(filter(None, [large, small]))} (factor {exact(factor)}). "
-                "Check the unit in the column map."
+                f"{', or '.join(filter(None, [large, small]))} (a factor of {exact(factor)}). "
+                "Check these units in the column map."
             )
     return UNKNOWN
 
 
 def _slipped(names: Sequence[str], looks: str, says: str) -> str:
-    """That channels look like one unit where the map says another; of a yaw rate per second."""
+    """That channels may be in one unit where another was assumed; of a yaw rate per second."""
     per = "/s" if list(names) == ["yaw_rate"] and "rad" in (looks, says) else ""
-    verb = "looks" if len(names) == 1 else "look"
-    return f"{listed(names)} {verb} like {looks}{per}, but the map says {says}{per}" if names else ""
+    return f"{listed(names)} may be in {looks}{per} instead of {says}{per}" if names else ""
 
 
 def _limits(recording: Recording) -> list[Finding]:
@@ -222,7 +222,7 @@ def _limits(recording: Recording) -> list[Finding]:
             size = float(np.nanquantile(np.abs(recording[name]), 0.99))
             if size > limit:
                 unit = recording.unit(name)
-                sentence = f"{name} reaches {quantity(size, unit)} (99th percentile of its size): {why}"
+                sentence = f"{name} reaches {quantity(size, unit)} (99th percentile of its magnitude): {why}"
                 findings.append(Finding("unit", Severity.DISTRUST, FoundAt(name), sentence, size, None, unit))
     return findings
 
@@ -372,8 +372,9 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if off:
         low = min(each[n].correlation for n in off)
         sentence = (
-            f"{extra} does not follow {signal} in {runs_words(off)} (correlation down to {number(low, 2)}), "
-            "though it does elsewhere: use one of them, not both."
+            f"{extra} follows {signal}, but not in {runs_words(off)} (correlation down to {number(low, 2)}): use one "
+            "of "
+            "them, not both."
         )
         findings.append(
             Finding("duplicate", Severity.WARNING, FoundAt(extra, off[0] if len(off) == 1 else None), sentence, low)
@@ -384,7 +385,7 @@ def _compare(recording: Recording, extra: str, signal: str) -> list[Finding]:
     if scales:
         worst = max(scales, key=lambda n: abs(np.log(scales[n])))
         sentence = (
-            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}, where 1 is expected: "
+            f"{extra} is {number(scales[worst])} times {signal} in {runs_words(scales)}; the factor should be 1: "
             f"check its unit (the column map says {pretty_unit(unit)}) or its calibration."
         )
         findings.append(Finding("unit", Severity.WARNING, FoundAt(extra), sentence, scales[worst]))

@@ -283,11 +283,11 @@ def _disagreements(recording: Recording, pair: Pair, lags: dict[int, Lag]) -> li
         lag = lags[number]
         elsewhere = [f"{lags[n].samples:.2f} in run {n}" for n in compared[number]]
         sentence = (
-            f"run {number}: {pair.left} lags {pair.right} by {short_with_sd(lag.samples, lag.error)} samples "
-            f"({short_with_sd(lag.samples * ms, lag.error * ms)} ms), but {like} by {listed(elsewhere, 5)}: "
-            f"its lag is {short_with_sd(abs(distance) * ms, error * ms)} ms off their median. "
+            f"in run {number}, {pair.left} lags {pair.right} by {short_with_sd(lag.samples, lag.error)} samples "
+            f"({short_with_sd(lag.samples * ms, lag.error * ms)} ms); {like} it lags by {listed(elsewhere, 5)}. "
+            f"Run {number} differs from their median by {short_with_sd(abs(distance) * ms, error * ms)} ms. "
         )
-        sentence += BLUNT if blunt else "No model with one delay fits both; estimate it for each run."
+        sentence += BLUNT if blunt else "No model with one delay fits all of them: estimate the delay for each run."
         where = FoundAt(pair.nodes[0], number)
         severity = Severity.WARNING if blunt else Severity.DISTRUST
         findings.append(Finding("run_delay", severity, where, sentence, distance * dt, error * dt, "s"))
@@ -308,7 +308,7 @@ def _scattered(pair: Pair, lags: dict[int, Lag], odd: dict[int, tuple[float, flo
         f"{len(odd)} of {len(lags)} runs have another delay than the rest. "
     )
     if pair.kinematic:
-        sentence += "Both are the same quantity: the clocks of the two channels are not synchronised."
+        sentence += "Both channels show the same quantity, so their clocks are not synchronised."
     else:
         sentence += (
             "A delay this long comes from the vehicle's response or a dead zone in the steering rather than "

@@ -65,8 +65,8 @@ def check_drive(r: Recording) -> list[Finding]:
         what = "moves" if len(still) == len(measured) else "turns"
         names = still if what == "moves" else turning
         sentence = (
-            f"nothing {what}: {listed(names)} {'scatters as its' if len(names) == 1 else 'scatter as their'} noise "
-            f"does. No model of {'this' if what == 'moves' else 'lateral'} motion can be fitted to this recording."
+            f"nothing {what}: {listed(names)} contain{'s' if len(names) == 1 else ''} only noise. No model of "
+            f"{'this' if what == 'moves' else 'lateral'} motion can be fitted to this recording."
         )
         return [Finding("still", Severity.WARNING, FoundAt(", ".join(names)), sentence)]
     return _nothing_in_common(r)
@@ -134,9 +134,8 @@ def _nothing_in_common(r: Recording) -> list[Finding]:
     shares = f"v_x · steer explains at most {percent(max(most, 0.0))} of yaw_rate, at delays of up to {LAGS:g} s"
     if _stands_out(turn[seen], steered[seen], pace[seen], short.sample_time):
         sentence = (
-            f"{shares}, but more than at other time shifts: the tyres slide for much of the drive, or steer is "
-            f"disturbed. "
-            "No model of tyres that grip fits such a recording."
+            f"{shares}, though more than at other time shifts. The tyres slide for much of the drive, or steer is "
+            "disturbed. Models of tyres that grip do not fit such a recording."
         )
         return [Finding("slides", Severity.WARNING, FoundAt("steer, yaw_rate"), sentence, most)]
     other = f"{blamed} was recorded on another drive, or its column holds something else"

@@ -164,14 +164,14 @@ def _as_finding(named: Sequence[Explained], recording: Recording) -> Finding:
     repair = _repair(first.fault) if not others else {}
     more = (
         f", and {first.more} other relation{'s' if first.more > 1 else ''} between channels "
-        f"hold{'' if first.more > 1 else 's'}, too"
+        f"agree{'' if first.more > 1 else 's'}, too"
     )
     sentence = (
-        f"{first.fault.what}: as mapped now, {old.left} and {old.right} have {_numbers(old)}. Corrected, they have "
-        f"{_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
+        f"{first.fault.what}: with the present column map, {old.left} and {old.right} have {_numbers(old)}. After "
+        f"correction they have {_numbers(new)}{more if first.more else ''}. {_remedy(first.fault, recording, repair)}"
     )
     if others:
-        sentence += f" As likely: {listed(others, 3)}."
+        sentence += f" Equally likely: {listed(others, 3)}."
     error = 1 / np.sqrt(max(old.independent - 3, 1.0))
     channel = ", ".join(first.fault.channels) or "time"
     causes = frozenset(item.fault.cause for item in named if item.fault.cause is not None)
@@ -462,11 +462,11 @@ def _strange(result: Sequence[Relation]) -> list[Finding]:
 CLOCKED = ("a_x", "yaw_rate", "|v_x|")
 """What may be held against a time derivative whose gain is known."""
 CHECKS: tuple[tuple[str, str, Callable[[Relation], bool], str], ...] = (
-    ("steer", "the sign of steer", lambda item: "steer" in item.channels, "v_x and one of yaw_rate, a_y, positions"),
+    ("steer", "the sign of steer", lambda item: "steer" in item.channels, "v_x and one of yaw_rate, a_y or positions"),
     ("yaw_rate", "the sign of yaw_rate", lambda item: "yaw_rate" in item.channels and item.left != "v_y",
      "yaw, or positions, or v_x with steer or a_y"),
     ("a_x", "axis and sign of a_x", lambda item: item.left == "a_x", "v_x"),
-    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x and one of yaw_rate, steer, positions"),
+    ("a_y", "axis and sign of a_y", lambda item: item.left == "a_y", "v_x and one of yaw_rate, steer or positions"),
     ("v_x", "the scale of v_x", lambda one: "v_x" in one.channels and one.known and one.left in ("a_x", "a_y", "|v_x|"),
      "positions, or a_x, or a_y with yaw_rate"),
     ("v_y", "the sign of v_y", lambda item: item.left in ("v_y", "sideslip"),
@@ -489,12 +489,12 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             continue
         value = [relation for relation in result if does(relation)]
         if not value:
-            lacking.append(f"{what} (needs {needs})")
+            lacking.append(f"{what}, which needs {needs}")
         elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
     unchecked = {
-        "because channels that it needs are missing, constant or have gaps": lacking,
-        "because the motion in this recording does not show it clearly": still,
+        "not checked, because a channel is missing, constant or has gaps": lacking,
+        "not clear from the motion in this recording": still,
     }
-    sentences = [f"not checked, {why}: {'; '.join(what)}." for why, what in unchecked.items() if what]
+    sentences = [f"{why}: {'; '.join(what)}." for why, what in unchecked.items() if what]
     return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]

@@ -116,7 +116,7 @@ def _zeros(recording: Recording, name: str, values: Array) -> list[Finding]:
     others = [n for n in recording.signals if n != name and recording.unit(n) == recording.unit(name)]
     awake = [n for n in others if np.mean(recording[n][zero] != 0) > 0.5 and _correlation(values, recording[n]) > 0.9]
     if awake:
-        sentence += f"a dead zone, or a one-sided sensor, as {' and '.join(awake)} keeps moving there."
+        sentence += f"a dead zone or a one-sided sensor, since {' and '.join(awake)} varies in these rows."
     else:
         sentence += "a dead zone, an unused input, or a sensor without updates."
     severity = Severity.WARNING if awake or name not in COMMANDS else Severity.NOTE
@@ -140,8 +140,9 @@ def _held(recording: Recording, name: str, values: Array) -> list[Finding]:
         return []
     rate = (1 - share) / recording.sample_time
     sentence = (
-        f"{name} repeats {100 * share:.0f} % of its samples exactly: it is held between updates, "
-        f"about {exact(rate)} new values a second in rows at {exact(1 / recording.sample_time)} Hz."
+        f"{name} repeats {100 * share:.0f} % of its samples exactly: its sensor gives about {exact(rate)} new values "
+        "a second, "
+        f"and the {exact(1 / recording.sample_time)} Hz of the recording hold each of them."
     )
     severity = Severity.WARNING if name in NEEDED and name not in COMMANDS else Severity.NOTE
     return [Finding("held", severity, FoundAt(name), sentence, share)]
@@ -179,8 +180,8 @@ def _clipped(recording: Recording, name: str, values: Array) -> list[Finding]:
             continue  # one stretch is a vehicle at rest or a long hold
         unit = recording.unit(name)
         sentence = (
-            f"{name} reads exactly {with_unit(exact(level, 4), unit)} in {count} rows, in {stretches} stretches of the "
-            f"recording, and is never {end}: "
+            f"{name} reads exactly {with_unit(exact(level, 4), unit)} in {count} rows ({stretches} stretches of the "
+            f"recording) and is never {end}: "
         )
         sentence += "the command is at its limit." if name in COMMANDS else "it is clipped there."
         severity = Severity.NOTE if name in COMMANDS else Severity.WARNING
@@ -387,7 +388,7 @@ def _clock_set_back(recording: Recording, back: dict[int, float], even: bool) ->
     by = number(max(back.values()), 2)
     where = file_row(recording, rows[0]) if len(rows) == 1 else file_rows(recording, rows)
     sentence = f"the clock was set back by {'' if len(rows) == 1 else 'up to '}{by} s at {where}, and readings go on. "
-    sentence += "Rows are in order, do not sort them; a new run begins there, and nothing has to be mended."
+    sentence += "The rows are in order: do not sort them. A new run begins there; no repair is needed."
     if even:
         sentence += (
             f" If no row is missing, write rate = {exact(1 / dt, 4)} in place of [time] in the column map: all rows "
@@ -448,18 +449,17 @@ def check_reading(recording: Recording) -> list[Finding]:
     findings += _open_questions(recording)
     for name, how in recording.resampled.items():
         unit = recording.unit(name)
-        what = "interpolated linearly" if how.method == "linear" else "each reading held until the next"
-        sentence = f"read at {exact(how.rate, 4)} Hz on the clock of {how.clock}, {what}; "
+        what = "interpolated linearly" if how.method == "linear" else "with each reading held until the next"
+        sentence = f"recorded at {exact(how.rate, 4)} Hz and resampled to the clock of {how.clock}, {what}. "
         if not np.isfinite(how.error):
-            sentence += "too few readings to estimate the error."
+            sentence += "There are too few readings to estimate the error of resampling."
             findings.append(Finding("resampled", Severity.WARNING, FoundAt(name), sentence))
             continue
         values = recording[name][np.isfinite(recording[name])]
         scatter = float(np.std(values)) if values.size else 0.0
-        sentence += f"that adds an error of {quantity(how.error, unit, 2)} (root mean square, estimated), "
         sentence += (
-            f"{number(how.largest, 2)} at most; the standard deviation of {name} itself is "
-            f"{quantity(scatter, unit, 2)}."
+            f"Resampling adds an error of {quantity(how.error, unit, 2)} (root mean square, estimated; at most "
+            f"{number(how.largest, 2)}). The standard deviation of {name} itself is {quantity(scatter, unit, 2)}."
         )
         severity = Severity.NOTE if how.error <= SMALL * scatter else Severity.WARNING
         findings.append(Finding("resampled", severity, FoundAt(name), sentence, how.error, None, unit))
@@ -473,7 +473,7 @@ def _open_questions(recording: Recording) -> list[Finding]:
     if not names:
         return []
     sentence = (
-        f"the column map does not yet state the column or unit of {listed(names)}: of the lines that begin with #?, "
+        f"the column map does not yet state the column or unit of {listed(names)}. Of the lines that begin with #?, "
         "choose one and remove its #?, or delete them all."
     )
     return [Finding("question", Severity.WARNING, FoundAt(names[0]), sentence, float(len(names)))]

@@ -215,7 +215,7 @@ def like_siblings(entries: Sequence[MapEntry]) -> list[MapEntry]:
     for entry in entries:
         known = families.get(_family(entry))
         if entry.units and known:
-            why = f"unit: as for {known.column}, whose name differs only in the axis"
+            why = f"unit: that of {known.column}, whose name differs only in the axis"
             entry = replace(entry, unit=known.unit, decided=True, units=(), reasons=(*entry.reasons[:-1], why))
         result.append(entry)
     return result
@@ -238,8 +238,8 @@ def _options(entry: MapEntry, raw: Recording, sizes: Mapping[str, float]) -> lis
     usual = [replace(entry, unit=item) for item in USUAL.get(unit, (unit,))]
     if entry.signal != "steer" and all(_impossible(option, sizes) for option in usual):
         why = (
-            f"values up to {number(sizes[entry.signal])} fit no usual unit of {entry.signal}. Are they counts? Then "
-            "divide_by is how"
+            f"values up to {number(sizes[entry.signal])} fit no usual unit of {entry.signal}. If they are counts, set "
+            "divide_by: how"
         )
         return [replace(entry, unit=unit, decided=False, reasons=(*entry.reasons, f"{why} many make one {unit}"))]
     return usual
@@ -251,7 +251,7 @@ def _beyond_belief(entry: MapEntry, sizes: Mapping[str, float]) -> MapEntry:
     possible = [option for option in others if not _impossible(option, sizes)]
     if not possible or not _impossible(entry, sizes):
         return entry
-    why = f"the file says {entry.unit}, in which no vehicle reaches {number(sizes[entry.signal])}"
+    why = f"the file says {entry.unit}, but no vehicle reaches {number(sizes[entry.signal])} {entry.unit}"
     return replace(possible[0], decided=False, reasons=(*entry.reasons, why))
 
 
@@ -267,24 +267,25 @@ def _by_margin(
         return replace(entry, reasons=(*entry.reasons, f"unit: {entry.unit} is plausible, since {why}"))
     names = tuple(option.unit for option in options)
     below = number(sizes[entry.signal])
-    why = f"unit: nothing in the file tells {' from '.join(names)} (99 % of values are below {below})"
+    why = f"unit: nothing in the file distinguishes {' from '.join(names)} (99 % of values are below {below})"
     return replace(entry, decided=False, units=names, reasons=(*entry.reasons, why))
 
 
 def _pedal(entry: MapEntry, size: float) -> MapEntry:
     """A pedal without a unit: a share, percent, or something that only who wired it knows."""
     if size <= FULL:
-        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: the usual one, not checked"))
+        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: the usual one; nothing in the file checks it"))
     upto = f"values up to {number(size, 3)}"
     if size <= PERCENT and entry.signal == "throttle":
         return replace(entry, unit="%", reasons=(*entry.reasons, f"unit: {upto} are percent"))
     if size <= PERCENT:
         why = (
-            f"unit: {upto} are percent or a pressure; for a pressure, divide_by is the reading at full braking, "
-            f"with unit 1"
+            f"unit: {upto} are percent or a pressure; for a pressure, set unit = 1 and divide_by to the reading at "
+            "full "
+            f"braking"
         )
         return replace(entry, unit="%", decided=False, reasons=(*entry.reasons, why))
-    why = f"{upto} are counts: divide_by is the reading with the pedal fully down"
+    why = f"{upto} are counts: set divide_by to the reading with the pedal fully down"
     full = float(f"{size:.3g}")
     return replace(entry, unit="1", divide_by=full, decided=False, reasons=(*entry.reasons, why))
 
@@ -308,7 +309,7 @@ def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase:
     """A unit that is stated, or the only one there is, beside what the data say; of a hand wheel `steering` asks."""
     met = [item for item in agreed if entry.signal == item.pair.nodes[0]]
     off = [item.words for item in met if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN]
-    how = "unit: as the file states it" if before.unit else "unit: the usual one, not checked"
+    how = "unit: stated in the file" if before.unit else "unit: the usual one; nothing in the file checks it"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 
 

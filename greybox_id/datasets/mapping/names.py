@@ -251,8 +251,10 @@ def time_of(
     if named:
         name = named[0][2]
         if name in texts:
-            return MapEntry(TIME, name, "s", reasons=("its name", "it holds dates, or the times of a clock"))
-        return _in_unit(name, guesses[name].unit or group.units.get(name, ""), numbers[name], "its name")
+            return MapEntry(
+                TIME, name, "s", reasons=("a usual name of time", "it holds dates, or the times of a clock")
+            )
+        return _in_unit(name, guesses[name].unit or group.units.get(name, ""), numbers[name], "a usual name of time")
     unnamed = [name for name in group.names if name in texts]
     if unnamed:
         return MapEntry(TIME, unnamed[0], "s", reasons=("it holds dates, or the times of a clock",))

@@ -109,15 +109,16 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
     """The entry as a question with its most plausible answer."""
     best = readings[0]
     if best.ratio == 1.0:
-        why = f"if its unit is {best.unit}, it explains how far the vehicle turns"
+        why = f"this explains the turns if its unit is {best.unit}"
     else:
         others = f" (or {readings[1].ratio:g} in {readings[1].unit})" if len(readings) > 1 else ""
         why = (
-            f"as the hand wheel's angle, it is divided by the steering ratio, about {best.ratio:g}{others}: "
-            "set divide_by to the true one"
+            f"this is the hand wheel's angle with a steering ratio of about {best.ratio:g}{others}: set divide_by to "
+            "the "
+            "true ratio"
         )
     length = number(in_radians * FACTORS[best.unit], 2)
-    known = f"in {best.unit}, ratio times wheelbase is {length} m: {why}"
+    known = f"in {best.unit}, steering ratio times wheelbase is {length} m: {why}"
     return replace(
         entry, unit=best.unit, units=(), divide_by=best.ratio, decided=False, reasons=(*entry.reasons, known)
     )
@@ -126,17 +127,17 @@ def _asked(entry: MapEntry, readings: list[Reading], in_radians: float) -> MapEn
 def _no_angle(entry: MapEntry, length: float) -> MapEntry:
     """What turns the vehicle, though as the angle of neither wheel: a command in units of its own."""
     why = (
-        f"in {entry.unit or 'rad'}, ratio times wheelbase is {number(length, 2)} m, which fits neither road wheels "
-        f"nor a hand wheel: is it the share of full lock, or counts? Then divide_by is how many make one unit"
+        f"in {entry.unit or 'rad'}, steering ratio times wheelbase is {number(length, 2)} m, which fits neither road "
+        f"wheels nor a hand wheel. If it is a share of full lock, or counts, set divide_by: how many make one unit"
     )
     return replace(entry, decided=False, reasons=(*entry.reasons, why))
 
 
 def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
     """A hand wheel whose ratio nothing tells, or only as of a car's usual wheelbase: a start for who answers."""
-    why, ratio = "this is the hand wheel's angle: set divide_by to the steering ratio", entry.divide_by
+    why, ratio = "this is the hand wheel's angle, so set divide_by to the steering ratio", entry.divide_by
     if length:
-        why += f"; according to yaw rate and speed, this ratio times the wheelbase is about {number(length, 3)} m"
+        why += f"; judging by yaw rate and speed, this ratio times the wheelbase is about {number(length, 3)} m"
     if length and length > LONGEST:
         ratio = float(f"{length / np.sqrt(CARS[0] * CARS[1]):.3g}")
         why += f", a ratio of {ratio:g} for a car of usual length"
@@ -148,7 +149,8 @@ def _unknown(entry: MapEntry, length: float | None = None) -> MapEntry:
 def _either(entry: MapEntry) -> MapEntry:
     """Degrees, in which either wheel's angle is recorded, where nothing tells which."""
     why = (
-        "nothing in the file tells whether this is the angle of the road wheels or of the hand wheel; of the hand "
-        "wheel, divide_by is the steering ratio"
+        "nothing in the file shows whether this is the angle of the road wheels or of the hand wheel; if it is the "
+        "hand "
+        "wheel's, set divide_by to the steering ratio"
     )
     return replace(entry, decided=False, reasons=(*entry.reasons, why))

@@ -206,7 +206,7 @@ class Posterior:
         if not self.with_form:
             again = "" if self.method == "abc-smc" else " Sample again to include it."
             result.append(
-                f"These intervals do not include the error of the model's form, as those of the fit do.{again}"
+                f"Unlike the intervals of the fit, these intervals do not include the error of the equations.{again}"
             )
         if not self.complete:
             on = "" if self.method == "laplace" else " and it continues"
@@ -225,7 +225,8 @@ class Posterior:
         if least < FEW:
             name = str(self.ess.idxmin())
             result.append(
-                f"The draws of {name} are worth {least:.0f} independent draws, too few for an interval. Draw more."
+                f"The draws of {name} count as only {least:.0f} independent draws (ESS), too few for an interval. "
+                "Draw more."
             )
         return result
 
@@ -271,8 +272,8 @@ class Posterior:
         """Raise `BadInput` where these are draws of another fit."""
         if dict(self.fit) != identity(fit):
             raise BadInput(
-                f"The posterior was drawn from another fit ({self.fit.get('model', 'unknown')}) than this one of "
-                f"{fit.model.name}. Name the fit it belongs to, or sample again."
+                f"The posterior was drawn from another fit ({self.fit.get('model', 'unknown')}), not from this one of "
+                f"{fit.model.name}. Name the fit from which it was drawn, or sample again."
             )
 
     def to_arviz(self) -> dict[str, dict[str, Array]]:

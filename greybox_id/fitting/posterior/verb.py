@@ -71,8 +71,8 @@ class SampleOptions:
 def must_suit_sampling(fit: Fit) -> MotionModel:
     """The model of a fit. Raises `BadInput` for fits that have no posterior to draw from."""
     no = (
-        f"The fit is one of {fit.model.name}, whose numbers are a network's weights: they have no posterior "
-        "that is useful. Fit a model of equations of motion, or train the network from several seeds."
+        f"The parameters of {fit.model.name} are the weights of a network, which have no useful posterior. "
+        "Fit a model of equations of motion, or train the network from several seeds."
     )
     model = must_be(MotionModel, fit.model, no)
     if all(parameter.fixed for parameter in model.parameters):

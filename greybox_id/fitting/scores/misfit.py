@@ -57,8 +57,8 @@ def must_tell(model: Model, recordings: Sequence[Recording]) -> None:
     outputs = {name: parts for name, parts in outputs.items() if any(np.isfinite(part).any() for part in parts)}
     if outputs and not any(moves(parts) for parts in outputs.values()):
         raise BadInput(
-            f"{names}: nothing moves: {listed(list(outputs))} scatter only as their noise does, so the data say "
-            f"nothing about {model.name}. Record a drive that excites them."
+            f"{names}: nothing moves. {listed(list(outputs))} contain only noise, so {model.name} cannot be fitted. "
+            f"Record a drive that excites them."
         )
 
 
@@ -82,18 +82,16 @@ def misfit(fit: Fit) -> Iterator[Reason]:
     if not moving:
         yield Reason(
             NOT_USABLE,
-            f"Nothing moves: {listed(list(outputs))} scatter only as their noise does. Record a drive that excites "
-            f"them.",
+            f"Nothing moves: {listed(list(outputs))} contain only noise. Record a drive that excites them.",
         )
         return
     unknown = [name for name, one in moving.items() if _unexplained(one) > UNEXPLAINED]
     if unknown and len(unknown) >= 0.5 * len(moving):
-        shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of {name}" for name in unknown]
+        shares = [f"{100 * min(_unexplained(moving[name]), 1.0):.0f} % of the variance of {name}" for name in unknown]
         yield Reason(
             NOT_USABLE,
-            f"Beyond noise, the fit leaves {listed(shares)} unexplained (shares of the variance): something moves "
-            f"the vehicle that is not "
-            "among the inputs, or the inputs belong to another vehicle. See greybox data check.",
+            f"Noise aside, the fit leaves unexplained {listed(shares)}. Either an input is missing that moves the "
+            "vehicle, or the inputs are of another vehicle. See greybox data check.",
         )
     worst = max(moving, key=lambda name: _of_form(moving[name]))
     halves = list(_of_halves(form, _of_form(moving[worst])))
@@ -116,18 +114,18 @@ def _of_halves(form: Mapping[str, Any], error: float) -> Iterator[Reason]:
     if not (form.get("apart") or form.get("mixed")):
         yield Reason(
             WITH_CARE,
-            f"Parts of the data prefer other parameters {gain}, early and late parts alike: the model lacks an "
-            f"effect that acts in some parts. The intervals include this error; greybox gap looks for its cause.",
+            f"Other parameters fit parts of the data better {gain}, early and late parts alike. The model lacks an "
+            f"effect that acts only in some parts. The intervals include this error; greybox gap looks for its cause.",
         )
         return
     first = EIGHTHS[form.get("first", 4)]
-    later = "The second half of the data prefers other parameters than the first"
+    later = "the second half of the data better than those of the first half"
     if first != "half":
-        later = f"The data after the first {first} of the drive prefer other parameters than the data before"
+        later = f"the rest of the drive better than those of its first {first}"
     yield Reason(
         WITH_CARE,
-        f"{later} {gain}: the vehicle may have changed, or the recordings are of two vehicles. Fit each part "
-        "by itself.",
+        f"Other parameters fit {later} {gain}. The vehicle may have changed, or the recordings are of two vehicles. "
+        "Fit each part by itself.",
     )
 
 
@@ -145,8 +143,10 @@ def _short(fit: Fit) -> Iterator[Reason]:
 def _depends(on: Sequence[str]) -> str:
     """What residuals vary with, and which error of an input they look like."""
     like = [word for word in on if word.startswith(("a gain on", "an offset of"))]
-    words = [f"varies with {listed(plain)}"] if (plain := [word for word in on if word not in like]) else []
-    return f"It {' and '.join([*words, *([f'looks like {listed(like)}'] if like else [])])}"
+    plain = [word.replace("the rate of", "the rate of change of") for word in on if word not in like]
+    gains = [word.replace("a gain on", "a gain of" if "that varies" in word else "a wrong gain of") for word in like]
+    varies = f" The error varies with {listed(plain)}." if plain else ""
+    return varies + (f" It could come from {' or '.join(gains)}." if gains else "")
 
 
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:
@@ -154,14 +154,15 @@ def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) 
     error, noise = _of_form(one), stated.get(name, one["noise"])
     times = one["residual"] / noise if noise > 0 else 0.0
     on = [word for word, part in one["on"].items() if part > ALSO * max(one["on"].values())][:2]
-    against = f", {number(times, 2)} times its {'stated' if name in stated else 'fast'} noise" if times > 1.5 else ""
+    what = "the stated noise" if name in stated else "the noise between rows"
+    against = f", {number(times, 2)} times {what}" if times > 1.5 else ""
     left = quantity(one["residual"], unit_of(name), 2)
     if error > OF_FORM or (times > TIMES_NOISE and one["explained"] > UNEXPLAINED):
-        depends = ". Its mean is not zero" if on[:1] == ["none of the drive"] else f". {_depends(on)}" if on else ""
+        depends = " Its mean is not zero." if on[:1] == ["none of the drive"] else _depends(on) if on else ""
         yield Reason(
             NOT_USABLE if error > FOREIGN_FORM else WITH_CARE,
-            f"The error of {name} is {left}{against}{depends}: the model lacks an effect"
-            f"{', or describes another vehicle' if error > DOUBTFUL else ''}. The intervals include this error; "
+            f"The error of {name} is {left}{against}.{depends} The model lacks an effect"
+            f"{', or the data are of another vehicle' if error > DOUBTFUL else ''}. The intervals include this error; "
             "greybox gap looks for its cause.",
         )
     else:

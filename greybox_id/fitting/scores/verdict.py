@@ -112,8 +112,9 @@ def conditional(fit: Fit, verdict: Verdict) -> Verdict:
     for name, scaled in fit.how.get("scaling", {}).items():
         stated = quantity(float(fit.model[name].array), fit.model[name].unit, 4)
         sentences.append(
-            f"{listed(scaled)} {'is' if len(scaled) == 1 else 'are'} proportional to {name}, which the recordings do "
-            f"not determine: the intervals hold if {name} is {stated}, as stated."
+            f"The recordings do not determine {name}. {listed(scaled)} {'is' if len(scaled) == 1 else 'are'} "
+            f"proportional to {name}: {'its interval holds' if len(scaled) == 1 else 'their intervals hold'} only if "
+            f"the stated value, {stated}, is right."
         )
     return replace(verdict, reasons=tuple(dict.fromkeys([*verdict.reasons, *sentences])))
 
@@ -190,24 +191,22 @@ def _found(fit: Fit) -> Iterator[Reason]:
         elif stage.certificate is None and fit.how.get("solver") == "gauss-newton":
             yield Reason(WITH_CARE, "Ipopt was not asked to confirm the optimum (the solver auto does this).")
         elif stage.confirmed and isinstance(fit.model, HybridModel):
-            yield Reason(USABLE, "Training was stopped where the held-out error was least.")
+            yield Reason(USABLE, "Training stopped where the held-out error was smallest.")
         elif stage.confirmed:
             yield Reason(USABLE, "The optimum is confirmed.")
         if len(stage.starts) > 2:
             best = min(stage.starts)
             alike = sum(start <= best + ALIKE * abs(best) for start in stage.starts)
             if alike < 0.5 * len(stage.starts):
-                yield Reason(
-                    WITH_CARE, f"Only {alike} of {len(stage.starts)} starts ended at the best optimum that was found."
-                )
+                yield Reason(WITH_CARE, f"Only {alike} of {len(stage.starts)} starting points led to the best optimum.")
     scalars = [p for p in fit.model.parameters if p.shape == () and not p.fixed]
     bound = [p.name for p in scalars if not p.bounds[0] < float(p.array) < p.bounds[1]]
     bound = [name for name in bound if name not in fit.model.effects]
     if bound:
         corner = len(scalars) > 2 and len(bound) > CORNER * len(scalars)
-        text = f"{listed(bound)} {'is' if len(bound) == 1 else 'are'} at a bound"
+        text = f"{listed(bound)} {'is at a bound' if len(bound) == 1 else 'are at bounds'}"
         yield (
-            Reason(NOT_USABLE, f"{text}: so many that the estimates follow the bounds, not the data.")
+            Reason(NOT_USABLE, f"{text}: more than half of the estimates follow the bounds, not the data.")
             if corner
             else Reason(WITH_CARE, f"{text}.")
         )
@@ -226,12 +225,19 @@ def _found(fit: Fit) -> Iterator[Reason]:
                 far.append((away, p.name))
             foreign = foreign or away > FARTHEST or (away > FOREIGN_PRIOR and not off < SURPRISING * sd)
     if far:
-        text = listed([f"{name} by {number(away, 2)} sd" for away, name in sorted(far, reverse=True)])
+        far.sort(reverse=True)
+        text = listed([f"{name} by {number(away, 2)} sd of the prior" for away, name in far])
+        wide = [name for _, name in far if name in fit.from_prior]
+        both = (
+            f" Model errors widen the interval{'s' if wide[1:] else ''} of {listed(wide)}, hence the low precision."
+            if wide
+            else ""
+        )
         yield Reason(
             NOT_USABLE if foreign else WITH_CARE,
             f"Estimates conflict with their priors: {text}. The data may be of another vehicle than stated, or the "
-            "model structure is wrong.",
-        )  # fmt: skip
+            f"model structure is wrong.{both}",
+        )
 
 
 def _steps(fit: Fit) -> Iterator[Reason]:
@@ -242,20 +248,19 @@ def _steps(fit: Fit) -> Iterator[Reason]:
     if none:
         yield Reason(
             WITH_CARE,
-            f"The recording does not determine {listed(none)}: without such steps, predictions are as good but for "
-            "chance.",
+            f"The recording does not determine {listed(none)}: predictions without it are equally good, within chance.",
         )
 
 
 def _facts(fit: Fit) -> Iterator[Reason]:
     """Stated values that the recording contradicts."""
     for name, (change, sd) in fit.how.get("contradicted", {}).items():
-        other = ", or the steering ratio is not the stated one" if name == "wheelbase" else ""
+        other = "the steering ratio is not the stated one, or " if name == "wheelbase" else ""
         size = f"{number(100 * abs(change), 2)} ± {number(100 * sd, 2)} % {'larger' if change > 0 else 'smaller'}"
         yield Reason(
             NOT_USABLE if name != "m" and abs(change) > ANOTHER else WITH_CARE,
-            f"The recording contradicts the stated {name}: a value {size} explains the recording better{other}. "
-            f"Check the stated value; if it is right, the model lacks an effect.",
+            f"The recording contradicts the stated {name}: a value {size} explains the recording better. "
+            f"Check the stated value. If it is right, {other}the model lacks an effect.",
         )
 
 
@@ -323,16 +328,16 @@ def _predicted(scores: Scores, held: Scores, unfitted: Scores, what: str) -> Ite
     for output, times in beaten:
         yield Reason(
             NOT_USABLE if len(beaten) + len(useless) == len(outputs) > 1 else WITH_CARE,
-            f"{what}{output}: the model {_beside(times)} persistence.",
+            f"{what}predictions of {output} {_beside(times)} persistence, which keeps the last reading.",
         )
     if mostly and not useless:
         yield Reason(
             NOT_USABLE,
-            f"{what}half of the outputs or more, {listed(lost)}, are predicted no better than by their mean or the "
-            "last reading.",
+            f"{what}half of the outputs or more ({listed(lost)}) are predicted no better than by the mean of the "
+            "readings or by the last reading.",
         )
     for output, share in loose:
-        yield Reason(WITH_CARE, f"{what}{output}: {100 * share:.0f} % of the variance is left unexplained.")
+        yield Reason(WITH_CARE, f"{what}predictions leave {100 * share:.0f} % of the variance of {output} unexplained.")
     yield from _beside_unfitted(scores, unfitted, judged, outputs, what)
     best = _told(scores, judged)
     if best:
@@ -358,10 +363,10 @@ def _beside_unfitted(
     over_all = float(np.exp(np.mean(np.log(list(ratios.values())))))
     if over_all > WORSE:
         surely = _surely_worse(scores, unfitted, judged)
-        doubt = "" if surely else ", but this difference is no larger than its scatter between stretches of the drive"
+        doubt = "" if surely else " This may be chance: the difference varies as much between stretches of the drive."
         yield Reason(
             NOT_USABLE if surely else WITH_CARE,
-            f"{what}the fit has {_times(over_all)} the errors of the unfitted model{doubt}.",
+            f"{what}the errors of the fit are {_times(over_all)} those of the unfitted model.{doubt}",
         )
     for output, ratio in ratios.items():
         if ratio > WORSE:
@@ -426,7 +431,7 @@ def _carried_over(trained: Mapping[str, Any], scores: Scores, what: str) -> Iter
         yield Reason(
             WITH_CARE,
             f"{what}errors are {_times(float(np.median(each)))} those on the training data: the fit does not carry "
-            "over.",
+            "over to other data.",
         )
 
 
@@ -438,9 +443,9 @@ def _trained(fit: Fit) -> Mapping[str, Any]:
 def _told(scores: Scores, judged: Sequence[str]) -> str:
     """How well outputs are predicted, over the shortest horizon that is judged."""
     name = judged[0]
-    words = "one sample ahead" if name == "honest" else name.replace("_", " ")
+    words = {"honest": "one sample ahead", FREE_RUN: "in free run"}.get(name, name.replace("_", " "))
     each = [f"{e.fit_percent:.0f} % in {output}" for output, e in scores[name].items() if np.isfinite(e.fit_percent)]
-    return f"the fit is {listed(each)} ({words}; 100 % means no error)" if each else ""
+    return f"predictions {words} reach a fit of {listed(each)} (100 % means no error)" if each else ""
 
 
 def _unexplained(error: Error) -> float:
@@ -482,8 +487,8 @@ def _times(ratio: float) -> str:
 
 def _beside(times: float) -> str:
     if not np.isfinite(times):
-        return "diverges, and is worse than"
-    return f"has up to {_times(times)} the RMSE of" if times >= WORSE else "is no better than"
+        return "diverge, and are worse than"
+    return f"have up to {_times(times)} the RMSE of" if times >= WORSE else "are no better than"
 
 
 def _called(role: str, roles: Sequence[str]) -> str:

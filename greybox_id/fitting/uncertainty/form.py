@@ -29,6 +29,11 @@ from ..fit import CLEARLY
 from .evidence import SHARES, Joint, Squares, Starts, likeliest
 from .halves import BLOCKS, BY_CHANCE, HALF, OTHERS, Deviations, mixed_halves, prediction_limit
 
+NOISE_ALONE = (
+    "Noise alone: the interval if the equations of the model were exact. The other intervals include the error of the "
+    "equations."
+)
+"""What stands below tables that have both."""
 QUARTERS = 4
 """Of the rows, in order of time: what changes within a drive shows between them."""
 MOST_ROWS = 50_000

@@ -67,12 +67,12 @@ class Direction:
     def about(self) -> str:
         """What can move, in a plain sentence."""
         moves = [
-            f"{name} by {f'{signed(100 * move, 2)} %' if change is None else change}"
-            for name, move, change in zip(self.names, self.moves, self.changes, strict=True)
+            f"{name}{'' if k else ' changes'} by {f'{signed(100 * move, 2)} %' if change is None else change}"
+            for k, (name, move, change) in enumerate(zip(self.names, self.moves, self.changes, strict=True))
         ]
         listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
         together = " alone" if len(moves) == 1 else " together"
-        return f"Changing {listed}{together} (one standard deviation) hardly changes the residuals."
+        return f"The residuals hardly change if {listed}{together} (one standard deviation)."
 
 
 @dataclass(frozen=True)

@@ -157,7 +157,7 @@ def _alone(gap: Gap) -> str:
     if not gap.gap_detected:
         return "no gap was detected"
     if gap.applied or gap.unknown_probability <= LIKELY:
-        return "the diagnosis distinguishes its explanations already"
+        return "the diagnosis already distinguishes its explanations"
     return (
         "no two named effects are similarly likely, and an unmodelled effect is present with probability "
         f"{min(gap.unknown_probability, 0.99):.2f}"

@@ -60,7 +60,7 @@ SURE, HARDEST = 4, 4
 SPARE = 0.97
 """Share of limits that nominal motion may use: draws use the rest."""
 BEYOND = {
-    "grip": "an axle needs more than the share of its friction that may be used (grip)",
+    "grip": "an axle uses more of its friction than is allowed (grip)",
     "sideslip": "sideslip exceeds its limit (sideslip_max)",
     "speed": "speed exceeds its limit (speed_max)",
 }
@@ -159,10 +159,11 @@ class PlanSearch:
         worst = max(tight, key=lambda name: float(tight[name][0]))
         kept = self._holding(nearest, self.samples[0])[0]
         return BadInput(
-            "The parameters are too uncertain for a plan: a manoeuvre must keep to the limits for "
-            f"{100 * NEEDED:.0f} % of the plausible parameter values, but the best manoeuvre that was found keeps to "
-            f"them for {100 * kept:.0f} %. For the other {100 * (1 - kept):.0f} %, {BEYOND[worst]}. Raise that limit "
-            "(‹limits›), or drive a gentle manoeuvre first and fit again."
+            "The parameters are too uncertain for a plan: even the best manoeuvre keeps to the limits for only "
+            f"{100 * kept:.0f} % of the plausible parameter values, and {100 * NEEDED:.0f} % are needed. For the other "
+            f"{100 * (1 - kept):.0f} %, {BEYOND[worst]}. Raise this limit (‹limits›), or first drive a gentle "
+            "manoeuvre "
+            "and fit again."
         )
 
     def design(self, goal: str, found_plan: FoundPlan, **more: Any) -> Design:

@@ -93,8 +93,8 @@ grip_scale = alteration(
     road_limit=lambda limit, q: limit * q.p.grip_scale,
     others=(Parameter(
         "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
-        about="exponent of grip_scale in the slopes at zero slip: with 1 these slopes scale like D, with 0 they do "
-              "not change, as on a road with other friction",
+        about="exponent of grip_scale in the slopes at zero slip: with 1 these slopes scale like the friction, with 0 "
+              "they do not change",
     ),),
 )  # fmt: skip
 

@@ -53,7 +53,8 @@ ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
     "Probability: that the effect is present. Gain: how much higher the log-likelihood is with the effect than without "
-    "it; the other applied effects stay in the model. Effects that cannot be distinguished share the probability."
+    "it, while the other applied effects stay in the model. Of effects that cannot be distinguished, the "
+    "sum of the probabilities counts."
 )
 CLOSURE = (
     "The table gives mean square errors, divided by the mean square of the noise; every channel has the same weight. "
@@ -61,7 +62,7 @@ CLOSURE = (
     "come from blocks of time; errors before and after are compared in the same blocks."
 )
 MATHEMATICS = (
-    "The equations that an added effect changes, derived from the model. A dot is a time derivative; w1, w2 and so "
+    "Only the equations that an effect changes are shown. A dot is a time derivative; w1, w2 and so "
     "on stand for repeated terms. A prime marks a quantity that an effect alters; “late” marks a delayed quantity, and "
     "“read” the reading of a sensor."
 )
@@ -69,26 +70,25 @@ METHOD = (
     (
         "Gap",
         "Every run is simulated freely from its first readings. A p-value is the probability of errors as large as "
-        "these from the stated noise and tolerances alone.",
+        "these if only noise and the stated tolerances cause errors.",
     ),
     (
-        "Which effect",
+        "Cause",
         "Each effect is added to the model, alone and with others, and estimated together with all numbers that "
-        "have a tolerance. Every set of effects that is tried (a hypothesis) also contains unknown forces and "
-        "coloured sensor noise, which are estimated with it. The probability of "
-        "an effect follows from the gain of log-likelihood minus a cost for every effect. Hypotheses that explain "
-        "the recordings equally well share the probability.",
+        "have a tolerance. Unknown forces and coloured sensor noise are estimated with every set of effects. The "
+        "probability of an effect follows from the gain of log-likelihood minus a cost for every effect. Sets of "
+        "effects that explain the recordings equally well share the probability.",
     ),
     (
-        "How far",
-        "Parameters with tolerances are refitted without the effects and with them. On the recordings from which the "
-        "effects were chosen, the share of the excess error that they close is overestimated; on held-out recordings "
-        "it is not.",
+        "Errors",
+        "Parameters with tolerances are refitted without the effects and with them. The effects were chosen on the "
+        "diagnosed recordings, so the share of the excess error that they remove is overestimated there. On held-out "
+        "recordings it is not.",
     ),
     (
-        "Left",
+        "Remains",
         "An unmodelled effect is reported if the unknown forces that remain are larger than the usual model error, or "
-        "if readings scatter by more than their stated noise.",
+        "if readings scatter by more than the stated noise.",
     ),
 )
 ERRORS = (
@@ -100,16 +100,17 @@ ERRORS_ALONE = (
 )
 LIMITS = (
     "Detection limit: the smallest size of an effect that would be detected here. It is twice the standard deviation "
-    "of the effect's estimate, computed to first order, with all parameters that have a tolerance refitted. Not "
+    "that an estimate of the effect would have (to first order) if all parameters with a tolerance were refitted. Not "
     "absorbed: the share of the information on the effect that remains when these parameters are refitted."
 )
 CHANNELS = (
-    "A ratio of error to noise of 1 means that only noise is left. The last two columns give the frequency at which "
-    "the errors of the original model exceed noise most, and by how much."
+    "A ratio of error to noise of 1 means that only noise is left. “Largest at” is the frequency at which the errors "
+    "of "
+    "the original model exceed noise most; PSD is the power spectral density."
 )
 STATED = (
-    "Numbers stated as exact stay as they are. A number with a tolerance is refitted within it; the error that this "
-    "removes is not counted as a gap."
+    "Exact numbers keep their values. Numbers with a tolerance are refitted within the tolerance, and errors that this "
+    "removes do not count as a gap."
 )
 EQUATIONS = "Equations of the simulation that was compared with the recordings. They include the effects of the model."
 
@@ -149,10 +150,10 @@ def _data(gap: Gap) -> tuple[Part, ...]:
     if gap.doubts:
         return titled("Doubts about the data", Text(DOUBTS, small=False), Points(gap.doubts))
     noise = (
-        "The noise of the sensors is stated in the vehicle file, so an unmodelled effect can be detected."
+        "The vehicle file states the noise of the sensors, so an unmodelled effect can be distinguished from noise."
         if gap.noise_stated
-        else "No sensor noise is stated: the residual of the best explanation is taken as noise, so an unmodelled "
-        "effect cannot be detected."
+        else "The vehicle file states no sensor noise. The residuals of the best explanation are therefore taken as "
+        "noise, so an unmodelled effect may pass for noise."
     )
     words = f"Units, signs, time and delays of {listed([*gap.recordings])} raise no doubts. {noise}"
     return titled("Can the data be trusted?", Text(words, small=False))
@@ -203,7 +204,7 @@ def _sentences(gap: Gap, value: Ranked, best: float) -> list[str]:
         + (" and was applied." if value.effect in gap.applied else "."),
         f"It raises the log-likelihood by {number(value.gain)}"
         + (
-            f", which is {number(best - value.gain)} less than the effect with the largest gain."
+            f", {number(best - value.gain)} less than the effect with the largest gain does."
             if value.gain < best
             else "."
         ),
@@ -233,8 +234,9 @@ def _runner_up(gap: Gap) -> str:
     less = first.gain - second.gain
     how = f"{number(less)} less than" if less > 0 else "no less than"
     return (
-        f"{second.effect} ({magnitude_words(second)}), probability {probability_words(second.probability)}. Alone, "
-        f"it would raise the log-likelihood by {number(second.gain)}, {how} {first.effect}."
+        f"{second.effect} ({magnitude_words(second)}), with probability {probability_words(second.probability)}. It "
+        "would "
+        f"raise the log-likelihood by {number(second.gain)}, {how} {first.effect}."
     )
 
 
@@ -263,9 +265,9 @@ def _mathematics(gap: Gap, made: Made) -> tuple[Part, ...]:
 def _absorbed(gap: Gap) -> str:
     if not gap.absorbed:
         return ""
-    leave = "leaves" if len(gap.absorbed) == 1 else "leave"
-    names = listed([*gap.absorbed])
-    return f"Stated tolerances or free parameters would absorb {names}, which therefore {leave} no gap."
+    place = "its" if len(gap.absorbed) == 1 else "their"
+    names, parameters = listed([*gap.absorbed]), "parameters that are free or have a tolerance"
+    return f"{names} cannot be detected here, since {parameters} would change in {place} place."
 
 
 def unseen(gap: Gap) -> list[str]:
@@ -281,8 +283,7 @@ def _could_be(gap: Gap) -> str:
     if not unseen:
         return f"Each of {len(gap.limits)} effects would be detected here at its usual size."
     return (
-        f"Of {len(gap.limits)} effects, {len(unseen)} could be present at their usual size without being detected "
-        f"here: {listed(unseen)}."
+        f"{len(unseen)} of {len(gap.limits)} effects would not be detected here at their usual size: {listed(unseen)}."
     )
 
 
@@ -334,7 +335,7 @@ def _times(limit: Limit) -> str:
 def _how_far(gap: Gap) -> tuple[Part, ...]:
     """How far the gap closes, or how far the simulation is from the recordings where there is none."""
     both = [(gap.gap, False), *([(gap.held_out, True)] if gap.held_out is not None else [])]
-    title = "How far the gap closes" if gap.gap_detected else "How large the gap is"
+    title = "Errors before and after" if gap.gap_detected else "How large the errors are"
     judged = " ".join(f"{capital(words)}." for words in (*(how_far(gap, *one) for one in both), *carried_over(gap)))
     after = any(after_words(one, bool(gap.applied)) for one, _ in both)
     errors = [

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from math import fsum, inf, isfinite, sqrt
 
 from ...base.numbers import (
+    capital,
     interval,
     listed,
     number,
@@ -102,13 +103,13 @@ def carried_over(gap: Gap) -> list[str]:
     for one in gap.ranking:
         if one.effect in gap.applied and one.since is not None:
             stated.append(
-                f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model describes the "
-                "vehicle from then on, with the effect"
+                f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model includes it, and "
+                "describes the vehicle only from then on"
             )
         elif one.effect in gap.applied and one.until is not None:
             stated.append(
-                f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model describes the "
-                "vehicle from then on, without the effect"
+                f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model omits it, and "
+                "describes the vehicle only from then on"
             )
     return stated
 
@@ -180,21 +181,22 @@ def _whether(gap: Gap) -> str:
     if not gap.gap_detected and not gap.noise_stated:
         return (
             f"No named effect explains this recording better than the model alone ({p_words(gap.p_value)}). "
-            "Whether there is a gap is unknown: no sensor noise is stated, so the residuals were taken as noise."
+            "The vehicle file states no sensor noise, so the residuals were taken as noise: whether there is a gap is "
+            "unknown."
         )
     beyond = [item for item in gap.moved if item.far > CAL.tolerated_sd]
     suffices = ["noise", *([] if beyond else ["stated tolerances"]), *_unknown_forces(gap)]
     if not gap.gap_detected and beyond:
         far = listed([f"{item.name} is {number(item.far, 2)}" for item in beyond[:MOST_SHARES]])
         return (
-            f"No named effect is needed ({p_words(gap.p_value)}): simulation and vehicle agree within "
-            f"{listed(suffices)} once {far} standard deviations from its stated value{_largest(gap)}. A wrong tyre "
-            "model or an unmodelled effect would look the same."
+            f"No named effect is needed ({p_words(gap.p_value)}). Simulation and vehicle agree within "
+            f"{listed(suffices)} if {far} standard deviations from its stated value{_largest(gap)}. A wrong tyre "
+            "model or an unmodelled effect would have the same symptoms."
         )
     if not gap.gap_detected:
         return (
             f"No gap: simulation and vehicle agree within {listed(suffices)} ({p_words(gap.p_value)})"
-            f"{_largest(gap)}{' once parameters are re-estimated within their tolerances' if gap.moved else ''}."
+            f"{' if parameters are re-estimated within their tolerances' if gap.moved else ''}{_largest(gap)}."
         )
     return f"The simulation deviates from the vehicle{_largest(gap)} ({p_words(gap.p_value)})."
 
@@ -217,25 +219,25 @@ def _largest(gap: Gap) -> str:
     name = gap.where.channel if gap.where.channel in channels else max(channels, key=lambda item: channels[item])
     times = f"{number(channels[name], 2) if channels[name] < MANY else f'over {MANY}'} times its noise"
     if gap.gap_detected and channels[name] < SLIGHT and gap.applied:
-        return f", though hardly in free run, where the largest error, that of {name}, is {times}"
+        return f"; in free run it hardly does: the largest error, that of {name}, is {times}"
     if gap.gap_detected:
         refitted = ", with tolerances refitted," if gap.moved else ""
         return f": in free run{refitted} the error of {name} is {times}"
     return f"; the largest error in free run, that of {name}, is {times}"
 
 
-def where(gap: Gap) -> str:
-    """Where it lies: equation, regime, time; "" where there is no gap."""
+def where(gap: Gap) -> list[str]:
+    """Where it lies, by equation, by regime and by time; none where there is no gap."""
     if not gap.gap_detected:
-        return ""
-    stated = [clause for clause in (_equations(gap), _regime(gap), _time(gap)) if clause]
-    return "; ".join(stated)
+        return []
+    stated = (("By equation", _equations(gap)), ("By driving", _regime(gap)), ("By time", _time(gap)))
+    return [f"{lead}: {clause}" for lead, clause in stated if clause]
 
 
 def _equations(gap: Gap) -> str:
     shares = sorted(gap.where.equations.items(), key=lambda item: -item[1])
-    named = [f"{name} ({percent(share)} of the gap)" for name, share in shares[:MOST_SHARES] if share >= LEAST_SHARE]
-    return listed(named) or gap.where.channel
+    named = [f"{percent(share)} of the gap in {name}" for name, share in shares[:MOST_SHARES] if share >= LEAST_SHARE]
+    return listed(named) or f"mostly in {gap.where.channel}"
 
 
 def _regime(gap: Gap) -> str:
@@ -245,16 +247,16 @@ def _regime(gap: Gap) -> str:
         return REGIMES["any"]
     place = REGIMES.get(where.regime, where.regime)
     if isfinite(time) and isfinite(share) and share > CONCENTRATED * time:
-        return f"{percent(share)} of the gap lies in {percent(time)} of the time, namely {place}"
-    return place
+        return f"{percent(share)} of the gap {place}, in {percent(time)} of the time"
+    return f"mostly {place}"
 
 
 def _time(gap: Gap) -> str:
     time = gap.where.time
     if not {"from", "to"} <= time.keys():
         return ""
-    share = f" ({percent(time['share'])} of the time)" if isfinite(time.get("share", float("nan"))) else ""
-    return f"half of the gap lies between {time['from']:.1f} and {time['to']:.1f} s{share}"
+    share = f", in {percent(time['share'])} of the time" if isfinite(time.get("share", float("nan"))) else ""
+    return f"half of the gap between {time['from']:.1f} and {time['to']:.1f} s{share}"
 
 
 def told_apart(gap: Gap, ranked: Ranked) -> str:
@@ -304,19 +306,23 @@ def verdict(gap: Gap) -> list[tuple[str, str]]:
         *(("Doubt", doubt) for doubt in gap.doubts[:MOST_DOUBTS]),
         ("", f"and {more} more doubts" if (more := len(gap.doubts) - MOST_DOUBTS) > 0 else ""),
         ("Gap", whether(gap)),
-        ("Where", where(gap)),
-        ("Which", which(gap)),
+        ("Where", ". ".join(where(gap))),
+        ("Cause", which(gap)),
         ("Budget", budget(gap)),
         (
-            "How far",
-            "; ".join(
-                filter(
-                    None,
-                    [how_far(gap, closure, held_out), levels(closure), as_it_stands(gap, closure), *carried_over(gap)],
+            "Errors",
+            ". ".join(
+                capital(words)
+                for words in (
+                    how_far(gap, closure, held_out),
+                    levels(closure),
+                    as_it_stands(gap, closure),
+                    *carried_over(gap),
                 )
+                if words
             ),
         ),
-        ("Left", left(gap)),
+        ("Remains", left(gap)),
     ]
     return [(lead, sentence) for lead, sentence in stated if sentence]
 
@@ -330,7 +336,10 @@ def budget(gap: Gap) -> str:
         for share in (*gap.budget.shares, gap.budget.unnamed)
     ]
     place = "held out" if gap.budget.held_out else "from which the effects were chosen"
-    return f"shares of the excess error on {listed([*gap.budget.recordings])} ({place}): {listed(shares)}"
+    return (
+        f"shares of the excess error (the error beyond noise) on {listed([*gap.budget.recordings])} ({place}): "
+        f"{listed(shares)}"
+    )
 
 
 def judged(gap: Gap) -> tuple[Closure, bool]:
@@ -341,35 +350,38 @@ def judged(gap: Gap) -> tuple[Closure, bool]:
 def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     """How far a gap shrinks on some recordings, with its interval; honest where it does not."""
     names = listed([*closure.recordings]) or listed([*gap.recordings])
-    chose = ", from which " + ("it was" if len(gap.applied) == 1 else "they were") + " chosen" if gap.applied else ""
+    chose = f", from which the effect{'s were' if gap.applied[1:] else ' was'} chosen" if gap.applied else ""
     several = "s" if len(closure.recordings or gap.recordings) > 1 else ""
     place = f"on the recording{several} {names}{' (held out)' if held_out else chose}"
     if not gap.applied:
         if not gap.gap_detected and not gap.moved:
-            return f"there is no excess error to close {place}"
+            return f"there is no error beyond noise {place}"
         if not gap.gap_detected:
-            return f"no effect applied; parameters re-estimated within their tolerances; errors are those {place}"
+            return (
+                "no effect was applied, but parameters were re-estimated within their tolerances; errors are those "
+                f"{place}"
+            )
         if gap.moved:
-            return f"no effect applied; parameters re-estimated; errors are those {place}"
-        return f"no effect was applied, so the error beyond the noise stays as it is {place}"
+            return f"no effect was applied, but parameters were re-estimated; errors are those {place}"
+        return f"no effect was applied, so the error stays as it is {place}"
     share, (low, high) = closure.closed, closure.closed_interval
     if not isfinite(share):
-        return f"with {listed([*gap.applied])} applied, there is no error above the floor {place}"
+        return f"with {listed([*gap.applied])}, there is no error beyond noise {place}"
     if not tells(closure):
         over = percent(max(closure.before - closure.floor, 0.0))
         return (
-            f"once parameters with tolerances are refitted, the errors of free runs exceed noise by {over} {place}: "
-            f"the gap is too small to state which share of it {listed([*gap.applied])} closes"
+            f"with parameters refitted within their tolerances, the mean square error in free run exceeds that of the "
+            f"noise by {over} {place}; the gap is too small to state which share of it {listed([*gap.applied])} closes"
         )
     bounds = f"[{whole_percent(low)}, {whole_percent(high)}]"
     if share < 0:
-        known = "" if high < 0 else "; the sign is uncertain here"
+        known = "" if high < 0 else "; the interval includes zero"
         return (
             f"adding {listed([*gap.applied])} increases the excess error by {whole_percent(-share)} % "
             f"[{whole_percent(-high)}, {whole_percent(-low)}] {place}{known}"
         )
-    known = "" if not low <= 0 else "; the gap may not close at all"
-    return f"with {listed([*gap.applied])} the excess error falls by {whole_percent(share)} % {bounds} {place}{known}"
+    known = "" if not low <= 0 else "; the interval includes zero, so the gap may not close"
+    return f"with {listed([*gap.applied])}, the excess error falls by {whole_percent(share)} % {bounds} {place}{known}"
 
 
 def tells(closure: Closure) -> bool:
@@ -380,10 +392,10 @@ def tells(closure: Closure) -> bool:
 def levels(closure: Closure) -> str:
     """Mean squares over the noise's, all channels alike."""
     before, after = number(closure.before), number(closure.after)
-    change = f"{before} → {after} times that of the noise (before → after)"
+    change = f"{before} before, {after} after"
     if before == after:
-        change = f"{before} times that of the noise, before and after"
-    return f"mean square error {change}; the floor is {number(closure.floor)}"
+        change = f"{before} before and after"
+    return f"mean square error divided by that of the noise: {change}; the noise alone leaves {number(closure.floor)}"
 
 
 def as_it_stands(gap: Gap, closure: Closure) -> str:
@@ -398,15 +410,15 @@ def as_it_stands(gap: Gap, closure: Closure) -> str:
     before, after = (
         fsum((getattr(item, of) / item.floor) ** 2 for item in free) / len(free) for of in ("before", "after")
     )
-    square = f"mean square error {number(before)} → {number(after)} times that of the noise"
     if after <= before:
         what = "re-estimated parameters" + (f" and {listed([*gap.applied])}" if gap.applied else "")
-        return f"with {what}: {square} in free run" if gap.moved else ""
+        square = f"the mean square error in free run falls from {number(before)} to {number(after)} times that of noise"
+        return f"with {what}, {square}" if gap.moved else ""
     if not closure.closed > 0:
         return ""
     return (
-        f"however, the closed model has a larger error in free run than the model had before: {square}; "
-        "fit it before you use it"
+        "the closed model, which has these effects, has a larger mean square error in free run than the model before: "
+        f"{number(after)} instead of {number(before)} times that of noise. Fit the closed model before you use it"
     )
 
 

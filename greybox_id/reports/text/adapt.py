@@ -27,15 +27,16 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         what = "the unchanged fit" if words == "zero-shot" else words
         yield led("chosen", f"for {listed(outputs)}: {what}")
     if any("strength" in words for words in several):
-        yield led("", "the smaller the strength, the further parameters may move from the fit")
+        yield led("", "strength of the priors: the smaller it is, the further parameters may move from the fit")
     for run, delays in result.delays.items():
         stated = ", ".join(f"{output} {round(1e3 * delay) or 0:+d} ms" for output, delay in delays.items())
         yield led(
-            "timing", f"run {run}: delays of readings after inputs, relative to the training data of the fit: {stated}"
+            "timing",
+            f"run {run}: delays of readings after inputs, compared with the training data of the fit: {stated}",
         )
     if result.moved:
         names = [f"{name} ({count})" if count > 1 else name for name, count in list(result.moved.items())[:MOST_MOVED]]
-        yield led("moved", f"by more than two standard deviations of the fit: {', '.join(names)}")
+        yield led("moved", f"by more than two of their standard deviations in the fit: {', '.join(names)}")
     yield ""
     if not result.zero_shot.rest:
         yield led("rest", f"no rows are left after the {result.seconds:g} s of the adaptation, so nothing is scored")
@@ -45,7 +46,7 @@ def parts(result: Adaptation) -> Iterator[RenderableType]:
         return
     ahead = ", 0.5 s ahead" if isinstance(result.fit.model, MotionModel) else ""
     table = plain_table(
-        f"RMSE on the rest{ahead}", "unit", "before adaptation", "after adaptation", "95 % interval expected for it"
+        f"RMSE on the rest{ahead}", "unit", "before adaptation", "after adaptation", "95 % interval expected after"
     )
     for output, error in result.chosen.rest.items():
         before, (low, high) = result.zero_shot.rest[output], result.chosen.interval[output]

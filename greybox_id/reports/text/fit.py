@@ -108,7 +108,7 @@ def _from_prior(result: Fit) -> str:
     if not names:
         return ""
     listed = ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if names[MOST_NAMED:] else "")
-    return f"; {len(names)} of {counted(len(free), 'estimate')} come from priors rather than data: {listed}"
+    return f"; {len(names)} of {counted(len(free), 'estimate')} are hardly more precise than their priors: {listed}"
 
 
 def verdict_table(verdict: Verdict, more: str = "") -> Table:

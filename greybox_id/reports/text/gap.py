@@ -43,16 +43,16 @@ def parts(gap: Gap, width: int = WIDTH) -> Iterator[RenderableType]:
     yield whether(gap)
     place = where(gap)
     if place:
-        yield led("Where", place)
+        yield led("Where", "\n".join(place))
     which = _which(gap, width)
     if which is not None:
-        yield led("Which", which)
+        yield led("Cause", which)
     for line in _silent(gap):
         yield led("", line)
     if gap.budget is not None:
         yield led("Budget", _budget(gap.budget))
-    yield led("How far", _how_far(gap, width))
-    yield led("Left", left(gap))
+    yield led("Errors", _how_far(gap, width))
+    yield led("Remains", left(gap))
     for sentence in gap.advice:
         yield led("Next", sentence)
 
@@ -94,13 +94,13 @@ def _budget(budget: Budget) -> Group:
     for _ in range(3):
         table.add_column()
     place = (
-        f"on {listed([*budget.recordings])}, {'held out' if budget.held_out else 'from which the effects were chosen'}"
+        f"on {listed([*budget.recordings])} ({'held out' if budget.held_out else 'from which the effects were chosen'})"
     )
     for share in (*budget.shares, budget.unnamed):
         bar = "█" * round(BAR * min(max(share.share, 0.0), 1.0))
         interval = f"[{whole_percent(share.low)}, {whole_percent(share.high)}]"
         table.add_row(share.effect, f"{whole_percent(share.share)} % {interval}", bar)
-    return Group(f"share of the excess error {place}", table)
+    return Group(f"share of the excess error (the error beyond noise) {place}", table)
 
 
 def probability(value: float) -> str:
@@ -113,10 +113,11 @@ def _silent(gap: Gap) -> list[str]:
     lines = []
     if gap.not_excited:
         named = [f"{name} up to {_printed(size)}" for name, size in list(gap.not_excited.items())[:MOST_WORDS]]
-        lines.append(f"below the detection limit here: {_and_more(named, len(gap.not_excited))}")
+        lines.append(f"below the detection limit here, so possibly present: {_and_more(named, len(gap.not_excited))}")
     if gap.absorbed:
         named = list(gap.absorbed[:MOST_WORDS])
-        lines.append(f"absorbed by tolerances or free parameters: {_and_more(named, len(gap.absorbed))}")
+        names = _and_more(named, len(gap.absorbed))
+        lines.append(f"absorbed by free parameters or parameters with a tolerance, so not detectable: {names}")
     return lines
 
 
@@ -138,7 +139,7 @@ def _how_far(gap: Gap, width: int) -> Group:
         types.append(warning)
     types += carried_over(gap)
     if not held_out and gap.applied:
-        types.append("how far the gap closes on other recordings is unknown: name held-out recordings")
+        types.append("on other recordings, the error with these effects is unknown: name held-out recordings")
     if gap.moved:
         named = [
             f"{one.name} {short_with_sd(one.stated, one.sd)} → {quantity(one.value, one.unit)}"

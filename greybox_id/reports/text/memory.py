@@ -38,7 +38,7 @@ def _late(delay: float, sd: float) -> str:
 @chosen_lines.register(MemoryModel)
 def _strengths(model: MemoryModel, result: Fit) -> Iterator[str]:
     strengths = ", ".join(f"{k} {v:g}" for s in result.stages if not s.closed_loop for k, v in s.strengths.items())
-    yield f"priors   of the weights, by strength: {strengths or 'as stated'} ({result.mode})"
+    yield f"priors   strengths of the priors of the weights: {strengths or 'as stated'} ({result.mode})"
 
 
 @error_parts.register(MemoryModel)
@@ -48,4 +48,4 @@ def _errors(model: MemoryModel, result: Fit) -> Iterator[RenderableType]:
     if "validate" in result.how.get("timing", {}):
         yield ""
         for line in timing_lines(result.how["timing"]["validate"]):
-            yield led("timing", f"held out, {line}; delays of readings after inputs, relative to the training data")
+            yield led("timing", f"held out, {line}; delays of readings after inputs, compared with the training data")

@@ -28,7 +28,7 @@ SAME = 0.01
 def _stage(model: MotionModel, result: Fit, stage: Stage) -> Iterator[str]:
     free = sum(p.size for p in model.parameters if not p.fixed)
     horizon = result.how.get("horizon")
-    over = "whole runs" if horizon is None else f"{horizon:g} s ahead"
+    over = "fitted to whole runs" if horizon is None else f"fitted {horizon:g} s ahead"
     yield from solver_lines(stage, f"{counted(free, 'free parameter')}, {over}")
     if len(stage.starts) > 1:
         yield f"starts   {_starts(stage.starts)}"
@@ -103,7 +103,9 @@ def _starts(objectives: Sequence[float]) -> str:
     if alike == len(objectives):
         return f"all {alike} starts ended at the same objective, {number(best, 4)}"
     spread = (
-        f"the others at up to {number(worst, 4)}" if len(objectives) - alike > 1 else f"the other at {number(worst, 4)}"
+        f"the others at objectives up to {number(worst, 4)}"
+        if len(objectives) - alike > 1
+        else f"the other at {number(worst, 4)}"
     )
     return f"{alike} of {len(objectives)} starts ended at the best objective, {number(best, 4)}; {spread}"
 

@@ -43,10 +43,10 @@ def show_findings(recording: Recording, findings: Sequence[Finding], out: Consol
         options = [word for option, value in given if value for word in (option, value)]
         command = shlex.join(["greybox", "data", "check", source.path, *options])
         out.print(Text(f"rows left out: {command}"), soft_wrap=True)
-    verdict = "not to be trusted" if distrusted(findings) else "usable with care: see the warnings"
+    verdict = "is not to be trusted" if distrusted(findings) else "is usable with care: see the warnings"
     if not any(finding.severity is not Severity.NOTE for finding in findings):
         verdict = "can be used"
-    out.print(f"{recording.name}: {verdict}\n")
+    out.print(f"recording {recording.name} {verdict}\n")
 
 
 def header(recording: Recording) -> str:
@@ -124,7 +124,8 @@ def show_proposal(proposal: Proposal, out: str | None, screen: Console) -> None:
     requested = {entry.signal for entry in proposal.open}
     if requested:
         screen.print(
-            f"Decide on {counted(len(requested), 'signal')}, marked ? above: {', '.join(sorted(requested))}. In the "
+            f"{counted(len(requested), 'signal')} marked ? above must be decided: {', '.join(sorted(requested))}. In "
+            "the "
             "column map, choose one of the lines that begin with #? and remove its #?."
         )
     if out:

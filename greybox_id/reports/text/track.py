@@ -57,14 +57,15 @@ def beside_truth(digest: Digest) -> list[str]:
     result = []
     for name, one in digest.truth.items():
         sentence = (
-            f"{name}: RMSE {decimal(one.rmse)} {one.unit} against measurements that did not enter the filter "
-            f"({decimal(one.size)} {one.unit} rms); {percent(one.inside)} of these measurements are within two sd, "
-            "where 95 % are expected"
+            f"{name} has an RMSE of {decimal(one.rmse)} {one.unit} against measurements that the filter did not use "
+            f"(their rms: {decimal(one.size)} {one.unit}). {percent(one.inside)} of them are within two sd of the "
+            "estimate; "
+            "95 % are expected"
         )
         if one.inside < COVERED:
-            sentence += ": the bands are too narrow, do not trust them"
+            sentence += ", so the bands are too narrow"
         if one.rmse > one.size:
-            sentence += "; an estimate of zero would have a smaller error"
+            sentence += ". An estimate of zero would have a smaller error"
         result.append(f"{sentence}.")
     if "sideslip" not in digest.truth:
         result.append("No sideslip was measured, so its estimate cannot be checked.")

@@ -45,8 +45,8 @@ def _how_sure(one: Digest) -> str:
     ]
     untold = [f"{signal_words(name)} in {percent(walk)}" for name, walk in walks.items() if walk < 1]
     return (
-        f"In recording {one.data.name} ({counted(one.rows, 'row')} in {counted(one.runs, 'run')}), the estimates of "
-        f"{method(one)} with the model {one.model} have a median standard deviation of {listed(each)}"
+        f"Recording {one.data.name} has {counted(one.rows, 'row')} in {counted(one.runs, 'run')}. The median standard "
+        f"deviation of the estimates of {method(one)} with the model {one.model} is {listed(each)}"
         f"{f'. The recording determines {listed(untold)} of the rows' if untold else ''}."
     )
 
@@ -64,13 +64,14 @@ def _is_it_so(digest: Digest) -> str:
         ]
     )
     windows = (
-        f". Averaged over {WINDOW:g} s, it lies within its 95 % bounds in {inside}, where 95 % are expected"
+        f". Averaged over windows of {WINDOW:g} s, it lies within its 95 % bounds in {inside} (95 % are expected)"
         if inside
         else ""
     )
     widened = f". The bands of the estimates were widened by a factor of {number(digest.widened, 3)}"
     return (
-        f"The mean squared innovation over its expected value (1 for a consistent filter) is {means}{windows}"
+        f"The mean squared innovation divided by its expected value (NIS; 1 if the filter is consistent) is {means}"
+        f"{windows}"
         f"{_memory(digest)}{widened if digest.widened > 1 else ''}."
     )
 
@@ -93,14 +94,14 @@ def _memory(digest: Digest) -> str:
 def _against_what(digest: Digest) -> str:
     if not digest.truth:
         return (
-            "No estimate was also measured independently of the filter: this recording does not show the error of "
-            "the estimates."
+            "The recording holds no measurement of an estimated quantity that the filter did not use, so the error of "
+            "the estimates is not known."
         )
     each = [
         f"{quantity(item.rmse, item.unit)} in {signal_words(name)} ({percent(item.inside)} within two sd)"
         for name, item in digest.truth.items()
     ]
-    return f"Against measurements that did not enter the filter, estimates have an RMSE of {listed(each)}."
+    return f"Compared with measurements that the filter did not use, the RMSE of estimates is {listed(each)}."
 
 
 NOISES = {
@@ -221,7 +222,7 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
     more = " Measurements of the estimated quantities are drawn, too." if digest.course.measured else ""
     more += f" One of {digest.course.every} rows is drawn." if digest.course.every > 1 else ""
     if digest.runs > 1:
-        more += " Runs begin at dotted lines; runs whose clocks start again are drawn one after the other."
+        more += " Runs begin at dotted lines and are drawn one after the other if their clocks start again."
     made = (
         Drawing(
             "estimates",
@@ -246,8 +247,8 @@ def drawings(digest: Digest) -> tuple[Drawing, ...]:
             "whiteness",
             whiteness(digest),
             "Correlation of each innovation with the one a lag later. If the filter uses all information in the "
-            "readings, "
-            "an innovation does not depend on earlier ones. Correlations outside the band come from an effect that "
+            "readings, an innovation does not depend on earlier ones. Correlations outside the band come from an "
+            "effect that "
             "the model lacks, or from correlated noise.",
             "Correlation of the innovations of each reading over lags, with its band.",
         ),
@@ -324,9 +325,9 @@ def whiteness(digest: Digest) -> Sheet:
 
 
 ESTIMATES = (
-    "Quantiles of the estimates over all rows, and the median of their standard deviations; the output table of the "
-    "filter has estimates and standard deviations row by row. Identifiable in: for each tracked parameter, the share "
-    "of rows that determine it."
+    "Quantiles of the estimates over all rows, and the median of their standard deviations. The output table of the "
+    "filter has estimates and standard deviations row by row. Identifiable in: share of the rows that determine a "
+    "tracked parameter."
 )
 TRUTH = (
     "Estimate minus measurement, over the rows that have both. These numbers include the errors of the measurement. "
@@ -337,20 +338,20 @@ READINGS = (
     "the variance that the filter expects; its mean is 1 if that variance is right. Windows within: share of means "
     "over 2 s that lie inside their 95 % bounds. Autocorrelation: correlation of an innovation with the one before; "
     "without any correlation, 95 % of the values are within the bound. Gated: number of readings so far from "
-    "their prediction that they counted as noisier."
+    "their prediction that they got a lower weight."
 )
 NOISE = (
-    "The ratio of a random walk's size to the noise of the readings decides whether the filter follows its model or "
-    "the readings. These sizes are tuned so that the readings that the filter uses are most likely; a measured "
-    "sideslip that the filter does not use has no influence on them."
+    "If random walks are large compared with the noise of the readings, the filter follows the readings more than its "
+    "model. Both sizes are tuned to maximise the likelihood of the readings that the filter uses. Other measurements, "
+    "such as a measured sideslip, have no influence on them."
 )
 BANDS = (
     "Bands extend two standard deviations to each side. They come from the filter and from parameters stated with a "
-    "standard deviation. They do not include the error of a model with the wrong form."
+    "standard deviation. They do not include errors of the equations."
 )
 RANGE = "Outside the ranges in the section “Signals used”, these estimates say nothing about the vehicle."
 EQUATIONS = (
-    "Derived from the model, with tracked parameters as states. A dot is a time derivative; w1, w2 and so on "
+    "Tracked parameters are states of these equations. A dot is a time derivative; w1, w2 and so on "
     "stand for repeated terms. A prime marks a quantity that an effect or a tracked parameter alters; “late” marks a "
     "delayed quantity, and “read” the reading of a sensor."
 )

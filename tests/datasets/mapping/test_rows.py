@@ -107,7 +107,7 @@ def test_a_unit_that_cannot_be_is_asked_about_though_the_file_states_it(table, t
     table.rename(columns={"YawRate [deg/s]": "YawRate [rad/s]"}).to_csv(tmp_path / "lap.csv", index=False)
     entry = next(item for item in propose(tmp_path / "lap.csv").entries if item.signal == "yaw_rate")
     assert (entry.unit, entry.decided) == ("deg/s", False)
-    assert "the file says rad/s, in which no vehicle reaches" in entry.reasons[-1]
+    assert "the file says rad/s, but no vehicle reaches" in entry.reasons[-1]
 
 
 @pytest.mark.parametrize("clockwise", [False, True])

@@ -113,7 +113,7 @@ def test_poor_data_are_refused_with_their_reason_though_a_good_lap_was_held_out(
     [
         (lambda: driven(**LONG).rows(20, 23), r"3 rows \(.* too few"),
         (lambda: driven(**LONG).rows(20, 50), r"30 rows \(.* too few"),
-        (lambda: changed(driven(**LONG), **UNEXCITED), "nothing moves: v_y, yaw_rate and a_y"),
+        (lambda: changed(driven(**LONG), **UNEXCITED), "nothing moves. v_y, yaw_rate and a_y"),
         (lambda: changed(driven(**LONG), **STANDING), "nothing moves"),
         (lambda: changed(driven(**LONG), **dict.fromkeys(STANDING, np.zeros_like)), "nothing moves"),
     ],
@@ -165,7 +165,7 @@ def test_a_stated_number_that_is_wrong_widens_intervals_or_refuses():
 def test_residuals_are_judged_by_the_noise_that_the_vehicle_states():
     turned = changed(driven(runs=1, seconds=20.0), steer=lambda v: v + 0.03)
     found = fit(model("B_f", "I_z"), [turned], how=QUICK, sensors={"yaw_rate": 1e-4, "a_y": 1e-3, "v_y": 1e-4})
-    assert any("times its stated noise" in reason for reason in found.verdict.reasons)
+    assert any("times the stated noise" in reason for reason in found.verdict.reasons)
 
 
 def test_an_effect_that_makes_what_was_held_out_worse_is_refused():

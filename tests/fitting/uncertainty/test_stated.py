@@ -32,10 +32,12 @@ def test_what_scales_with_a_stated_mass_is_said_to_and_what_is_per_mass_holds_th
     found = fit(model(), laps[:1], validate=laps[1], how=QUICK)
     assert found.how["scaling"] == {"m": ["I_z", "C_alpha_f", "C_alpha_r"]}
     assert found.verdict.usability == USABLE
-    assert found.verdict.reasons[-1].startswith("I_z, C_alpha_f and C_alpha_r are proportional to m, which ")
-    assert found.notes()["I_z"] == "proportional to m; holds for the stated m"
+    assert found.verdict.reasons[-1].startswith(
+        "The recordings do not determine m. I_z, C_alpha_f and C_alpha_r are proportional"
+    )
+    assert found.notes()["I_z"] == "proportional to m: valid only for the stated m"
     known = {one.name: one for one in found.combined()}
-    assert "proportional to m; holds for the stated m" in known["C_alpha_f"].about
+    assert "proportional to m: valid only for the stated m" in known["C_alpha_f"].about
     true = {p.name: float(p.array) for p in build("lateral", None, {}, vehicle("full_size_car")).parameters}
     assert known["I_z / m"].low < true["I_z"] / true["m"] < known["I_z / m"].high
     assert float(found.model["I_z"].array) == pytest.approx(OFF * true["I_z"], rel=0.03)

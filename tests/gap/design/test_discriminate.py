@@ -74,7 +74,7 @@ def test_exact_aliases_are_called_impossible(saved, pair, turned):
 
 def test_where_nothing_is_ambiguous_that_is_said(saved):
     design = gb.design(saved(clear()), arena="disc:60")
-    assert design.said == ("There is nothing to distinguish: the diagnosis distinguishes its explanations already.",)
+    assert design.said == ("There is nothing to distinguish: the diagnosis already distinguishes its explanations.",)
     assert gb.design(saved(none()), arena="disc:60").said[0].endswith("no gap was detected.")
     assert design.plan is None
     assert ambiguous(clear()) == ()
