@@ -6,7 +6,7 @@ import numpy as np
 
 from ...base.shorthands import Array, Mask
 from ...engine.solvers.gauss_newton import least_within
-from .problem import Linear
+from .sparse import Quadratic
 
 
 class FirstOrder:
@@ -17,7 +17,7 @@ class FirstOrder:
 
     Parameters
     ----------
-    linear, prec : the problem, and beliefs.
+    squares, prec : the problem, and beliefs.
     switched_at : (causes,) how far off one is that simulations have.
     switched : (causes,) those that simulations have from this step on.
 
@@ -26,18 +26,21 @@ class FirstOrder:
     low, high : (K,) how far a step of all coordinates may go, so that it goes where these are at their best.
     """
 
-    def __init__(self, linear: Linear, prec: Array, switched_at: Array, switched: Mask) -> None:
+    def __init__(self, squares: Quadratic, prec: Array, switched_at: Array, switched: Mask) -> None:
+        linear = squares.about
         here = ~linear.moved & ~np.isin(linear.cause, np.flatnonzero(switched))
         reach = np.append(switched_at, np.inf)[linear.cause[here]]  # of what is no cause, -1, all of it
-        self._A, self._prec, self._off = linear.A[:, here], prec[here], (linear.at - linear.mean)[here]
+        self._A, self._here, self._prec, self._off = linear.A, here, prec[here], (linear.at - linear.mean)[here]
         self.low, self.high = linear.low - linear.at, linear.high - linear.at
         self.low[here] = np.maximum(self.low[here], -reach - self._off)
         self.high[here] = np.minimum(self.high[here], reach - self._off)
         self._within = self.low[here], self.high[here]
-        self._H = self._A.T @ self._A + np.diag(self._prec)
+        self._H = squares.G[np.ix_(here, here)] + np.diag(self._prec)
 
-    def left(self, r: Array) -> float:
-        """What is left of residuals, with the charge."""
-        g = self._A.T @ r + self._prec * self._off
-        step = least_within(self._H, g, *self._within, np.ones(len(g), dtype=bool))
-        return float(r @ r + self._off @ (self._prec * self._off) + 2 * g @ step + step @ self._H @ step)
+    def left(self, R: Array) -> Array:
+        """(n,) what is left of residuals, (R, n), with the charge."""
+        slopes = (self._A.T @ R)[self._here] + (self._prec * self._off)[:, None]
+        least, free = self._off @ (self._prec * self._off), np.ones(len(slopes), dtype=bool)
+        steps = [least_within(self._H, g, *self._within, free) for g in slopes.T]
+        gained = [2 * g @ step + step @ self._H @ step for g, step in zip(slopes.T, steps, strict=True)]
+        return np.asarray(np.sum(R**2, axis=0) + least + gained)

@@ -62,8 +62,8 @@ class Linear(NamedTuple):
 
     Attributes
     ----------
-    r : (R,) whitened residuals.
-    A : (R, K) whitened columns: tolerances, causes, second parameters of those that are on, first-order ones.
+    columns : (R, 1 + K) whitened, side by side: residuals, then tolerances, causes, second parameters of those that
+        are on, first-order ones.
     at, mean, low, high : (K,) where coordinates are, are believed, and may be.
     sd : (K,) of beliefs; of causes their zones.
     cause : (K,) of magnitudes and second parameters, whose they are; else -1.
@@ -71,8 +71,7 @@ class Linear(NamedTuple):
     moved : (K,) whether simulations have it; else it enters to first order alone, and stays where it is.
     """
 
-    r: Array
-    A: Array
+    columns: Array
     at: Array
     mean: Array
     low: Array
@@ -81,6 +80,16 @@ class Linear(NamedTuple):
     cause: Array
     main: Mask
     moved: Mask
+
+    @property
+    def r(self) -> Array:
+        """(R,) whitened residuals."""
+        return self.columns[:, 0]
+
+    @property
+    def A(self) -> Array:
+        """(R, K) derivatives."""
+        return self.columns[:, 1:]
 
 
 class JointProblem:
@@ -168,8 +177,10 @@ class JointProblem:
         if not len(P):
             return np.zeros((0, *self.bench.measured.shape))
         self.simulations += len(P)
-        y = self.bench.simulate(np.array(P))
-        return np.where(self.bench.counted, y - self.bench.measured, 0.0)
+        e = self.bench.simulate(np.array(P))
+        e -= self.bench.measured
+        e[:, ~self.bench.counted] = 0.0
+        return e
 
     # ---- linearisation
 
@@ -193,9 +204,6 @@ class JointProblem:
         indices += [axis.index for _, _, axis in seconds]
         _, J, S = self.bench.linearise(p, indices)
         nt, E = len(self.tolerances), len(self.causes)
-        tolerances = (
-            J[:, :, :nt].reshape(self.bench.measured.size, nt) @ (self.mix * _by(p, self.tolerances)[:, None])
-        ).reshape(*J.shape[:2], nt)
         by_seconds = J[:, :, nt + len(smooth) :] * _by(p, [axis for _, _, axis in seconds])
         offs = [k for k in range(E) if not self.smooth[k] and not state.on[k]]
         jumps = [k for k in range(E) if self.causes[k].main.shift and not state.on[k] and self.causes[k].zone > 0]
@@ -225,35 +233,41 @@ class JointProblem:
             requested.append((q, cause.forms[f].starts[s][0] - cause.main.null))
         e = self.residuals([*(q for q, _ in requested), *shifted.values()])
         e, before = e[: len(requested)], dict(zip(shifted, e[len(requested) :], strict=True))
-        slopes = np.stack([(item - before.get(place, e[0])) / step
-                           for place, (item, (_, step)) in enumerate(zip(e, requested, strict=True))],
-                          axis=2)[:, :, 1:]  # fmt: skip
-        slopes = np.where(np.isfinite(slopes), slopes, 0.0)
+        slopes = e[1:]  # in the same memory
+        for place, (slope, (_, step)) in enumerate(zip(slopes, requested[1:], strict=True), 1):
+            slope -= before.get(place, e[0])
+            slope /= step
+        with np.errstate(all="ignore"):
+            finite = np.isfinite(np.sum(slopes))
+        if not finite:
+            slopes[~np.isfinite(slopes)] = 0.0
         a, b, c = len(ons), len(ons) + len(jumps), len(ons) + len(jumps) + len(self.shifts)
-        every = np.concatenate([
-            np.nan_to_num(e[0])[:, :, None], tolerances, J[:, :, nt : nt + len(smooth)], by_seconds, S, slopes,
-            *(self._slopes[k][:, :, None] for k in kept),
-        ], axis=2)  # fmt: skip
-        white = whitener.white(np.clip(np.nan_to_num(every), -CAL.far, CAL.far)).reshape(-1, every.shape[2])
-        edges = np.cumsum([1, nt, len(smooth), len(seconds), S.shape[2]])
-        r, T, M, X, B = white[:, 0], *(white[:, i:j] for i, j in zip(edges[:-1], edges[1:], strict=True))
-        rest = white[:, edges[-1] : edges[-1] + slopes.shape[2]]
-        mains = np.zeros((len(r), E))
-        mains[:, smooth], mains[:, ons], mains[:, kept] = M, rest[:, :a], white[:, edges[-1] + slopes.shape[2] :]
-        first = np.concatenate([B, rest[:, a:c]], axis=1)
+        at_mains = 1 + nt
+        at_seconds = at_mains + E
+        at_first = at_seconds + len(seconds)
+        at_starts = at_first + S.shape[2] + c - a
+        every = np.empty((*self.bench.measured.shape, at_starts + len(starts)))
+        mixed = np.zeros((nt + len(smooth), nt + E))
+        mixed[:nt, :nt] = self.mix * _by(p, self.tolerances)[:, None]
+        mixed[nt + np.arange(len(smooth)), [nt + k for k in smooth]] = 1.0
+        every[:, :, 0] = e[0]
+        every[:, :, 1:at_seconds] = np.tensordot(J[:, :, : len(mixed)], mixed, axes=1)
+        for k, slope in [*zip(ons, slopes, strict=False), *((k, self._slopes[k]) for k in kept)]:
+            every[:, :, at_mains + k] = slope
+        every[:, :, at_seconds:at_first], every[:, :, at_first : at_first + S.shape[2]] = by_seconds, S
+        every[:, :, at_first + S.shape[2] :] = np.moveaxis(slopes[a:], 0, 2)
+        white = whitener.white(_limited(every)).reshape(-1, every.shape[2])
         if starts:
-            known = np.concatenate([T, X, first], axis=1)
-            value = self._own_precision(known.shape[1], nt, len(seconds), S.shape[2], whitener, seconds, b - a)
-            state = self._seen(state, starts, rest[:, c:], mains, known, value, r, precision)
-        chosen = dict[int, int]()
+            there = np.array([k for k in range(E) if k not in {k for k, *_ in starts}], dtype=np.intp)
+            rest = np.r_[1:at_mains, at_seconds:at_starts]
+            known = self._precisions(whitener, seconds, b - a), precision[there]
+            state = self._seen(state, starts, white, np.r_[rest, at_mains + there], np.concatenate(known))
         for place, (k, f, s) in enumerate(starts):
             if (f, s) == self._looking.get(k):
-                chosen[k] = place
-        for k, place in chosen.items():
-            mains[:, k], self._slopes[k] = rest[:, c + place], slopes[:, :, c + place]
+                white[:, at_mains + k], self._slopes[k] = white[:, at_starts + place], slopes[c + place].copy()
         for k in ons:
             self._slopes.pop(k, None)
-        return state, self._linear(state, r, T, mains, X, first, seconds, whitener, S.shape[2], b - a)
+        return state, self._linear(state, white[:, :at_starts], seconds, whitener, S.shape[2], b - a)
 
     def _form(self, state: JointState, k: int) -> Form:
         return self.causes[k].forms[state.form[k]]
@@ -288,13 +302,10 @@ class JointProblem:
             return [(f, s) for f, form in enumerate(self.causes[k].forms) for s in range(len(form.starts))]
         return [self._looking[k]]
 
-    def _own_precision(
-        self, count: int, nt: int, ns: int, starts: int, whitener: Whitener, seconds: Sequence[tuple[int, int, Axis]],
-        jumps: int,
-    ) -> Array:  # fmt: skip
+    def _precisions(self, whitener: Whitener, seconds: Sequence[tuple[int, int, Axis]], jumps: int) -> Array:
+        """Of beliefs about what is no magnitude: tolerances, second parameters, first-order ones."""
         sds = [*self.theta_sd, *(axis.sd for _, _, axis in seconds), *self._of_starts(whitener),
                *[CAL.jumps_sd] * jumps, *(axis.sd for axis in self.shifts)]  # fmt: skip
-        assert len(sds) == count, (len(sds), count, nt, ns, starts)
         return np.asarray(1 / np.array(sds) ** 2)
 
     def _of_starts(self, whitener: Whitener) -> list[float]:
@@ -302,17 +313,22 @@ class JointProblem:
         return [float(whitener.stationary_sd[c]) for _ in self.bench.runs for c in channel]
 
     def _seen(
-        self, state: JointState, starts: Sequence[tuple[int, int, int]], columns: Array, mains: Array, known: Array,
-        value: Array, r: Array, precision: Array,
-    ) -> JointState:  # fmt: skip
-        """The state with every cause that is not there looked at from where it explains most beside all else."""
-        looked = self._looking
-        there = np.flatnonzero(np.any(mains != 0, axis=0))
-        B = np.concatenate([known, mains[:, there]], axis=1)
-        solve = inverse(B.T @ B + np.diag(np.concatenate([value, precision[there]])))
-        cross = B.T @ columns
-        left = columns.T @ r - cross.T @ (solve @ (B.T @ r))
-        curve = np.maximum(np.sum(columns**2, axis=0) - np.sum(cross * (solve @ cross), axis=0), 1e-12)
+        self, state: JointState, starts: Sequence[tuple[int, int, int]], columns: Array, beside: Array, known: Array
+    ) -> JointState:
+        """The state with every cause that is not there looked at from where it explains most beside all else.
+
+        Parameters
+        ----------
+        columns : (R, C) whitened: residuals first, those of the starts last.
+        beside : what else there is of them.
+        known : of that, precisions of beliefs.
+        """
+        looked, products = self._looking, columns.T @ columns
+        each = np.arange(columns.shape[1] - len(starts), columns.shape[1])
+        solve = inverse(products[np.ix_(beside, beside)] + np.diag(known))
+        cross = products[np.ix_(beside, each)]
+        left = products[each, 0] - cross.T @ (solve @ products[beside, 0])
+        curve = np.maximum(np.diag(products)[each] - np.sum(cross * (solve @ cross), axis=0), 1e-12)
         best = dict[int, float]()
         for (k, f, s), g, h in zip(starts, left, curve, strict=True):
             size = self.causes[k].forms[f].starts[s][0] - self.causes[k].main.null
@@ -336,10 +352,10 @@ class JointProblem:
         return replace(state, seconds=tuple(seconds), form=tuple(forms))
 
     def _linear(
-        self, state: JointState, r: Array, T: Array, mains: Array, X: Array, first: Array,
-        seconds: Sequence[tuple[int, int, Axis]], whitener: Whitener, starts: int, jumps: int,
+        self, state: JointState, columns: Array, seconds: Sequence[tuple[int, int, Axis]], whitener: Whitener,
+        starts: int, jumps: int,
     ) -> Linear:  # fmt: skip
-        E, shifts = len(self.causes), len(self.shifts)
+        nt, E, shifts = len(self.tolerances), len(self.causes), len(self.shifts)
         reach = CAL.reach_sd * self.theta_sd
         t_low = np.maximum([axis.low for axis in self.tolerances], self.theta_mean - reach)
         t_high = np.minimum([axis.high for axis in self.tolerances], self.theta_mean + reach)
@@ -355,7 +371,7 @@ class JointProblem:
         of_seconds = [axis for _, _, axis in seconds]
         ones, inf, none = np.ones(jumps), np.full(starts, np.inf), np.zeros(starts + jumps)
         return Linear(
-            r=r, A=np.concatenate([T, mains, X, first], axis=1),
+            columns=columns,
             at=np.concatenate([state.theta, state.m, at_seconds, none, [a.mean for a in self.shifts]]),
             mean=np.concatenate([self.theta_mean, self.mean, [a.mean for a in of_seconds], none,
                                  [a.mean for a in self.shifts]]),
@@ -363,9 +379,9 @@ class JointProblem:
             high=np.concatenate([t_high, high, [a.high for a in of_seconds], inf, ones, [a.high for a in self.shifts]]),
             sd=np.concatenate([self.theta_sd, self.zone, [a.sd for a in of_seconds], self._of_starts(whitener),
                                CAL.jumps_sd * ones, [a.sd for a in self.shifts]]),
-            cause=np.array([*[-1] * T.shape[1], *range(E), *(k for k, _, _ in seconds), *[-1] * nf], dtype=int),
-            main=np.concatenate([np.zeros(len(T.T)), np.ones(E), np.zeros(nx + nf)]).astype(bool),
-            moved=np.concatenate([np.ones(len(T.T)), self.smooth | state.on, np.ones(nx), np.zeros(nf)]).astype(bool),
+            cause=np.array([*[-1] * nt, *range(E), *(k for k, _, _ in seconds), *[-1] * nf], dtype=int),
+            main=np.concatenate([np.zeros(nt), np.ones(E), np.zeros(nx + nf)]).astype(bool),
+            moved=np.concatenate([np.ones(nt), self.smooth | state.on, np.ones(nx), np.zeros(nf)]).astype(bool),
         )  # fmt: skip
 
     def formed(self, state: JointState, k: int, form: int) -> JointState:
@@ -398,6 +414,14 @@ class JointProblem:
 def _by(p: Array, axes: Sequence[Axis]) -> Array:
     """(axes,) derivative of parameters by their coordinates."""
     return np.array([p[axis.index] if axis.relative else 1.0 for axis in axes])
+
+
+def _limited(values: Array) -> Array:
+    """Values no larger than `CAL.far`, in the same memory; none where there is no number."""
+    np.clip(values, -CAL.far, CAL.far, out=values)
+    if np.isnan(np.sum(values)):
+        values[np.isnan(values)] = 0.0
+    return values
 
 
 def _at_start(form: Form, s: int) -> tuple[float, ...]:

@@ -42,7 +42,8 @@ class Quadratic:
     @staticmethod
     def of(about: Linear) -> Quadratic:
         """Form them."""
-        return Quadratic(about, about.A.T @ about.A, about.A.T @ about.r, float(about.r @ about.r))
+        products = about.columns.T @ about.columns
+        return Quadratic(about, products[1:, 1:].copy(), products[1:, 0].copy(), float(products[0, 0]))
 
     def precision(self, variance: Array) -> Array:
         """(K,) of all coordinates, magnitudes with these variances; second parameters as they are believed."""

@@ -56,12 +56,12 @@ class DampedSteps:
         back = replace(state, on=state.on & on) if np.any(state.on & ~on & ~problem.smooth) else state
         new, least = back, np.inf
         for goes in (on, back.on) if np.any(on & ~back.on) else (on,):  # all else may have to be nearer first
-            first = FirstOrder(linear, squares.precision(variance), self.switched_at, goes & ~state.on)
+            first = FirstOrder(squares, squares.precision(variance), self.switched_at, goes & ~state.on)
             within = np.maximum(first.low, -stride), np.minimum(first.high, stride)
             ahead = [
                 problem.moved(back, squares.best(variance, within, damping), goes) for damping in self._dampings(linear)
             ]
-            here, *values = self._objectives([back, *ahead], first, whitener, squares, variance)
+            here, *values = self._objectives([back, *ahead], first, whitener, variance)
             best = int(np.argmin(values))
             if values[best] < min(here + 1e-6, least):
                 new, least = ahead[best], values[best]
@@ -85,15 +85,17 @@ class DampedSteps:
         return np.where(linear.moved, stride, np.inf)
 
     def _objectives(
-        self, states: Sequence[JointState], first: FirstOrder, whitener: Whitener, squares: Quadratic, variance: Array
+        self, states: Sequence[JointState], first: FirstOrder, whitener: Whitener, variance: Array
     ) -> list[float]:
         """Half of the squares that each state leaves, with the charges of what is believed."""
         residuals = self.problem.residuals([self.problem.vector(state) for state in states])
-        return [
-            self._objective(state, first.left(whitener.white(e[:, :, None]).ravel()), variance)
-            if np.all(np.isfinite(e)) else np.inf
-            for state, e in zip(states, residuals, strict=True)
-        ]  # fmt: skip
+        result, there = [np.inf] * len(states), np.flatnonzero([np.all(np.isfinite(e)) for e in residuals])
+        if len(there):
+            white = whitener.white(np.stack(residuals[there], axis=-1))
+            left = first.left(white.reshape(-1, len(there)))
+            for k, value in zip(there, left, strict=True):
+                result[k] = self._objective(states[k], float(value), variance)
+        return result
 
     def _objective(self, state: JointState, left: float, variance: Array) -> float:
         problem = self.problem

@@ -17,7 +17,7 @@ def linear(A, r, causes, belief=0.5, low=-np.inf):
     count = A.shape[1]
     main = np.arange(count) >= count - causes
     return Linear(
-        r=r, A=A, at=np.zeros(count), mean=np.zeros(count), low=np.where(main, low, -np.inf),
+        columns=np.column_stack([r, A]), at=np.zeros(count), mean=np.zeros(count), low=np.where(main, low, -np.inf),
         high=np.full(count, np.inf),
         sd=np.where(main, ZONE, belief), cause=np.where(main, np.arange(count) - (count - causes), -1), main=main,
         moved=np.ones(count, dtype=bool),

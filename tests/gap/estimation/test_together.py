@@ -123,15 +123,15 @@ def test_what_is_not_simulated_makes_up_for_no_more_than_it_may_without_being_si
     whitener, variance = search.whitening.usual(None, 1.0), search.variance(there)
     _, squares = search._linear(problem.begin(), whitener, True, variance)
     prec, linear = squares.precision(variance), squares.about
-    first = FirstOrder(linear, prec, search.steps.switched_at, np.zeros(2, dtype=bool))
+    first = FirstOrder(squares, prec, search.steps.switched_at, np.zeros(2, dtype=bool))
     column = linear.A[:, linear.main][:, 1]
-    left = first.left(linear.r + 0.7 * column)  # a simulation that is off by what 0.7 of it would explain
+    (left,) = first.left((linear.r + 0.7 * column)[:, None])  # a simulation that is off by what 0.7 of it would explain
     sizes = np.linspace(-1.0, 1.0, 4001)[:, None] * search.steps.switched_at[1]
     best = np.min(np.sum((linear.r + (0.7 + sizes) * column) ** 2, axis=1) + prec[linear.main][1] * sizes[:, 0] ** 2)
     assert left == pytest.approx(best, rel=1e-6)
     assert left > 0.5 * np.sum((linear.r + 0.7 * column) ** 2)
-    simulated = FirstOrder(linear, prec, search.steps.switched_at, np.array([False, True]))
-    assert simulated.left(linear.r) == pytest.approx(float(linear.r @ linear.r))
+    simulated = FirstOrder(squares, prec, search.steps.switched_at, np.array([False, True]))
+    assert simulated.left(linear.r[:, None]) == pytest.approx([float(linear.r @ linear.r)])
 
 
 def test_what_gained_far_more_than_it_must_is_asked_once_nothing_else_leaves(monkeypatch):
