@@ -17,6 +17,7 @@ from functools import cached_property
 
 import casadi as cs
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
@@ -46,7 +47,8 @@ class Simulator:
 
     def __init__(self, model: MotionModel, compiled: bool | None = None) -> None:
         self.trace = traced(model)
-        self.kernel = Kernel(self.trace.step, self.trace.output, compiled=compiled)
+        known = self.trace.kernel
+        self.kernel = known if compiled is None else Kernel(self.trace.step, self.trace.output, compiled=compiled)
         self.actuators = self._actuators() if model.actuators else None
         self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], SampledFunction] = {}
         self._touched: dict[tuple[str, ...], Index] = {}
@@ -271,9 +273,11 @@ class Predictor:
         # a latency of zero is read just after its row
         last = np.max(np.maximum(plan.row_segment[ends], np.max(read, axis=2)), axis=1)
         length = int(np.max(last - first)) + 1
-        places = np.minimum(first[:, None] + np.arange(length), len(plan.segments) - 1)
-        segments = plan.segments[places]
-        segments[places > last[:, None]] = 0.0
+        beyond = np.zeros((length, plan.segments.shape[1]))
+        windows = sliding_window_view(np.concatenate((plan.segments, beyond)), length, axis=0).swapaxes(1, 2)
+        apart = np.diff(first)
+        even = len(apart) > 0 and apart[0] > 0 and np.all(apart == apart[0])  # then windows are where they are read
+        segments = windows[first[0] : first[-1] + 1 : apart[0]] if even else windows[first]
         rank = np.where(read >= 0, read - first[:, None, None], 0)
         reads, nothing = np.zeros(length, dtype=bool), np.zeros(length + 1, dtype=bool)
         reads[np.unique(rank)] = True

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
+from functools import cached_property
 from math import factorial
 from types import SimpleNamespace
 from typing import Any
@@ -26,6 +27,7 @@ from ...models.model import Namespace, Symbol
 from ...models.motion_model import MotionModel
 from ...models.parameter import placed
 from ...models.smooth import SERIES, mean_and_slope
+from ..kernel import Kernel
 from ..trace import called, must_be_numbers, tracing
 from ..virtual import SampledFunction
 
@@ -249,6 +251,11 @@ class MotionTrace:
         A = cs.jacobian(cs.vertcat(*rates), z)[:, : len(model.states)]
         self.stiffness = SampledFunction(cs.Function("stiffness", [z, s, p], [cs.densify(cs.vec(A.T))]))
         self._starts: dict[tuple[tuple[str, ...], tuple[str, ...]], cs.Function] = {}
+
+    @cached_property
+    def kernel(self) -> Kernel:
+        """What integrates it, one for all that simulate it."""
+        return Kernel(self.step, self.output)
 
     def of(self, model: MotionModel) -> MotionTrace:
         """The same of a model with the same equations, whose values, bounds and beliefs are others."""
