@@ -152,7 +152,8 @@ class Kernel:
         Parameters
         ----------
         z0 : (L, nz) initial states.
-        s : (L, S, ns) numbers of each segment; where all lanes have the same, `np.broadcast_to` spares memory and time.
+        s : (L, S, ns) numbers of each segment; where all lanes have the same, `np.broadcast_to` spares memory and time,
+            where they overlap, a view of them does.
         p : (L, np) parameters, or (np,) for all lanes.
         reads : (S,) bool, the segments at whose start the outputs are read.
         keeps : (S + 1,) bool, the segments at whose start states are wanted, and whether at the end; None: all.
@@ -358,8 +359,8 @@ class Kernel:
     ) -> tuple[Array, Array, Array, NDArray[np.bool_]]:
         """The arguments as C reads them; wrong shapes would have it read beyond their ends."""
         numbers = np.asarray(s, dtype=float)
-        shared = len(numbers) > 1 and numbers.strides[0] == 0 and numbers[0].flags.c_contiguous
-        numbers = numbers if shared else np.ascontiguousarray(numbers)
+        in_place = len(numbers) > 1 and numbers[0].flags.c_contiguous and numbers.strides[0] % numbers.itemsize == 0
+        numbers = numbers if in_place else np.ascontiguousarray(numbers)
         lanes, segments, _ = numbers.shape
         model = self._model
         states = np.ascontiguousarray(z0, dtype=float)

@@ -15,6 +15,7 @@ import casadi as cs
 import numpy as np
 import pytest
 from compiled import needs_compiler
+from numpy.lib.stride_tricks import sliding_window_view
 
 from greybox_id.base import files
 from greybox_id.engine import compiler, kernel, straight
@@ -370,6 +371,17 @@ def test_states_are_kept_where_asked_and_numbers_may_be_shared(compiled):
     )
     with pytest.raises(ValueError, match="keeps"):
         made.simulate(z0, s, p, reads, keeps[1:])
+
+
+@both_ways
+def test_numbers_of_lanes_may_overlap(compiled):
+    made = Kernel(*single_track(), compiled=compiled)
+    z0, s, p, reads = driven(11, 12)
+    windows = sliding_window_view(s.reshape(-1, 5), 12, axis=0).swapaxes(1, 2)[:33:3]
+    for found, expected in zip(
+        made.simulate(z0, windows, p, reads), made.simulate(z0, windows.copy(), p, reads), strict=True
+    ):
+        np.testing.assert_array_equal(found, expected)
 
 
 @needs_compiler

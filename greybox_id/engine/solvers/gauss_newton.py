@@ -255,7 +255,8 @@ class _Search:
         self.share = 1.0
         self.damping = LEAST_DAMPING if kind == "line_search" else FIRST_DAMPING
         self.left_out = LeftOut()
-        self._kept, self._left, self._held_back = 0.0, np.inf, float
+        self._kept, self._left = 0.0, np.inf
+        self._held_back: Callable[[], float] = float
 
     def learn(self, promised: float, fallen: float, held_back: Callable[[], float]) -> None:
         """Learn from a step that was taken.
