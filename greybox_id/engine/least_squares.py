@@ -42,6 +42,8 @@ Rows = tuple[Index, Array, Array]
 
 def _joined(blocks: Sequence[Rows], size: int) -> tuple[sp.csr_matrix, Array]:
     """One sparse matrix of blocks of rows, and its offsets."""
+    if not blocks:
+        return sp.csr_matrix((0, size)), np.empty(0)
     offsets = np.concatenate([np.empty(0), *(r for _, _, r in blocks)])
     terms = np.concatenate([np.empty(0, np.intp), *(np.full(len(i), i.shape[1]) for i, _, _ in blocks)])
     columns = np.concatenate([np.empty(0, np.intp), *(i.ravel() for i, _, _ in blocks)])
@@ -101,6 +103,8 @@ class NormalEquations:
 
 def lay_out(model: Model, count: int, copies: int) -> Layout:
     """Where the parameters of so many runs stand; the runs beyond `copies` are mirror images of the first ones."""
+    if count == 1:
+        return Layout((np.arange(model.size),), model.size)
     size, columns = 0, []
     for parameter in model.parameters:
         if parameter.scope == "run":

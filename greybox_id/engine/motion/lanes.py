@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from heapq import heapify, heapreplace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,16 +23,12 @@ from ..kernel import KnownSimulation
 from .schedule import MotionRun, Schedule
 
 
-@dataclass(frozen=True)
-class Interval:
+class Interval(NamedTuple):
     """Rows [start, stop) of a run, predicted from its first row."""
 
     run: int
     start: int
     stop: int
-
-    def __len__(self) -> int:
-        return self.stop - self.start
 
 
 @dataclass(frozen=True)
@@ -217,9 +213,7 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequ
     cuts : lanes per interval, or of each; fewer where an interval is shorter.
     """
     offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
-    run, start, stop = (
-        np.array([getattr(interval, name) for interval in intervals]) for name in ("run", "start", "stop")
-    )
+    run, start, stop = np.array(intervals).T
     numbered = list(zip(schedules, offsets[:-1], strict=True))
     edge = np.concatenate([np.append(item.row_segment, len(item.segments)) + at for item, at in numbered])
     edges = np.concatenate(([0], np.cumsum([len(plan.row_segment) + 1 for plan in schedules])))[run]

@@ -115,7 +115,7 @@ class MotionProblem:
         if not self.intervals:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
-        self.copies, self._run = len(self.intervals), np.array([interval.run for interval in self.intervals])
+        self.copies, self._run = len(self.intervals), np.array(self.intervals)[:, 0]
         same = like is not None and self.intervals == like.intervals
         known = like.unknowns_laid if like is not None and same else None
         unknowns = lay_out_unknowns(self.model, self.runs, self._run, starts == "free", strengths, known)
@@ -126,12 +126,13 @@ class MotionProblem:
         self.moving = np.flatnonzero(np.any([self.free[index] for index in self.parameters.index], axis=0))
         self._valid: list[Mask] = like._valid if like is not None and same else self._where_valid()
         self.targets: Targets = self._targets(robust, keep, like.targets.reading if like is not None and same else None)
-        about = self.model.values if about is None else about
-        self.longest = longest_segment(self.trace, self.runs, about)
+        self._about: Array = self.model.values if about is None else about
+        near = like is not None and np.array_equal(self._about, like._about)
+        self.longest: float = like.longest if like and near else longest_segment(self.trace, self.runs, self._about)
         self._interval_starts = IntervalStarts(simulator, self.runs, self.intervals)
         if horizon is not None:
-            shifts = np.tile(simulator.shifts(about), (len(self.runs), 1))
-            self._interval_starts.carry(about, lambda: self._scheduled(shifts))
+            shifts = np.tile(simulator.shifts(self._about), (len(self.runs), 1))
+            self._interval_starts.carry(self._about, lambda: self._scheduled(shifts))
         alike = like is not None and self._steps() == like._steps()
         self._plans: tuple[Array, list[Schedule]] | None = like._plans if like and alike else None
         self._lanes: list[Lanes] = [*like._lanes] if like and alike and same else []
@@ -205,10 +206,7 @@ class MotionProblem:
         return np.asarray(self.per_run(x)[self._run])
 
     def simulated_nodes(self, x: Array) -> SimulatedRuns:
-        """A simulation of every interval: of all lanes at once where the gaps between them close.
-
-        They begin where the last linearisation foretells; before the first, where their intervals do.
-        """
+        """A simulation of every interval: of all its lanes at once where the gaps between them close."""
         lanes, cut = self.lanes(x)
         p, kernel = self.of_intervals(x), self.simulator.kernel
         z0, _ = self.starts(x)

@@ -348,7 +348,7 @@ class IntervalStarts:
         model = simulator.trace.model
         self._model = model
         read = [run.states_read(model) for run in runs]
-        owner, begin = (np.array([getattr(i, name) for i in intervals]) for name in ("run", "start"))
+        owner, begin, _ = np.array(intervals).T
         known = [name in names for names in read for name in simulator.trace.names]
         self._read = np.array(known, dtype=bool).reshape(len(runs), -1)[owner]
         self._groups = []
