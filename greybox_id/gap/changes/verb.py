@@ -34,7 +34,7 @@ from .columns import ByColumns, told_by_columns
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
 from .sensitivity import Visible, visible
-from .usual import GAINS, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
+from .usual import GAINS, TIMED, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ def _answer(
         number, effect = known.numbers[place], value[names[place]]
         at = known.x[place] + shift * np.ones(3) + 1.96 * sd * np.array([-1.0, 0.0, 1.0])
         at[[0, 2]] = np.clip(at[[0, 2]], number.low, number.high)
-        low, size, high = (_within(effect, number.value(each)) for each in at)
+        low, size, high = (_magnitude(names[place], effect, number.value(each)) for each in at)
         return Ranked(names[place], float(probability), size, effect.parameter.unit, (low, high), gain=gain, **more)
 
     ranking = [ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
@@ -340,7 +340,7 @@ def _answer(
     )  # fmt: skip
     before, scatter = _before(vehicle, value, known)
     return Changed(gap, before, scatter, tuple(one.name for one in since), drifting(known, effects, since),
-                   _sds(known, [*rides, *others], effects))  # fmt: skip
+                   _sds(known, [*rides, *others], effects, applied))  # fmt: skip
 
 
 def _before(
@@ -352,25 +352,30 @@ def _before(
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
                for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
     scatter = {
-        name: (_within(effect, numbers[effect.parameter.name][0]), numbers[effect.parameter.name][2])
+        name: (_magnitude(name, effect, numbers[effect.parameter.name][0]), numbers[effect.parameter.name][2])
         for name, effect in value.items()
     }
     before = replace(
         vehicle,
         values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
                 for name, one in vehicle.values.items()},
-        effects={**vehicle.effects, **{name: Stated(m, s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
+        effects={**vehicle.effects, **{name: Stated(_within(value[name], m),
+                                                    s * (abs(m) if value[name].parameter.array == 1.0 else 1.0))
                                        for name, (m, s) in scatter.items()}},
     )  # fmt: skip
     return before, scatter
 
 
-def _sds(known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str]) -> dict[str, float]:
+def _sds(
+    known: Common, rides: Sequence[FollowedRun], effects: Mapping[str, str], applied: Sequence[int]
+) -> dict[str, float]:
     """Effect -> standard deviation with which recordings tell its change, the scatter between runs included.
 
-    All other numbers are as they are believed of any run. Infinite where it exceeds what changes usually are.
+    All other numbers are as they are believed of any run, but those that changed are free. Infinite where it exceeds
+    what changes usually are.
     """
-    L, V = np.sum([known.weigher.told(ride, known.x).H for ride in rides], axis=0), known.of_a_run
+    L, V = np.sum([known.weigher.told(ride, known.x).H for ride in rides], axis=0), known.of_a_run.copy()
+    V[applied, applied] += np.array([known.numbers[place].change for place in applied]) ** 2
     result = dict[str, float]()
     for place in known.varying:
         number = known.numbers[place]
@@ -403,8 +408,13 @@ def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x:
     return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
 
 
+def _magnitude(name: str, effect: Effect, value: float) -> float:
+    """A magnitude as it is stated: of a delay with what clocks differ by, which may be less than none."""
+    return value if name in TIMED else _within(effect, value)
+
+
 def _within(effect: Effect, value: float) -> float:
-    """A magnitude within an effect's bounds: what a delay is below zero is a matter of clocks."""
+    """A magnitude within an effect's bounds: a model is not late by less than nothing."""
     low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
     return min(max(value, low), high)
 

@@ -82,6 +82,27 @@ def test_where_nothing_changed_nothing_is_named():
 
 
 @pytest.mark.slow
+def test_a_delay_is_stated_with_what_clocks_differ_by():
+    """Commands that are stamped late seem to act before they are given; what changed is how much later they act."""
+
+    def stamped(effects, seed):
+        own = lap(effects, seconds=20.0, seed=seed)
+        early = {name: values[rows:] for name, values in own.signals.items() if name != "steer"}
+        cut = own.rows(0, len(own) - rows)
+        return replace(cut, signals={**cut.signals, **early})
+
+    rows = round(0.06 / lap(seconds=4.0).sample_time)
+    late = {"steering_delay": 0.12}
+    before, after, held_out = [stamped({}, 1), stamped({}, 2)], [stamped(late, 3)], [stamped(late, 4)]
+    found = diagnose_change(nominal(vehicle=TOLERANT), after, before, EFFECTS, vehicle=TOLERANT, held_out=held_out)
+    (own,) = found.changed
+    assert own["effect"] == "steering_delay"
+    assert own["before"] == pytest.approx(-0.06, abs=0.02)
+    assert own["magnitude"] - own["before"] == pytest.approx(0.12, abs=0.03)
+    assert found.vehicle.effects["steering_delay"].value == 0.0  # a simulation is late by no less
+
+
+@pytest.mark.slow
 def test_one_recording_decides_by_its_halves_where_no_other_is_held_out():
     before = [lap(seconds=20.0, seed=k) for k in (1, 2)]
     after = [lap({"steering_delay": 0.12}, seconds=40.0, seed=3)]
