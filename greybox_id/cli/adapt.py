@@ -22,8 +22,9 @@ def adapt(
     ),
     free: str = option(
         "Parameters that may change: auto (chosen by cross-validation), all, or names such as D_f,D_r. For fits "
-        "of msnn_... and gnn also few (steering ratio and offset, motor gain), F (impulse responses), physical "
-        "(single numbers) and paper (those of the paper on these networks).",
+        "of msnn_... and gnn also one of these sets: few (steering ratio and offset, motor gain), F (impulse "
+        "responses), "
+        "physical (single numbers), paper (as in the paper on these networks).",
         "WORDS",
         default="auto",
     ),

@@ -75,7 +75,9 @@ def fit(
     ),
     pretrain_points: int = option("Number of points at which --pretrain trains the network.", default=20_000),
     pretrain_range: Literal["data", "box"] = option(
-        "data: these points are rows of the recordings; box: they lie in a range 1.3 times as wide.", default="data"
+        "data: these points are rows of the recordings; box: they lie in ranges 1.3 times as wide as those of the "
+        "recordings.",
+        default="data",
     ),
     pretrain_beyond: float = option(
         "With --pretrain, train also at speeds up to this factor times the highest recorded speed; 1: not above it.",
@@ -101,8 +103,8 @@ def fit(
 
     --model tyre fits a magic formula to data of a tyre rig (columns SA, FZ, FY) and writes a .tir file.
 
-    A number without a unit is in SI units. With --calibrate timing, for networks, the delay of the outputs is estimated
-    in each training run and corrected before the fit. Ctrl-C keeps the best fit so far. Exit code 3: the fit is
+    A number without a unit is in SI units. For networks, --calibrate timing estimates the delay of the outputs in each
+    training run and corrects it before the fit. Ctrl-C keeps the best fit so far. Exit code 3: the fit is
     written, but is not usable; the verdict says why.
     """  # fmt: skip
     from .. import FitOptions

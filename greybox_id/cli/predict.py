@@ -35,7 +35,7 @@ def predict(
     file: str = argument("RECORDING", type=FILE),
     columns: str = COLUMNS,
     horizon: float | None = option(
-        "Predict each row from the readings this much earlier; not for networks. Default: free run, a simulation of "
+        "Predict each row from the readings SECONDS earlier (not for networks). Default: free run, a simulation of "
         "each run from its first readings.",
         "SECONDS",
         type=ABOVE_ZERO,

@@ -96,8 +96,9 @@ ERRORS = (
     "variance of the error divided by that of the measured signal."
 )
 EQUATIONS = (
-    "“next” marks a value one sample, T, after the newest input. w stands for a repeated term. A bracket is evaluated "
-    "at the time written below it, so a sum over n runs over a window of past samples. Of long sums, the first terms "
+    "“next” marks a value one sample, T, after the newest input. w stands for a repeated term. Below a bracket "
+    "stands the time at which it is evaluated; a sum over n runs over a window of past samples. Of long sums, the "
+    "first terms "
     "and the last are shown."
 )
 PROTOCOL_WORDS = {"honest": "one sample ahead", "published": "as published", "closed_loop": "closed loop"}

@@ -120,7 +120,9 @@ def msnn_command(
 def truck_command(
     data: Path = DATA,
     quick: bool = option("Train only the smallest networks, from one seed; takes a few CPU minutes, not hours."),
-    curves: bool = option("Compute only the errors over the amount of training data, with and without pretraining."),
+    curves: bool = option(
+        "Compute only how errors depend on the amount of training data, with and without pretraining."
+    ),
     seeds: int = option("Number of trainings of each network.", type=click.IntRange(1, 100), default=5),
     out: str | None = option("File of finished trainings; the next run continues from them.", "FILE"),
     minutes: float | None = option(

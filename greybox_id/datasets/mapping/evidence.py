@@ -274,7 +274,7 @@ def _by_margin(
 def _pedal(entry: MapEntry, size: float) -> MapEntry:
     """A pedal without a unit: a share, percent, or something that only who wired it knows."""
     if size <= FULL:
-        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: the usual one; nothing in the file checks it"))
+        return replace(entry, unit="1", reasons=(*entry.reasons, "unit: assumed, since nothing in the file checks it"))
     upto = f"values up to {number(size, 3)}"
     if size <= PERCENT and entry.signal == "throttle":
         return replace(entry, unit="%", reasons=(*entry.reasons, f"unit: {upto} are percent"))
@@ -309,7 +309,7 @@ def _stated(before: MapEntry, entry: MapEntry, agreed: Sequence[Met], wheelbase:
     """A unit that is stated, or the only one there is, beside what the data say; of a hand wheel `steering` asks."""
     met = [item for item in agreed if entry.signal == item.pair.nodes[0]]
     off = [item.words for item in met if min(misfit(item, wheelbase, hand=hand) for hand in (np.inf, 0.0)) > MARGIN]
-    how = "unit: stated in the file" if before.unit else "unit: the usual one; nothing in the file checks it"
+    how = "unit: stated in the file" if before.unit else "unit: assumed, since nothing in the file checks it"
     return replace(entry, reasons=(*entry.reasons, how, *(f"but {words}: check" for words in off)))
 
 

@@ -74,7 +74,7 @@ longitudinal_load_transfer = alteration(
 )  # fmt: skip
 
 downforce = alteration(
-    GROUP, "downforce", "N s^2/m^2", 0.0, (-5.0, 300.0), "load added by the air, divided by speed squared; split "
+    GROUP, "downforce", "N s^2/m^2", 0.0, (-5.0, 300.0), "aerodynamic load divided by speed squared; split "
                                                          "between the axles like the static load",
     typical=1.0, needs=("l_f", "l_r"),
     F_zf=lambda F_z, q: F_z + _downforce(q.p.l_r, q),

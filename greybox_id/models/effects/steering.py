@@ -100,7 +100,7 @@ steering_bandwidth = effect(
 
 steering_jerk_limit = effect(
     GROUP, "steering_jerk_limit", "m/s^3", inf, (0.1, inf),
-    "largest lateral jerk v² dδ/dt / L that a driver assistance allows",
+    "limit of a driver assistance on the lateral jerk v² dδ/dt / L",
     touches=("steer",), needs=("v_x", "l_f", "l_r"), driven_by=("v_x",), apply=_jerk_limit, typical=5.0, gradual=False,
     by_name=True,
 )  # fmt: skip
@@ -115,7 +115,7 @@ sensor_quantisation = alteration(
 
 steering_compliance = alteration(
     GROUP, "steering_compliance", "rad", 0.0, (0.0, 0.03),
-    "angle by which the front wheels yield under a lateral force as large as their load",
+    "angle by which the front wheels yield if the lateral force equals their load",
     typical=0.01, passes=4, needs=("F_yf", "F_zf"), by_name=True, steer=_given_way,
 )  # fmt: skip
 

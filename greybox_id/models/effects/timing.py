@@ -51,7 +51,7 @@ timestamp_jitter = effect(
 variance grows with the squared rate of what is read, which the diagnosis tests."""
 
 dropped_samples = effect(
-    GROUP, "dropped_samples", "1", 0.0, (0.0, 0.9), "share of the rows at which sensors repeat their last reading",
+    GROUP, "dropped_samples", "1", 0.0, (0.0, 0.9), "share of the rows in which sensors repeat their last reading",
     touches=("v_x", "v_y", "yaw_rate", "a_x", "a_y"), apply=_only_the_recording, typical=0.1, reads_only=True,
 )  # fmt: skip
 """Belongs to the recording, not to the motion. What tells it is rows that repeat the one before exactly, which the

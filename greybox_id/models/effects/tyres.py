@@ -93,18 +93,18 @@ grip_scale = alteration(
     road_limit=lambda limit, q: limit * q.p.grip_scale,
     others=(Parameter(
         "grip_scale_slope", "1", 1.0, (0.0, 1.0), fixed=True,
-        about="exponent of grip_scale in the slopes at zero slip: with 1 these slopes scale like the friction, with 0 "
-              "they do not change",
+        about="exponent of grip_scale in the cornering stiffnesses: with 1 they scale like the friction, with 0 they "
+              "do not change",
     ),),
 )  # fmt: skip
 
 front_stiffness = alteration(
-    GROUP, "front_stiffness", "1", 1.0, (0.2, 4.0), "factor on the slope of the front tyres' force at zero slip",
+    GROUP, "front_stiffness", "1", 1.0, (0.2, 4.0), "factor on the cornering stiffness of the front tyres",
     typical=0.85, stiffness_f=lambda stiffness, q: stiffness * q.p.front_stiffness,
 )  # fmt: skip
 
 rear_stiffness = alteration(
-    GROUP, "rear_stiffness", "1", 1.0, (0.2, 4.0), "factor on the slope of the rear tyres' force at zero slip",
+    GROUP, "rear_stiffness", "1", 1.0, (0.2, 4.0), "factor on the cornering stiffness of the rear tyres",
     typical=0.85, stiffness_r=lambda stiffness, q: stiffness * q.p.rear_stiffness,
 )  # fmt: skip
 
@@ -125,8 +125,8 @@ combined_slip = alteration(
 )  # fmt: skip
 
 load_sensitivity = alteration(
-    GROUP, "load_sensitivity", "1", 0.0, (0.0, 1.0), "relative loss of a wheel's friction per relative growth of its "
-                                                     "load",
+    GROUP, "load_sensitivity", "1", 0.0, (0.0, 1.0), "relative loss of a wheel's friction per relative "
+                                                     "increase of its load",
     typical=0.15, passes=3, needs=("F_zf", "F_zr", "a_y"), grip_f=_load_sensitive_f, grip_r=_load_sensitive_r,
 )  # fmt: skip
 

@@ -59,7 +59,7 @@ def parts(result: Fit, vehicle: str = "") -> Iterator[RenderableType]:
         yield from _parameters(result)
     yield ""
     for sentence in result.model.together:
-        yield f"together {sentence}"
+        yield f"note     {sentence}"
     yield from error_parts(result.model, result)
 
 
