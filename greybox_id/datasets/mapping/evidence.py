@@ -432,8 +432,11 @@ def with_signs(
     anchors = (*ANCHORS, EASTING) if easting else ANCHORS
     result = {entry.signal: entry for entry in entries}
     for sides in _components(agreed):
-        words = [one.pair.left + (" agrees with " if one.agreed.correlation > 0 else " contradicts ") + one.pair.right
-                 for one in agreed if one.pair.nodes[0] in sides]  # fmt: skip
+        words = [
+            f"{one.pair.left} and {one.pair.right} have {'equal' if one.agreed.correlation > 0 else 'opposite'} signs"
+            for one in agreed
+            if one.pair.nodes[0] in sides
+        ]
         right, wrong, sure = _judged(sides, anchors, compass)
         for name in wrong:
             if name not in result:  # the course of x and y: one of them is mirrored, or all the rest is
@@ -442,9 +445,8 @@ def with_signs(
                 why = "; ".join(word for word in words if name in word) or "; ".join(words)
                 of_course = name == "y" and "y" not in wrong
                 sure_of_it = sure and not of_course
-                requested = (
-                    "" if sure_of_it else "; either this column counts the other way round or " + " and ".join(right)
-                )
+                others = f"{' and '.join(right)} {'have' if len(right) > 1 else 'has'}"
+                requested = "" if sure_of_it else f"; either this column or {others} the wrong sign"
                 result[name] = replace(
                     result[name], sign=-result[name].sign, decided=result[name].decided and sure_of_it,
                     reasons=(*result[name].reasons, f"sign: {why}{requested}"),

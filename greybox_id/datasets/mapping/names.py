@@ -86,7 +86,7 @@ AMBIGUOUS = {
     "w": "the angular velocity of a wheel or a motor",
     "angular velocity": "the angular velocity of a wheel or a motor",
     "angular rate": "the angular velocity of a wheel or a motor",
-    **dict.fromkeys(("servo", "servo pos", "servo position"), "the setting of a servo, in units of its own"),
+    **dict.fromkeys(("servo", "servo pos", "servo position"), "the setting of a servo in its own units"),
     "phi": "the heading",
     "theta": "the heading",
 }
@@ -297,7 +297,7 @@ def _whole(values: Array, below: float) -> bool:
 
 def _in_unit(name: str, stated: str, values: Array, why: str) -> MapEntry:
     if stated:
-        return MapEntry(TIME, name, stated, reasons=(why, "unit: as the file states it"))
+        return MapEntry(TIME, name, stated, reasons=(why, "unit: stated in the file"))
     steps = np.diff(values[np.isfinite(values)])
     step = float(np.median(steps[steps > 0])) if np.any(steps > 0) else float("nan")
     if steps.size and np.mean(steps == 0) > 0.5 and np.sum(steps) > 0:  # whole seconds, shared by many rows

@@ -57,11 +57,11 @@ def ambiguous(entry: MapEntry, guess: Guess, raw: Recording) -> MapEntry:
         size = sizes_of(raw)[entry.signal] * (entry.factor if entry.units == () else 1.0)
         if "yaw" in raw and size < FARTHEST:
             return entry
-        why = f'"{entry.column}" is also what {guess.else_} is called'
+        why = f'"{entry.column}" is also a usual name of {guess.else_}'
         return replace(
-            entry, decided=False, reasons=(*entry.reasons, f"{why}: then write yaw instead of {entry.signal}")
+            entry, decided=False, reasons=(*entry.reasons, f"{why}: if it is that, write yaw instead of {entry.signal}")
         )
-    why = f'"{entry.column}" is also what {guess.else_} is called'
+    why = f'"{entry.column}" is also a usual name of {guess.else_}'
     return replace(entry, decided=False, reasons=(*entry.reasons, why))
 
 

@@ -86,7 +86,7 @@ def test_two_against_one_is_a_question_with_its_answer_beside_it(disguised):
     assert (wrong, asked) == (set(), {"steer"})
     (entry,) = proposal.open
     assert entry.sign == -1
-    assert "contradicts" in " ".join(entry.reasons)
+    assert "opposite signs" in " ".join(entry.reasons)
     assert '#? steer = { column = "steering", unit = "rad", sign = -1 }' in as_toml(proposal, "car")
 
 
@@ -270,7 +270,7 @@ def test_a_roll_angle_called_phi_is_a_question_that_says_what_else_it_may_be(dis
     frame.to_csv(file, index=False)
     (entry,) = propose(file).open
     assert (entry.column, entry.signal) == ("phi", "roll")
-    assert "then write yaw instead of roll" in " ".join(entry.reasons)
+    assert "if it is that, write yaw instead of roll" in " ".join(entry.reasons)
 
 
 def test_omega_is_asked_about_as_yaw_rate(disguised):
