@@ -186,7 +186,8 @@ def doubted(gap: Gap, nominal: Diagnosed, stated: Vehicle | None, recordings: Se
     if gap.applied or not gap.absorbed or not of_a_fit:
         return gap
     since = (
-        f"{listed([*gap.absorbed])} cannot be detected here: uncertain parameters of the fit would change instead. To "
+        f"{listed([*gap.absorbed])} cannot be detected here: uncertain parameters of the fit have the same influence. "
+        "To "
         "see "
         "what has changed, diagnose with recordings from before the change."
     )

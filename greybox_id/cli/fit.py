@@ -80,7 +80,8 @@ def fit(
         default="data",
     ),
     pretrain_beyond: float = option(
-        "With --pretrain, train also at speeds up to this factor times the highest recorded speed; 1: not above it.",
+        "With --pretrain, train also at speeds up to this factor times the highest recorded speed; 1: no higher than "
+        "recorded.",
         default=1.0,
     ),
     starts: int = option(

@@ -67,12 +67,13 @@ class Direction:
     def about(self) -> str:
         """What can move, in a plain sentence."""
         moves = [
-            f"{name}{'' if k else ' changes'} by {f'{signed(100 * move, 2)} %' if change is None else change}"
-            for k, (name, move, change) in enumerate(zip(self.names, self.moves, self.changes, strict=True))
+            f"{name} by {f'{signed(100 * move, 2)} %' if change is None else change}"
+            for name, move, change in zip(self.names, self.moves, self.changes, strict=True)
         ]
         listed = moves[0] if len(moves) == 1 else ", ".join(moves[:-1]) + " and " + moves[-1]
-        together = " alone" if len(moves) == 1 else " together"
-        return f"The residuals hardly change if {listed}{together} (one standard deviation)."
+        one = "This change (one standard deviation) hardly alters"
+        several = "These changes together (one standard deviation) hardly alter"
+        return f"{one if len(moves) == 1 else several} the residuals: {listed}."
 
 
 @dataclass(frozen=True)

@@ -78,13 +78,14 @@ def test_a_direction_that_is_open_reads_as_parameters_moving_together():
     assert direction.names == ("mass", "stiffness")
     np.testing.assert_allclose(direction.moves, [0.5, 0.4], rtol=0.01)
     assert direction.about() == (
-        "The residuals hardly change if mass changes by +50 % and stiffness by +40 % together (one standard deviation)."
+        "These changes together (one standard deviation) hardly alter the residuals: mass by +50 % and stiffness by "
+        "+40 %."
     )
 
 
 def test_a_parameter_that_is_open_alone_is_a_direction_of_its_own():
     (direction,) = identifiability(NAMES, X, covariance([0.9, 0.1, 1e-4, 0.1])).directions
-    assert direction.about() == "The residuals hardly change if mass changes by +90 % alone (one standard deviation)."
+    assert direction.about() == "This change (one standard deviation) hardly alters the residuals: mass by +90 %."
 
 
 def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in_per_cent_of_it():
@@ -95,7 +96,7 @@ def test_where_an_estimate_is_about_zero_changes_are_told_in_its_unit_and_not_in
     first, second = identifiability(
         ("mass", "curve", "offset", "tilt"), x, C, prior, ("kg", "1", "rad", "rad")
     ).directions
-    assert first.about() == ("The residuals hardly change if tilt changes by +0.18 rad alone (one standard deviation).")
+    assert first.about() == ("This change (one standard deviation) hardly alters the residuals: tilt by +0.18 rad.")
     assert second.about() == (
-        "The residuals hardly change if mass changes by +50 % and curve by +0.20 together (one standard deviation)."
+        "These changes together (one standard deviation) hardly alter the residuals: mass by +50 % and curve by +0.20."
     )
