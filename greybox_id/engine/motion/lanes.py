@@ -213,7 +213,7 @@ def lay(schedules: Sequence[Schedule], intervals: Sequence[Interval], cuts: Sequ
     cuts : lanes per interval, or of each; fewer where an interval is shorter.
     """
     offsets = np.concatenate(([0], np.cumsum([len(plan.segments) for plan in schedules])))
-    run, start, stop = np.array(intervals).T
+    run, start, stop = (np.array(item) for item in zip(*intervals, strict=True))
     numbered = list(zip(schedules, offsets[:-1], strict=True))
     edge = np.concatenate([np.append(item.row_segment, len(item.segments)) + at for item, at in numbered])
     edges = np.concatenate(([0], np.cumsum([len(plan.row_segment) + 1 for plan in schedules])))[run]

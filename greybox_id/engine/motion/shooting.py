@@ -115,7 +115,7 @@ class MotionProblem:
         if not self.intervals:
             names = ", ".join(dict.fromkeys(name for run in self.runs for name in run.states_read(self.model)))
             raise BadInput(f"No run of {self.runs[0].name} has a row at which {names} are all there.")
-        self.copies, self._run = len(self.intervals), np.array(self.intervals)[:, 0]
+        self.copies, self._run = len(self.intervals), np.array([item.run for item in self.intervals])
         same = like is not None and self.intervals == like.intervals
         known = like.unknowns_laid if like is not None and same else None
         unknowns = lay_out_unknowns(self.model, self.runs, self._run, starts == "free", strengths, known)

@@ -348,7 +348,7 @@ class IntervalStarts:
         model = simulator.trace.model
         self._model = model
         read = [run.states_read(model) for run in runs]
-        owner, begin, _ = np.array(intervals).T
+        owner, begin, _ = (np.array(item) for item in zip(*intervals, strict=True))
         known = [name in names for names in read for name in simulator.trace.names]
         self._read = np.array(known, dtype=bool).reshape(len(runs), -1)[owner]
         self._groups = []
