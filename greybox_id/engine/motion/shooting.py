@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Literal
 
 import numpy as np
@@ -23,6 +23,7 @@ from ...base.errors import BadInput
 from ...base.shorthands import Array, Index, Mask
 from ...datasets.recording import Recording
 from ..against import HOURS, Against
+from ..kernel import SHARED_FROM, WIDEST
 from ..least_squares import NormalEquations
 from .lanes import Chain, Interval, Lanes, Targets, chained, even_cuts, lay, matched, targets, where_valid
 from .schedule import MotionRun, Schedule, longest_segment, motion_runs, schedule, segments_of_rows
@@ -30,7 +31,8 @@ from .simulator import IntervalStarts, Simulator
 from .unknowns import Unknowns, lay_out_unknowns
 
 LANES = 16
-"""A single long run is cut into so many lanes: two blocks of the eight that compiled code integrates at once."""
+"""Lanes that a single long run is cut into: two blocks of the eight that compiled code integrates at once, one for each
+thread; eight where one thread does all, as longer lanes forget more of where they began."""
 LANE = 2000
 """Segments of a lane of a recording of hours: what `LANES` of them are linearised in takes some 10 MB."""
 MOST_SEGMENTS = 600_000
@@ -214,10 +216,8 @@ class MotionProblem:
             if cut is not lanes:
                 chain = self._chain if self._chain and len(self._chain.starts) == len(cut.interval) else None
                 begin, ends = (z0[cut.interval], None) if chain is None else (chain.foretold(x, z0, cut), chain.ends)
-                segments, of_lanes, reads, marks = cut.segments, p[cut.interval], cut.reads, cut.marks
-                result = matched(
-                    begin, ends, cut, lambda z, known: kernel.simulate(z, segments, of_lanes, reads, marks, known)
-                )
+                run = partial(kernel.simulate, s=cut.segments, p=p[cut.interval], reads=cut.reads, keeps=cut.marks)
+                result = matched(begin, ends, cut, lambda z, known: run(z, known=known))
                 if result is not None:
                     return SimulatedRuns(lanes, cut, result[0], cut, result[1])
             keeps = np.zeros(lanes.segments.shape[1] + 1, dtype=bool)
@@ -360,9 +360,10 @@ class MotionProblem:
         """Intervals as lanes, whole and cut; laid out anew when a delay moved."""
         plans, lanes = self._whole(x)
         if len(self._lanes) == 1:
-            cuts = max(1, LANES // len(self.intervals), LANES * round(lanes.segments.shape[1] / LANES / LANE))
-            of_each = even_cuts(plans, self.intervals, cuts * len(self.intervals)) if cuts > 1 else ()
-            self._lanes = [lanes, lay(plans, self.intervals, of_each) if cuts > 1 else lanes]
+            items, count, segments = self.intervals, len(self.intervals), lanes.segments.shape[1]
+            wide = WIDEST if WIDEST % count == 0 and count * segments < SHARED_FROM else LANES
+            cuts = max(1, wide // count, LANES * round(segments / LANES / LANE))
+            self._lanes = [lanes, lay(plans, items, even_cuts(plans, items, cuts * count)) if cuts > 1 else lanes]
         return lanes, self._lanes[1]
 
     def _whole(self, x: Array) -> tuple[list[Schedule], Lanes]:

@@ -260,7 +260,7 @@ def test_states_along_a_recording_are_the_same_some_rows_at_a_time(monkeypatch):
 
 
 def test_a_whole_run_without_delays_is_laid_out_without_a_copy():
-    stated = problem(car("lateral"), [driven(duration=2.0)])
+    stated = problem(car("lateral"), [driven(duration=2.03)])
     lanes, cut = stated.lanes(stated.start)
     y = stated.simulated_nodes(stated.start).read
     assert lanes.in_order
