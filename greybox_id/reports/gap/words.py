@@ -103,12 +103,14 @@ def carried_over(gap: Gap) -> list[str]:
     for one in gap.ranking:
         if one.effect in gap.applied and one.since is not None:
             stated.append(
-                f"{one.effect} begins in {one.within} at {number(one.since)} s: the closed model includes it, and "
+                f"the effect {one.effect} begins in {one.within} at {number(one.since)} s: the closed model includes "
+                "it, and "
                 "describes the vehicle only from then on"
             )
         elif one.effect in gap.applied and one.until is not None:
             stated.append(
-                f"{one.effect} ends in {one.within} at {number(one.until)} s: the closed model omits it, and "
+                f"the effect {one.effect} ends in {one.within} at {number(one.until)} s: the closed model omits it, "
+                "and "
                 "describes the vehicle only from then on"
             )
     return stated

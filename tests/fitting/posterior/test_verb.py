@@ -224,7 +224,7 @@ def test_a_file_of_the_version_before_says_what_it_lacks_and_is_gone_on_with(fou
     monkeypatch.undo()
     again = load_posterior(earlier)
     assert not again.with_form
-    assert "do not include the error of the model's form" in again.cautions()[0]
+    assert "do not include the error of the equations" in again.cautions()[0]
     whole = sample(found, [lap], SampleOptions("mcmc", 800, seed=1), begun=again)
     assert whole.with_form
     np.testing.assert_allclose(whole.values, drawn.values, rtol=1e-12)
