@@ -2,8 +2,8 @@
 
 The axis is that of the EMPS benchmark (Janot, Gautier, Brunot, nonlinearbenchmark.org, 2019): its equations, with the
 magnitudes that its reference model has to two digits, in a loop of position and velocity, on trapezoids of 0.2 m. Where
-DATA holds no recording of it, it is simulated here with an integrator that no tool in the table uses. What is published
-for the recording has a table of its own.
+DATA holds no recording of it, it is simulated here: as long as that recording and at its rate, in ten times as many
+steps as tools take. What is published for the recording has a table of its own.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
 from importlib import import_module
+from math import tanh
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
-from scipy.integrate import solve_ivp
 
 import greybox_id as gb
 from greybox_id.base.numbers import number
@@ -24,7 +24,7 @@ from greybox_id.base.shorthands import Array, Say
 
 from .bench import PublishedBench, Row, clocked, frame, rmse
 from .equations import servo_axis
-from .peers import PEERS, simulated
+from .peers import PEERS, SHARP, simulated
 
 TRUTH = {"M": 95.0, "F_v": 203.0, "F_c": 20.0, "F_0": -3.2}
 """kg, N s/m, N, N."""
@@ -32,14 +32,16 @@ WHOLE, SEARCH = "greybox-id, first call", "greybox-id, search only, first call"
 """What compares with other tools' calls, compiling included: all that a fit gives, and from rows to estimates."""
 GAINS = 160.0, 243.0, 35.15
 """1/s, V s/m, N/V: position and velocity loop, force of a volt."""
-STEP, SECONDS, TURN = 5e-3, 25.0, 1e-5
-"""s, s, m: rows, their length, scatter of the position (a count of the encoder)."""
+STEP, ROWS, TURN = 1e-3, 24_841, 1e-5
+"""s, rows of the recording of the real axis, m: scatter of the position (a count of the encoder)."""
 QUICK_SHARE = 5
 """A quick run gives every tool the first fifth of its rows."""
 SHAKE = 0.2
 """N: scatter of the recorded force."""
-MOST_AXIS = 0.3
-"""m/s: of the trapezoids."""
+MOST_AXIS, MOST_FORCE = 0.2, 300.0
+"""m/s, N: of the trapezoids, and of the motor."""
+FINE = 10
+"""Steps of a row with which the axis is simulated here: tools take one."""
 PUBLISHED = {
     "LTI state space": 5.53, "LTI ARX": 12.6, "polynomial NARX": 5.17, "GP NARX": 1690.0, "MLP NARX": 133.0,
     "MLP FIR": 121.0, "RNN": 89.2, "GRU": 220.0, "LSTM": 74.1, "OLSTM": 111.0,
@@ -56,6 +58,7 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
         (made(1), made(2)) if data is None else (frame(data, name, columns, "emps") for name in ("axis", "axis_test"))
     )
     time, force, position = (lap[name].to_numpy() for name in columns)
+    step = float(time[1] - time[0])
     nominal = {name: float(servo_axis()[name].array) for name in TRUTH}
     rows: list[Row] = []
     left_out: dict[str, str] = {}
@@ -64,10 +67,10 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
     def add(name: str, spent: float, estimates: dict[str, float], count: int) -> None:
         start = float(other["position"].iloc[0])
         theta = np.array([estimates[item] for item in TRUTH])
-        off = simulated(theta, start, other["force"].to_numpy(), STEP) - other["position"].to_numpy()
+        off = simulated(theta, start, other["force"].to_numpy(), step) - other["position"].to_numpy()
         rows.append(
             Row(
-                "RMSE of the position on a held-out run, free run of 25 s",
+                f"RMSE of the position on a held-out run, free run of {len(other) * step:.0f} s",
                 name,
                 1e3 * rmse(off),
                 "mm",
@@ -124,12 +127,10 @@ def measure(data: Path | None, quick: bool, say: Say) -> PublishedBench:
             f"greybox-id on the held-out run is {number(far[WHOLE] / far[fastest], 2)} times that of the other tool.",
         )
     protocol = (
-        f"Task: estimate four parameters from position and force, {rows_of_all} rows at 200 Hz, from the same start; "
-        "every tool "
-        "gets the same rows, or the first ones up to its row limit. CPU seconds include the time of compiling but "
-        "not of imports; greybox-id is timed at its first and at a later call. Ratios are those of the first call "
-        "unless they say "
-        "otherwise, since the other tools compile, too.",
+        f"Task: estimate four parameters from position and force, {rows_of_all} rows at {1 / step:.0f} Hz, from the "
+        "same start; every tool gets the same rows, or the first ones up to its row limit. CPU seconds include "
+        "compiling but not imports; greybox-id is timed at its first and at a later call. Ratios are those of the "
+        "first call unless they say otherwise, since the other tools compile, too.",
         "Tools use the same equations; the sign in the friction is tanh(velocity / 1 mm/s). Equations are integrated "
         "by a fourth-order Runge-Kutta method with one step per row, unless a tool has its own integrator.",
         "Other tools use the settings of their examples; experts in these tools may get better results.",
@@ -171,19 +172,20 @@ def made(seed: int) -> pd.DataFrame:
         share = np.clip((t - 1.25 * k) * MOST_AXIS / max(abs(goals[k + 1] - goals[k]), 1e-9), 0.0, 1.0)
         return float(goals[k] + (goals[k + 1] - goals[k]) * share * share * (3.0 - 2.0 * share))
 
-    time = STEP * np.arange(round(SECONDS / STEP))
-    state, force, position = np.zeros(2), np.zeros(len(time)), np.zeros(len(time))
+    def rate(v: float, F: float) -> float:
+        return (F - TRUTH["F_v"] * v - TRUTH["F_c"] * tanh(v / SHARP) - TRUTH["F_0"]) / TRUTH["M"]
+
+    time = STEP * np.arange(ROWS)
+    x, v, force, position = 0.0, 0.0, np.zeros(ROWS), np.zeros(ROWS)
+    h = STEP / FINE
     for k, t in enumerate(time):  # the controller holds its force for a row, as its converter does
-        position[k] = state[0]
-        force[k] = np.clip(volt * k_v * (k_p * LOOP * (wanted(t) - state[0]) - state[1]) * LOOP, -300.0, 300.0)
-
-        def moved(_: float, x: Array, F: float = force[k]) -> list[float]:
-            return [x[1], (F - TRUTH["F_v"] * x[1] - TRUTH["F_c"] * np.tanh(x[1] / 1e-3) - TRUTH["F_0"]) / TRUTH["M"]]
-
-        state = solve_ivp(moved, (0.0, STEP), state, method="LSODA", rtol=1e-8, atol=1e-10).y[:, -1]
+        F = min(max(volt * k_v * (k_p * (wanted(t) - x) - v), -MOST_FORCE), MOST_FORCE)
+        position[k], force[k] = x, F
+        for _ in range(FINE):
+            a = rate(v, F)
+            b = rate(v + 0.5 * h * a, F)
+            c = rate(v + 0.5 * h * b, F)
+            d = rate(v + h * c, F)
+            x, v = x + h * v + h * h / 6 * (a + b + c), v + h / 6 * (a + 2 * (b + c) + d)
     return pd.DataFrame({"time": time, "force": force + SHAKE * random.standard_normal(len(time)),
                          "position": position + TURN * random.standard_normal(len(time))})  # fmt: skip
-
-
-LOOP = 0.15
-"""Share of both gains that a force held for 5 ms bears; the authors' loop runs at 1 kHz."""
