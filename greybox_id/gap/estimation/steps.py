@@ -89,9 +89,9 @@ class DampedSteps:
     ) -> list[float]:
         """Half of the squares that each state leaves, with the charges of what is believed."""
         residuals = self.problem.residuals([self.problem.vector(state) for state in states])
-        result, there = [np.inf] * len(states), np.flatnonzero([np.all(np.isfinite(e)) for e in residuals])
-        if len(there):
-            white = whitener.white(np.stack(residuals[there], axis=-1))
+        result = [np.inf] * len(states)
+        if there := [k for k, e in enumerate(residuals) if np.all(np.isfinite(e))]:
+            white = whitener.white(np.moveaxis(residuals[there], 0, -1))
             left = first.left(white.reshape(-1, len(there)))
             for k, value in zip(there, left, strict=True):
                 result[k] = self._objective(states[k], float(value), variance)

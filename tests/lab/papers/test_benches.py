@@ -268,7 +268,7 @@ def test_the_axis_bench_has_a_row_and_a_ratio_for_every_tool(monkeypatch):
 
 @pytest.mark.slow
 def test_another_tool_finds_the_axis_from_the_same_rows():
-    lap = emps.made(1).iloc[:600]
+    lap = emps.made(1).iloc[:3000]
     start = np.array([80.0, 150.0, 15.0, 0.0])
     found = peers.by_scipy(*(lap[name].to_numpy() for name in ("time", "force", "position")), start)
     assert found == pytest.approx(list(emps.TRUTH.values()), rel=0.1)
