@@ -158,8 +158,8 @@ def must_be_diagnosable(nominal: Diagnosed, recordings: Sequence[Recording]) -> 
     for recording in recordings:
         if not any(name in recording for name in nominal.outputs):
             raise BadInput(
-                f"{recording.name} has none of {', '.join(nominal.outputs)}, which {nominal.name} predicts; map the "
-                "columns that hold them in the column map (‹columns›)."
+                f"{recording.name} has none of {', '.join(nominal.outputs)}, which {nominal.name} predicts; name "
+                "the column of at least one of these in the column map (‹columns›)."
             )
 
 

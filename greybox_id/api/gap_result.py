@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pandas as pd
 
 from ..base.errors import BadInput
-from ..base.numbers import between, number, percent, pretty_unit
+from ..base.numbers import between, number, percent, pretty_unit, the_recordings
 from ..base.version import __version__
 from ..gap.changes.verb import Changed
 from ..gap.gap import Gap
@@ -201,7 +201,7 @@ class ChangeResult(GapResult):
 
 def changed_lines(changed: Changed) -> list[str]:
     """What changed in lines: a head, and one per effect."""
-    before = ", ".join(changed.since)
+    before = the_recordings(changed.since)
     if not changed.changed:
         return [f"changed  nothing beyond the scatter of {before}"]
     lines = [f"changed  beyond the scatter of {before}"]

@@ -158,6 +158,11 @@ def listed(words: Sequence[str]) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
+def the_recordings(names: Sequence[str]) -> str:
+    """Recordings in prose: the recording late, the recordings late and later."""
+    return f"the recording{'s' if len(names) > 1 else ''} {listed(names)}"
+
+
 def signal_words(name: str) -> str:
     """A signal in prose: yaw rate for yaw_rate, a_x as its symbol."""
     return name.replace("_", " ") if name in SIGNALS and len(name.split("_")[0]) > 1 else name

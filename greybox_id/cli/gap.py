@@ -20,7 +20,7 @@ from ..base.errors import BadInput
 from ..base.files import at_once, ensure_writable, write_atomically
 from ..base.guard import claim, option_of
 from ..base.json_data import finite, plain
-from ..base.numbers import listed, number, pretty_unit
+from ..base.numbers import listed, number, pretty_unit, the_recordings
 from ..fitting.requested_model import named_vehicle
 from ..gap.changes.sensitivity import Visible
 from ..gap.changes.verb import Changed
@@ -155,8 +155,7 @@ def show_changed(out: Console, changed: Changed) -> None:
         if item.effect in gap.applied:
             mean = before_words(item, changed.scatter[item.effect][0])
             table.add_row(item.effect, magnitude_words(item), probability(item.probability), f"before: {mean}")
-    before = listed([*changed.since])
-    lead = f"{'' if gap.applied else 'nothing '}beyond the scatter of {before}"
+    lead = f"{'' if gap.applied else 'nothing '}beyond the scatter of {the_recordings(changed.since)}"
     out.print(led("Changed", Group(lead, table) if gap.applied else lead))
     for item in gap.ranking:
         if item.reason:
@@ -192,14 +191,19 @@ def what_would_show(
     if as_json:
         print_json({"since": [item.name for item in before], "visible": [asdict(item) for item in result]})
         return
-    sizes = ("smallest change", "scatter between runs", "sd from one run")
+    sizes = ("smallest change", "scatter between runs", "sd of an estimate")
     table = plain_table("effect", *sizes, right=sizes)
     for item in result:
         table.add_row(item.effect, *(_within_words(item, value) for value in (item.size, item.scatter, item.told)))
     console().print(
-        f"Smallest change that would be detected with one more recording like {listed([item.name for item in before])}:"
+        "Smallest change that would be detected with one more recording like "
+        f"{the_recordings([item.name for item in before])}:"
     )
     console().print(table)
+    console().print(
+        "Scatter between runs: standard deviation of the effect between runs without a change. "
+        "Sd of an estimate: standard deviation of an estimate from one run."
+    )
 
 
 def _within_words(item: Visible, value: float) -> str:

@@ -25,7 +25,8 @@ def sample(
     draws: int = option("Number of draws (for abc-smc: of particles).", default=2000),
     seed: int = option("Seed of all random numbers.", type=FROM_ZERO, default=0),
     distance: Literal["pooled", "trajectories"] = option(
-        "Distance of abc-smc. pooled: over all rows together; trajectories: the mean of the distances of the runs.",
+        "Distance between recordings and simulations, for abc-smc. pooled: over all rows together; trajectories: the "
+        "mean of the distances of the runs.",
         default="pooled",
     ),
     columns: str | None = option("Column map; default: the one that the fit names.", "MAP"),

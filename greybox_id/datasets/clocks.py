@@ -57,7 +57,7 @@ class Joined:
     notes: tuple[str, ...]
 
 
-def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where: str) -> Joined:
+def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where: str, kind: str = "") -> Joined:
     """Bring all groups onto the clock of one.
 
     Parameters
@@ -66,6 +66,7 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     named : name of the group whose clock is taken; None takes the most regular of the fast ones.
     hold : "zero" holds commands, "linear" takes them as measured.
     where : the file, for sentences.
+    kind : "the recording", where each group is one; for sentences.
 
     Raises
     ------
@@ -84,7 +85,8 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
         spans = "; ".join(f"{g.name} {g.time[0]:.3f} to {g.time[-1]:.3f} s" for g in ordered)
         raise BadInput(f"{where}: the groups that the column map names have no time in common: {spans}.")
     kept = "at an even step" if even else "at its own time stamps"
-    notes.insert(0, f"signals of {len(ordered)} clocks were resampled to the clock of {clock.name}, {kept}.")
+    whose = f"{kind} {clock.name}".strip()
+    notes.insert(0, f"signals of {len(ordered)} clocks were resampled to the clock of {whose}, {kept}.")
     cut = len(time) - len(inside)
     if cut:
         notes.append(f"{cut} of {len(time)} instants were left out, since not all signals were recorded there.")

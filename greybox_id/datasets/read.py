@@ -361,7 +361,9 @@ def _several(
         if name in late:  # known in instants as the file counts
             on_time = late[name].corrected(on_time + float(origin)) - float(origin)
         readings.append(Readings(name, on_time, values))
-    joined = on_one_clock(readings, named[0].name or named[0].clock if named else None, mapping.hold, result.where)
+    kind = "the recording" if isinstance(groups[0][0], Part) else ""
+    taken = named[0].name or named[0].clock if named else None
+    joined = on_one_clock(readings, taken, mapping.hold, result.where, kind)
     runs = [str(label) for label in joined.signals.get(RUN, np.empty(0))]
     return replace(joined, notes=(*joined.notes, *notes)), runs
 

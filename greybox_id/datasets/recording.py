@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from ..base.condition import holds
 from ..base.declared import understood
 from ..base.errors import BadInput, near_or_all
-from ..base.numbers import pretty_unit
+from ..base.numbers import listed, pretty_unit
 from ..base.shorthands import Array
 from ..base.signals import SIGNALS, unit_of
 from ..base.units import to_si
@@ -280,7 +280,7 @@ class Recording:
             raise BadInput(
                 f"{self.name} lacks {', '.join(lacking)}, which {purpose} needs. Its signals are "
                 f"{', '.join(self.signals)}. "
-                "Map the columns that hold them in the column map (‹columns›)."
+                f"Name the column of {listed(lacking)} in the column map (‹columns›)."
             )
 
     def must_run(self) -> None:

@@ -26,7 +26,7 @@ from ..models.effect import Effect
 from ..models.motion_model import MotionModel
 from ..models.parameter import Stated
 from ..models.vehicle import ChosenModel, TrackingPlan, Vehicle
-from .findings import LOST, Consistency, window_rows, windowed
+from .findings import LOST, WINDOW, Consistency, window_rows, windowed
 
 
 @dataclass(frozen=True)
@@ -238,18 +238,15 @@ def _channel(name: str, value: Consistency, share: float, widened: float) -> Ite
     elif value.inside < INSIDE:
         yield Reason(
             WITH_CARE,
-            f"Only {100 * value.inside:.0f} % of the windows of {name} lie within their 95 % bounds: the noise of "
-            f"{name} "
-            "varies.",
+            f"The NIS of {name}, averaged over windows of {WINDOW:g} s, lies within its 95 % bounds in only "
+            f"{100 * value.inside:.0f} % of the windows: the noise of {name} varies.",
         )
     if value.correlation > max(TOGETHER, value.correlation_bound):
         yield Reason(
             WITH_CARE,
             f"Successive innovations of {name} correlate ({value.correlation:.2f}): the model lacks an effect, and "
-            "bands "
-            f"are too narrow. greybox gap looks for the cause. If the error of the reading {name} varies slowly, let "
-            "the "
-            f"filter treat it as coloured noise (coloured: {name}).",
+            f"bands are too narrow. greybox gap looks for the cause. If the error of the reading {name} varies slowly, "
+            f"name {name} in the option coloured: the filter then treats this error as coloured noise.",
         )
 
 

@@ -142,7 +142,7 @@ MOST_ROWS = 50_000
 """Rows of files whose map states what holds, above which it is not doubted: that costs a quarter of a fit."""
 ROW = 1 / sqrt(12.0)
 """Standard deviation of an instant that is known to a row, rows."""
-WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "linear between rows"}
+WORDS: Mapping[str, str] = {"zero": "held between rows", "linear": "interpolated between rows"}
 
 
 @dataclass(frozen=True)
@@ -293,5 +293,5 @@ def reason(fit: Fit, held: Holding) -> Reason | None:
         WITH_CARE,
         f"Was {what} measured or commanded? Neither the column map nor the recording shows it. The fit takes commands "
         f'as {WORDS[held.taken]} (hold = "{held.taken}"). With commands {WORDS[other_than(held.taken)]} '
-        f'(hold = "{other_than(held.taken)}"), {most} changes by {moved}. State hold in the column map.',
+        f'(hold = "{other_than(held.taken)}"), {most} changes by {moved}. Set hold in the column map.',
     )

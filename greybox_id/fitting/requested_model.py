@@ -299,7 +299,7 @@ def must_be_recorded(model: Model, recordings: Sequence[Recording]) -> None:
         )
         raise BadInput(
             f"{recording.name} lacks {target}, which {model.name} needs; it has {', '.join(recording.signals)}. "
-            f"Map the columns that hold them in the column map (‹columns›).{instead}"
+            f"Name the column of {target} in the column map (‹columns›).{instead}"
         )
 
 

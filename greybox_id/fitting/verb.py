@@ -240,8 +240,9 @@ def _between_rows(fit: Fit, task: FitTask) -> tuple[Fit, FitTask, Holding | None
     step = min(recording.sample_time for recording in task.recordings)
     if not held.stated and held.gain < 0:
         task.say(
-            f"{fit.model.name}: the column map does not state hold; fitting again with commands "
-            f"{WORDS[other_than(held.taken)]}, to keep the fit with the higher likelihood"
+            f"{fit.model.name}: the column map does not state hold, that is, whether commands are held or interpolated "
+            f"between rows; fitting again with commands {WORDS[other_than(held.taken)]}, to keep the fit with the "
+            "higher likelihood"
         )
         hold = other_than(held.taken)
         recordings = [with_hold(recording, hold) for recording in task.recordings]

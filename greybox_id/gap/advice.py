@@ -80,7 +80,8 @@ def advice(
                 "them, measure the mounting angle of the sensor."
             )
         else:
-            drive = f"drive {to_drive(item, effects)}. {COMMAND} designs such a manoeuvre for your free area."
+            drive = f"drive {to_drive(item, effects)}. {COMMAND} designs such a manoeuvre within the area that "
+            drive += "you can drive on."
             one.append(f"{to_distinguish(item)}: {drive}")
     blind = [name for name in weak if name in effects and set(effects[name].touches) <= set(unread)]
     shown = [name for name in weak if name not in blind]

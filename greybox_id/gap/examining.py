@@ -155,8 +155,8 @@ def examine(
     examined, rows = excerpt(recordings), sum(len(recording) for recording in recordings)
     prepared = prepare(model, examined, effects, vehicle)
     tell(
-        f"simulating {model.name} with {len(prepared.effects)} candidate effects on "
-        f"{listed([one.name for one in recordings])}"
+        f"simulating {model.name} with {len(prepared.effects)} candidate effects on the recording"
+        f"{'s' if len(recordings) > 1 else ''} {listed([one.name for one in recordings])}"
     )
     if (count := sum(len(item) for item in examined)) < rows:
         tell(f"examining {count} of {rows} rows, in blocks spread evenly")

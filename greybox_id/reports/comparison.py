@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..base.numbers import counted, listed, number, percent, pretty_unit, signal_words
+from ..base.numbers import counted, listed, number, percent, pretty_unit, signal_words, the_recordings
 from ..base.numbers import interval as interval_of
 from ..base.shorthands import Array, Index
 from ..base.signals import SIGNALS, unit_of
@@ -153,7 +153,7 @@ def comparison(fits: Sequence[NamedFit]) -> Document:
     result = {fit.name: _judged(fit, role) for fit in fits}
     base = fits[0].name
     pairs = {fit.name: pairs_of(result[base], result[fit.name]) for fit in fits[1:]}
-    where = listed([record.name for record in fits[0].fit.data if record.role == role])
+    where = the_recordings([record.name for record in fits[0].fit.data if record.role == role])
     judged = f"{where}{', which they were fitted to' if role == 'train' else ' (held out)'}"
     words = (
         f"Differences are the RMSE minus that of {base}, over the rows that both predict. Their 95 % intervals come "

@@ -155,7 +155,9 @@ def truck_command(
 @command("loop", of=bench)
 def loop_command(
     out: Path = option("Folder of the results.", "FOLDER", required=True, type=PATH),
-    quick: bool = option("Run one case, one cycle and five arms; takes about two CPU minutes, not hours."),
+    quick: bool = option(
+        "Compare five ways to model one simulated car, in one cycle; takes about two CPU minutes, not hours."
+    ),
     cases: tuple[int, ...] = option(
         "Simulated car of greybox loop demo, from 0 to 7; default: all of them. Repeatable.",
         name="--case",

@@ -89,7 +89,7 @@ def test_where_is_silent_without_a_gap_and_names_shares_with_one():
         "By equation: 78 % of the gap in steering and 15 % of the gap in M_z; By driving: 78 % of the gap while the "
         "steering moves, in 22 % of the time"
     )
-    assert said.endswith("By time: half of the gap between 31.5 and 40.0 s, in 14 % of the time")
+    assert said.endswith("By time: 50 % of the gap lies between 31.5 and 40.0 s (14 % of the time)")
     everywhere = clear(where=replace(clear().where, regime="any", time={}))
     assert where(everywhere)[1:] == ["By driving: evenly spread over the drive"]
     thin = clear(where=replace(clear().where, regime="high_speed", time={}, equations={}))

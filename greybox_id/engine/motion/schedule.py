@@ -102,7 +102,8 @@ def motion_runs(model: MotionModel, recording: Recording, *, unread: bool = Fals
     if not unread and not any(name in recording for name in model.outputs):
         raise BadInput(
             f"{recording.name} has none of the outputs of {model.name} ({', '.join(model.outputs)}); "
-            f"it has {', '.join(recording.signals)}. Map at least one of them in the column map (‹columns›)."
+            f"it has {', '.join(recording.signals)}. Name the column of at least one output in the column map "
+            "(‹columns›)."
         )
     nothing = np.full(len(recording), np.nan)
     measured = np.column_stack([recording.signals.get(n, nothing) for n in model.outputs])

@@ -144,9 +144,17 @@ def _depends(on: Sequence[str]) -> str:
     """What residuals vary with, and which error of an input they look like."""
     like = [word for word in on if word.startswith(("a gain on", "an offset of"))]
     plain = [word.replace("the rate of", "the rate of change of") for word in on if word not in like]
-    gains = [word.replace("a gain on", "a gain of" if "that varies" in word else "a wrong gain of") for word in like]
+    gains = [_of_signal(word) for word in like]
     varies = f" The error varies with {listed(plain)}." if plain else ""
     return varies + (f" It could come from {' or '.join(gains)}." if gains else "")
+
+
+def _of_signal(word: str) -> str:
+    """An error of an input with its signal named as one: a gain of the drive signal, which varies with its size."""
+    kind, of, rest = word.replace("a gain on", "a gain of").partition(" of ")
+    name, varies, other = rest.partition(" that varies with ")
+    size = "its size" if other == name else other
+    return f"{kind if varies or 'offset' in kind else 'a wrong gain'}{of}the {name} signal{varies}{size}"
 
 
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from ...base.numbers import number
+from ...base.numbers import number, the_recordings
 from ...base.shorthands import Array
 from ...datasets.recording import Recording
 from ...engine.motion.schedule import AT_ONCE
@@ -171,7 +171,7 @@ def usual(
     filters : name -> standard deviation between runs that have passed other filters.
     """
     known = tuple(numbers)
-    tell(f"estimating the usual values from {', '.join(one.recording.name for one in rides)}")
+    tell(f"estimating the usual values of effects from {the_recordings([one.recording.name for one in rides])}")
     nominal = values_of(known, np.array([item.mean for item in known]))
     scatter = {one.name: one.usual for one in known if one.usual} | dict(filters)
     belief = {name: np.inf if name in SPECIFIED else CAL.usual_runs for name in USUAL}

@@ -17,7 +17,7 @@ import numpy as np
 from threadpoolctl import threadpool_limits
 
 from ...base.errors import BadInput
-from ...base.numbers import listed, number
+from ...base.numbers import listed, number, the_recordings
 from ...base.shorthands import Array
 from ...datasets.checks import Severity, check
 from ...datasets.recording import Recording
@@ -139,7 +139,7 @@ def diagnose_change(
         known = usual(Follower(full, read), numbers, before, tell, dict.fromkeys(nameless, CAL.filters))
         if not driven:  # errors of form do not cancel
             known = replace(known, scatter=CAL.elsewhere * known.scatter)
-        tell(f"estimating what has changed in {', '.join(one.name for one in after)}")
+        tell(f"estimating what has changed in {the_recordings([one.name for one in after])}")
         halves = () if others else tuple(zip(*(ride.halves() for ride in rides), strict=True))
         cost = CAL.cost_changed if driven else CAL.cost_elsewhere
         direct = by_place(known, value, told_by_columns([*after, *held_out], since))

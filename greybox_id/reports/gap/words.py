@@ -13,6 +13,7 @@ from ...base.numbers import (
     percent,
     pretty_unit,
     short_with_sd,
+    the_recordings,
     together,
     whole_percent,
 )
@@ -257,8 +258,8 @@ def _time(gap: Gap) -> str:
     time = gap.where.time
     if not {"from", "to"} <= time.keys():
         return ""
-    share = f", in {percent(time['share'])} of the time" if isfinite(time.get("share", float("nan"))) else ""
-    return f"half of the gap between {time['from']:.1f} and {time['to']:.1f} s{share}"
+    share = f" ({percent(time['share'])} of the time)" if isfinite(time.get("share", float("nan"))) else ""
+    return f"50 % of the gap lies between {time['from']:.1f} and {time['to']:.1f} s{share}"
 
 
 def told_apart(gap: Gap, ranked: Ranked) -> str:
@@ -339,7 +340,7 @@ def budget(gap: Gap) -> str:
     ]
     place = "held out" if gap.budget.held_out else "from which the effects were chosen"
     return (
-        f"shares of the excess error (the error beyond noise) on {listed([*gap.budget.recordings])} ({place}): "
+        f"shares of the excess error (the error beyond noise) on {the_recordings(gap.budget.recordings)} ({place}): "
         f"{listed(shares)}"
     )
 
@@ -351,10 +352,8 @@ def judged(gap: Gap) -> tuple[Closure, bool]:
 
 def how_far(gap: Gap, closure: Closure, held_out: bool) -> str:
     """How far a gap shrinks on some recordings, with its interval; honest where it does not."""
-    names = listed([*closure.recordings]) or listed([*gap.recordings])
     chose = f", from which the effect{'s were' if gap.applied[1:] else ' was'} chosen" if gap.applied else ""
-    several = "s" if len(closure.recordings or gap.recordings) > 1 else ""
-    place = f"on the recording{several} {names}{' (held out)' if held_out else chose}"
+    place = f"on {the_recordings(closure.recordings or gap.recordings)}{' (held out)' if held_out else chose}"
     if not gap.applied:
         if not gap.gap_detected and not gap.moved:
             return f"there is no error beyond noise {place}"

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from rich.console import Group, RenderableType
 from rich.table import Table
 
-from ...base.numbers import counted, listed, number, pretty_unit, quantity, rmse, short_with_sd, whole_percent
+from ...base.numbers import counted, number, pretty_unit, quantity, rmse, short_with_sd, the_recordings, whole_percent
 from ...fitting.scores.horizons import Errors
 from ...gap.gap import Budget, Closure, Gap
 from ..gap.words import (
@@ -94,7 +94,8 @@ def _budget(budget: Budget) -> Group:
     for _ in range(3):
         table.add_column()
     place = (
-        f"on {listed([*budget.recordings])} ({'held out' if budget.held_out else 'from which the effects were chosen'})"
+        f"on {the_recordings(budget.recordings)} "
+        f"({'held out' if budget.held_out else 'from which the effects were chosen'})"
     )
     for share in (*budget.shares, budget.unnamed):
         bar = "█" * round(BAR * min(max(share.share, 0.0), 1.0))

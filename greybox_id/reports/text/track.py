@@ -36,7 +36,7 @@ def parts(track: Track, digest: Digest) -> Iterator[RenderableType]:
         table.add_row(name, *alike(low, middle, high, sd, by=sd), pretty_unit(track.units[name]), share)
     yield table
     yield ""
-    tests = ("NIS (1)", "windows within 95 % band", "autocorrelation", "gated")
+    tests = ("NIS (1)", "2 s means of NIS in 95 % band", "autocorrelation", "gated")
     counts = ("samples used", "innovation rms")
     checks = plain_table("reading", *counts, "unit", *tests, right=(*counts, *tests))
     for name, item in track.consistency.items():

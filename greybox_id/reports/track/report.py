@@ -335,15 +335,15 @@ TRUTH = (
 )
 READINGS = (
     "An innovation is a reading minus the filter's prediction of it. NIS: the square of the innovation divided by "
-    "the variance that the filter expects; its mean is 1 if that variance is right. Windows within: share of means "
-    "over 2 s that lie inside their 95 % bounds. Autocorrelation: correlation of an innovation with the one before; "
-    "without any correlation, 95 % of the values are within the bound. Gated: number of readings so far from "
-    "their prediction that they got a lower weight."
+    "the variance that the filter expects; its mean is 1 if that variance is right. Windows within: share of "
+    "windows of 2 s in which the mean NIS lies within its 95 % bounds. Autocorrelation: correlation of an innovation "
+    "with the one before; without any correlation, 95 % of the values are within the bound. Gated: number of readings "
+    "so far from their prediction that they got a lower weight."
 )
 NOISE = (
     "If random walks are large compared with the noise of the readings, the filter follows the readings more than its "
-    "model. Both sizes are tuned to maximise the likelihood of the readings that the filter uses. Other measurements, "
-    "such as a measured sideslip, have no influence on them."
+    "model. The sizes of random walks and noise are tuned to maximise the likelihood of the readings that the filter "
+    "uses. Other measurements, such as a measured sideslip, have no influence on them."
 )
 BANDS = (
     "Bands extend two standard deviations to each side. They come from the filter and from parameters stated with a "

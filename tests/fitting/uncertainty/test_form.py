@@ -67,7 +67,7 @@ def test_a_steering_offset_is_named_and_counts_in_the_intervals():
     low, high = found.interval("B_f")
     assert found.verdict.usability == NOT_USABLE or low < truth("B_f") < high
     (sentence,) = [own for own in found.verdict.reasons if "lacks an effect" in own]
-    assert "an offset of steer" in sentence
+    assert "an offset of the steer signal" in sentence
     assert "greybox gap" in sentence
 
 
