@@ -11,7 +11,7 @@ from greybox_id.gap.estimation.causes import Form, PossibleCause
 from greybox_id.gap.estimation.first_order import FirstOrder
 from greybox_id.gap.estimation.model_error import believed
 from greybox_id.gap.estimation.problem import JointProblem
-from greybox_id.gap.estimation.together import JointSearch, JointWhitening
+from greybox_id.gap.estimation.together import JointSearch, JointStage, JointWhitening
 from greybox_id.gap.estimation.walks import walked
 
 SD = np.array([0.1, 0.1])
@@ -99,6 +99,19 @@ def test_a_set_that_cannot_be_leaves_nothing_to_what_is_refitted_after_it():
     rest = search.refitted(beyond, second)
     assert np.isfinite(rest.evidence)
     assert rest.evidence == rest.form + rest.explains
+
+
+def test_what_an_abrupt_cause_hid_is_refitted_once_it_is_taken_away():
+    """The steering acts as late as the later of two says: beside one, the derivative by the other one is none."""
+    X = smooth_columns(1)
+    bench = GivenBench(lambda p: X[:, :, 0] * max(p[0], p[1]), X[:, :, 0] * 0.8, 2)
+    search = together(bench, [cause(0, low=0.0), cause(1, gradual=False, low=0.0)])
+    both, first = np.array([True, True]), np.array([True, False])
+    state = replace(search.problem.begin(), m=np.array([0.3, 0.8]), on=np.array([False, True]))
+    whitener = search.whitening.usual(None, 1.0)
+    state, squares = search._linear(state, whitener, False, search.variance(both))
+    stage = JointStage(1.0, state, both, whitener, squares, search._sets(squares), 0.0)
+    assert search.refitted(stage, first).state.m[0] == pytest.approx(0.8, abs=0.01)
 
 
 @pytest.mark.parametrize(("truth", "left"), [((0.0, 0.0, 0.7), {2}), ((1.0, 0.6, 0.7), {0, 1, 2})])
