@@ -156,7 +156,7 @@ def grid_parts(grid: Grid) -> Iterator[RenderableType]:
         yield led(word, f"{cell} ({row['parameters']} parameters): {what}")
     yield led("took", f"{number(float(grid.table['cpu_seconds'].sum()))} CPU s for {len(grid.table)} fits")
     yield ""
-    titles = ("parameters", "cross-validated error, % of sd", "AIC", "AIC effective")
+    titles = ("parameters", "cross-validated error, % of the readings' sd", "AIC", "AIC effective")
     table = plain_table(*grid.names, *titles)
     for _, item in grid.table.sort_values("cv_error").head(10).iterrows():
         row = {str(name): value for name, value in item.items()}

@@ -158,9 +158,14 @@ def listed(words: Sequence[str]) -> str:
     return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
-def the_recordings(names: Sequence[str]) -> str:
-    """Recordings in prose: the recording late, the recordings late and later."""
-    return f"the recording{'s' if len(names) > 1 else ''} {listed(names)}"
+def the_recordings(names: Sequence[str], which: str = "") -> str:
+    """Recordings in prose: the recording “late”, the held-out recordings “late” and “later”."""
+    return f"the {f'{which} ' * bool(which)}recording{'s' if len(names) > 1 else ''} {listed(quoted(names))}"
+
+
+def quoted(names: Sequence[str]) -> list[str]:
+    """Names such as late or other in quotation marks, so that they do not read as words of the sentence."""
+    return [f"“{name}”" for name in names]
 
 
 def signal_words(name: str) -> str:

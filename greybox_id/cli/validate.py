@@ -20,9 +20,10 @@ def validate(
 ) -> None:
     """Score FIT on each RECORDING: errors of predictions over several horizons and in free run.
 
-    If the model consists of equations of motion, the errors are compared with those of persistence (the first reading
-    is held constant) and of the unfitted model. Fits of msnn_... and gnn are scored one sample ahead, in closed loop,
-    and in the way of the papers on these networks. Exit code 3: the fit is not usable on these recordings.
+    If the model consists of equations of motion, the errors are compared with those of persistence (the first
+    reading is held constant) and of the unfitted model. Fits of msnn_... and gnn are scored one sample ahead, in
+    closed loop, and, as in the papers on these networks, by the mean over batches of 100 windows. Exit code 3: the
+    fit is not usable on these recordings.
 
     \b
     greybox validate run/fit.json lap7.csv lap8.csv --columns roboracer

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from ..base.errors import BadInput
+from ..base.numbers import quoted
 from ..base.shorthands import Array
 from ..base.signals import ANGLES_AROUND, COMMANDS
 from ..base.statistics import moving_mean
@@ -84,9 +85,9 @@ def on_one_clock(groups: Sequence[Readings], named: str | None, hold: str, where
     if not inside.size:
         spans = "; ".join(f"{g.name} {g.time[0]:.3f} to {g.time[-1]:.3f} s" for g in ordered)
         raise BadInput(f"{where}: the groups that the column map names have no time in common: {spans}.")
-    kept = "at an even step" if even else "at its own time stamps"
-    whose = f"{kind} {clock.name}".strip()
-    notes.insert(0, f"signals of {len(ordered)} clocks were resampled to the clock of {whose}, {kept}.")
+    whose = f"{kind} {quoted([clock.name])[0]}" if kind else clock.name
+    kept = f"the clock of {whose}, at an even step" if even else f"the time stamps of {whose}"
+    notes.insert(0, f"the signals have {len(ordered)} clocks; all were resampled to {kept}.")
     cut = len(time) - len(inside)
     if cut:
         notes.append(f"{cut} of {len(time)} instants were left out, since not all signals were recorded there.")

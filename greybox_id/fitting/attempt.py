@@ -239,7 +239,7 @@ def with_starts(problem: MotionProblem, x: Array) -> Array:
 
 def _solved(problem: MotionProblem, x: Array, how: FitOptions, tolerance: float, say: Say, name: str) -> Solution:
     if how.solver == "ipopt":
-        say(f"{name}: Ipopt, {problem.layout.size} unknowns")
+        say(f"{name}: Ipopt, {problem.layout.size} unknowns (parameters and initial states)")
         return ipopt(problem, x)[0]
 
     def report(step: int, objective: float, x: Array) -> bool:

@@ -144,7 +144,10 @@ def fit_grid(
         cell = several[missing[number]]
         rows[_key(cell)] = row | {FINGERPRINT: data, STRENGTHS_USED: json.dumps(strengths)}
         stated = ", ".join(f"{n}={v}" for n, v in cell.items())
-        say(f"{name} {stated}: {row['parameters']} parameters, cross-validated error {row['cv_error']:.4g}")
+        say(
+            f"{name} {stated}: {row['parameters']} parameters, "
+            f"cross-validated error {100 * row['cv_error']:.4g} % of the readings' sd"
+        )
         if keep is not None:
             keep(_table(rows, several))
         return True

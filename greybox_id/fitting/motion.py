@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..base.errors import BadInput
-from ..base.numbers import number
+from ..base.numbers import counted, number
 from ..base.processes import apart, side_by_side
 from ..base.shorthands import Array
 from ..datasets.recording import Recording
@@ -104,7 +104,10 @@ def _estimated(model: MotionModel, task: FitTask) -> Fit:
     if solution.nodes is None:
         solution = replace(solution, nodes=problem.simulated_nodes(solution.x))
     if stage.confirmed:  # away from an optimum, its curvature says nothing
-        say(f"{model.name}: computing the uncertainty of {int(np.sum(problem.free[: problem.layout.size]))} unknowns")
+        free = int(np.sum(problem.free[: problem.parameters.size]))
+        starts = int(np.sum(problem.free[problem.parameters.size : problem.layout.size]))
+        and_starts = f" and {counted(starts, 'initial state')}" if starts else ""
+        say(f"{model.name}: computing the uncertainty of {counted(free, 'parameter')}{and_starts}")
         result = replace(result, **_uncertain(fitted, problem, recordings, solution, form, say))
         result = replace(result, how={**result.how, **of_stated(result, problem.simulator, recordings)})
     return replace(result, how={**result.how, "form": form.as_dict()})
@@ -332,7 +335,11 @@ def _fallbacks(
             it = (
                 *it,
                 f"{words}: "
-                + (f"objective {_percent(gained)} lower" if np.isfinite(gained) else "its predictions are finite"),
+                + (
+                    f"objective {_percent(gained)} lower than the best before"
+                    if np.isfinite(gained)
+                    else "its predictions are finite"
+                ),
             )
         else:
             it = (*it, f"{words}: no better")

@@ -8,6 +8,7 @@ from math import isfinite
 from typing import Any
 
 from ..base.errors import BadInput, near_or_all
+from ..base.numbers import the_recordings
 from ..base.signals import unit_of
 from ..base.units import Quantity, belief, number
 from ..datasets.checks.consistency import GIVEN_WHEELBASE
@@ -325,9 +326,9 @@ def doubts(model: Model, vehicle: Vehicle | None, recordings: Sequence[Recording
             known = _wheelbase(recording)
             if known is not None and not GIVEN_WHEELBASE[0] < known / wheelbase < GIVEN_WHEELBASE[1]:
                 result.append(
-                    f"According to recording {recording.name}, the vehicle has a wheelbase of {known:.2g} m; the "
-                    "model has "
-                    f"{wheelbase:.3g} m (l_f + l_r). Is it the wrong vehicle, or is a unit in the column map wrong?"
+                    f"According to {the_recordings([recording.name])}, the vehicle has a wheelbase of {known:.2g} m; "
+                    f"the model has {wheelbase:.3g} m (l_f + l_r). Is it the wrong vehicle, or is a unit in the column "
+                    "map wrong?"
                     f"{suggested}"
                 )
                 break

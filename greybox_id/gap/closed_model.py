@@ -25,8 +25,8 @@ from .estimation.preparing import excerpt, thinned, with_beliefs
 from .examining import Examined
 from .gap import Budget, Closure, Moved
 
-WORSE = "it makes held-out errors larger unless all parameters are fitted together with it"
-HARMS = "it makes held-out errors larger, whether or not the other parameters are fitted"
+WORSE = "held-out errors are larger with it, unless all parameters are refitted too"
+HARMS = "held-out errors are larger with it, whether or not the other parameters are refitted"
 
 
 def closed_model(

@@ -11,10 +11,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..base.numbers import the_recordings
 from ..base.shorthands import Array
 from ..base.signals import unit_of
 from ..base.statistics import resampled
-from ..datasets.checks.finding import listed
 from ..datasets.recording import Recording
 from ..engine.simulation import Diagnosed, FreeRuns
 from ..fitting.scores.horizons import Errors, by_horizon, diverges
@@ -97,7 +97,7 @@ def closed_by(
 
 def on_held_out(recordings: Sequence[Recording]) -> str:
     """Where a closure is verified, in words."""
-    return f"the held-out recording{'s' if len(recordings) > 1 else ''} {listed([item.name for item in recordings])}"
+    return the_recordings([item.name for item in recordings], "held-out")
 
 
 def left_open(closure: Closure) -> Closure:

@@ -8,7 +8,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..base.numbers import counted, listed, number, percent, pretty_unit, signal_words, the_recordings
+from ..base.numbers import counted, listed, number, percent, pretty_unit, quoted, signal_words, the_recordings
 from ..base.numbers import interval as interval_of
 from ..base.shorthands import Array, Index
 from ..base.signals import SIGNALS, unit_of
@@ -289,7 +289,7 @@ def _described(fits: Sequence[NamedFit]) -> Table:
                 listed(trained), listed(judged) or "none", _converged(fit.fit),
             )
         )  # fmt: skip
-    return Table(("fit", "model", "effects", "size", "trained on", "judged on", "converged"), tuple(rows), "llLllll")
+    return Table(("fit", "model", "effects", "size", "trained on", "scored on", "converged"), tuple(rows), "llLllll")
 
 
 def _converged(fit: Fit) -> str:
@@ -305,11 +305,12 @@ def _commands(fits: Sequence[NamedFit]) -> Pairs:
 
 def _apart(fits: Sequence[NamedFit]) -> str:
     judged = [
-        f"{fit.name} on {listed([d.name for d in fit.fit.data if d.role == 'validate']) or 'nothing'}" for fit in fits
+        f"{fit.name} on {listed(quoted([d.name for d in fit.fit.data if d.role == 'validate'])) or 'none'}"
+        for fit in fits
     ]
     return (
-        f"The fits were not judged on the same files ({listed(judged)}), so their errors cannot be compared. Fit "
-        "them with the same validation recording, or validate them on one recording."
+        "The errors of the fits cannot be compared, since the fits were scored on different held-out recordings: "
+        f"{listed(judged)}. Fit them with the same validation recording, or validate them on one recording."
     )
 
 

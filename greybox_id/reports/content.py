@@ -223,7 +223,9 @@ def ipopt_words(stage: Stage) -> str:
         corner = verdict.status.partition("; ")[2]
         return f"Ipopt confirmed the optimum{': ' if corner else ''}{corner}"
     better = (
-        f"with an objective {percent(verdict.gained)} lower" if verdict.gained > NOTHING else "and found nothing better"
+        f"with an objective {percent(verdict.gained)} lower than before"
+        if verdict.gained > NOTHING
+        else "and found nothing better"
     )
     return f"Ipopt did not confirm the optimum: it ended with “{verdict.status}” {better}"
 

@@ -57,6 +57,8 @@ from .report import Sections, sections, seen
 LEADS = ("How good", "Compared", "How sure")
 DRAWN = (HORIZONS[0], DRAWN_HORIZON)
 """Horizons, s, that figures show; errors over all of them are in the fit."""
+MOST_NAMED = 5
+"""Parameters that are named in a sentence; the table marks all."""
 MOST_PAIRS = 3
 """Pairs of parameters identifiable only in combination that are named."""
 INTERVALS = (
@@ -197,17 +199,23 @@ def _not_determined(fit: Fit) -> str:
     although = ", and model errors widen its interval" if len(far) == 1 and far[0] in weak else ""
     count = counted(len(free), "free parameter")
     sentences = [
-        f"{len(weak)} of {count} {'is' if len(weak) == 1 else 'are'} weakly identifiable: {listed(weak)}"
+        f"{len(weak)} of {count} {'is' if len(weak) == 1 else 'are'} weakly identifiable: {_first(weak)}"
         if weak
         else "",
         f"Identifiable only in combination: {listed(pairs)}" if pairs else "",
-        f"{listed(bound)} {'is at a bound' if len(bound) == 1 else 'are at bounds'}" if bound else "",
-        f"{listed(far)} {'lies' if len(far) == 1 else 'lie'} far from the prior{although}" if far else "",
+        f"{_first(bound)} {'is at a bound' if len(bound) == 1 else 'are at bounds'}" if bound else "",
+        f"{_first(far)} {'lies' if len(far) == 1 else 'lie'} far from the prior{although}" if far else "",
     ]
     stated = [sentence for sentence in sentences if sentence]
     if not stated:
         return f"{'Each of the ' if len(free) > 1 else 'Its '}{count} is determined"
     return ". ".join(stated)
+
+
+def _first(names: Sequence[str]) -> str:
+    """The first names of a list that may be long; the table of parameters marks all."""
+    more = len(names) - MOST_NAMED
+    return listed(names) if more <= 0 else f"{', '.join(names[:MOST_NAMED])} and {more} more (see the table)"
 
 
 def _far(parameter: Parameter) -> bool:

@@ -62,7 +62,7 @@ def make_command(
         "Kind of the cases. clean: exact vehicle files, white noise; workshop: vehicle files with tolerances, other "
         "equations than the model, coloured noise, outliers; foreign: vehicles of other simulators; many: three to six "
         "effects at once; rough: sprung cars with inexact vehicle files; injected: real recordings that were altered; "
-        "changed: a real car that was changed (DART).",
+        "changed: a real car that was changed (recordings of the DART car).",
         type=TIERS,
         default="clean",
     ),
@@ -159,7 +159,10 @@ def run_command(
         default=120.0,
     ),
     diagnoser: str = option(
-        "Diagnose with this command in place of greybox gap.", "MODULE:FUNCTION", default=DIAGNOSER, show_default=False
+        "Diagnose with this Python function in place of greybox gap.",
+        "MODULE:FUNCTION",
+        default=DIAGNOSER,
+        show_default=False,
     ),
     sample: int | None = option("Diagnose at most this many cases, drawn at random.", type=FROM_ONE),
     seed: int = option("Seed with which --sample draws.", type=FROM_ZERO, default=0),

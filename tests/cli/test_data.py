@@ -108,7 +108,7 @@ def test_what_resampling_costs_is_told(tmp_path):
     assert found["value"] == pytest.approx(
         0.2**2 * 4 / np.sqrt(2) / np.sqrt(120), rel=0.1
     )  # rms of s (1 - s) / 2 h^2 f''
-    assert "recorded at 5 Hz and resampled to the clock of gps" in found["sentence"]
+    assert "recorded at 5 Hz on the clock of gps and resampled" in found["sentence"]
 
 
 def test_a_map_is_proposed_written_and_never_overwritten_unasked(lap, tmp_path):

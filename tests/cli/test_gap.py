@@ -248,7 +248,7 @@ def test_a_person_reads_whether_where_which_and_how_far():
     )
     assert "1 steering_delay 31 ± 3 ms 0.94 applied" in words
     assert "18 ms [5, 60] 0.04 cannot be distinguished from number 1 on this recording" in words
-    assert "with steering_delay, the excess error falls by 84 % [76, 90] on the recording lap8 (held out)" in words
+    assert "with steering_delay, the excess error falls by 84 % [76, 90] on the recording “lap8” (held out)" in words
     assert "yaw_rate [rad/s] 0.018 → 0.013 (0.012)" in words
     assert "below the detection limit here, so possibly present: mass_change up to 0.12" in words
 
@@ -259,13 +259,13 @@ def test_doubts_on_the_data_come_first():
 
 def test_what_makes_things_worse_is_said():
     words = " ".join(printed(unknown(), 100).split())
-    assert "increases the excess error by 12 % [−4, 30] on the recordings lap8 and lap9 (held out)" in words
+    assert "increases the excess error by 12 % [−4, 30] on the recordings “lap8” and “lap9” (held out)" in words
     assert "all of the excess error is unexplained" in words
 
 
 def test_without_held_out_recordings_that_is_said():
     words = " ".join(printed(CASES["aliased"](), 160).split())
-    assert "on the recording lap7, from which the effect was chosen" in words
+    assert "on the recording “lap7”, from which the effect was chosen" in words
     assert "is unknown: name held-out recordings" in words
 
 

@@ -110,6 +110,7 @@ def test_files_with_nothing_in_common_are_taken_at_their_stamps(topics):
     recording, offsets = join_files([odom, imu, commands], mapping())
     assert all(not offset.taken_off and np.isnan(offset.seconds) for offset in offsets)
     assert any("imu: time stamps are kept" in note for note in recording.notes)
+    assert any(note.startswith("the signals have 3 clocks; all were resampled to the ") for note in recording.notes)
 
 
 def split(t):

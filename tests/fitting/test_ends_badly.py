@@ -53,7 +53,7 @@ def test_where_no_step_is_taken_other_ways_are_tried_and_said(monkeypatch):
     found = fit(quick(), [driven("lateral", runs=1)], how=how, say=lambda line, passing=False: said.append(line))
     assert any("no step was taken; trying other starting point 1" in line for line in said)
     assert found.stages[0].fallbacks[0].startswith("other starting point 1: ")
-    assert found.stages[0].fallbacks[-1].endswith("% lower")
+    assert found.stages[0].fallbacks[-1].endswith("% lower than the best before")
     assert found.stages[0].converged
 
 

@@ -75,7 +75,7 @@ def test_fits_judged_on_other_files_are_not_compared(two):
     record = two[1].fit.data[-1]
     moved = replace(two[1].fit, data=(*two[1].fit.data[:-1], replace(record, sha256="0" * 64, name="other")))
     document = comparison([two[0], replace(two[1], fit=moved)])
-    assert "were not judged on the same files" in document.verdict[0][1]
+    assert "were scored on different held-out recordings" in document.verdict[0][1]
     assert common_role([two[0], two[0]]) == "validate"
     trained = replace(two[0], fit=replace(two[0].fit, data=two[0].fit.data[:2]))
     assert common_role([trained, trained]) == "train"

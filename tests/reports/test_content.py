@@ -43,7 +43,7 @@ def test_the_verdict_is_three_sentences(small_fit, sentences):
 def test_ipopt_s_word_is_passed_on_as_it_was(small_fit, sentences):
     assert "Ipopt was not asked" in sentences(small_fit)[2]
     assert "did not confirm" in sentences(certified(small_fit))[2]
-    assert "with an objective 1.0 % lower" in sentences(certified(small_fit))[2]
+    assert "with an objective 1.0 % lower than before" in sentences(certified(small_fit))[2]
     confirmed = sentences(certified(small_fit, status="Solve Succeeded", confirmed=True, objective_after=100.0))[2]
     assert "Ipopt confirmed" in confirmed
 

@@ -112,16 +112,16 @@ def test_indistinguishable_effects_are_named_by_rank_and_others_by_name():
         (
             0.88,
             (0.81, 0.93),
-            "with steering_delay, the excess error falls by 88 % [81, 93] on the recording lap8 (held out)",
+            "with steering_delay, the excess error falls by 88 % [81, 93] on the recording “lap8” (held out)",
         ),
         (
             0.1,
             (-0.02, 0.2),
-            "by 10 % [−2, 20] on the recording lap8 (held out); the interval includes zero, so the gap may not close",
+            "by 10 % [−2, 20] on the recording “lap8” (held out); the interval includes zero, so the gap may not close",
         ),
         (-0.12, (-0.3, 0.04), "adding steering_delay increases the excess error by 12 % [−4, 30]"),
-        (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on the recording lap8 (held out)"),
-        (NAN, (NAN, NAN), "no error beyond noise on the recording lap8 (held out)"),
+        (-0.12, (-0.3, -0.02), "the excess error by 12 % [2, 30] on the recording “lap8” (held out)"),
+        (NAN, (NAN, NAN), "no error beyond noise on the recording “lap8” (held out)"),
         (-0.001, (-0.3, 0.3), "the excess error by 0 % [−30, 30]"),
     ],
 )
@@ -134,7 +134,7 @@ def test_shares_of_next_to_no_gap_are_not_said_where_effects_were_chosen():
     small = Closure(1.01, 1.02, 1.0, -0.57, (-1.14, -0.15), ("lap8",))
     gap = clear(gap=small, held_out=None)
     said = how_far(gap, small, False)
-    assert re.search(r"exceeds that of the noise by 1\.?0? % on the recording lap8", said)
+    assert re.search(r"exceeds that of the noise by 1\.?0? % on the recording “lap8”", said)
     assert "the gap is too small" in said
     assert "worse" not in said
     assert "excess" not in left(gap)
@@ -178,11 +178,11 @@ def test_a_closed_model_that_errs_more_as_it_stands_is_warned_of():
 
 def test_nothing_applied_closes_nothing():
     gap = clear(applied=(), moved=())
-    assert how_far(gap, gap.gap, False) == "no effect was applied, so the error stays as it is on the recording lap7"
-    assert how_far(none(), none().gap, False) == "there is no error beyond noise on the recording lap7"
+    assert how_far(gap, gap.gap, False) == "no effect was applied, so the error stays as it is on the recording “lap7”"
+    assert how_far(none(), none().gap, False) == "there is no error beyond noise on the recording “lap7”"
     assert "within their tolerances" in how_far(replace(none(), moved=clear().moved), none().gap, False)
     assert how_far(clear(applied=()), gap.gap, True) == (
-        "no effect was applied, but parameters were re-estimated; errors are those on the recording lap7 (held out)"
+        "no effect was applied, but parameters were re-estimated; errors are those on the recording “lap7” (held out)"
     )
 
 

@@ -489,12 +489,11 @@ def _unchecked(r: Recording, result: Sequence[Relation], findings: Sequence[Find
             continue
         value = [relation for relation in result if does(relation)]
         if not value:
-            lacking.append(f"{what}, which needs {needs}")
+            lacking.append(f"{what} (needs {needs})")
         elif not any(relation.agreement > HOLDS and _certain(relation) for relation in value):
             still.append(what)
-    unchecked = {
-        "not checked, because a channel is missing, constant or has gaps": lacking,
-        "not clear from the motion in this recording": still,
-    }
-    sentences = [f"{why}: {'; '.join(what)}." for why, what in unchecked.items() if what]
+    sentences = [f"not clear from the motion in this recording: {'; '.join(still)}."] if still else []
+    if lacking:
+        why = "could not be checked, because a channel is missing, constant or has gaps"
+        sentences.insert(0, f"{listed(lacking, len(lacking))} {why}.")
     return [Finding("unchecked", Severity.NOTE, FoundAt("map"), sentence) for sentence in sentences]

@@ -450,7 +450,7 @@ def check_reading(recording: Recording) -> list[Finding]:
     for name, how in recording.resampled.items():
         unit = recording.unit(name)
         what = "interpolated linearly" if how.method == "linear" else "with each reading held until the next"
-        sentence = f"recorded at {exact(how.rate, 4)} Hz and resampled to the clock of {how.clock}, {what}. "
+        sentence = f"recorded at {exact(how.rate, 4)} Hz on the clock of {how.clock} and resampled, {what}. "
         if not np.isfinite(how.error):
             sentence += "There are too few readings to estimate the error of resampling."
             findings.append(Finding("resampled", Severity.WARNING, FoundAt(name), sentence))
@@ -473,7 +473,7 @@ def _open_questions(recording: Recording) -> list[Finding]:
     if not names:
         return []
     sentence = (
-        f"the column map does not yet state the column or unit of {listed(names)}. Of the lines that begin with #?, "
-        "choose one and remove its #?, or delete them all."
+        f"the column map does not yet state the column or unit of {listed(names)}. Choose one of the lines that "
+        "begin with #? and remove its #?, or delete all these lines."
     )
     return [Finding("question", Severity.WARNING, FoundAt(names[0]), sentence, float(len(names)))]

@@ -53,8 +53,8 @@ ROLES = {"train": "diagnosed", "validate": "held out"}
 DOUBTS = "Errors in the data look like a gap; correct them before looking for effects."
 RANKING = (
     "Probability: that the effect is present. Gain: how much higher the log-likelihood is with the effect than without "
-    "it, while the other applied effects stay in the model. Of effects that cannot be distinguished, the "
-    "sum of the probabilities counts."
+    "it, while the other applied effects stay in the model. Add the probabilities of effects that cannot "
+    "be distinguished: the sum is the probability that one of them is present."
 )
 CLOSURE = (
     "The table gives mean square errors, divided by the mean square of the noise; every channel has the same weight. "
@@ -87,8 +87,8 @@ METHOD = (
     ),
     (
         "Remains",
-        "An unmodelled effect is reported if the unknown forces that remain are larger than the usual model error, or "
-        "if readings scatter by more than the stated noise.",
+        "An unmodelled effect is reported if the unknown forces that remain are larger than those that models usually "
+        "leave if no effect is missing, or if readings scatter by more than the stated noise.",
     ),
 )
 ERRORS = (

@@ -76,7 +76,7 @@ def solver_lines(stage: Stage, what: str) -> Iterator[str]:
     if stage.certificate is not None:
         c = stage.certificate
         ended = f"{c.status}, {counted(c.iterations, 'iteration')}"
-        better = f"objective {percent(c.gained)} lower" if c.gained > NEGLIGIBLE else "objective unchanged"
+        better = f"objective {percent(c.gained)} lower than before" if c.gained > NEGLIGIBLE else "objective unchanged"
         confirmed = "confirmed" if c.confirmed else "not confirmed"
         yield f"optimum  {confirmed} by Ipopt: {ended}, {better}, gradient {c.gradient:.1e}"
     for number_of, words in enumerate(stage.fallbacks):

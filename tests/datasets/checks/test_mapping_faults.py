@@ -114,15 +114,13 @@ def test_a_drive_in_which_nothing_happens_is_not_accused_and_says_so(seed):
     for what in ("sign of steer", "sign of yaw_rate", "axis and sign of a_x", "axis and sign of a_y"):
         assert what in still.sentence
     assert still.severity is Severity.NOTE
-    assert any(
-        "the sign of v_y, which needs x, y and yaw, or yaw_rate at several speeds" in f.sentence for f in findings
-    )
+    assert any("the sign of v_y (needs x, y and yaw, or yaw_rate at several speeds)" in f.sentence for f in findings)
 
 
 def test_checks_whose_channels_are_missing_are_told():
     findings = check_mapping(only(clean(4), "v_x", "steer"))
-    (lacking,) = [f for f in findings if "not checked, because a channel is missing" in f.sentence]
-    assert "the sign of steer, which needs v_x and one of yaw_rate, a_y or positions" in lacking.sentence
+    (lacking,) = [f for f in findings if "could not be checked, because a channel is missing" in f.sentence]
+    assert "the sign of steer (needs v_x and one of yaw_rate, a_y or positions)" in lacking.sentence
     assert "the scale of v_x" in lacking.sentence
 
 
@@ -209,5 +207,5 @@ def test_places_on_earth_check_yaw_and_lateral_acceleration_where_no_yaw_rate_is
 def test_what_yaw_and_lateral_acceleration_need_to_be_checked_is_told():
     recording = only(clean(1), "v_x", "yaw", "a_y")
     (finding,) = (finding for finding in check(recording) if finding.kind == "unchecked")
-    assert "axis and sign of a_y, which needs v_x and one of yaw_rate, steer or positions" in finding.sentence
-    assert "the sign of yaw, which needs yaw_rate or positions" in finding.sentence
+    assert "axis and sign of a_y (needs v_x and one of yaw_rate, steer or positions)" in finding.sentence
+    assert "the sign of yaw (needs yaw_rate or positions)" in finding.sentence
