@@ -222,7 +222,7 @@ def _measurements(file: Path, head: bytes) -> FileContent:
 
 def _table(names: tuple[str, ...]) -> FileContent:
     """A table; derived where its columns are those that a command writes."""
-    if set(names) == {"parameter", "value", "rise", "allowed"}:
+    if set(names) - {"allowed_noise_alone"} == {"parameter", "value", "rise", "allowed"}:
         return FileContent("a table of profiles", derived=True)
     if {"time", "phase", "steer", "v_x_low", "v_x_high", "yaw_rate_low"} <= set(names):
         return FileContent("a table of a manoeuvre", derived=True)
