@@ -182,7 +182,7 @@ def test_names_that_close_next_to_nothing_held_out_are_no_causes(monkeypatch, cl
     gap = diagnosed(lap(late, 20.0), held_out=[lap(late, 10.0, seed=7)])
     assert gap.applied == applied
     if not applied:
-        assert "all named effects together close 4 %" in gap.ranking[0].reason
+        assert "all named effects together remove 4 %" in gap.ranking[0].reason
         assert gap.budget is None
 
 
