@@ -108,7 +108,8 @@ def _from_prior(result: Fit) -> str:
     if not names:
         return ""
     listed = ", ".join(names[:MOST_NAMED]) + (f" and {len(names) - MOST_NAMED} more" if names[MOST_NAMED:] else "")
-    return f"; {len(names)} of {counted(len(free), 'estimate')} are hardly more precise than their priors: {listed}"
+    are, priors = ("is", "its prior") if len(names) == 1 else ("are", "their priors")
+    return f"; {len(names)} of {counted(len(free), 'estimate')} {are} hardly more precise than {priors}: {listed}"
 
 
 def verdict_table(verdict: Verdict, more: str = "") -> Table:
