@@ -19,8 +19,8 @@ from greybox_lab.papers.emps import TRUTH, made
 from greybox_lab.papers.equations import servo_axis
 
 # %%
-# The recording of a servo axis with friction: position and force, ten seconds at 200 Hz.
-table = made(1).iloc[:2000]
+# The recording of a servo axis with friction: position and force, six seconds at 1 kHz.
+table = made(1).iloc[:6000]
 rows = [table[name].to_numpy() for name in ("time", "force", "position")]
 start = np.array([float(servo_axis()[name].array) for name in TRUTH])
 
