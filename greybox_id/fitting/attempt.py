@@ -19,7 +19,7 @@ from ..datasets.recording import Recording
 from ..engine.motion.shooting import MotionProblem
 from ..engine.motion.simulator import Simulator
 from ..engine.shooting import Problem
-from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton, promised
+from ..engine.solvers.gauss_newton import Solution, Status, gauss_newton, predicted_reduction
 from ..engine.solvers.ipopt import CONFIRMED_WITHIN, SAME, ipopt
 from ..engine.solvers.quasi_newton import refine, settle
 from ..models.motion_model import MotionModel
@@ -161,7 +161,7 @@ def refitted(simulator: Simulator, recordings: Sequence[Recording], p: Array, ho
     return None if attempt is None else attempt.problem.shared(attempt.solution.x)
 
 
-def promised_share(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> float:
+def predicted_share(simulator: Simulator, recordings: Sequence[Recording], p: Array, how: FitOptions) -> float:
     """The share of the squared errors at parameters that a fit from there would take away, were predictions straight
     in them.
 
@@ -171,7 +171,8 @@ def promised_share(simulator: Simulator, recordings: Sequence[Recording], p: Arr
     x = problem.unknowns(p)
     nodes = problem.simulated_nodes(x)
     problem = _problem(simulator, recordings, _spread_of(problem, problem.errors(nodes)), how, p, problem)
-    return promised(problem, x, problem.normal_equations(x, nodes)) / max(problem.misfit(x, nodes), LEAST_NOISE)
+    reduction = predicted_reduction(problem, x, problem.normal_equations(x, nodes))
+    return reduction / max(problem.misfit(x, nodes), LEAST_NOISE)
 
 
 def _on_the_way(
@@ -276,7 +277,7 @@ def _walled(problem: MotionProblem, solution: Solution) -> bool:
     """Bound unknowns of the problem where its objective jumps up, as at bounds that were stated; whether there are any.
 
     A delay meets such a wall where a reading would come before a command rather than after: a search leans on it, and
-    what a smooth objective would promise beyond keeps everything else from its optimum.
+    what a smooth objective would predict beyond keeps everything else from its optimum.
     """
     x, (low, high) = solution.x, (bound.copy() for bound in problem.bounds)
     equations = problem.normal_equations(x, solution.nodes)
@@ -388,7 +389,7 @@ own. Where a few parameters are to be told, an optimum is confirmed only if ther
 
 
 REFINED, REFINING_STEPS, QUICK_STEPS = 1e-8, 10, 30
-"""Share of the objective that a step may still promise when a network's optimum is shown to Ipopt, and steps that get
+"""Share of the objective that a step may still predict when a network's optimum is shown to Ipopt, and steps that get
 it there, the last those that do not linearise. Where Gauss-Newton ends, its steps gain a decade each, and Ipopt's first
 iterations hardly any."""
 

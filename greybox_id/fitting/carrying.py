@@ -23,7 +23,7 @@ from ..datasets.checks.drive import FEWEST_ROWS, SHORTEST
 from ..datasets.recording import Recording, join
 from ..engine.motion.simulator import Simulator
 from ..models.motion_model import MotionModel
-from .attempt import promised_share, refitted
+from .attempt import predicted_share, refitted
 from .fit import CLEARLY, EIGHTHS, NOT_USABLE, WITH_CARE, Fit, Reason
 from .how import FitOptions
 from .scores.motion import score_motion
@@ -39,7 +39,7 @@ LESS = 1.35
 """Errors so many times those of the refitted model are more than refitting gains by chance, which is a few percent: a
 model has ten parameters, a recording hundreds of independent readings. Less than the 1.5 of the best known that a
 usable fit must not exceed, since the best known need not be found."""
-PROMISED = 0.15
+REDUCTION = 0.15
 """Share of its squared errors. Where a linearised fit to a recording would take less away, the fit itself is not made:
 of 248 eighths below, none had more than 1.28 times the errors of its refit; of 114 above, 49 had more than LESS
 (`benchmarks/verdicts.py`, 54 fits of seeds 1 and 2)."""
@@ -59,7 +59,7 @@ def carries_over(model: MotionModel, fit: Fit, recording: Recording, name: str =
     part = _beginning(recording)
     simulator, best = Simulator(model), float("nan")
     value = score_motion(simulator, part, model.values, HORIZONS)
-    starts = [_unfitted(model, fit), *([model.values] if _promises(simulator, part, model.values) else [])]
+    starts = [_unfitted(model, fit), *([model.values] if _reducible(simulator, part, model.values) else [])]
     for start in starts:
         p = _refitted(simulator, part, start)
         if p is not None:
@@ -86,7 +86,7 @@ def withstands(model: MotionModel, fit: Fit, recording: Recording) -> Iterator[R
     if stated:
         part = _beginning(recording)
         times = float("nan")
-        if _promises(opened, part, model.values):
+        if _reducible(opened, part, model.values):
             p = _refitted(opened, part, model.values)
             times = _ratio(simulator, model.values, opened, p, part)
         if times > LESS:
@@ -114,7 +114,7 @@ def _piece_apart(compared: _Compared, recording: Recording, odd: Collection[int]
         for k, piece in enumerate(_blocks(recording))
         if len(piece) >= FEWEST_ROWS and piece.duration >= SHORTEST
     }
-    first = [k for k, piece in pieces.items() if _promises(compared.opened, piece, compared.start)]
+    first = [k for k, piece in pieces.items() if _reducible(compared.opened, piece, compared.start)]
     times = {k: compared.worst(compared.start, [pieces[k]]) for k in first}
     if not any(ratio > LESS for ratio in times.values()):
         return
@@ -261,10 +261,10 @@ def _refitted(simulator: Simulator, recording: Recording, start: Array) -> Array
         return None
 
 
-def _promises(simulator: Simulator, recording: Recording, p: Array) -> bool:
+def _reducible(simulator: Simulator, recording: Recording, p: Array) -> bool:
     """Whether a fit from there may have clearly smaller errors."""
     try:
-        return not promised_share(simulator, [recording], p, REFIT) < PROMISED
+        return not predicted_share(simulator, [recording], p, REFIT) < REDUCTION
     except BadInput:
         return True
 

@@ -14,7 +14,7 @@ from greybox_id.fitting.attempt import (
     _walled,
     errors_at,
     off_bounds,
-    promised_share,
+    predicted_share,
     refitted,
     starting_points,
     with_starts,
@@ -86,7 +86,7 @@ def test_where_an_optimum_is_known_its_starts_follow(start_from):
     assert problem.objective(x, problem.simulated_nodes(x)) == pytest.approx(optimum.objective, rel=1e-9)
 
 
-def test_what_a_fit_promises_is_what_it_takes_away():
+def test_the_reduction_predicted_of_a_fit_is_what_it_takes_away():
     recording, car = driven(runs=1, seconds=8.0, noise=0.1), build("lateral", None, {}, vehicle("full_size_car"))
     free = (replace(p, fixed=p.name not in ("B_f", "I_z"), prior=None) for p in car.parameters)
     simulator = Simulator(car.with_parameters(*free))
@@ -96,5 +96,5 @@ def test_what_a_fit_promises_is_what_it_takes_away():
     best = refitted(simulator, [recording], car.values, how)
     errors = (errors_at(simulator, [recording], noise, how, p) / noise for p in (best, car.values))
     after, before = (np.nansum(error**2) for error in errors)
-    assert promised_share(simulator, [recording], best, how) < 1e-6
-    assert promised_share(simulator, [recording], car.values, how) == pytest.approx(1.0 - after / before, rel=0.1)
+    assert predicted_share(simulator, [recording], best, how) < 1e-6
+    assert predicted_share(simulator, [recording], car.values, how) == pytest.approx(1.0 - after / before, rel=0.1)

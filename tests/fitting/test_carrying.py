@@ -120,13 +120,13 @@ def test_a_piece_of_another_vehicle_is_told_where_residuals_say_so_though_no_hal
 def test_a_piece_that_is_far_off_is_told_whatever_residuals_say(monkeypatch, times, told):
     ratios = cycle(times)
     monkeypatch.setattr(carrying._Compared, "worst", lambda self, p, parts: next(ratios))
-    monkeypatch.setattr(carrying, "PROMISED", 0.0)
+    monkeypatch.setattr(carrying, "REDUCTION", 0.0)
     sentences = against(stated(), driven(runs=8, seconds=4.0))
     assert [one for one in sentences if told and told in one] == sentences[: bool(told)]
     assert bool(told) == any("equal parts of the data" in one for one in sentences)
 
 
-def test_pieces_that_promise_little_are_not_refitted(monkeypatch):
+def test_pieces_whose_predicted_reduction_is_small_are_not_refitted(monkeypatch):
     monkeypatch.setattr(carrying, "_refitted", lambda *_: pytest.fail("refitted"))
     assert against(stated(), driven(runs=8, seconds=4.0)) == []
 

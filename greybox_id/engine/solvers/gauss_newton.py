@@ -108,9 +108,9 @@ ROUNDING = 1e-14
 """Relative distance at which a step to a bound has reached it."""
 FORETOLD = 0.01
 """Share of the tolerance that is looked for where convergence is foretold and not looked at: of 27 solves whose next
-step had been foretold, it promised up to 12 times as much."""
+step had been foretold, it predicted up to 12 times as much."""
 SAME_STEP = 0.99
-"""Share of what a refused step promised from which on another is the same step: damping has not turned it yet."""
+"""Share of what a refused step predicted from which on another is the same step: damping has not turned it yet."""
 PATIENCE = 4
 NEGLIGIBLE = 1e-3
 """Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
@@ -180,7 +180,7 @@ def gauss_newton(
     problem : the problem.
     x : (unknowns,) starting parameters.
     max_steps : accepted steps at most.
-    tolerance : stop when a full Gauss-Newton step promises a decrease of less than this share of the objective.
+    tolerance : stop when a full Gauss-Newton step predicts a decrease of less than this share of the objective.
     negligible : stop when PATIENCE steps together gain less than this share of the objective; 0 never does.
     search : what is done to a step that fails: "line_search" shortens it first, which suits hundreds of weights,
         "levenberg_marquardt" damps it, which suits a few physical parameters in a bent valley of condition 1e9.
@@ -208,7 +208,7 @@ def gauss_newton(
             tried, size = memory.first(problem, point.x, equations), max(point.objective, 1e-300)
             decrement = _least_decrease(problem, point.x, equations, tried) / size
             if decrement <= tolerance:
-                decrement = max(decrement, promised(problem, point.x, equations) / size)
+                decrement = max(decrement, predicted_reduction(problem, point.x, equations) / size)
             if decrement <= tolerance:
                 status = Status.CONVERGED
                 break
@@ -219,7 +219,7 @@ def gauss_newton(
                 break
             better = _descent(problem, point, equations, memory, tried)
             if better is None:
-                decrement = max(decrement, promised(problem, point.x, equations) / size)
+                decrement = max(decrement, predicted_reduction(problem, point.x, equations) / size)
                 status = Status.CONVERGED if decrement <= max(tolerance, 1e-6) else Status.STALLED
                 break
             point, steps = better, steps + 1
@@ -258,23 +258,23 @@ class _Search:
         self._kept, self._left = 0.0, np.inf
         self._held_back: Callable[[], float] = float
 
-    def learn(self, promised: float, fallen: float, held_back: Callable[[], float]) -> None:
+    def learn(self, predicted: float, fallen: float, held_back: Callable[[], float]) -> None:
         """Learn from a step that was taken.
 
-        Near an optimum, the next one promises the same share of its promise as that was of the last one's, if that was
-        kept.
+        Near an optimum, the next one predicts the same share of its reduction as that was of the last one's, if that
+        came true.
 
         Parameters
         ----------
-        promised, fallen : by how much the objective was to fall, and fell.
+        predicted, fallen : by how much the objective was to fall, and fell.
         held_back : gives how much more it was to fall without damping.
         """
-        self._left = promised**2 / self._kept if promised < self._kept else np.inf
-        self._kept = promised if abs(fallen - promised) < 0.25 * promised else 0.0
+        self._left = predicted**2 / self._kept if predicted < self._kept else np.inf
+        self._kept = predicted if abs(fallen - predicted) < 0.25 * predicted else 0.0
         self._held_back = held_back
 
     def foretells(self, least: float) -> bool:
-        """Whether no further step will promise more than that."""
+        """Whether no further step will predict more than that."""
         return self._left <= least and self._left + self._held_back() <= least
 
     def first(self, problem: LeastSquares, x: Array, equations: NormalEquations) -> Array | None:
@@ -294,13 +294,13 @@ def _descent(
 def _shortened(
     problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, step: Array
 ) -> _Point | None:
-    """A step shortened until the objective falls as promised, damped if no share of it helps."""
+    """A step shortened until the objective falls as predicted, damped if no share of it helps."""
     while memory.damping < MOST_DAMPING:
-        promised = -float(equations.g @ step)
+        predicted = -float(equations.g @ step)
         share = min(1.0, 2.5 * memory.share)
         while share > 1e-3:
             trial = _at(problem, _within(problem, point.x + share * step))
-            if trial.objective < point.objective - 1e-2 * share * promised:
+            if trial.objective < point.objective - 1e-2 * share * predicted:
                 memory.share, memory.damping = share, max(memory.damping / 10.0, LEAST_DAMPING)
                 return trial
             share *= 0.4
@@ -310,7 +310,7 @@ def _shortened(
 
 
 def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
-    """A step damped until the objective falls by a fair part of what the quadratic model promises.
+    """A step damped until the objective falls by a fair part of what the quadratic model predicts.
 
     The model is Gauss-Newton's, or the one with what that leaves out where it foretold the last step better.
 
@@ -325,22 +325,22 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
         second = left_out.trusted and whole is not None
         model = whole if second and whole is not None else curved
         step = _step(problem, point.x, model, memory.damping, logarithmic=True)
-        promised = max(_decrease(model, step), 1e-300)
-        if promised > SAME_STEP * refused:
+        predicted = max(_decrease(model, step), 1e-300)
+        if predicted > SAME_STEP * refused:
             memory.damping *= 10.0
             continue
         trial = (
             _at(problem, _moved(problem, point.x, step))
             if second
-            else _tried(problem, point, step, promised, curved, equations, memory.damping)
+            else _tried(problem, point, step, predicted, curved, equations, memory.damping)
         )
         fallen = point.objective - trial.objective
-        if fallen > 1e-3 * promised:
-            if fallen > 0.75 * promised:
+        if fallen > 1e-3 * predicted:
+            if fallen > 0.75 * predicted:
                 memory.damping *= 0.1
-            elif fallen < 0.25 * promised:
+            elif fallen < 0.25 * predicted:
                 memory.damping *= 4.0
-            memory.learn(promised, fallen, partial(_held_back, problem, point.x, model, promised))
+            memory.learn(predicted, fallen, partial(_held_back, problem, point.x, model, predicted))
             if whole is not None:
                 taken = _taken(problem, point.x, trial.x)
                 left_out.compare(fallen, _decrease(whole, taken), _decrease(curved, taken))
@@ -349,7 +349,7 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
         if second:  # once more without
             left_out.trusted = False
         else:
-            memory.damping, refused = 10.0 * memory.damping, promised
+            memory.damping, refused = 10.0 * memory.damping, predicted
     return None
 
 
@@ -357,14 +357,14 @@ def _tried(
     problem: LeastSquares,
     point: _Point,
     step: Array,
-    promised: float,
+    predicted: float,
     curved: NormalEquations,
     equations: NormalEquations,
     damping: float,
 ) -> _Point:
-    """Where a step leads, bent where it gains less than promised and that is lower."""
+    """Where a step leads, bent where it gains less than predicted and that is lower."""
     trial = _at(problem, _moved(problem, point.x, step))
-    if (point.objective - trial.objective) / promised < 0.75:  # the valley bends: follow it
+    if (point.objective - trial.objective) / predicted < 0.75:  # the valley bends: follow it
         bend = _bend(problem, point, curved, step, equations, damping)
         if np.any(bend):
             bent = _at(problem, _moved(problem, point.x, step + bend))
@@ -445,7 +445,7 @@ def _step(
     return least_within(equations.H, equations.g, low, high, problem.free, damping)
 
 
-def promised(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
+def predicted_reduction(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
     """By how much the objective would fall within bounds if it were as the normal equations say."""
     return _decrease(equations, _step(problem, x, equations, 0.0))
 
@@ -454,21 +454,21 @@ def _decrease(equations: NormalEquations, step: Array) -> float:
     return float(-(equations.g @ step + 0.5 * step @ equations.H @ step))
 
 
-def _held_back(problem: LeastSquares, x: Array, model: NormalEquations, promised: float) -> float:
-    """How much more a step in logarithms promises that is not damped."""
-    return _decrease(model, _step(problem, x, model, 0.0, logarithmic=True)) - promised
+def _held_back(problem: LeastSquares, x: Array, model: NormalEquations, predicted: float) -> float:
+    """How much more a step in logarithms predicts that is not damped."""
+    return _decrease(model, _step(problem, x, model, 0.0, logarithmic=True)) - predicted
 
 
 def _least_decrease(problem: LeastSquares, x: Array, equations: NormalEquations, tried: Array | None) -> float:
-    """What a full step promises at least: as much as one unknown alone, as much as the damped step that is tried."""
+    """What a full step predicts at least: as much as one unknown alone, as much as the damped step that is tried."""
     single = _single_decrease(problem, x, equations)
     return single if tried is None else max(single, _decrease(equations, tried))
 
 
 def _single_decrease(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
-    """The most that the quadratic model promises for moving one unknown alone, within its bounds.
+    """The most that the quadratic model predicts for moving one unknown alone, within its bounds.
 
-    A full step promises no less, but for rounding: where H spans more than numbers hold, its step can come out as
+    A full step predicts no less, but for rounding: where H spans more than numbers hold, its step can come out as
     nothing at all, and a point with an enormous gradient would pass for an optimum.
     """
     curvature = np.diag(equations.H)

@@ -22,7 +22,7 @@ Loss = Callable[[Array], tuple[float, Array]]
 _MEAN, _SQUARE, _RATE = 0.9, 0.99, 5e-3
 _MEMORY = 30
 _RIDGE, _ARMIJO = 1e-12, 1e-4
-"""Share of its own curvature added to an unknown, for numbers' sake; share of the promised decrease that a step has to
+"""Share of its own curvature added to an unknown, for numbers' sake; share of the predicted decrease that a step has to
 bring (Nocedal & Wright, Sec. 3.1)."""
 
 
@@ -136,7 +136,7 @@ def refine(
     problem : the problem; nodes follow by simulation.
     x : (unknowns,) a point near an optimum, away from bounds.
     gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
-    tolerance : share of the objective that a step may still promise at the end.
+    tolerance : share of the objective that a step may still predict at the end.
     steps : at most.
 
     Returns
@@ -161,14 +161,14 @@ def refine(
     history, g = [problem.objective(x, nodes)], gradient(x, nodes)[free]
     while len(history) <= steps:
         step = -turned(g)
-        promised = -float(g @ step)
-        if promised <= 2.0 * tolerance * history[-1]:
+        predicted = -float(g @ step)
+        if predicted <= 2.0 * tolerance * history[-1]:
             break
         nearer = _moved(x, free, step)
         matched = problem.simulated_nodes(nearer)
         objective = problem.objective(nearer, matched)
         inside = np.all((nearer > problem.bounds[0]) & (nearer < problem.bounds[1]) | ~free)
-        if not (inside and objective < history[-1] - _ARMIJO * promised):
+        if not (inside and objective < history[-1] - _ARMIJO * predicted):
             break
         slope = gradient(nearer, matched)[free]
         curvature = float(step @ (slope - g))

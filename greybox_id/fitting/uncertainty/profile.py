@@ -39,7 +39,7 @@ REACH = 100.0
 CLOSE, CLOSER = 0.02, 8
 """How near the crossing, as a share of the half width, a profile is evaluated before it is interpolated; tries."""
 SETTLED, REPEATS = 1e-3, 10
-"""Share of the allowed rise that an optimisation may still promise; how often a slow one is carried on."""
+"""Share of the allowed rise that an optimisation may still predict; how often a slow one is carried on."""
 
 
 class End(Enum):
