@@ -364,13 +364,14 @@ class JointSearch:
         On trial, abrupt causes that are not there stay as they were looked at last: they keep to their zones.
         """
         state, squares, variance = stage.state, stage.squares, self.variance(there)
-        elsewhere = bool(np.any(state.on & ~there & ~self.problem.smooth))  # linear about what acts no more
         if not trial:
             self.problem.forget()
-        for step in range(steps + elsewhere):
+        while steps > 0:
+            about_it = not np.any(state.on & ~there & ~self.problem.smooth)  # else about what acts no more: once more
             state, went = self._stepped(state, squares, variance, stage.whitener, there, trial)
             state, squares = self._linear(state, stage.whitener, False, variance)
-            if went < CAL.still and not (elsewhere and step == 0):
+            steps -= about_it
+            if about_it and went < CAL.still:
                 break
         return replace(stage, state=state, there=there, squares=squares, sets=self._sets(squares))
 
