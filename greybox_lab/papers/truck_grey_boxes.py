@@ -124,7 +124,7 @@ class MeanError:
         """The metric, in the beliefs' measure; infinite where the model is not finite."""
         relative = self._relative(nodes)
         counted = np.where(relative > FLOOR, relative, (relative**2 / FLOOR + FLOOR) / 2)
-        rows = np.array([[item.stop - item.start] for item in self.plain.intervals])
+        rows = np.array([[item.rows] for item in self.plain.intervals])
         total = np.sum(counted * rows) / ROWS_PER_READING + 0.5 * np.sum(self.plain.prior_residuals(x) ** 2)
         return float(total) if np.isfinite(total) else np.inf
 

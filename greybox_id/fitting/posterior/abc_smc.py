@@ -148,7 +148,7 @@ class Distances:
             spread = np.nanstd(np.where(read, problem.target, np.nan), axis=0)
         self._scale = np.where(spread > 0, spread, 1.0)
         self._counts = np.maximum(np.sum(read), 1)
-        self._rows = np.concatenate(([0], np.cumsum([item.stop - item.start for item in problem.intervals])))
+        self._rows = np.concatenate(([0], np.cumsum([item.rows for item in problem.intervals])))
         self._read = np.add.reduceat(read.astype(float), self._rows[:-1], axis=0)
 
     def __call__(self, at: Array) -> Array:

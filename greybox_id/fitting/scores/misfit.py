@@ -142,19 +142,10 @@ def _short(fit: Fit) -> Iterator[Reason]:
 
 def _depends(on: Sequence[str]) -> str:
     """What residuals vary with, and which error of an input they look like."""
-    like = [word for word in on if word.startswith(("a gain on", "an offset of"))]
-    plain = [word.replace("the rate of", "the rate of change of") for word in on if word not in like]
-    gains = [_of_signal(word) for word in like]
+    like = [word for word in on if word.startswith(("a ", "an "))]
+    plain = [word for word in on if word not in like]
     varies = f" The error varies with {listed(plain)}." if plain else ""
-    return varies + (f" It could come from {' or '.join(gains)}." if gains else "")
-
-
-def _of_signal(word: str) -> str:
-    """An error of an input with its signal named as one: a gain of the drive signal, which varies with its size."""
-    kind, of, rest = word.replace("a gain on", "a gain of").partition(" of ")
-    name, varies, other = rest.partition(" that varies with ")
-    size = "its size" if other == name else other
-    return f"{kind if varies or 'offset' in kind else 'a wrong gain'}{of}the {name} signal{varies}{size}"
+    return varies + (f" It could come from {' or '.join(like)}." if like else "")
 
 
 def _dependence(name: str, one: Mapping[str, Any], stated: Mapping[str, float]) -> Iterator[Reason]:

@@ -319,7 +319,7 @@ def _drives(problem: MotionProblem, nodes: SimulatedRuns, every: int) -> Iterato
     errors = problem.errors(nodes)[::every].copy()
     inputs = np.vstack([runs[i.run].inputs[i.start : i.stop] for i in problem.intervals])
     time = np.concatenate([runs[i.run].time[i.start : i.stop] for i in problem.intervals])
-    edges = np.concatenate([[0], np.cumsum([i.stop - i.start for i in problem.intervals])])
+    edges = np.concatenate([[0], np.cumsum([i.rows for i in problem.intervals])])
     predicted = np.where(np.isfinite(nodes.y), nodes.y, 0.0)
     table = {name: predicted[:, k] for k, name in enumerate(model.outputs)}
     table |= {name: inputs[:, k] for k, name in enumerate(model.inputs)}
@@ -357,7 +357,7 @@ def _functions(
         yield f"the size of {name}", y**power
     yield f"the sign of {name}", np.abs(y)
     yield f"the size of {name}", y * np.abs(y)
-    yield f"the rate of {name}", dy
+    yield f"the rate of change of {name}", dy
     for q in range(1, QUARTERS):
         yield "time", (quarter >= q).astype(float)
         yield "time", (quarter >= q) * y
@@ -365,13 +365,13 @@ def _functions(
         pace = v - np.mean(v)
         for values in (pace, y * pace, y * pace**2):
             yield "v_x", values
-        yield f"the rate of {name}", dy * pace
+        yield f"the rate of change of {name}", dy * pace
     for other in inputs:
         if other != "v_x":
             u = table[other]
             for values in (u, np.abs(u), u * np.abs(u)):
                 yield other, values
-            yield f"the rate of {other}", rates[other]
+            yield f"the rate of change of {other}", rates[other]
 
 
 def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_Passed]:
@@ -406,14 +406,14 @@ def _of_inputs(problem: MotionProblem, x: Array, y: Array, every: int) -> list[_
 def _errors_of_input(name: str, table: Mapping[str, Array], du: Array, spread: float) -> Iterator[tuple[str, Array]]:
     """How an input may be another than recorded: words and (n,) values."""
     u, v = table[name], table.get("v_x")
-    yield f"an offset of {name}", np.ones(len(u))
-    yield f"a gain on {name}", u
-    yield f"a gain on {name} that varies with {name}", u * np.abs(u)
-    yield f"a gain on {name} that varies with {name}", u**3
+    yield f"an offset of the {name} signal", np.ones(len(u))
+    yield f"a wrong gain of the {name} signal", u
+    yield f"a gain of the {name} signal that varies with its size", u * np.abs(u)
+    yield f"a gain of the {name} signal that varies with its size", u**3
     yield f"the sign of {name}", np.abs(u)
-    yield f"the rate of {name}", du
+    yield f"the rate of change of {name}", du
     if v is not None and name != "v_x" and float(np.std(v)) > 1e-3 * float(np.mean(np.abs(v))):
-        yield f"a gain on {name} that varies with v_x", u * (v - np.mean(v)) / np.std(v)
+        yield f"a gain of the {name} signal that varies with v_x", u * (v - np.mean(v)) / np.std(v)
 
 
 def _rate(values: Array, time: Array, edges: Array) -> Array:

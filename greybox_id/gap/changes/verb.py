@@ -34,7 +34,7 @@ from .columns import ByColumns, told_by_columns
 from .innovations import FollowedRun, Follower
 from .search import Change, changes
 from .sensitivity import Visible, visible
-from .usual import GAINS, TIMED, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
+from .usual import GAINS, USUAL, acts, driven_alike, driven_elsewhere, numbers_of, usual
 
 
 @dataclass(frozen=True)
@@ -294,11 +294,10 @@ def _answer(
 
     def ranked(place: int, shift: float, sd: float, probability: float, gain: float, **more: Any) -> Ranked:
         """An effect with its magnitude."""
-        number, effect = known.numbers[place], value[names[place]]
-        at = known.x[place] + shift * np.ones(3) + 1.96 * sd * np.array([-1.0, 0.0, 1.0])
-        at[[0, 2]] = np.clip(at[[0, 2]], number.low, number.high)
-        low, size, high = (_magnitude(names[place], effect, number.value(each)) for each in at)
-        return Ranked(names[place], float(probability), size, effect.parameter.unit, (low, high), gain=gain, **more)
+        number, unit = known.numbers[place], value[names[place]].parameter.unit
+        at = np.clip(known.x[place] + shift + 1.96 * sd * np.array([-1.0, 0.0, 1.0]), number.low, number.high)
+        low, size, high = (number.value(each) for each in at)
+        return Ranked(names[place], float(probability), size, unit, (low, high), gain=gain, **more)
 
     ranking = [ranked(place, by.shift, by.sd, by.probability, 0.5 * (by.shift / by.sd) ** 2)
                for place, by in direct.items()]  # fmt: skip
@@ -351,10 +350,7 @@ def _before(
     sds = np.sqrt(np.diag(known.covariance))
     numbers = {n.name: (values[n.name], float(sd * (values[n.name] if n.logarithmic else 1.0)), float(s))
                for n, sd, s in zip(known.numbers, sds, known.scatter, strict=True)}  # fmt: skip
-    scatter = {
-        name: (_magnitude(name, effect, numbers[effect.parameter.name][0]), numbers[effect.parameter.name][2])
-        for name, effect in value.items()
-    }
+    scatter = {name: numbers[effect.parameter.name][::2] for name, effect in value.items()}
     before = replace(
         vehicle,
         values={name: replace(one, value=numbers[name][0], sd=numbers[name][1]) if name in numbers else one
@@ -408,13 +404,8 @@ def _model_at(model: MotionModel, entry: Mapping[str, Effect], known: Common, x:
     return result.with_parameters(*(result[name].with_value(v) for name, v in values.items() if name in result))
 
 
-def _magnitude(name: str, effect: Effect, value: float) -> float:
-    """A magnitude as it is stated: of a delay with what clocks differ by, which may be less than none."""
-    return value if name in TIMED else _within(effect, value)
-
-
 def _within(effect: Effect, value: float) -> float:
-    """A magnitude within an effect's bounds: a model is not late by less than nothing."""
+    """A magnitude within an effect's bounds: clocks may differ by less than nothing, a model is not late by that."""
     low, high = (float(np.asarray(end)) for end in effect.parameter.bounds)
     return min(max(value, low), high)
 
