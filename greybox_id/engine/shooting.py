@@ -1,10 +1,10 @@
-"""The least-squares problem of fitting a model with memory, lifted over time and condensed.
+"""The least-squares problem of fitting a model with memory: lifted over time and condensed.
 
-Closed loop, the predictions themselves are unknowns: one node per output and row, matched to what the model
-makes of the nodes before it (multiple shooting with an interval of one sample). A Gauss-Newton step need not
-carry the nodes: the matching conditions, linearised, give them as a + B dp, run by run, and what remains is a
-dense problem in the parameters. Source: Albersmeyer & Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010).
-Open loop, the fed-back inputs are measurements and there are no nodes.
+In closed loop the predictions themselves are unknowns: one node per output and row, matched to the model's prediction
+from the nodes before it (multiple shooting with an interval of one sample). A Gauss-Newton step eliminates the nodes:
+the linearised matching conditions give them as a + B dp, run by run, which leaves a dense problem in the parameters.
+Source: Albersmeyer & Diehl, The lifted Newton method, SIAM J. Optim. 20 (2010).
+In open loop the fed-back inputs are measurements and there are no nodes.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from .series import Run, runs
 from .trace import Trace
 
 Nodes = list[Array]
-"""Per run, (n, outputs) predictions; measured before the first one."""
+"""Per run, (n, outputs) predictions; rows before the first prediction are measurements."""
 
 
 class Problem:
-    """Fit a traced model to recordings.
+    """Least-squares problem of fitting a traced model to recordings.
 
     Parameters
     ----------
     trace : the model.
-    recordings : what to fit it to.
+    recordings : training data.
     closed_loop : feed the model's own predictions back; open loop feeds measurements.
-    noise : (outputs,) standard deviation that one residual counts as, in each output's unit.
-    strengths : how much stronger than stated each group of priors is taken.
-    keep : per run, (n,) weight of each row, 0 leaves it out; None keeps all.
+    noise : (outputs,) standard deviation by which residuals are divided, in each output's unit.
+    strengths : factor by which each group of priors is tightened beyond its stated strength.
+    keep : per run, (n,) weight of each row, 0 drops the row; None weights all rows with 1.
 
-    A model that says it is symmetric sees every run mirrored too, each of the two counting half; run k + copies
-    is the mirror image of run k.
+    A model that declares itself symmetric is fitted to every run and to its mirror image, each with half the weight;
+    run k + copies is the mirror image of run k.
     """
 
     def __init__(
@@ -76,9 +76,10 @@ class Problem:
         strengths: Mapping[str, float] | None = None,
         keep: Sequence[Array] | None = None,
     ) -> Problem:
-        """The same runs, with what they remember, counted otherwise; what is None stays as it is.
+        """The same problem with other noise, prior strengths or row weights; what is None stays as it is.
 
-        Where strengths alone change, what was linearised last still holds, but for the priors.
+        Runs and their caches are shared. If only strengths change, the last linearisation is kept and its prior terms
+        are exchanged.
         """
         other = copy(self)
         other._last = None
@@ -97,7 +98,7 @@ class Problem:
         return other
 
     def _prior(self, strengths: Mapping[str, float]) -> tuple[sp.csr_matrix, Array, Array]:
-        """Rows of the priors, their offsets and the rows' squares; the same for all that counts the same runs."""
+        """Jacobian R and offset r of the prior residuals R x - r, and R'R; cached for all copies of this problem."""
         key = tuple(sorted(strengths.items()))
         if key not in self._priors:
             R, r = beliefs(self.trace.model, self.layout, self.copies, strengths)
@@ -115,7 +116,7 @@ class Problem:
         return self.unknowns(self.trace.model.values)
 
     def unknowns(self, p: Array) -> Array:
-        """All unknowns from one vector of model parameters, run-scoped ones alike in all runs."""
+        """All unknowns from one vector of model parameters; run-scoped ones get the same value in all runs."""
         x = np.empty(self.layout.size)
         for index in self.layout.index:
             x[index] = p
@@ -126,7 +127,7 @@ class Problem:
         return np.asarray(np.mean([x[index] for index in self.layout.index], axis=0))
 
     def simulated_nodes(self, x: Array) -> Nodes:
-        """Nodes that match exactly: a simulation of every run."""
+        """Nodes without matching gaps: a simulation of every run."""
         if not self.closed_loop:
             return []
         return [run.simulate(x[index]) for run, index in zip(self.runs, self.layout.index, strict=True)]
@@ -137,7 +138,7 @@ class Problem:
         return total if np.isfinite(total) else np.inf
 
     def misfit(self, x: Array, nodes: Nodes) -> float:
-        """Half the sum of squared residuals of the data alone; in open loop the last one is kept."""
+        """Half the sum of squared residuals of the data alone; the last open-loop value is cached."""
         if not nodes and self._missed is not None and np.array_equal(x, self._missed[0]):
             return self._missed[1]
         total = 0.0
@@ -151,14 +152,14 @@ class Problem:
         return total
 
     def simulated(self, x: Array, nodes: Nodes) -> Iterator[Array]:
-        """Per run, what the sensors would have recorded, (rows, outputs)."""
+        """Per run, the simulated sensor readings, (rows, outputs)."""
         for k, run in enumerate(self.runs):
             p = x[self.layout.index[k]]
             yield self.sensing(nodes[k][run.predicted] if nodes else run.predict(p), None, p)[0]
 
     def normal_equations(self, x: Array, nodes: Nodes) -> NormalEquations:
-        """Linearise everything about a matched point and eliminate the nodes."""
-        if self._last is not None and np.array_equal(self._last[0], x):  # nodes match: they follow from x
+        """Linearise all residuals at a matched point and eliminate the nodes."""
+        if self._last is not None and np.array_equal(self._last[0], x):  # nodes match, so x determines them
             return self._last[1]
         result = NormalEquations(self._believed.copy(), np.asarray(self.R.T @ self.prior_residuals(x)))
         for k, (residuals, J) in enumerate(self.residuals(x, nodes)):
@@ -168,15 +169,15 @@ class Problem:
         return result
 
     def folds(self, x: Array, nodes: Nodes, keeps: Sequence[Sequence[Array]]) -> list[Problem]:
-        """The problem with only some of its rows counted, for several such choices, all linearised at x together.
+        """One problem per choice of row weights, all linearised at x together.
 
-        The normal equations of each at x are those of all rows less those of the rows that it leaves out: one
-        linearisation serves them all.
+        The normal equations of each at x are those of all rows minus those of its dropped rows, so that one
+        linearisation serves all.
 
         Parameters
         ----------
         x, nodes : a matched point.
-        keeps : for each problem, per run, (n,) share from 0 to 1 of what a row counts here.
+        keeps : for each problem, per run, (n,) factor from 0 to 1 on the weight that a row has in this problem.
         """
         whole = self.normal_equations(x, nodes)
         left_out = [NormalEquations(np.zeros_like(whole.H), np.zeros_like(whole.g)) for _ in keeps]
@@ -194,11 +195,11 @@ class Problem:
         return result
 
     def _add(self, equations: NormalEquations, k: int, residuals: Array, J: Array) -> None:
-        """Add what rows of run k say to normal equations."""
+        """Add the rows' J'J and J'r of run k to the normal equations."""
         index = self.layout.index[k]
         free = self.free[index]
         flat = J.reshape(-1, J.shape[-1])
-        if np.mean(free) > FEW and len(index) == len(equations.g):  # all unknowns are of every run: none is picked out
+        if np.mean(free) > FEW and len(index) == len(equations.g):  # every unknown belongs to every run: no selection
             np.add(equations.H, flat.T @ flat, out=equations.H)
             np.add(equations.g, flat.T @ residuals.ravel(), out=equations.g)
         else:
@@ -207,7 +208,7 @@ class Problem:
             equations.g[index[free]] += flat.T @ residuals.ravel()
 
     def gradient(self, x: Array, nodes: Nodes) -> Array:
-        """Gradient of the objective at a matched point, zero by unknowns that are held."""
+        """Gradient of the objective at a matched point, zero for fixed unknowns."""
         if not self.sensing.plain:
             return np.where(self.free, self.normal_equations(x, nodes).g, 0.0)
         g = np.asarray(self.R.T @ self.prior_residuals(x))
@@ -223,7 +224,7 @@ class Problem:
     def residuals(self, x: Array, nodes: Nodes) -> Iterator[tuple[Array, Array]]:
         """Per run, residuals (rows, outputs) in noise standard deviations and their derivative (rows, outputs, p).
 
-        The derivative is total: what a parameter does to the nodes is carried along. By held parameters it is zero.
+        The derivative is total: it includes the parameters' effect through the nodes. For fixed parameters it is zero.
         """
         for k, run in enumerate(self.runs):
             p = x[self.layout.index[k]]
@@ -232,7 +233,7 @@ class Problem:
             if not np.all(free):
                 by_p[:, :, ~free] = 0.0
             if lines.by_nodes is not None and np.mean(free) > FEW:
-                by_p = _condense(by_p, lines.by_nodes)  # what is zero stays so, and takes less than picking the rest
+                by_p = _condense(by_p, lines.by_nodes)  # zero columns stay zero; selecting the others costs more
             elif lines.by_nodes is not None:
                 by_p[:, :, free] = _condense(by_p[:, :, free], lines.by_nodes)
             flat, J = self._residuals(k, lines.y, by_p, p)
@@ -240,7 +241,7 @@ class Problem:
             yield flat.reshape(lines.y.shape), J.reshape(by_p.shape)
 
     def weight(self, k: int) -> Array:
-        """What one unit of residual of run k counts as, (rows, outputs)."""
+        """Factor on the residuals of run k, (rows, outputs): root of the row's weight over the noise."""
         return np.asarray(
             np.sqrt(self.keep[k][self.runs[k].predicted])[:, None]
             / (self.noise * np.sqrt(len(self.runs) / self.copies))
@@ -257,22 +258,22 @@ class Problem:
         residuals = ((observed - run.measured[run.predicted]) * weight).ravel()
         if observed_by_p is None:
             return residuals, None
-        observed_by_p *= weight[:, :, None]  # made for this call: a copy takes a third as long as J'J does
+        observed_by_p *= weight[:, :, None]  # in place, the array is new: a copy takes a third as long as J'J does
         return residuals, observed_by_p.reshape(len(residuals), -1)
 
 
 def _weighed(measured: Array, weight: Array, predicted: Array) -> Array:
-    """Derivative of half the sum of squared residuals by the predictions."""
+    """Derivative of half the sum of squared residuals with respect to the predictions."""
     return (predicted - measured) * weight**2
 
 
 FEW = 0.5
-"""Where a larger share of rows counts, or of unknowns is free, all are multiplied: the others are zero, and picking
-some out copies them."""
+"""If a larger share of the rows counts, or of the unknowns is free, whole matrices are multiplied: other entries are
+zero, and a selection would copy the rest."""
 
 
 def _counted(keep: Array) -> slice | Mask:
-    """The rows to be multiplied: all of them unless few count for something."""
+    """The rows to multiply: all of them, unless only few have a weight."""
     counted = keep != 0.0
     return counted if np.count_nonzero(counted) < FEW * len(counted) else slice(None)
 

@@ -1,7 +1,7 @@
-"""Strengths of priors chosen by blocked cross-validation on the training data alone.
+"""Choose the strengths of priors by blocked cross-validation on the training data alone.
 
-Neighbouring samples of a recording are nearly copies of each other, so whole stretches are held out, and the
-samples within a window of a held-out stretch are left out of training too.
+Neighbouring samples of a recording are nearly copies of each other, so whole stretches are held out, and samples within
+one window of a held-out stretch are dropped from training too.
 """
 
 from __future__ import annotations
@@ -27,31 +27,31 @@ FACTORS = (0.5, 1.0, 2.0, 4.0)
 """Strengths tried, as factors on the priors as stated by the model."""
 
 NOISE_SHARE = 0.15
-"""Residuals count as this share of a signal's spread while structures are compared."""
+"""Noise assumed while structures are compared, as a share of a signal's spread."""
 
 WORST = 3.0
-"""Errors beyond this many noise standard deviations count as this: what a recording shows once, such as its only
-start from rest, is extrapolated when it is held out, and would decide everything."""
+"""Errors are clipped at this many noise standard deviations: a manoeuvre recorded once, such as the only start from
+rest, is extrapolated when held out, and would decide everything."""
 
 WHOLE_TOLERANCE, WHOLE_STEPS = 1e-3, 25
 TOLERANCE, FOLD_STEPS = 1e-4, 10
-"""When the fit to everything and a fold's fit end: where a step promises less than this share of the objective, or
-after so many steps. Folds that end at 1e-3 still know what was held out: on the RoboRacer's training runs weak
-priors gain by it, and another strength is chosen."""
+"""Tolerances and largest numbers of steps of the fit to all data and of a fold's fit; the tolerance is a predicted
+decrease relative to the objective. Folds that end at 1e-3 still remember the held-out data: on the RoboRacer's training
+runs this favours weak priors, and another strength is chosen."""
 
 Progress = Callable[[str], None]
 
 
 @dataclass(frozen=True)
 class Choice:
-    """What cross-validation chose.
+    """Strengths chosen by cross-validation.
 
     Attributes
     ----------
     strengths : name -> factor.
     error : cross-validated error at the choice, in noise standard deviations.
     tried : every combination tried with its error; to first order where that was no better.
-    x : (unknowns,) where the fit to everything ended at the choice; None where it was not reached.
+    x : (unknowns,) final unknowns of the fit to all data at the choice; None if it was not reached.
     interrupted : whether the search was stopped before its end.
     """
 
@@ -64,13 +64,13 @@ class Choice:
 
 @dataclass(frozen=True)
 class Folds:
-    """A fit to everything, and one without each fold.
+    """A fit to all data, and one without each fold.
 
     Attributes
     ----------
-    x : (unknowns,) where the fit to everything ended.
-    ends : of each fold its problem, where its fit ended, and the rows that were held out of it.
-    squares : (folds,) mean square error over the stretches held out, in noise variances; each error at most `WORST`.
+    x : (unknowns,) final unknowns of the fit to all data.
+    ends : for each fold, its problem, the final unknowns of its fit, and the weights of its held-out rows.
+    squares : (folds,) mean square error over the held-out stretches, in noise variances; errors clipped at `WORST`.
     """
 
     x: Array
@@ -78,7 +78,7 @@ class Folds:
     squares: Array
 
     def nearby(self, strengths: Mapping[str, float]) -> Array:
-        """(folds,) `squares` with other strengths, to first order: one step of each fold from where its fit ended."""
+        """(folds,) `squares` with other strengths, to first order: one step of each fold from its final unknowns."""
         squares = []
         for fold, x, held_out in self.ends:
             other = fold.counted(strengths=strengths)
@@ -92,15 +92,15 @@ def choose_strengths(
 ) -> Choice:
     """Coordinate search over the strengths of a model's priors, open loop, each by blocked cross-validation.
 
-    Priors are knowledge: a strength moves from as stated only where cross-validation is surely better for it, by more
-    than the standard error of the difference over folds. Where the folds cannot tell, their noise would choose. Only
-    what is better to first order is fitted: a fold's optimum moves with a strength along its own Hessian, which
-    is known there (Giordano et al., A Swiss army infinitesimal jackknife, AISTATS 2019).
+    Priors are knowledge: a strength departs from 1 only if cross-validation improves by more than the standard error of
+    the paired difference over folds; otherwise the noise of the folds would choose. Only strengths that are better to
+    first order are fitted: a fold's optimum moves with a strength along its own Hessian, which is known at the optimum
+    (Giordano et al., A Swiss army infinitesimal jackknife, AISTATS 2019).
 
     Parameters
     ----------
     noise : (outputs,) residual standard deviations.
-    start : (unknowns,) where the fit starts whose strengths are as stated; the others start where it ends.
+    start : (unknowns,) start of the fit with strengths as stated; its final unknowns start the others.
     """
     names = sorted({p.prior.strength for p in trace.model.parameters if p.prior is not None and p.prior.strength})
     laid = Problem(trace, recordings, noise=noise)
@@ -153,17 +153,17 @@ def _surely_better(new: Array, old: Array) -> bool:
 
 
 def root_mean(squares: Array) -> float:
-    """One error from mean squares of folds."""
+    """Root mean square error over all folds."""
     return float(np.sqrt(np.mean(squares)))
 
 
 def choose_structure(
     models: Sequence[MemoryModel], recordings: Sequence[Recording], progress: Progress | None = None, jobs: int = 1
 ) -> tuple[int, float]:
-    """Which of several structures of a model predicts held-out stretches best, open loop, priors as stated.
+    """The structure that predicts held-out stretches best, open loop, priors as stated.
 
-    Of models with parts the first part decides, the one whose structure is varied. Returns the place in `models`, and
-    the CPU seconds of other processes.
+    For models with parts, the first part decides: its structure is the one that varies. Returns the index in `models`,
+    and the CPU seconds of other processes.
     """
     measured = join(recordings, "training data")
 
@@ -187,11 +187,11 @@ def choose_structure(
 
 
 def cross_validated(problem: Problem, start: Array) -> Folds:
-    """Fit everything, and everything but each fold.
+    """Fit all data, and all but each fold.
 
-    One fit to everything gives the starting point of the folds' fits, which are therefore short, and the normal
-    equations there. They go on until a step promises less than `TOLERANCE`: a fold forgets what its start knew of
-    the held-out stretch.
+    The fit to all data gives the folds' fits their start, which makes them short, and their normal equations at that
+    start. They continue until a step's predicted decrease is below `TOLERANCE`, which lets a fold forget what its start
+    learned from the held-out stretch.
     """
     whole = _finished(gauss_newton(problem, start, tolerance=WHOLE_TOLERANCE, max_steps=WHOLE_STEPS))
     dealt = list(blocks(problem, FOLDS))
@@ -220,7 +220,7 @@ def _finished(solution: Solution) -> Solution:
 
 
 def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Array]]]:
-    """Rows kept and rows held out, per fold; every row with a prediction is held out once.
+    """Weights of kept rows and of held-out rows, per fold; every row with a prediction is held out once.
 
     Runs are cut into stretches some windows long, dealt out to the folds in turn, so that every fold is tested on
     all of the recording's regimes: a fold that lost the only hard braking would be a test of extrapolation.
@@ -239,7 +239,7 @@ def blocks(problem: Problem, folds: int) -> Iterator[tuple[list[Array], list[Arr
         held_out = [np.zeros(len(run)) for run in problem.runs]
         for number, start, stop in stretches[fold::folds]:
             held_out[number][start:stop] = 1.0
-            for image in range(number, len(problem.runs), problem.copies):  # its mirror image would tell it
+            for image in range(number, len(problem.runs), problem.copies):  # the mirror image would leak it
                 kept[image][max(0, start - gap) : stop + gap] = 0.0
         if any(np.any(rows[run.predicted]) for run, rows in zip(problem.runs, kept, strict=True)):
             yield kept, held_out

@@ -1,9 +1,8 @@
-"""Fitting models with memory: the structure that cross-validation prefers, its parts one by one, then all together.
+"""Fit models with memory: choose a structure by cross-validation, fit its parts one by one, then all together.
 
-Training runs aligned by their delays before a model with memory is fitted to them.
-
-A network that is trained on runs whose readings are stamped some 30 ms apart learns a mixture of them. A brief fit
-tells each run's delay, its inputs are moved, and once more; what is fitted afterwards sees runs of one timing.
+Training runs can be aligned by their delays first: a network trained on runs whose time stamps differ by some 30 ms
+learns a mixture of them. A brief fit estimates each run's delay and its inputs are shifted, `ROUNDS` times; the final
+fit sees runs of one timing.
 """
 
 from __future__ import annotations
@@ -35,19 +34,19 @@ from .uncertainty import uncertainty
 from .verb import FitTask, estimated
 
 ROUNDS = 2
-"""Times that runs are aligned. On the RoboRacer's training runs, left out in turn, once lowers the error of the fourth
-by 4 %, twice by 5 %."""
+"""How often runs are aligned. On the RoboRacer's training runs, with one run held out in turn, one round lowers the
+error of the held-out run by 4 %, two by 5 %."""
 BRIEFLY = 1e-4
-"""Relative fall of the objective at which a brief fit ends: delays move by tenths of a millisecond below it."""
+"""Tolerance of a brief fit, relative to the objective: below it, delays change by tenths of a millisecond."""
 
 
 @dataclass(frozen=True)
 class Alignment:
-    """Training recordings as each part of a model sees them.
+    """Training recordings, aligned separately for each part of a model.
 
     Attributes
     ----------
-    recordings : as they were recorded.
+    recordings : as recorded, not aligned.
     delays : for each recording, outputs of a part -> delays of its runs.
     """
 
@@ -55,7 +54,7 @@ class Alignment:
     delays: Sequence[Mapping[tuple[str, ...], Sequence[RunDelay]]]
 
     def of(self, part: MemoryModel) -> list[Recording]:
-        """The recordings with the inputs of a part moved."""
+        """The recordings with the inputs of one part shifted."""
         key = tuple(part.outputs)
         return [
             aligned(one, part.inputs, {delay.run: delay.delay for delay in delays[key]})
@@ -63,19 +62,19 @@ class Alignment:
         ]
 
     def together(self, model: MemoryModel) -> list[Recording]:
-        """The recordings for all parts of a model at once."""
+        """The recordings with the inputs of all parts shifted, for closed loop."""
         return [
             aligned_together(model, one, Timing(None, delays))
             for one, delays in zip(self.recordings, self.delays, strict=True)
         ]
 
     def as_list(self) -> list[dict[str, object]]:
-        """For each recording what `Timing.as_dict` says, as plain data."""
+        """`Timing.as_dict` of each recording, as plain data."""
         return [Timing(None, delays).as_dict() for delays in self.delays]
 
 
 def alignment(model: MemoryModel, recordings: Sequence[Recording], say: Say) -> Alignment:
-    """Delays of training runs, told by brief fits of each part to all of them."""
+    """Delays of training runs, estimated by brief fits of each part to all of them."""
     result: list[dict[tuple[str, ...], Sequence[RunDelay]]] = [{} for _ in recordings]
     for part in model.parts or (model,):
         moved = list(recordings)
@@ -94,7 +93,7 @@ def alignment(model: MemoryModel, recordings: Sequence[Recording], say: Say) -> 
 
 
 def _briefly(part: MemoryModel, recordings: Sequence[Recording]) -> tuple[MemoryModel, dict[str, float]]:
-    """A part fitted with its priors as stated, and the standard deviation of its residuals."""
+    """A part fitted with its priors as stated, and the standard deviation of its residuals by output."""
     trace = Trace(part)
     noise, near, laid = fit_briefly(trace, recordings)
     strengths = {p.prior.strength: 1.0 for p in part.parameters if p.prior is not None and p.prior.strength}
@@ -108,15 +107,15 @@ def _briefly(part: MemoryModel, recordings: Sequence[Recording]) -> tuple[Memory
 NO_OPTIMUM = {
     item.value for item in (Status.INTERRUPTED, Status.STOPPED, Status.STALLED, Status.TOO_FAST, Status.NOT_FINITE)
 }
-"""How a training of weights may end that leaves no optimum to be uncertain about. One that crept or stopped early is as
-near as its error allows."""
+"""Final statuses of a training without an optimum at which an uncertainty could be computed. Slow or early-stopped
+trainings are absent: they end near enough."""
 
 
 @estimated.register(MemoryModel)
 def _estimated(model: MemoryModel, task: FitTask) -> Fit:
     structures = [must_be(MemoryModel, one) for one in task.structures]
     if task.validate is not None:
-        runs(Trace(model), task.validate)  # what is wrong with it is better said before the work than after
+        runs(Trace(model), task.validate)  # raises on bad data before the work, not after it
     if len(structures) < 2:
         return _in_steps(model, task)
     clock = time.process_time()
@@ -144,7 +143,7 @@ def _in_steps(model: MemoryModel, task: FitTask) -> Fit:
             problem, solution, stage = fit_alone(_with(part, values), seen, validate, how, say, alone=not model.parts)
         except KeyboardInterrupt:
             if not stages:
-                raise  # there is nothing yet to keep
+                raise  # nothing to keep yet
             interrupted = True
             break
         values |= _by_name(problem, solution)
@@ -196,7 +195,7 @@ def _standard_deviations(problem: Problem, solution: Solution) -> dict[str, Arra
 
 
 def _per_run(problem: Problem, solution: Solution) -> dict[str, Array]:
-    result, runs = {}, problem.layout.index[: problem.copies]  # a mirror image shares its run's
+    result, runs = {}, problem.layout.index[: problem.copies]  # a mirror image shares its run's parameters
     for parameter, place in placed(problem.trace.model.parameters):
         if parameter.scope == "run":
             result[parameter.name] = np.array([solution.x[index[place]].reshape(parameter.shape) for index in runs])
@@ -221,7 +220,7 @@ def _refused(model: MemoryModel, option: str) -> str:
 
 @stated_again.register(MemoryModel)
 def _stated_again(model: MemoryModel, fit: Fit, recordings: Sequence[Recording]) -> tuple[Problem, Array]:
-    """That of the last step; what it held is held."""
+    """The problem of the last step; what that step held fixed is fixed again."""
     last = fit.stages[-1]
     if "timing" in fit.how:
         raise BadInput(

@@ -1,4 +1,4 @@
-"""The steps of fitting: a part alone on measured inputs, then everything in closed loop; each found and certified."""
+"""The steps of fitting a model with memory: each part alone on measured inputs, then all parts in closed loop."""
 
 from __future__ import annotations
 
@@ -24,13 +24,13 @@ from .provenance import Stage
 
 MOST_STEPS = 150
 TOLERANCE = 1e-5
-"""Of some thousand residuals this is a hundredth of a unit of the objective, of which half a unit is one standard
-deviation of a parameter: what a further step would change cannot be seen."""
+"""With some thousand residuals this is a hundredth of a unit of the objective, of which half a unit is one standard
+deviation of a parameter: the gain of a further step would be invisible."""
 PATIENCE = 5
-"""Early stopping ends when this many steps in a row have not improved on the validation recording."""
+"""Early stopping ends after this many steps in a row without a lower validation error."""
 GUESSED_NOISE, SHORT, SPREAD = 0.35, 12, 0.3
-"""Noise assumed for the first short fit, as a share of the signal's spread; its steps; spread of random starts.
-The share is large, so that the first fit is a strongly regularised one: a network fitted loosely first ends in worse
+"""Noise assumed for the first brief fit, as a share of the signal's spread; its number of steps; spread of random
+starts. A large share makes the first fit a strongly regularised one: a network fitted loosely first ends in worse
 optima (MS-NN-long, share 0.15 against 0.35)."""
 WEAK = 0.3
 """Strength of priors under early stopping: the stopping itself regularises."""
@@ -44,7 +44,7 @@ def fit_alone(
     say: Say,
     alone: bool,
 ) -> tuple[Problem, Solution, Stage]:
-    """Step 1: one part on measured inputs; `alone` when no step 2 follows."""
+    """Step 1: fit one part on measured inputs; `alone` if no step 2 follows."""
     clock = time.process_time()
     trace = Trace(part)
     noise, near, laid = fit_briefly(trace, recordings)
@@ -103,7 +103,7 @@ def fit_together(
     say: Say,
     interrupted: bool,
 ) -> tuple[Solution, Stage]:
-    """Step 2: everything, on the model's own predictions; nothing moves if step 1 was interrupted."""
+    """Step 2: fit all parts in closed loop; if step 1 was interrupted, the start is returned."""
     clock = time.process_time()
     model = problem.trace.model
     if interrupted:
@@ -146,7 +146,7 @@ def _solve(problem: Problem, x: Array, validate: Recording | None, how: FitOptio
 
 
 class _Watch:
-    """Keeps the point, the start included, that is best on a validation recording; stops when none has been lately."""
+    """Keeps the point with the lowest validation error, the start included; stops after PATIENCE steps without one."""
 
     def __init__(
         self, problem: Problem, start: Array, validate: Recording, report: Callable[[int, float, Array], bool]
@@ -169,12 +169,12 @@ class _Watch:
 
 
 def _certifiable(how: FitOptions, solution: Solution) -> bool:
-    """Whether Ipopt is to be asked: not after early stopping, whose point is no optimum of the objective by intent."""
+    """Whether Ipopt certifies the solution: not after early stopping, which by intent ends off the optimum."""
     return how.solver == "auto" and how.strengths != "early stopping" and solution.status is not Status.INTERRUPTED
 
 
 def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, Array, Problem]:
-    """A short first fit: residual standard deviation of each output, where it ended, and its problem."""
+    """A short first fit: residual standard deviation of each output, the final unknowns, and the problem."""
     model = trace.model
     measured = join(recordings, "training data")
     guess = np.array([max(GUESSED_NOISE * float(np.nanstd(measured[name])), 1e-9) for name in model.outputs])
@@ -193,7 +193,7 @@ def fit_briefly(trace: Trace, recordings: Sequence[Recording]) -> tuple[Array, A
 
 
 def _starts(problem: Problem, first: Array, how: FitOptions) -> list[Array]:
-    """The first start, and others drawn about the nominal values."""
+    """The first start, and random ones around the nominal values."""
     random = np.random.default_rng(how.seed)
     start = problem.start
     size = np.where(np.isfinite(start), np.abs(start), 0.0)  # an effect's null may be infinite

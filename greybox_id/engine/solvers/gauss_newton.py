@@ -1,14 +1,14 @@
-"""Condensed Gauss-Newton with a line search, damping where it fails, and bounds.
+"""Condensed Gauss-Newton with bounds, a line search, and damping where the line search fails.
 
-Every step solves the small dense normal equations that are left when the nodes are eliminated; the nodes then
-follow by simulation, so that every point matches and the objective alone decides whether a step is taken. Models
-with memory are stable on their own predictions, which is what makes this safe. (Moving the nodes to first order
-only, with a filter on the gaps, was tried on a network of 544 weights: it wandered where this descends.)
+Every step solves the small dense normal equations that remain after eliminating the nodes; the nodes then follow by
+simulation, so that every point is matched and the objective alone decides whether a step is accepted. This is safe
+because models with memory are stable on their own predictions. (Moving the nodes to first order only, with a filter on
+the gaps, was tried on a network of 544 weights: it wandered where this method descends.)
 
-A step is shortened before it is bent towards the gradient: on networks, damping alone (Levenberg-Marquardt) creeps
-along curved valleys that a shortened Gauss-Newton step walks straight through, ten times as fast.
+A step is first shortened, and damped only if that fails: on networks, damping alone (Levenberg-Marquardt) creeps along
+curved valleys that a shortened Gauss-Newton step crosses in a tenth of the steps.
 
-The least of a quadratic function within bounds: one step of every search here.
+`least_within` minimises a quadratic function within bounds, which gives one step of every search in this module.
 """
 
 from __future__ import annotations
@@ -28,29 +28,29 @@ from ..least_squares import LeastSquares, Matched, NormalEquations
 from .secant import LeftOut
 
 LEAST_RIDGE = 1e-12
-"""Share of an unknown's own curvature that is always added to it: what rounding leaves of a singular one."""
+"""Share of an unknown's curvature that is always added to it, so that rounding cannot leave H singular."""
 INWARD = 1e-12
-"""Share of the steepest slope from which on a bound pulls inward."""
+"""A bound is released if the gradient at it points inward by more than this share of the steepest gradient."""
 
 
 def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, damping: float = 0.0) -> Array:
     """Minimiser of g d + d H d / 2 within low <= d <= high, zero where not free.
 
-    A primal active-set method (Nocedal & Wright, Numerical Optimization, 2nd ed., Sec. 16.5): from no step at all, walk
-    to the minimiser over the unknowns that are free to move, stop at the first bound in the way and hold it; let go of
-    a bound that pulls inward. It descends at every turn, which clipping a step would not.
+    A primal active-set method (Nocedal & Wright, Numerical Optimization, 2nd ed., Sec. 16.5): from a zero step, walk to
+    the minimiser over the inactive unknowns, stop at the first bound in the way and activate it; release a bound whose
+    gradient points inward. It descends in every iteration, which clipping a step would not.
 
     Parameters
     ----------
     H : (n, n) positive semidefinite.
     g, low, high : (n,).
-    free : (n,) what may move at all.
-    damping : share of an unknown's own curvature that is added to it.
+    free : (n,) which components of d may be nonzero.
+    damping : share of an unknown's curvature that is added to it.
     """
     scale = np.diag(H).copy()
     scale[scale <= 0] = 1.0
     added = (damping + LEAST_RIDGE) * scale
-    unit = 1.0 / np.sqrt(scale)  # unknowns in units of their own curvature: their SI units span orders of magnitude
+    unit = 1.0 / np.sqrt(scale)  # scale unknowns by their curvature: their SI units span orders of magnitude
     step = np.where(free, np.clip(0.0, low, high), 0.0)
     slope, free = g + (H @ step + added * step if np.any(step) else step), free & (low < high)
     at_low, at_high = free & (low >= step) & (slope > 0), free & (high <= step) & (slope < 0)
@@ -86,35 +86,36 @@ def least_within(H: Array, g: Array, low: Array, high: Array, free: Mask, dampin
 
 
 def solved(H: Array, b: Array, overwrite: bool = False) -> Array:
-    """H^-1 b for a positive definite H, by Cholesky; by least squares where rounding left H singular.
+    """H^-1 b for a positive definite H, by Cholesky; by least squares if rounding left H singular.
 
-    `overwrite`: H may be written over.
+    `overwrite`: H may be overwritten.
     """
     diagonal = np.diag(H).copy()
-    # symmetric, and column by column, as LAPACK has it: no turned copy
+    # H is symmetric, so H.T is H in LAPACK's column order without a copy
     _, result, failed = lapack.dposv(H.T, b, overwrite_a=overwrite)
     if not failed:
         return np.asarray(result)
-    above = np.triu(H, 1)  # the other half is the factor's now
+    above = np.triu(H, 1)  # the other triangle was overwritten by the factor
     return np.asarray(la.lstsq(above + above.T + np.diag(diagonal), b)[0])
 
 
 LEAST_DAMPING, FIRST_DAMPING, MOST_DAMPING = 1e-5, 1e-7, 1e8
-"""Share of an unknown's own curvature that is added to it: least where steps are shortened, first where they are
-damped, and where a search gives up."""
+"""Damping as a share of an unknown's curvature: smallest for a line search, first for Levenberg-Marquardt, and the one
+at which a search gives up."""
 PROBE, MOST_BEND = 0.1, 0.5
-"""Share of a step after which its bend is looked at; largest share of a step that a correction may be."""
+"""Share of a step at which its curvature is probed; largest norm of a correction, as a share of the step's."""
 ROUNDING = 1e-14
 """Relative distance at which a step to a bound has reached it."""
 FORETOLD = 0.01
-"""Share of the tolerance that is looked for where convergence is foretold and not looked at: of 27 solves whose next
-step had been foretold, it predicted up to 12 times as much."""
+"""Share of the tolerance that a predicted decrease must reach if convergence is extrapolated and not evaluated: in 27
+solves whose next decrease had been extrapolated, the actual one was up to 12 times as large."""
 SAME_STEP = 0.99
-"""Share of what a refused step predicted from which on another is the same step: damping has not turned it yet."""
+"""A step whose predicted decrease exceeds this share of a refused step's counts as the same step: the damping has not
+changed it yet."""
 PATIENCE = 4
 NEGLIGIBLE = 1e-3
 """Networks have flat, curved valleys in which the objective creeps. A fit that gains less than this share of its
-objective in PATIENCE steps has stopped learning anything that its residuals could show."""
+objective in PATIENCE steps has stopped learning anything visible in its residuals."""
 
 Search = Literal["line_search", "levenberg_marquardt"]
 
@@ -137,16 +138,16 @@ class Status(Enum):
 
 @dataclass(frozen=True)
 class Solution:
-    """Where a solver ended.
+    """Final point of a solver.
 
     Attributes
     ----------
     x : (unknowns,) parameters.
-    nodes : the problem's simulation there.
-    status : how it ended.
+    nodes : the problem's simulation at x.
+    status : why the solver ended.
     steps : accepted steps.
     objective : half the sum of squared residuals, priors included.
-    decrement : predicted further decrease of the objective, relative to it; 0 at an optimum.
+    decrement : predicted further decrease of the objective, relative to the objective; 0 at an optimum.
     history : objective after each step, the starting value first.
     """
 
@@ -179,12 +180,12 @@ def gauss_newton(
     ----------
     problem : the problem.
     x : (unknowns,) starting parameters.
-    max_steps : accepted steps at most.
-    tolerance : stop when a full Gauss-Newton step predicts a decrease of less than this share of the objective.
-    negligible : stop when PATIENCE steps together gain less than this share of the objective; 0 never does.
-    search : what is done to a step that fails: "line_search" shortens it first, which suits hundreds of weights,
+    max_steps : largest number of accepted steps.
+    tolerance : stop when the predicted decrease of a full Gauss-Newton step is below this share of the objective.
+    negligible : stop when PATIENCE steps together gain less than this share of the objective; 0 never stops.
+    search : how a failing step is mended: "line_search" shortens it first, which suits hundreds of weights,
         "levenberg_marquardt" damps it, which suits a few physical parameters in a bent valley of condition 1e9.
-    on_step : progress, and a way to stop.
+    on_step : progress callback that can also stop the solver.
 
     Returns
     -------
@@ -248,7 +249,7 @@ def _at(problem: LeastSquares, x: Array) -> _Point:
 
 
 class _Search:
-    """What the search for a step learned from the last: the share taken, the damping, what the curvature lacks."""
+    """State that a step search keeps between steps: step length, damping, and the curvature missing from J'J."""
 
     def __init__(self, kind: Search) -> None:
         self.kind = kind
@@ -259,33 +260,32 @@ class _Search:
         self._held_back: Callable[[], float] = float
 
     def learn(self, predicted: float, fallen: float, held_back: Callable[[], float]) -> None:
-        """Learn from a step that was taken.
+        """Learn from an accepted step, and extrapolate the next predicted decrease.
 
-        Near an optimum, the next one predicts the same share of its reduction as that was of the last one's, if that
-        came true.
+        Near an optimum, predicted decreases shrink by a constant factor, if the last step's prediction came true.
 
         Parameters
         ----------
-        predicted, fallen : by how much the objective was to fall, and fell.
-        held_back : gives how much more it was to fall without damping.
+        predicted, fallen : predicted and actual decrease of the objective.
+        held_back : returns the further decrease predicted for the same step without damping.
         """
         self._left = predicted**2 / self._kept if predicted < self._kept else np.inf
         self._kept = predicted if abs(fallen - predicted) < 0.25 * predicted else 0.0
         self._held_back = held_back
 
     def foretells(self, least: float) -> bool:
-        """Whether no further step will predict more than that."""
+        """Whether the next predicted decrease, even without damping, extrapolates to at most `least`."""
         return self._left <= least and self._left + self._held_back() <= least
 
     def first(self, problem: LeastSquares, x: Array, equations: NormalEquations) -> Array | None:
-        """The step that a line search tries first, None for another search."""
+        """The first trial step of a line search; None for Levenberg-Marquardt."""
         return _step(problem, x, equations, self.damping) if self.kind == "line_search" else None
 
 
 def _descent(
     problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, tried: Array | None
 ) -> _Point | None:
-    """The next point, None where nothing lowers the objective."""
+    """The next point; None if no step lowers the objective."""
     if tried is not None:
         return _shortened(problem, point, equations, memory, tried)
     return _damped(problem, point, equations, memory)
@@ -294,7 +294,7 @@ def _descent(
 def _shortened(
     problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search, step: Array
 ) -> _Point | None:
-    """A step shortened until the objective falls as predicted, damped if no share of it helps."""
+    """Shorten a step until the objective falls by a share of the predicted decrease; damp it if that fails."""
     while memory.damping < MOST_DAMPING:
         predicted = -float(equations.g @ step)
         share = min(1.0, 2.5 * memory.share)
@@ -310,12 +310,12 @@ def _shortened(
 
 
 def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, memory: _Search) -> _Point | None:
-    """A step damped until the objective falls by a fair part of what the quadratic model predicts.
+    """Damp a step until the objective falls by a fair share of the decrease that the quadratic model predicts.
 
-    The model is Gauss-Newton's, or the one with what that leaves out where it foretold the last step better.
+    The quadratic model is Gauss-Newton's, or the one with the missing curvature if that predicted the last step better.
 
-    Positive unknowns step in their logarithms: factors such as B C D, which is all that a recording tells of a tyre at
-    small slip, are then straight lines, and the valley along them is no longer bent.
+    Positive unknowns step in their logarithms: valleys of constant products, such as B C D, all that a recording
+    identifies of a tyre at small slip, are then straight.
     """
     by, left_out = np.where(_positive(problem, point.x), point.x, 1.0), memory.left_out
     curved = NormalEquations(equations.H * np.outer(by, by), equations.g * by)
@@ -345,8 +345,8 @@ def _damped(problem: LeastSquares, point: _Point, equations: NormalEquations, me
                 taken = _taken(problem, point.x, trial.x)
                 left_out.compare(fallen, _decrease(whole, taken), _decrease(curved, taken))
             return trial
-        del trial  # of hours, what it simulated is large
-        if second:  # once more without
+        del trial  # the simulation of hours of data is large
+        if second:  # try once more without the missing curvature
             left_out.trusted = False
         else:
             memory.damping, refused = 10.0 * memory.damping, predicted
@@ -362,7 +362,7 @@ def _tried(
     equations: NormalEquations,
     damping: float,
 ) -> _Point:
-    """Where a step leads, bent where it gains less than predicted and that is lower."""
+    """The point after a step; with the second-order correction if the step gains less than predicted and it helps."""
     trial = _at(problem, _moved(problem, point.x, step))
     if (point.objective - trial.objective) / predicted < 0.75:  # the valley bends: follow it
         bend = _bend(problem, point, curved, step, equations, damping)
@@ -373,13 +373,13 @@ def _tried(
 
 
 def _moved(problem: LeastSquares, x: Array, step: Array) -> Array:
-    """Where a step leads that is taken in logarithms of the positive unknowns."""
-    with np.errstate(over="ignore", invalid="ignore"):  # zero times infinity, of unknowns that add their step
+    """The point after a step that is taken in logarithms of the positive unknowns."""
+    with np.errstate(over="ignore", invalid="ignore"):  # zero times infinity, for unknowns that are not positive
         return _within(problem, np.where(_positive(problem, x), x * np.exp(step), x + step))
 
 
 def _taken(problem: LeastSquares, x: Array, there: Array) -> Array:
-    """The step that led there, in logarithms of the positive unknowns."""
+    """The step from x to `there`, in logarithms of the positive unknowns."""
     step, positive, moved = np.zeros_like(x), _positive(problem, x), there != x
     np.subtract(there, x, out=step, where=moved & ~positive)
     step[moved & positive] = np.log(there[moved & positive] / x[moved & positive])
@@ -387,7 +387,7 @@ def _taken(problem: LeastSquares, x: Array, there: Array) -> Array:
 
 
 def _within(problem: LeastSquares, x: Array) -> Array:
-    """The same within bounds; what reached its bound but for rounding is there."""
+    """x clipped to the bounds; unknowns within rounding of a bound are set to it."""
     for bound in problem.bounds:
         with np.errstate(invalid="ignore"):  # infinite ones
             x = np.where(np.isfinite(bound) & (np.abs(x - bound) <= ROUNDING * np.abs(bound)), bound, x)
@@ -402,10 +402,10 @@ def _bend(
     equations: NormalEquations,
     damping: float,
 ) -> Array:
-    """The second-order correction of a step, half the geodesic acceleration; none where it would outweigh the step.
+    """The second-order correction of a step, half the geodesic acceleration; zero if larger than MOST_BEND allows.
 
-    The residuals' curvature along the step is taken from one simulation a little way along it. Source: Transtrum &
-    Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885 (2012).
+    The residuals' curvature along the step comes from one simulation after a share PROBE of the step. Source: Transtrum
+    & Sethna, Improvements to the Levenberg-Marquardt algorithm, arXiv:1201.5885 (2012).
     """
     if equations.pulled is None:
         return np.zeros_like(step)
@@ -428,7 +428,7 @@ def _bend(
 
 
 def _positive(problem: LeastSquares, x: Array) -> Mask:
-    """Unknowns that cannot be zero or change sign; not those that stand at infinity, for no limit at all."""
+    """Free unknowns with a positive lower bound and a finite value (infinity is an effect's null: no limit at all)."""
     return np.asarray(problem.free & (problem.bounds[0] > 0) & np.isfinite(x))
 
 
@@ -436,7 +436,7 @@ def _step(
     problem: LeastSquares, x: Array, equations: NormalEquations, damping: float, logarithmic: bool = False
 ) -> Array:
     """The damped Gauss-Newton step within bounds: the exact minimiser of the quadratic model in the box."""
-    still = np.where(np.isfinite(x), x, 0.0)  # an effect may stand at an infinite null, no limit at all
+    still = np.where(np.isfinite(x), x, 0.0)  # an effect may be at an infinite null: no limit at all
     low, high = problem.bounds[0] - still, problem.bounds[1] - still
     if logarithmic:
         positive = _positive(problem, x)
@@ -446,7 +446,7 @@ def _step(
 
 
 def predicted_reduction(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
-    """By how much the objective would fall within bounds if it were as the normal equations say."""
+    """Decrease of the objective within bounds that the normal equations predict."""
     return _decrease(equations, _step(problem, x, equations, 0.0))
 
 
@@ -455,21 +455,21 @@ def _decrease(equations: NormalEquations, step: Array) -> float:
 
 
 def _held_back(problem: LeastSquares, x: Array, model: NormalEquations, predicted: float) -> float:
-    """How much more a step in logarithms predicts that is not damped."""
+    """Further decrease predicted for a step in logarithms without damping."""
     return _decrease(model, _step(problem, x, model, 0.0, logarithmic=True)) - predicted
 
 
 def _least_decrease(problem: LeastSquares, x: Array, equations: NormalEquations, tried: Array | None) -> float:
-    """What a full step predicts at least: as much as one unknown alone, as much as the damped step that is tried."""
+    """Lower bound of a full step's predicted decrease: the best single unknown's, or that of the damped trial step."""
     single = _single_decrease(problem, x, equations)
     return single if tried is None else max(single, _decrease(equations, tried))
 
 
 def _single_decrease(problem: LeastSquares, x: Array, equations: NormalEquations) -> float:
-    """The most that the quadratic model predicts for moving one unknown alone, within its bounds.
+    """Largest decrease that the quadratic model predicts for moving one unknown alone, within its bounds.
 
-    A full step predicts no less, but for rounding: where H spans more than numbers hold, its step can come out as
-    nothing at all, and a point with an enormous gradient would pass for an optimum.
+    A full step's is no smaller, but for rounding: if the entries of H span more than double precision, the full step
+    can come out as zero, and a point with an enormous gradient would pass for an optimum.
     """
     curvature = np.diag(equations.H)
     moving = problem.free & (curvature > 0) & np.isfinite(x)

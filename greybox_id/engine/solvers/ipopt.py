@@ -1,7 +1,7 @@
-"""Ipopt on the same problem: it certifies what Gauss-Newton found, or carries on from it.
+"""Ipopt on the same problem: it certifies an optimum of Gauss-Newton, or continues from its last point.
 
-The objective is the least-squares objective, with states and predictions eliminated by simulation; bounds are bounds,
-and the Hessian is Gauss-Newton's.
+The objective is the least-squares objective with states and predictions eliminated by simulation, so bounds are the
+only constraints; the Hessian is Gauss-Newton's.
 """
 
 from __future__ import annotations
@@ -21,26 +21,26 @@ from ..shooting import Problem
 from .gauss_newton import Solution, Status
 
 UNLIMITED = 1e10
-"""Ipopt takes no infinite values: an effect that stands at its infinite null (no limit at all) is pinned here."""
+"""Ipopt accepts no infinite values: an effect at its infinite null (no limit at all) is fixed to this value."""
 SAME = 2e-5
 """An optimum is confirmed when Ipopt improves the objective by less than this share."""
 CONFIRMED_WITHIN = 5e-3
-"""Gradient, by unknowns in units of their curvature, at which an optimum of a network is confirmed: no weight by itself
-would move by more than a two-hundredth of the standard deviation that it has where all others stay. Ipopt's steps are
-those of Gauss-Newton, which gain slowly along a network's bent valleys; besides, the objective must hardly fall."""
+"""Gradient, in units of the unknowns' curvature, at which an optimum of a network is confirmed: no single weight would
+move by more than a two-hundredth of its standard deviation with all others fixed. Ipopt takes Gauss-Newton steps, which
+gain slowly along a network's bent valleys; therefore the objective must hardly fall either."""
 
 
 @dataclass(frozen=True)
 class IpoptVerdict:
-    """What Ipopt said.
+    """Ipopt's own report on its solution.
 
     Attributes
     ----------
     words : Ipopt's return status.
     iterations : its iterations.
     gradient : infinity norm of the dual infeasibility at the end.
-    violation : largest gap of constraints at the end; there are none but bounds.
-    cpu_seconds : s.
+    violation : largest constraint violation at the end; bounds are the only constraints.
+    cpu_seconds : CPU time, s.
     """
 
     words: str
@@ -59,7 +59,7 @@ def ipopt(
     ----------
     problem : the problem.
     x : (unknowns,) starting parameters.
-    warm : x is believed to be the optimum: keep it where it is, close to bounds if it must be.
+    warm : x is thought to be the optimum: start Ipopt there, close to bounds if necessary.
 
     Returns
     -------
@@ -85,7 +85,7 @@ def ipopt(
         "show_eval_warnings": False,  # a trial point beyond all bounds is Ipopt's affair; it shortens the step
         "grad_f": cs.Function("grad_f", [Z, none], [f, g]),
         "hess_lag": cs.Function("hess_lag", [Z, none, gamma, cs.MX.sym("lam", 0)], [gamma * cs.triu(H)]),
-        "no_nlp_grad": True,  # what is evaluated by a callback has no further derivative
+        "no_nlp_grad": True,  # callbacks have no derivatives of their own
     }
     if warm:
         options |= {
@@ -128,14 +128,14 @@ def ipopt(
 
 
 class Computed(cs.Callback):  # type: ignore[misc]
-    """Numpy's values of one vector as results of a CasADi function, computed once at each point.
+    """A CasADi function of one vector whose results numpy computes, once per point.
 
     Parameters
     ----------
     name : of the function.
-    size : of the vector.
-    patterns : sparsities of the results.
-    values : vector -> the nonzeros of each result, column by column.
+    size : length of the vector.
+    patterns : sparsity of each result.
+    values : vector -> nonzeros of each result, column by column.
     """
 
     def __init__(
@@ -147,19 +147,19 @@ class Computed(cs.Callback):  # type: ignore[misc]
         self.construct(name, {})
 
     def get_n_in(self) -> int:
-        """The vector."""
+        """One argument: the vector."""
         return 1
 
     def get_n_out(self) -> int:
-        """How many results there are."""
+        """Number of results."""
         return len(self._patterns)
 
     def get_sparsity_in(self, _: int) -> cs.Sparsity:
-        """The vector's."""
+        """Sparsity of the vector."""
         return cs.Sparsity.dense(self._size, 1)
 
     def get_sparsity_out(self, k: int) -> cs.Sparsity:
-        """A result's."""
+        """Sparsity of result k."""
         return self._patterns[k]
 
     def has_eval_buffer(self) -> bool:
@@ -167,7 +167,7 @@ class Computed(cs.Callback):  # type: ignore[misc]
         return True
 
     def eval_buffer(self, arguments: Sequence[memoryview], results: Sequence[memoryview | None]) -> int:
-        """Write the results that are asked for; 0, as CasADi says done."""
+        """Write the requested results; return 0, CasADi's code for success."""
         x = np.frombuffer(arguments[0])
         if self._last is None or not np.array_equal(self._last[0], x):
             self._last = (x.copy(), self._values(x.copy()))
@@ -178,11 +178,10 @@ class Computed(cs.Callback):  # type: ignore[misc]
 
 
 def _units(H: Array, free: Mask) -> Array:
-    """(unknowns,) units of their own curvature, in which Ipopt has the unknowns.
+    """(unknowns,) unit of each unknown for Ipopt: the inverse root of its curvature, rounded to a power of two.
 
-    Its tolerance is one for all of them, and curvatures of a network's weights and of a vehicle's numbers span ten
-    orders of magnitude. Units are powers of two, so that changing them loses no digit: what was computed at x need not
-    be computed again.
+    Ipopt has one tolerance for all unknowns, and the curvatures of a network's weights and of a vehicle's parameters
+    span ten orders of magnitude. Powers of two scale without rounding, so that results cached at x remain valid.
     """
     curvature = np.diag(H)
     known = free & np.isfinite(curvature) & (curvature > 0)
@@ -190,9 +189,9 @@ def _units(H: Array, free: Mask) -> Array:
 
 
 def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
-    """The objective by unknowns; its gradient and Gauss-Newton Hessian by unknowns in units of `scale`.
+    """The objective, and its gradient and Gauss-Newton Hessian in units of `scale`, as CasADi functions.
 
-    Far off they are not finite, and Ipopt takes a shorter step.
+    Far from the optimum they may not be finite; Ipopt then shortens its step.
     """
 
     @np.errstate(over="ignore", invalid="ignore")
@@ -210,7 +209,7 @@ def _computed(problem: LeastSquares, scale: Array) -> tuple[Computed, Computed]:
 
 
 def _bounds(problem: LeastSquares, x: Array) -> tuple[Array, Array]:
-    """Bounds of all unknowns; those that are held, or that mean no limit at all, are pinned where they stand."""
+    """Bounds of all unknowns; fixed ones, and those that mean no limit at all, are bounded to their value."""
     held = ~problem.free | (np.abs(x) >= UNLIMITED)
     low, high = (np.where(held, x, bound) for bound in problem.bounds)
     return low, high

@@ -1,4 +1,4 @@
-"""Minimising a smooth loss of many unknowns by its gradient, stopped where something held out is fitted best.
+"""Minimise a smooth loss of many unknowns by its gradient, stopping early at the lowest held-out error.
 
 First some steps of Adam (Kingma & Ba 2015): from random weights a line search runs off into vehicles that spin. Then
 L-BFGS (scipy's, with bounds), which converges from there ten times as fast.
@@ -20,22 +20,24 @@ from .gauss_newton import least_within
 Loss = Callable[[Array], tuple[float, Array]]
 """Unknowns -> loss and its gradient."""
 _MEAN, _SQUARE, _RATE = 0.9, 0.99, 5e-3
+"""Adam's decay rates of the mean and the squared gradient, and its step size."""
 _MEMORY = 30
+"""Pairs of steps and gradient changes that L-BFGS keeps."""
 _RIDGE, _ARMIJO = 1e-12, 1e-4
-"""Share of its own curvature added to an unknown, for numbers' sake; share of the predicted decrease that a step has to
-bring (Nocedal & Wright, Sec. 3.1)."""
+"""Share of an unknown's curvature added to it against rounding; share of the predicted decrease that a step must
+achieve (Nocedal & Wright, Sec. 3.1)."""
 
 
 @dataclass(frozen=True)
 class Descent:
-    """Where it ended.
+    """Result of a descent.
 
     Attributes
     ----------
-    x : the unknowns at which what is held out was fitted best.
-    loss, held_out : history, step by step, from the start on.
-    best : step of x.
-    status : how it ended, in words.
+    x : unknowns with the lowest held-out error.
+    loss, held_out : training loss and held-out error, from the start on, step by step.
+    best : step number of x.
+    status : why the descent ended, in words.
     converged : whether the held-out error stopped falling, or the loss could not be lowered.
     """
 
@@ -62,24 +64,24 @@ def descend(
     patience: int,
     say: Callable[[int, float, float], None],
 ) -> Descent:
-    """Minimise a loss.
+    """Minimise a loss by Adam and L-BFGS, with early stopping.
 
     Parameters
     ----------
     loss : unknowns -> value and gradient.
-    held_out : unknowns -> error on what is not trained on.
+    held_out : unknowns -> error on held-out data.
     start : (n,) unknowns.
     bounds : (n, 2).
     warm_up : steps of Adam.
-    steps : at most so many of L-BFGS after them.
-    patience : steps without a better held-out error after which it stops.
-    say : told (step, loss, held-out error).
+    steps : largest number of L-BFGS steps after them.
+    patience : stop after this many steps without a lower held-out error.
+    say : progress callback, called with (step, loss, held-out error).
 
     Returns
     -------
     The best point. Ctrl-C keeps the best so far.
     """
-    from scipy.optimize import Bounds, minimize  # loading it takes longer than many a fit that needs none of it
+    from scipy.optimize import Bounds, minimize  # imported here: importing it takes longer than many a fit without it
 
     losses, outside = [], [held_out(start)]
     best, place = start.copy(), 0
@@ -125,23 +127,23 @@ def descend(
 def refine(
     problem: LeastSquares, x: Array, gradient: Callable[[Array, Any], Array], *, tolerance: float, steps: int
 ) -> tuple[Array, list[float]]:
-    """Come nearer to an optimum without linearising again: the curvature at the start, and L-BFGS on top of it.
+    """Approach an optimum without linearising again: L-BFGS on top of the Gauss-Newton Hessian at the start.
 
-    Gauss-Newton leaves out how residuals bend, and gains a decade or less in a step that linearises everything; the
-    differences of gradients, which cost a tenth of that, tell it. Source: Nocedal & Wright, Numerical Optimization,
-    2nd ed., Algorithm 7.4, with the Gauss-Newton Hessian in place of a multiple of one.
+    Gauss-Newton ignores the curvature of the residuals, and gains a decade or less per step, each with a linearisation;
+    differences of gradients, which cost a tenth of that, capture this curvature. Source: Nocedal & Wright, Numerical
+    Optimization, 2nd ed., Algorithm 7.4, with the Gauss-Newton Hessian in place of a multiple of the identity.
 
     Parameters
     ----------
     problem : the problem; nodes follow by simulation.
     x : (unknowns,) a point near an optimum, away from bounds.
-    gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
-    tolerance : share of the objective that a step may still predict at the end.
-    steps : at most.
+    gradient : (unknowns, their nodes) -> gradient of the objective, zero for fixed unknowns.
+    tolerance : stop when a step's predicted decrease is below this share of the objective.
+    steps : largest number of steps.
 
     Returns
     -------
-    The point, and the objective after every step, the start's first.
+    The point, and the objective at the start and after every step.
     """
     free = problem.free
     nodes = problem.simulated_nodes(x)
@@ -182,22 +184,22 @@ def refine(
 def settle(
     problem: LeastSquares, x: Array, gradient: Callable[[Array, Any], Array], *, radius: float, least: float, steps: int
 ) -> tuple[Array, float, float]:
-    """Come to an optimum that may lie in a kink, and say how well the gradients about it balance.
+    """Approach an optimum that may lie in a kink, and measure how well the gradients around it balance.
 
-    Where a prediction that is fed back crosses the corner of a piecewise linear function, the gradient jumps, and at
-    an optimum in that corner it is nowhere zero: gradients within a small distance have an average that is. From the
-    point, walk against the shortest average of those seen within the distance; begin anew where that descends, else
-    see what the gradient is there. Source: Goldstein, Optimization of Lipschitz continuous functions, Mathematical
-    Programming 13 (1977) 14-22, in the metric of the curvature.
+    If a fed-back prediction crosses the corner of a piecewise linear function, the gradient jumps, and at an optimum in
+    that corner it is zero nowhere; a weighted average of gradients within a small distance is zero. From the point,
+    step along the shortest average of the gradients collected so far; restart from the new point if the objective
+    falls, otherwise add the gradient there to the collection. Source: Goldstein, Optimization of Lipschitz continuous
+    functions, Mathematical Programming 13 (1977) 14-22, in the metric of the curvature.
 
     Parameters
     ----------
     problem : the problem; nodes follow by simulation.
     x : (unknowns,) a point near an optimum, away from bounds.
-    gradient : of the objective by unknowns and the nodes there, zero by unknowns that are held.
-    radius : distance, in standard deviations by the curvature of all unknowns together.
-    least : of the average gradient, by any unknown in units of its curvature, at which the point is an optimum.
-    steps : gradients that are looked at, at most.
+    gradient : (unknowns, their nodes) -> gradient of the objective, zero for fixed unknowns.
+    radius : length of a step in the metric of the curvature, in standard deviations of all unknowns together.
+    least : largest entry of the average gradient, in units of curvature, at which the point counts as an optimum.
+    steps : largest number of steps.
 
     Returns
     -------
@@ -226,11 +228,11 @@ def settle(
 
 
 class _Metric:
-    """The curvature at a point, factorised in units of the unknowns' own.
+    """The curvature at a point, factorised with unknowns scaled to unit curvature.
 
     Attributes
     ----------
-    unit : (n,) what an unknown moves by for one unit of curvature.
+    unit : (n,) inverse root of each unknown's curvature.
     """
 
     def __init__(self, H: Array) -> None:
@@ -242,11 +244,11 @@ class _Metric:
         return np.asarray(self.unit * la.cho_solve(self._factor, self.unit * g))
 
     def shortest(self, gradients: Sequence[Array]) -> Array:
-        """The average of gradients, with weights from zero on, that is shortest in the metric."""
+        """The convex combination of gradients that is shortest in the metric."""
         G = np.array(gradients).T
         sizes = la.solve_triangular(self._factor[0], self.unit[:, None] * G, lower=True)
         products = sizes.T @ sizes
-        whole = 1e6 * float(np.max(np.diag(products)))  # weights add up to one
+        whole = 1e6 * float(np.max(np.diag(products)))  # penalty: the weights add up to one
         many = len(products)
         share = least_within(
             products + whole, np.full(many, -whole), np.zeros(many), np.full(many, np.inf), np.ones(many, bool)

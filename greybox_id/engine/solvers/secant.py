@@ -1,10 +1,10 @@
-"""The curvature that Gauss-Newton leaves out, told by how the gradient changed over the steps that were taken.
+"""Secant estimate of the curvature that Gauss-Newton leaves out, from gradient changes over the accepted steps.
 
-Gauss-Newton takes J'J for the curvature of half the sum of squares. Where residuals stay large and the model bends,
-each digit of the optimum takes as many steps as the one before; with what is left out added, it takes fewer.
+Gauss-Newton takes J'J for the curvature of half the sum of squares. With large residuals and a nonlinear model it
+converges linearly: each digit of the optimum takes as many steps as the last. The missing curvature speeds it up.
 
 Source: Dennis, Gay & Welsch, An adaptive nonlinear least-squares algorithm, ACM Trans. Math. Softw. 7 (1981) 348-368:
-the update, its size, and that of both models the one is used next that foretold the last step better.
+the update, its sizing, and the rule that the quadratic model that predicted the last step better is used next.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from ...base.shorthands import Array, Mask
 from ..least_squares import NormalEquations
 
 LEAST_PIVOT = 1e-12
-"""Share of an unknown's own curvature that counts as none."""
+"""Pivot, as a share of an unknown's curvature, below which a matrix counts as not positive definite."""
 
 
 class LeftOut:
-    """What Gauss-Newton leaves out of the curvature.
+    """Curvature of the objective beyond J'J.
 
     Attributes
     ----------
-    S : (unknowns, unknowns) what is added to J'J; None before the first step.
-    trusted : whether the last step was foretold better with it.
+    S : (unknowns, unknowns) estimate, added to J'J; None before the first step.
+    trusted : whether the model with S predicted the last step better.
     """
 
     def __init__(self) -> None:
@@ -34,12 +34,12 @@ class LeftOut:
         self._last: tuple[Array, Array] | None = None
 
     def learn(self, x: Array, equations: NormalEquations) -> None:
-        """Take the change of the gradient since the last point; before the first step there is none."""
-        last, self._last = self._last, (x, equations.g)  # no more of it: of hours, what it was taken from is large
+        """Update S by the change of the gradient since the last point; the first call only stores the point."""
+        last, self._last = self._last, (x, equations.g)  # g alone: what else the equations refer to is large
         if last is None:
             return
         s = np.zeros_like(x)
-        np.subtract(x, last[0], out=s, where=x != last[0])  # an unknown may stand at infinity
+        np.subtract(x, last[0], out=s, where=x != last[0])  # an unknown may be infinite
         y = equations.g - last[1]
         change, S = float(y @ s), np.zeros_like(equations.H) if self.S is None else self.S
         with np.errstate(all="ignore"):
@@ -53,9 +53,9 @@ class LeftOut:
         self.S = S if np.all(np.isfinite(S)) else None
 
     def added(self, equations: NormalEquations, by: Array, free: Mask) -> NormalEquations | None:
-        """Equations in unknowns of the sizes `by` with it added; None before the first step.
+        """The equations with S added, for unknowns scaled by `by`; None before the first step.
 
-        It is trusted no longer where the curvature would not be positive.
+        S loses its trust if the sum is not positive definite.
         """
         if self.S is None:
             return None
@@ -64,7 +64,7 @@ class LeftOut:
         return whole
 
     def compare(self, fallen: float, foretold: float, without: float) -> None:
-        """Trust what foretold better by how much the objective fell."""
+        """Trust S if the decrease predicted with it is closer to the actual one, `fallen`, than `without` it."""
         self.trusted = abs(foretold - fallen) < abs(without - fallen)
 
 
